@@ -1,0 +1,39 @@
+"""How large should the elements be, everywhere?
+
+Mesh size functions with gradient limiting, after P.-O. Persson, "Mesh size
+functions for implicit geometries and PDE-based gradient limiting".
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "SimplexMesh": "background",
+    "SizeFunction": "size_function",
+    "size_from_curvature": "sizes",
+    "size_from_sources": "sizes",
+    "minimum": "sizes",
+    "limit_gradient": "limiting",
+    "LimitingInfo": "limiting",
+    "remesh": "remeshing",
+    "size_conformity": "quality",
+    "read": "io",
+    "write": "io",
+}
+
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its home on first use (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'adaptsize' has no attribute {name!r}")
+    value = getattr(import_module(f"adaptsize.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,100 @@
+"""Rings and unique sub-simplices, in time proportional to the number of cells."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def fill_rings(cells, n_points, ring_ptr, ring):
+    """List the cells around each point in compressed rows (CSR), cells ascending.
+
+    Parameters
+    ----------
+    cells : int32[m, k]
+    n_points : int
+    ring_ptr : int32[n_points + 1]
+        Out: the cells of point i are ``ring[ring_ptr[i]:ring_ptr[i + 1]]``.
+    ring : int32[m * k]
+        Out.
+    """
+    ring_ptr[:] = 0
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            ring_ptr[cells[c, v] + 1] += 1
+    for i in range(n_points):
+        ring_ptr[i + 1] += ring_ptr[i]
+    # ring_ptr[i] serves as the next free place of row i, and is put back afterwards.
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            i = cells[c, v]
+            ring[ring_ptr[i]] = c
+            ring_ptr[i] += 1
+    for i in range(n_points, 0, -1):
+        ring_ptr[i] = ring_ptr[i - 1]
+    ring_ptr[0] = 0
+
+
+@njit(cache=True, nogil=True)
+def _is_before(rows, a, b):
+    """Tell whether row a comes before row b in lexicographic order, equal rows by index."""
+    for d in range(rows.shape[1]):
+        if rows[a, d] != rows[b, d]:
+            return rows[a, d] < rows[b, d]
+    return a < b
+
+
+@njit(cache=True, nogil=True)
+def group_rows(rows, n_points, first, group):
+    """Number the different rows of sorted indices in lexicographic order.
+
+    Rows are dealt into one bucket per first index; the buckets are short in any
+    mesh, so the insertion sort inside them makes the whole linear in practice.
+
+    Parameters
+    ----------
+    rows : int32[m, k]
+        Indices in 0..n_points - 1, ascending within each row.
+    n_points : int
+    first : int32[m]
+        Out: ``first[:n_groups]`` are the rows that are met first of each group.
+    group : int32[m]
+        Out: number of the group of each row.
+
+    Returns
+    -------
+    int
+        Number of different rows.
+    """
+    m, k = rows.shape
+    start = np.zeros(n_points + 1, np.int64)
+    for r in range(m):
+        start[rows[r, 0] + 1] += 1
+    for i in range(n_points):
+        start[i + 1] += start[i]
+    order = np.empty(m, np.int32)
+    free = start[:-1].copy()
+    for r in range(m):
+        i = rows[r, 0]
+        order[free[i]] = r
+        free[i] += 1
+
+    n_groups = 0
+    for i in range(n_points):
+        for here in range(start[i] + 1, start[i + 1]):
+            row = order[here]
+            there = here
+            while there > start[i] and _is_before(rows, row, order[there - 1]):
+                order[there] = order[there - 1]
+                there -= 1
+            order[there] = row
+        for here in range(start[i], start[i + 1]):
+            row = order[here]
+            same = here > start[i]
+            if same:
+                for d in range(k):
+                    same = same and rows[row, d] == rows[order[here - 1], d]
+            if not same:
+                first[n_groups] = row
+                n_groups += 1
+            group[row] = n_groups - 1
+    return n_groups

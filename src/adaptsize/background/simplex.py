@@ -1,0 +1,344 @@
+"""Meshes of triangles, tetrahedra and line segments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
+from math import factorial
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_index_array, as_points, refuse_where
+from adaptsize._kernels.simplex import fill_measures
+from adaptsize.background import topology
+from adaptsize.typing import FloatArray, IntArray
+
+_CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
+
+
+class Boundary(NamedTuple):
+    """The boundary of a mesh and where it lies in that mesh."""
+
+    mesh: SimplexMesh
+    """The boundary facets as a mesh of their own, normals outward."""
+    nodes: IntArray
+    """``nodes[i]`` is the node of the whole mesh that boundary node i is."""
+    cells: IntArray
+    """``cells[f]`` is the cell of the whole mesh that boundary facet f belongs to."""
+
+
+@dataclass(init=False, frozen=True, eq=False, repr=False)
+class SimplexMesh:
+    """Simplices of one kind: triangles (in the plane or in space), tetrahedra or segments.
+
+    Cells may be given in any orientation, may be degenerate, and need not form a
+    manifold; nodes may belong to no cell.  Arrays that the caller could still write
+    into are copied, and all are read-only afterwards.  Topology is worked out on
+    first use and kept.
+
+    Parameters
+    ----------
+    points : array_like of float, shape (n_points, dim)
+        Coordinates, ``dim`` 1 to 3, finite, in any unit of length.
+    cells : array_like of int, shape (n_cells, k + 1)
+        Point indices of the simplices of dimension ``k <= dim``; at least one cell.
+    cell_tags : array_like of int, shape (n_cells,), optional
+        Region of each cell.
+    tagged_facets : array_like of int, shape (n_tagged, k), optional
+        Facets (edges of triangles, triangles of tetrahedra) that carry a tag:
+        boundary conditions, interfaces, creases.
+    facet_tags : array_like of int, shape (n_tagged,), optional
+        Their tags.
+    point_data : mapping of str to array_like, optional
+        Fields with one row per node.
+    cell_data : mapping of str to array_like, optional
+        Fields with one row per cell.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, a coordinate is not finite, an index is out of range,
+        a cell names a node twice, or there is no cell.
+
+    Examples
+    --------
+    The unit square as two triangles:
+
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> mesh
+    SimplexMesh(4 points in 2-D, 2 triangles)
+    >>> mesh.measures
+    array([0.5, 0.5])
+    >>> mesh.edges.tolist()
+    [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
+    """
+
+    points: FloatArray
+    cells: IntArray
+    _: KW_ONLY
+    cell_tags: IntArray | None = None
+    tagged_facets: IntArray | None = None
+    facet_tags: IntArray | None = None
+    point_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+    cell_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        points: npt.ArrayLike,
+        cells: npt.ArrayLike,
+        *,
+        cell_tags: npt.ArrayLike | None = None,
+        tagged_facets: npt.ArrayLike | None = None,
+        facet_tags: npt.ArrayLike | None = None,
+        point_data: Mapping[str, npt.ArrayLike] | None = None,
+        cell_data: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> None:
+        own_points = _own(as_points("points", points), points)
+        own_cells = _own(_as_cells(cells, own_points), cells)
+        n_cells, width = len(own_cells), own_cells.shape[1] - 1
+        _set(self, "points", own_points)
+        _set(self, "cells", own_cells)
+        _set(self, "cell_tags", _as_tags("cell_tags", cell_tags, n_cells))
+        if (tagged_facets is None) != (facet_tags is None):
+            raise ValueError("tagged_facets and facet_tags must be given together")
+        if tagged_facets is not None:
+            facets = as_index_array("tagged_facets", tagged_facets, len(own_points), width=width)
+            _set(self, "tagged_facets", _own(facets, tagged_facets))
+            _set(self, "facet_tags", _as_tags("facet_tags", facet_tags, len(facets)))
+        else:
+            _set(self, "tagged_facets", None)
+            _set(self, "facet_tags", None)
+        _set(self, "point_data", _as_fields("point_data", point_data, len(own_points)))
+        _set(self, "cell_data", _as_fields("cell_data", cell_data, n_cells))
+
+    def __repr__(self) -> str:
+        """Say how many points and cells of which kind."""
+        kind = _CELL_NAMES[self.cell_dim]
+        return f"SimplexMesh({self.n_points} points in {self.dim}-D, {self.n_cells} {kind})"
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.cells)
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a point, 1 to 3."""
+        return int(self.points.shape[1])
+
+    @property
+    def cell_dim(self) -> int:
+        """Dimension of the cells: 1 segments, 2 triangles, 3 tetrahedra."""
+        return int(self.cells.shape[1]) - 1
+
+    @property
+    def nodal_shape(self) -> tuple[int, ...]:
+        """Shape of an array of nodal values, ``(n_points,)``."""
+        return (self.n_points,)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the diagonal of the bounding box of the nodes that belong to a cell."""
+        used = self.points[np.unique(self.cells)]
+        return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+
+    @cached_property
+    def measures(self) -> FloatArray:
+        """Length, area or volume of each cell, float64[n_cells], >= 0."""
+        measures = np.empty(self.n_cells)
+        fill_measures(self.points, self.cells, measures)
+        return _read_only(measures)
+
+    @cached_property
+    def signed_measures(self) -> FloatArray:
+        """Measure of each cell, negative where the cell is inverted; needs ``cell_dim == dim``."""
+        if self.cell_dim != self.dim:
+            raise ValueError(f"signed_measures needs cells of full dimension, got {self!r}")
+        corners = self.points[self.cells]
+        volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / factorial(self.dim)
+        return _read_only(volumes)
+
+    @cached_property
+    def edges(self) -> IntArray:
+        """Different edges, int32[n_edges, 2], ``i < j``, in lexicographic order."""
+        return _read_only(topology.edges_of(self.cells, self.n_points))
+
+    @cached_property
+    def edge_lengths(self) -> FloatArray:
+        """Length of each of ``edges``, float64[n_edges]."""
+        i, j = self.edges.T
+        return _read_only(np.linalg.norm(self.points[i] - self.points[j], axis=1))
+
+    @cached_property
+    def _facets(self) -> tuple[IntArray, IntArray]:
+        facets, cell_facets = topology.facets_of(self.cells, self.n_points)
+        return _read_only(facets), _read_only(cell_facets)
+
+    @property
+    def facets(self) -> IntArray:
+        """Different facets, int32[n_facets, cell_dim], sorted indices, lexicographic."""
+        return self._facets[0]
+
+    @property
+    def cell_facets(self) -> IntArray:
+        """``cell_facets[c, v]`` is the facet of cell c opposite to its vertex v."""
+        return self._facets[1]
+
+    @cached_property
+    def facet_cell_counts(self) -> IntArray:
+        """Number of cells at each facet: 1 on the boundary, 2 inside, 3 or more non-manifold."""
+        counts = np.bincount(self.cell_facets.ravel(), minlength=len(self.facets))
+        return _read_only(counts.astype(np.int32))
+
+    @cached_property
+    def rings(self) -> tuple[IntArray, IntArray]:
+        """Cells around each node, ``(ring_ptr, ring)``: compressed rows, cells ascending."""
+        ring_ptr, ring = topology.rings(self.cells, self.n_points)
+        return _read_only(ring_ptr), _read_only(ring)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether no facet belongs to one cell only (a watertight surface)."""
+        return not bool((self.facet_cell_counts == 1).any())
+
+    def boundary(self) -> Boundary:
+        """Return the facets that belong to one cell only, as a mesh with the way back.
+
+        Returns
+        -------
+        Boundary
+            ``mesh`` (same ``dim``, normals outward, the domain to the left of
+            2-D segments; orientation as in the owning cell if ``cell_dim < dim``),
+            ``nodes`` (its nodes in this mesh) and ``cells`` (the owners).  Tags of
+            ``tagged_facets`` that lie on the boundary become its ``cell_tags`` (0: none).
+
+        Raises
+        ------
+        ValueError
+            If the mesh is closed or consists of segments.
+        """
+        if self.cell_dim == 1:
+            raise ValueError("the boundary of segments is not a mesh; cells must have 3 or 4 nodes")
+        on_boundary = self.facet_cell_counts[self.cell_facets] == 1
+        if not on_boundary.any():
+            raise ValueError("the mesh is closed: it has no boundary")
+        cell, opposite = np.nonzero(on_boundary)
+        facets = self._oriented_facets(cell, opposite)
+        nodes, local = np.unique(facets, return_inverse=True)
+        tags = None
+        if self.tagged_facets is not None:
+            tags = self._tags_of_facets()[self.cell_facets[cell, opposite]]
+        mesh = SimplexMesh(
+            self.points[nodes],
+            local.reshape(facets.shape),
+            cell_tags=tags,
+            point_data={name: values[nodes] for name, values in self.point_data.items()},
+        )
+        return Boundary(mesh, nodes.astype(np.int32), cell.astype(np.int32))
+
+    def _oriented_facets(self, cell: npt.NDArray[Any], opposite: npt.NDArray[Any]) -> IntArray:
+        """Return the facets opposite to the given vertices, normals out of their cells."""
+        k = self.cell_dim
+        around = np.array([[v for v in range(k + 1) if v != out] for out in range(k + 1)])
+        facets = self.cells[cell[:, None], around[opposite]]
+        flip = opposite % 2 == 1
+        if self.cell_dim == self.dim:
+            flip = flip ^ (self.signed_measures[cell] < 0.0)
+        facets[flip, :2] = facets[flip, 1::-1]
+        return facets
+
+    def _tags_of_facets(self) -> IntArray:
+        """Return one tag per entry of ``facets``, 0 where none was given."""
+        assert self.tagged_facets is not None
+        rows = np.concatenate([self.facets, self.tagged_facets])
+        number = topology.unique_rows(rows, self.n_points)[1]
+        tag_of_row = np.zeros(int(number.max()) + 1, np.int32)
+        tag_of_row[number[len(self.facets) :]] = self.facet_tags
+        return tag_of_row[number[: len(self.facets)]]
+
+    def with_data(
+        self,
+        *,
+        point_data: Mapping[str, npt.ArrayLike] | None = None,
+        cell_data: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> SimplexMesh:
+        """Return the same mesh with fields added or replaced; topology is shared."""
+        new = replace(
+            self,
+            point_data={**self.point_data, **(point_data or {})},
+            cell_data={**self.cell_data, **(cell_data or {})},
+        )
+        for name, value in self.__dict__.items():  # what cached_property has stored
+            new.__dict__.setdefault(name, value)
+        return new
+
+
+def _set(mesh: SimplexMesh, name: str, value: object) -> None:
+    object.__setattr__(mesh, name, value)  # the way in for a frozen dataclass
+
+
+def _own(array: npt.NDArray[Any], given: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Return ``array`` read-only, copied if the caller could still write into it."""
+    theirs = isinstance(given, np.ndarray) and np.may_share_memory(array, given)
+    if theirs and given.flags.writeable:  # type: ignore[union-attr]
+        array = array.copy()
+    return _read_only(array)
+
+
+def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a read-only view; ``array`` itself stays writable."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
+    cells = as_index_array("cells", value, len(points))
+    dim = points.shape[1]
+    if not 2 <= cells.shape[1] <= dim + 1:
+        raise ValueError(
+            f"cells must have 2 to {dim + 1} nodes each in {dim}-D, got {cells.shape[1]}"
+        )
+    if len(cells) == 0:
+        raise ValueError("cells must hold at least one cell, got an empty array")
+    ordered = np.sort(cells, axis=1)
+    repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    if repeated.any():
+        first = int(np.argmax(repeated))
+        nodes = cells[first].tolist()
+        raise ValueError(f"cells must not name a node twice, got cells[{first}] = {nodes}")
+    return cells
+
+
+def _as_tags(name: str, value: npt.ArrayLike | None, n: int) -> IntArray | None:
+    if value is None:
+        return None
+    raw = np.asarray(value)
+    if raw.shape != (n,):
+        raise ValueError(f"{name} must have shape {(n,)}, got {raw.shape}")
+    if raw.dtype.kind == "f":
+        refuse_where(name, raw != np.floor(raw), raw, "must be integers")
+    elif raw.dtype.kind not in "iub":
+        raise ValueError(f"{name} must be integers, got {raw.dtype}")
+    return _read_only(raw.astype(np.int32))
+
+
+def _as_fields(
+    name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
+) -> Mapping[str, npt.NDArray[Any]]:
+    arrays = {}
+    for key, value in (fields or {}).items():
+        array = np.asarray(value)
+        if array.ndim == 0 or len(array) != n:
+            raise ValueError(f"{name}[{key!r}] must have {n} rows, got shape {array.shape}")
+        arrays[key] = _own(array, value)
+    return MappingProxyType(arrays)

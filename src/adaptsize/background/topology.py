@@ -1,0 +1,73 @@
+"""Edges, facets and rings of simplices, from the cell array alone."""
+
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._kernels.topology import fill_rings, group_rows
+from adaptsize.typing import IntArray
+
+
+def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
+    """Return the cells around each point as compressed rows ``(ring_ptr, ring)``.
+
+    Parameters
+    ----------
+    cells : int32[n_cells, k]
+    n_points : int
+
+    Returns
+    -------
+    ring_ptr : int32[n_points + 1]
+    ring : int32[n_cells * k]
+        ``ring[ring_ptr[i]:ring_ptr[i + 1]]`` are the cells that contain point i, ascending.
+    """
+    ring_ptr = np.empty(n_points + 1, np.int32)
+    ring = np.empty(cells.size, np.int32)
+    fill_rings(cells, n_points, ring_ptr, ring)
+    return ring_ptr, ring
+
+
+def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, IntArray]:
+    """Return the different rows, each sorted, in lexicographic order, and each row's number.
+
+    Parameters
+    ----------
+    rows : int32[m, k]
+        Point indices in any order within a row.
+    n_points : int
+
+    Returns
+    -------
+    unique : int32[u, k]
+    number : int32[m]
+        ``unique[number]`` are the rows, each sorted.
+    """
+    rows = np.ascontiguousarray(np.sort(rows, axis=1), dtype=np.int32)
+    first = np.empty(len(rows), np.int32)
+    number = np.empty(len(rows), np.int32)
+    count = group_rows(rows, n_points, first, number)
+    return rows[first[:count]], number
+
+
+def edges_of(cells: IntArray, n_points: int) -> IntArray:
+    """Return the different edges of simplices, int32[n_edges, 2], ``i < j``, lexicographic."""
+    pairs = [cells[:, pair] for pair in combinations(range(cells.shape[1]), 2)]
+    return unique_rows(np.concatenate(pairs), n_points)[0]
+
+
+def facets_of(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
+    """Return the different facets of simplices and the facets of each cell.
+
+    Returns
+    -------
+    facets : int32[n_facets, k - 1]
+        Sorted indices, lexicographic.
+    cell_facets : int32[n_cells, k]
+        ``cell_facets[c, v]`` is the facet of cell c opposite to its vertex v.
+    """
+    n_cells, k = cells.shape
+    opposite = [np.delete(cells, v, axis=1) for v in range(k)]
+    facets, number = unique_rows(np.concatenate(opposite), n_points)
+    return facets, np.ascontiguousarray(number.reshape(k, n_cells).T)

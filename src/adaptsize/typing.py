@@ -1,0 +1,38 @@
+"""Array aliases and the protocol of a background."""
+
+from collections.abc import Callable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int32]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+
+#: ``g(h)``: takes an array of sizes, returns the gradient limit at each.
+GradientOfSize: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
+#: A gradient limit: a number, one per node or per cell, ``g(h)``, or a product ``(a, b)``.
+GradientLimit: TypeAlias = npt.ArrayLike | GradientOfSize | tuple[npt.ArrayLike, GradientOfSize]
+#: Called with a text and the share of the work done, 0 to 1 (None: unknown).
+ProgressCallback: TypeAlias = Callable[[str, float | None], Any]
+
+
+@runtime_checkable
+class Background(Protocol):
+    """What carries nodal sizes: a simplex mesh, a Cartesian grid or an octree."""
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a point."""
+        ...
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        ...
+
+    @property
+    def nodal_shape(self) -> tuple[int, ...]:
+        """Shape of an array of nodal values."""
+        ...
