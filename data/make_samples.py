@@ -280,7 +280,7 @@ def _tag_block(gmsh: object, centre: FloatArray) -> None:
 
 @contextmanager
 def _gmsh() -> Iterator[object]:
-    """A quiet gmsh session on one thread, so that its mesh is the same on every run."""
+    """Open a quiet gmsh session on one thread: the same mesh on every run."""
     import gmsh
 
     gmsh.initialize(["-nopopup"], interruptible=False)
