@@ -15,6 +15,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_index_array, as_points, refuse_where
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize.background import topology
+from adaptsize.background.location import SimplexLocator
 from adaptsize.typing import FloatArray, IntArray
 
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -204,6 +205,11 @@ class SimplexMesh:
         """Cells around each node, ``(ring_ptr, ring)``: compressed rows, cells ascending."""
         ring_ptr, ring = topology.rings(self.cells, self.n_points)
         return _read_only(ring_ptr), _read_only(ring)
+
+    @cached_property
+    def locator(self) -> SimplexLocator:
+        """Finds the cell of a point, or the closest one: ``locator.nearest(points)``."""
+        return SimplexLocator(self)
 
     @property
     def is_closed(self) -> bool:

@@ -1,0 +1,339 @@
+"""Closest point of a segment, a triangle or a tetrahedron.
+
+Points are float64[n, 3] here: planes and lines are padded with zeros, so that one
+kernel serves every dimension.  A query point and the vectors are tuples of three
+floats, which the compiler keeps in registers.
+
+The weights that come back are barycentric, >= 0 and of sum 1 to rounding.  A simplex
+too flat to tell its inside from its outside is replaced by its faces, down to its
+vertices; that moves no closest point by more than its height.
+"""
+
+import math
+
+from numba import njit
+
+# |sine| of a corner (solid for tetrahedra) below which a simplex counts as flat: the
+# determinant, of relative error 1e-16 / sine, still has three digits there.
+_FLAT = 1e-13
+# Below this the weights are refined and the signs of the weights are not trusted.
+_NEARLY_FLAT = 1e-3
+# Squares of lengths below this are near the end of the range of float64.
+_TINY = 1e-290
+
+#: What weights are worth: none, refined (signs in doubt), accurate.
+NO_WEIGHTS, REFINED, ACCURATE = 0, 1, 2
+
+
+@njit(cache=True, nogil=True)
+def _vector(points, i, j):
+    """Return x_j - x_i."""
+    return (
+        points[j, 0] - points[i, 0],
+        points[j, 1] - points[i, 1],
+        points[j, 2] - points[i, 2],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _vector_to(points, i, x):
+    """Return x - x_i."""
+    return (x[0] - points[i, 0], x[1] - points[i, 1], x[2] - points[i, 2])
+
+
+@njit(cache=True, nogil=True)
+def _dot(u, v):
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@njit(cache=True, nogil=True)
+def _cross(u, v):
+    return (
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _without(r, t, e):
+    """Return r - t e."""
+    return (r[0] - t * e[0], r[1] - t * e[1], r[2] - t * e[2])
+
+
+@njit(cache=True, nogil=True)
+def closest_on_segment(points, a, b, x):
+    """Return the squared distance of x to a segment, and the weights of its ends there.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    a, b : int
+        Ends of the segment; they may coincide.
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    float64
+        Squared distance; exactly 0 where x lies on the line to the last bit.
+    float64, float64
+        Weights of a and b.
+    """
+    e = _vector(points, a, b)
+    r = _vector_to(points, a, x)
+    length2 = _dot(e, e)
+    t = 0.0
+    if length2 > _TINY:
+        t = min(max(_dot(r, e) / length2, 0.0), 1.0)
+        if 0.0 < t < 1.0 and _is_zero(_cross(r, e)):
+            return 0.0, 1.0 - t, t
+    rest = _vector_to(points, b, x) if t == 1.0 else _without(r, t, e)
+    return _dot(rest, rest), 1.0 - t, t
+
+
+@njit(cache=True, nogil=True)
+def _is_zero(u):
+    return u[0] == 0.0 and u[1] == 0.0 and u[2] == 0.0
+
+
+@njit(cache=True, nogil=True)
+def triangle_weights(points, a, b, c, x):
+    """Return the barycentric coordinates of the foot of x in the plane of a triangle.
+
+    With e1 = b - a, e2 = c - a, n = e1 x e2 and r = x - a,
+
+        w_b = (r x e2) . n / |n|^2,    w_c = (e1 x r) . n / |n|^2.
+
+    The cross product keeps the digits of a sliver that the Gram determinant loses;
+    refinement by the residual restores those the division loses.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    a, b, c : int
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    int
+        NO_WEIGHTS (flat triangle), REFINED or ACCURATE.
+    float64, float64, float64
+        Weights, any sign, of sum 1.
+    float64
+        Squared distance of x to the plane, 0 where r . n is 0 exactly.
+    """
+    e1 = _vector(points, a, b)
+    e2 = _vector(points, a, c)
+    r = _vector_to(points, a, x)
+    n = _cross(e1, e2)
+    nn = _dot(n, n)
+    sides = _dot(e1, e1) * _dot(e2, e2)
+    if nn <= _TINY or nn <= _FLAT * _FLAT * sides:
+        return NO_WEIGHTS, 1.0, 0.0, 0.0, 0.0
+    w_b = _dot(_cross(r, e2), n) / nn
+    w_c = _dot(_cross(e1, r), n) / nn
+    trust = ACCURATE
+    rest = _without(_without(r, w_b, e1), w_c, e2)
+    if nn < _NEARLY_FLAT * _NEARLY_FLAT * sides:
+        trust = REFINED
+        for _ in range(2):
+            w_b += _dot(_cross(rest, e2), n) / nn
+            w_c += _dot(_cross(e1, rest), n) / nn
+            rest = _without(_without(r, w_b, e1), w_c, e2)
+    height2 = 0.0 if _dot(r, n) == 0.0 else _dot(rest, rest)
+    return trust, 1.0 - w_b - w_c, w_b, w_c, height2
+
+
+@njit(cache=True, nogil=True)
+def closest_on_triangle(points, a, b, c, x):
+    """Return the squared distance of x to a triangle, and the weights of its corners there.
+
+    Outside, the closest point lies on an edge whose opposite weight is negative.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    a, b, c : int
+        Corners; they may coincide or lie on a line.
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    float64
+        Squared distance.
+    float64, float64, float64
+        Weights.
+    """
+    trust, w_a, w_b, w_c, height2 = triangle_weights(points, a, b, c, x)
+    best = math.inf
+    at = (1.0, 0.0, 0.0)
+    if trust != NO_WEIGHTS and w_a >= 0.0 and w_b >= 0.0 and w_c >= 0.0:
+        if trust == ACCURATE:
+            return height2, w_a, w_b, w_c
+        best = height2
+        at = (w_a, w_b, w_c)
+    if trust != ACCURATE or w_a < 0.0:
+        d2, s, t = closest_on_segment(points, b, c, x)
+        if d2 < best:
+            best = d2
+            at = (0.0, s, t)
+    if trust != ACCURATE or w_b < 0.0:
+        d2, s, t = closest_on_segment(points, a, c, x)
+        if d2 < best:
+            best = d2
+            at = (s, 0.0, t)
+    if trust != ACCURATE or w_c < 0.0:
+        d2, s, t = closest_on_segment(points, a, b, x)
+        if d2 < best:
+            best = d2
+            at = (s, t, 0.0)
+    return best, at[0], at[1], at[2]
+
+
+@njit(cache=True, nogil=True)
+def tetrahedron_weights(points, a, b, c, d, x):
+    """Return the barycentric coordinates of x in a tetrahedron (Cramer's rule, refined).
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    a, b, c, d : int
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    int
+        NO_WEIGHTS (flat), REFINED or ACCURATE.
+    float64, float64, float64, float64
+        Weights, any sign, of sum 1.
+    """
+    e1 = _vector(points, a, b)
+    e2 = _vector(points, a, c)
+    e3 = _vector(points, a, d)
+    r = _vector_to(points, a, x)
+    n1 = _cross(e2, e3)
+    n2 = _cross(e3, e1)
+    n3 = _cross(e1, e2)
+    volume = _dot(e1, n1)
+    sides = math.sqrt(_dot(e1, e1) * _dot(e2, e2)) * math.sqrt(_dot(e3, e3))
+    if abs(volume) <= _TINY or abs(volume) <= _FLAT * sides:
+        return NO_WEIGHTS, 1.0, 0.0, 0.0, 0.0
+    w1 = _dot(r, n1) / volume
+    w2 = _dot(r, n2) / volume
+    w3 = _dot(r, n3) / volume
+    trust = ACCURATE
+    if abs(volume) < _NEARLY_FLAT * sides:
+        trust = REFINED
+        for _ in range(3):
+            rest = _without(_without(_without(r, w1, e1), w2, e2), w3, e3)
+            w1 += _dot(rest, n1) / volume
+            w2 += _dot(rest, n2) / volume
+            w3 += _dot(rest, n3) / volume
+    return trust, 1.0 - w1 - w2 - w3, w1, w2, w3
+
+
+@njit(cache=True, nogil=True)
+def closest_on_tetrahedron(points, a, b, c, d, x):
+    """Return the squared distance of x to a tetrahedron, and the weights there.
+
+    Outside, the closest point lies on a face whose opposite weight is negative.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    a, b, c, d : int
+        Corners; they may coincide or lie in a plane.
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    float64
+        Squared distance, 0 inside.
+    float64, float64, float64, float64
+        Weights.
+    """
+    trust, w_a, w_b, w_c, w_d = tetrahedron_weights(points, a, b, c, d, x)
+    if trust != NO_WEIGHTS and min(w_a, w_b, w_c, w_d) >= 0.0:
+        return 0.0, w_a, w_b, w_c, w_d
+    best = math.inf
+    at = (1.0, 0.0, 0.0, 0.0)
+    if trust != ACCURATE or w_a < 0.0:
+        d2, s, t, u = closest_on_triangle(points, b, c, d, x)
+        if d2 < best:
+            best = d2
+            at = (0.0, s, t, u)
+    if trust != ACCURATE or w_b < 0.0:
+        d2, s, t, u = closest_on_triangle(points, a, c, d, x)
+        if d2 < best:
+            best = d2
+            at = (s, 0.0, t, u)
+    if trust != ACCURATE or w_c < 0.0:
+        d2, s, t, u = closest_on_triangle(points, a, b, d, x)
+        if d2 < best:
+            best = d2
+            at = (s, t, 0.0, u)
+    if trust != ACCURATE or w_d < 0.0:
+        d2, s, t, u = closest_on_triangle(points, a, b, c, x)
+        if d2 < best:
+            best = d2
+            at = (s, t, u, 0.0)
+    return best, at[0], at[1], at[2], at[3]
+
+
+@njit(cache=True, nogil=True)
+def closest_on_cell(points, cells, c, x):
+    """Return the squared distance of x to cell c, and four weights (0 beyond its corners).
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k + 1]
+        k = 1, 2 or 3.
+    c : int
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    float64
+    tuple of 4 float64
+    """
+    width = cells.shape[1]
+    if width == 2:
+        d2, s, t = closest_on_segment(points, cells[c, 0], cells[c, 1], x)
+        return d2, (s, t, 0.0, 0.0)
+    if width == 3:
+        d2, s, t, u = closest_on_triangle(points, cells[c, 0], cells[c, 1], cells[c, 2], x)
+        return d2, (s, t, u, 0.0)
+    d2, s, t, u, v = closest_on_tetrahedron(
+        points, cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3], x
+    )
+    return d2, (s, t, u, v)
+
+
+@njit(cache=True, nogil=True)
+def find_inside(points, cells, c, x):
+    """Tell whether x lies in cell c (a triangle in its plane, a tetrahedron); four weights.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k + 1]
+        k = 2 with all points in the plane z = 0, or k = 3.
+    c : int
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    bool
+        False for flat cells, which hold no point.
+    tuple of 4 float64
+    """
+    if cells.shape[1] == 3:
+        trust, s, t, u, _ = triangle_weights(points, cells[c, 0], cells[c, 1], cells[c, 2], x)
+        v = 0.0
+    else:
+        trust, s, t, u, v = tetrahedron_weights(
+            points, cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3], x
+        )
+    inside = trust != NO_WEIGHTS and min(s, t, u, v) >= 0.0
+    return inside, (s, t, u, v)

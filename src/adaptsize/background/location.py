@@ -1,0 +1,166 @@
+"""Where points lie in a mesh: the cell that contains each, or the closest one."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_points
+from adaptsize._kernels.interpolate import (
+    fill_boxes,
+    fill_centroids,
+    fill_morton_codes,
+    interpolate,
+    locate,
+)
+from adaptsize.typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from adaptsize.background.simplex import SimplexMesh
+
+_CELLS_PER_LEAF = 4
+# Sorting queries along a space-filling curve pays once they outgrow the cache.
+_SORT_FROM = 2000
+# A compiled loop cannot be interrupted; one call of it should last about this long.
+_SECONDS_PER_CALL = 0.3
+# Squares of coordinates must stay in the range of float64.
+_FARTHEST = 1e150
+
+
+class SimplexLocator:
+    """Tree of bounding boxes over the cells of a mesh, for point location.
+
+    Works for every kind of mesh: surfaces in space, polylines, several components,
+    holes, cells of any orientation, overlapping or degenerate cells, repeated points.
+    ``mesh.locator`` keeps one per mesh.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+
+    Notes
+    -----
+    Building costs O(n log n) (sorting the cells along a Morton curve), a point inside
+    the mesh O(log n) on meshes whose boxes overlap boundedly, as those of shape-regular
+    cells do.  A point that is equally far from all cells (the centre of a sphere) must
+    look at all of them.
+
+    Examples
+    --------
+    >>> from adaptsize import SimplexMesh
+    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> cells, weights, distances = square.locator.nearest([[0.5, 0.25], [1.5, 0.5]])
+    >>> cells, distances
+    (array([0, 0], dtype=int32), array([0. , 0.5]))
+    >>> weights.tolist()
+    [[0.5, 0.25, 0.25], [0.0, 0.5, 0.5]]
+    """
+
+    def __init__(self, mesh: SimplexMesh) -> None:
+        self._mesh_cells = mesh.cells
+        self._dim = mesh.dim
+        self._n_points = mesh.n_points
+        self._full = mesh.cell_dim == mesh.dim >= 2
+        # Scaling by a power of two is exact; it keeps squares of lengths in range.
+        largest = float(np.abs(mesh.points[np.unique(mesh.cells)]).max())
+        self._scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
+        self._points = _in_space(mesh.points * self._scale)
+        centroids = np.empty((mesh.n_cells, 3))
+        fill_centroids(self._points, mesh.cells, centroids)
+        self._lower = centroids.min(axis=0)
+        width = float((centroids.max(axis=0) - self._lower).max())
+        self._width = width if width > 0.0 else 1.0
+        order = self._along_curve(centroids)
+        self._cell_of_place = order.astype(np.int32)
+        self._cells = mesh.cells[order]
+        n_leaves = 1
+        while n_leaves * _CELLS_PER_LEAF < mesh.n_cells:
+            n_leaves *= 2
+        self._boxes = np.empty((2 * n_leaves, 6))
+        fill_boxes(self._points, self._cells, self._boxes)
+
+    def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return for each point the cell that contains it, or else the closest cell.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+            Any n, also 0.
+
+        Returns
+        -------
+        cells : ndarray of int32, shape (n,)
+            Where several cells contain a point or are equally close, one of them, always
+            the same for the same point.
+        weights : ndarray of float64, shape (n, cell_dim + 1)
+            Barycentric coordinates of the closest point in that cell, >= 0, of sum 1 to
+            rounding: ``(weights[:, :, None] * mesh.points[mesh.cells[cells]]).sum(axis=1)``
+            are the closest points.
+        distances : ndarray of float64, shape (n,)
+            Distance of the closest point: 0 inside the mesh, up to rounding on the faces of
+            its cells.
+
+        Raises
+        ------
+        ValueError
+            If ``points`` has another shape or a coordinate is not finite.
+        """
+        queries = as_points("points", points, self._dim) * self._scale
+        queries = _in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
+        n = len(queries)
+        found = np.empty(n, np.int32)
+        weights = np.empty((n, self._cells.shape[1]))
+        distances = np.empty(n)
+        order = self._along_curve(queries) if n >= _SORT_FROM else np.arange(n)
+        tree = (self._points, self._cells, self._boxes, self._full)
+        first, step = 0, 256
+        while first < n:
+            last = min(first + step, n)
+            start = time.perf_counter()
+            locate(*tree, queries, order, first, last, found, weights, distances)
+            seconds = time.perf_counter() - start
+            step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
+            first = last
+        return self._cell_of_place[found], weights, distances / self._scale
+
+    def interpolate(
+        self, values: npt.ArrayLike, points: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return nodal values, linearly interpolated, at the closest point of each point.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n_points,)
+            Nodal values, finite or +inf.
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        values : ndarray of float64, shape (n,)
+            inf where a node of positive weight is inf; between the values of the nodes of
+            positive weight otherwise.
+        distances : ndarray of float64, shape (n,)
+            Distance of each point to the mesh.
+        """
+        nodal = as_float_array("values", values, (self._n_points,))
+        cells, weights, distances = self.nearest(points)
+        result = np.empty(len(cells))
+        interpolate(self._mesh_cells, nodal, cells, weights, result)
+        return result, distances
+
+    def _along_curve(self, places: FloatArray) -> npt.NDArray[np.int64]:
+        """Return the order of places along a Morton curve through the mesh."""
+        codes = np.empty(len(places), np.uint64)
+        fill_morton_codes(places, self._lower, self._width, codes)
+        return np.argsort(codes, kind="stable")
+
+
+def _in_space(points: FloatArray) -> FloatArray:
+    """Return points with zeros for the coordinates that they lack, float64[n, 3]."""
+    padded = np.zeros((len(points), 3))
+    padded[:, : points.shape[1]] = points
+    return padded

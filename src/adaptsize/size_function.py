@@ -1,0 +1,212 @@
+"""SizeFunction: nodal sizes on a background, callable at any point."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, one_of
+from adaptsize.errors import OutsideError
+from adaptsize.typing import Background, FloatArray
+
+# Points this far outside, relative to the diagonal of the background, count as inside.
+_TOLERANCE = 1e-9
+
+
+class Locator(Protocol):
+    """What finds points in a background and interpolates there."""
+
+    def interpolate(
+        self, values: npt.ArrayLike, points: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the values at (the closest points to) points, and the distances."""
+        ...
+
+
+class LocatableBackground(Background, Protocol):
+    """A background that a SizeFunction can be built on.
+
+    A new kind of background needs no change in this module: it brings a ``locator``.
+    """
+
+    @property
+    def points(self) -> FloatArray:
+        """Nodes, float64[n_points, dim]."""
+        ...
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the diagonal of the bounding box."""
+        ...
+
+    @property
+    def locator(self) -> Locator:
+        """What finds points in the background."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SizeFunction:
+    """Wanted edge lengths on a background, defined everywhere.
+
+    Between the nodes the sizes are interpolated linearly.  Called with points of shape
+    (n, dim) it returns n sizes, as mesh generators that take a plain function want it.
+
+    Parameters
+    ----------
+    background : SimplexMesh
+        Carries the nodes.
+    values : array_like of float, shape (n_points,)
+        Wanted edge length at each node, in the unit of the coordinates: positive, inf
+        where nothing is asked.  Copied and read-only.
+    outside : {"nearest", "error"}
+        What to do with points outside the background: take the value of the closest
+        point of the background, or raise an OutsideError.  Points within 1e-9 times the
+        diagonal count as inside.
+
+    Raises
+    ------
+    ValueError
+        If ``values`` has another shape, or a value is not positive or is NaN (the message
+        names the first one), or ``outside`` is another word.
+
+    Notes
+    -----
+    A point strictly between a node that is inf and one that is not gets inf.  A node of
+    weight zero does not count, so a finite node keeps its finite value.
+
+    Location costs O(log n) per point in the background; see `SimplexLocator`.
+
+    Examples
+    --------
+    >>> from adaptsize import SimplexMesh
+    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> size = SizeFunction(square, [0.1, 0.2, 0.3, 0.2])
+    >>> size([[0.5, 0.5], [0.5, 0.0], [2.0, 0.0]])
+    array([0.2 , 0.15, 0.2 ])
+    >>> size.clip(hmax=0.15).values
+    array([0.1 , 0.15, 0.15, 0.15])
+    """
+
+    background: LocatableBackground
+    values: FloatArray
+    _: KW_ONLY
+    outside: Literal["nearest", "error"] = "nearest"
+
+    def __post_init__(self) -> None:
+        values = as_sizes("values", self.values, self.background.nodal_shape).copy()
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)  # the way in for a frozen dataclass
+        one_of("outside", self.outside, ("nearest", "error"))
+
+    def __repr__(self) -> str:
+        """Say where and between which sizes."""
+        finite = self.values[np.isfinite(self.values)]
+        sizes = "nothing asked"
+        if len(finite):
+            sizes = f"sizes {finite.min():.4g} to {finite.max():.4g}"
+            n_free = self.values.size - finite.size
+            sizes += f", {n_free} nodes free" if n_free else ""
+        return f"SizeFunction({sizes}, on {self.background!r})"
+
+    def __call__(self, points: npt.ArrayLike) -> FloatArray:
+        """Return the wanted size at each point.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+            Any n, also 0.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+
+        Raises
+        ------
+        OutsideError
+            If a point lies outside and ``outside="error"``.
+        ValueError
+            If ``points`` has another shape or a coordinate is not finite.
+        """
+        where = as_float_array("points", points)
+        dim = self.background.dim
+        if where.ndim == 1 and where.shape == (dim,):
+            raise ValueError(
+                f"points must have shape (n, {dim}), got {where.shape}; "
+                f"a single point is an array of shape (1, {dim})"
+            )
+        where = as_points("points", where, dim)
+        sizes, distances = self.background.locator.interpolate(self.values, where)
+        if self.outside == "error":
+            self._refuse_outside(where, distances)
+        return sizes
+
+    def _refuse_outside(self, points: FloatArray, distances: FloatArray) -> None:
+        outside = distances > _TOLERANCE * self.background.diagonal
+        if not outside.any():
+            return
+        first = int(np.argmax(outside))
+        at = ", ".join(f"{float(x):.6g}" for x in points[first])
+        count = int(np.count_nonzero(outside))
+        more = f" (and {count - 1} more)" if count > 1 else ""
+        raise OutsideError(
+            f"points must lie in the background, got points[{first}] = ({at}) at a distance "
+            f"of {distances[first]:.4g} from it{more}"
+        )
+
+    def minimum(self, other: SizeFunction) -> SizeFunction:
+        """Return the smaller of two size functions at the nodes of this background.
+
+        The minimum is nodal: a small size of ``other`` between the nodes of this
+        background is not seen.  Take the finer background as the first.
+
+        Parameters
+        ----------
+        other : SizeFunction
+            On the same background, or on another one of the same dimension, which is
+            then sampled at the nodes of this one by its own rule for points outside.
+        """
+        values = other.values
+        if other.background is not self.background:
+            values = other(self.background.points).reshape(self.background.nodal_shape)
+        return replace(self, values=np.minimum(self.values, values))
+
+    def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
+        """Return the size function with its nodal values kept between two bounds.
+
+        Raising sizes to ``hmin`` never steepens a gradient; nor does ``hmax``, except
+        where inf becomes finite, which makes a gradient where there was none.
+
+        Parameters
+        ----------
+        hmin, hmax : float, optional
+            Positive, ``hmin <= hmax``.
+
+        Raises
+        ------
+        ValueError
+            If a bound is not positive, or ``hmin > hmax``.
+        """
+        lower, upper = 0.0, np.inf
+        if hmin is not None:
+            lower = as_number("hmin", hmin, lower=0.0, strict=True)
+        if hmax is not None:
+            upper = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
+        if lower > upper:
+            raise ValueError(f"hmin must be at most hmax, got {lower:g} > {upper:g}")
+        return replace(self, values=np.clip(self.values, lower, upper))
+
+    def on(self, background: LocatableBackground) -> SizeFunction:
+        """Return the size function sampled at the nodes of another background.
+
+        Parameters
+        ----------
+        background : SimplexMesh
+            Of the same dimension.  Nodes outside this background are treated by
+            ``outside``.
+        """
+        values = self(background.points).reshape(background.nodal_shape)
+        return replace(self, background=background, values=values)
