@@ -1,0 +1,1 @@
+"""File formats behind ``adaptsize.io``: one file per family."""

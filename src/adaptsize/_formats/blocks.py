@@ -1,0 +1,225 @@
+"""Cell blocks as files hold them, and the simplices they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray
+
+# Corner nodes come first in every format, so a prefix of a higher-order cell is its corners.
+_SHAPES = {
+    "line": (1, 2),
+    "triangle": (2, 3),
+    "quad": (2, 4),
+    "tetra": (3, 4),
+    "pyramid": (3, 5),
+    "wedge": (3, 6),
+    "hexahedron": (3, 8),
+}
+_SIMPLEX = {1: "line", 2: "triangle", 3: "tetra"}
+KINDS = {"segments": 1, "triangles": 2, "tetrahedra": 3}
+_PLURAL = {
+    "line": "segments",
+    "triangle": "triangles",
+    "quad": "quadrilaterals",
+    "tetra": "tetrahedra",
+    "pyramid": "pyramids",
+    "wedge": "wedges",
+    "hexahedron": "hexahedra",
+}
+
+# Faces of the solids that are no simplex, in the numbering of VTK and Gmsh, seen from
+# inside with the corners counter-clockwise, so that (face, inner point) is positive.
+_FACES = {
+    "pyramid": ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
+    "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    "hexahedron": (
+        (0, 1, 2, 3),
+        (4, 7, 6, 5),
+        (0, 4, 5, 1),
+        (1, 5, 6, 2),
+        (2, 6, 7, 3),
+        (3, 7, 4, 0),
+    ),
+}
+
+
+@dataclass
+class RawMesh:
+    """What a reader found: points, blocks of cells of one type each, fields.
+
+    ``cell_data[name]`` has one array per block.
+    """
+
+    points: npt.NDArray[Any]
+    blocks: list[tuple[str, npt.NDArray[Any]]]
+    point_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+    cell_data: Mapping[str, Sequence[npt.NDArray[Any]]] = field(default_factory=dict)
+
+
+class Simplices(NamedTuple):
+    """The cells of one dimension as simplices, and where each came from."""
+
+    cells: npt.NDArray[np.int64]
+    """int64[n, k + 1]."""
+    block: npt.NDArray[np.int64]
+    """int64[n]: index of the block each was made from."""
+    row: npt.NDArray[np.int64]
+    """int64[n]: its row in that block."""
+    notes: list[str]
+    """What was converted, for a warning."""
+
+
+def dimension_of(cell_type: str) -> int:
+    """Return the dimension of a cell type of meshio: 0 to 3; unknown ones count as 3."""
+    base = _base(cell_type)
+    if base is not None:
+        return _SHAPES[base][0]
+    return {"vertex": 0, "polygon": 2}.get(cell_type.rstrip("0123456789"), 3)
+
+
+def plural(cell_type: str) -> str:
+    """Return the word for many cells of a type."""
+    base = _base(cell_type)
+    return cell_type if base is None else _PLURAL[base]
+
+
+def check_raw(raw: RawMesh) -> None:
+    """Refuse a mesh without cells, bad coordinates and indices out of range."""
+    points = raw.points
+    if points.ndim != 2 or points.shape[1] not in (1, 2, 3) or len(points) == 0:
+        raise MeshFileError("holds no points")
+    if not any(len(cells) for _, cells in raw.blocks):
+        raise MeshFileError("holds points but no cells")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        listed = ", ".join(f"{x:g}" for x in points[first])
+        raise MeshFileError(f"point {first} is not finite: ({listed})")
+    for cell_type, cells in raw.blocks:
+        if cells.dtype == object or not len(cells):
+            continue
+        outside = ((cells < 0) | (cells >= len(points))).any(axis=1)
+        if outside.any():
+            first = int(np.argmax(outside))
+            raise MeshFileError(
+                f"{cell_type} {first} names nodes {cells[first].tolist()}, "
+                f"but the nodes are 0 to {len(points) - 1}"
+            )
+
+
+def simplices_of(raw: RawMesh, dim: int) -> Simplices:
+    """Return all cells of dimension ``dim`` as simplices.
+
+    Quadrilaterals become two triangles.  Hexahedra, wedges and pyramids are split
+    from their node of smallest index, which cuts each quadrilateral face through its
+    smallest node from both sides, so that neighbours agree [1]_.  Of higher-order
+    cells the corners are taken.
+
+    References
+    ----------
+    .. [1] J. Dompierre, P. Labbe, M.-G. Vallet, R. Camarero, "How to subdivide
+       pyramids, prisms and hexahedra into tetrahedra", 8th International Meshing
+       Roundtable (1999) 195-204.
+    """
+    cells = [np.empty((0, dim + 1), np.int64)]
+    block = [np.empty(0, np.int64)]
+    row = [np.empty(0, np.int64)]
+    notes = []
+    in_space = any(dimension_of(cell_type) == 3 and len(c) for cell_type, c in raw.blocks)
+    for index, (cell_type, found) in enumerate(raw.blocks):
+        if dimension_of(cell_type) != dim or not len(found):
+            continue
+        base = _base(cell_type)
+        if base is None or found.dtype == object:
+            raise MeshFileError(f"holds cells of type {cell_type!r}, which cannot be read")
+        corners = found[:, : _SHAPES[base][1]].astype(np.int64)
+        if found.shape[1] > corners.shape[1]:
+            notes.append(f"{len(found)} {plural(base)} of higher order reduced to their corners")
+        parts, parent = _split(base, corners, None if in_space else raw.points)
+        if base != _SIMPLEX[dim]:
+            notes.append(
+                f"{len(found)} {plural(base)} split into {len(parts)} {plural(_SIMPLEX[dim])}"
+            )
+        cells.append(parts)
+        block.append(np.full(len(parts), index))
+        row.append(parent)
+    return Simplices(np.concatenate(cells), np.concatenate(block), np.concatenate(row), notes)
+
+
+def gather(values: Sequence[npt.NDArray[Any]], simplices: Simplices) -> npt.NDArray[Any] | None:
+    """Return one row per simplex of data kept per block; None if the blocks do not fit."""
+    pieces = []
+    for index in np.unique(simplices.block):
+        data = np.asarray(values[index])
+        rows = simplices.row[simplices.block == index]
+        if data.ndim == 0 or data.dtype == object or len(data) <= rows.max():
+            return None
+        pieces.append(data[rows])
+    if len({piece.shape[1:] for piece in pieces}) != 1:
+        return None
+    return np.concatenate(pieces)  # blocks were appended in ascending order
+
+
+def _base(cell_type: str) -> str | None:
+    base = cell_type.rstrip("0123456789")
+    return base if base in _SHAPES else None
+
+
+def _split(
+    base: str, cells: npt.NDArray[np.int64], points: FloatArray | None
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the simplices of cells of one type and the row each came from."""
+    if base in _SIMPLEX.values():
+        return cells, np.arange(len(cells))
+    if base == "quad":
+        triangles = _split_quads(cells, points)
+        return triangles.reshape(-1, 3), np.repeat(np.arange(len(cells)), 2)
+    parts, parent = [], []
+    smallest = np.argmin(cells, axis=1)
+    for apex in range(cells.shape[1]):
+        rows = np.flatnonzero(smallest == apex)
+        for face in _FACES[base]:
+            if apex in face or not len(rows):
+                continue
+            corners = cells[rows[:, None], np.array(face)]
+            triangles = corners[:, None] if len(face) == 3 else _split_quads(corners, None)
+            n_parts = triangles.shape[1]
+            top = np.broadcast_to(cells[rows, apex][:, None, None], (len(rows), n_parts, 1))
+            parts.append(np.concatenate([triangles, top], axis=2).reshape(-1, 4))
+            parent.append(np.repeat(rows, n_parts))
+    order = np.argsort(np.concatenate(parent), kind="stable")
+    return np.concatenate(parts)[order], np.concatenate(parent)[order]
+
+
+def _split_quads(quads: npt.NDArray[np.int64], points: FloatArray | None) -> npt.NDArray[np.int64]:
+    """Return each quadrilateral as two triangles, int64[n, 2, 3].
+
+    Cut along the better diagonal: the one that lies inside, then the shorter.  Without
+    points, cut through the smallest node, the one rule by which two cells at a common
+    face agree without asking each other.
+    """
+    if points is None:
+        start = np.argmin(quads, axis=1)
+    else:
+        corners = np.zeros((*quads.shape, 3))
+        corners[..., : points.shape[1]] = points[quads]
+        along_02 = _diagonal_cost(corners, 0) <= _diagonal_cost(corners, 1)
+        start = np.where(along_02, 0, 1)
+    turned = np.take_along_axis(quads, (start[:, None] + np.arange(4)) % 4, axis=1)
+    return turned[:, [[0, 1, 2], [0, 2, 3]]]
+
+
+def _diagonal_cost(corners: FloatArray, start: int) -> FloatArray:
+    """Return the length of the diagonal from corner ``start``, inf if it lies outside."""
+    a, b, c, d = (corners[:, (start + i) % 4] for i in range(4))
+    one_way = np.cross(b - a, c - a)
+    other_way = np.cross(c - a, d - a)
+    length: FloatArray = np.linalg.norm(c - a, axis=1)
+    return np.where((one_way * other_way).sum(axis=1) > 0.0, length, np.inf)

@@ -1,0 +1,173 @@
+"""Reading through meshio and trimesh, which print, warn on consoles and even exit."""
+
+from __future__ import annotations
+
+import binascii
+import contextlib
+import io
+import lzma
+import re
+import struct
+import tempfile
+import warnings
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adaptsize._formats import stl
+from adaptsize._formats.blocks import RawMesh, check_raw
+from adaptsize.errors import MeshFileError
+
+# Whatever a parser may raise on a file that is not what it expects; not KeyboardInterrupt.
+# meshio calls sys.exit, and both packages let errors of numpy, zlib and xml through.
+FOREIGN_FAILURES: tuple[type[BaseException], ...] = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    BufferError,
+    EOFError,
+    ImportError,
+    LookupError,
+    MemoryError,
+    NameError,
+    OSError,
+    RuntimeError,
+    StopIteration,
+    SyntaxError,
+    SystemExit,
+    TypeError,
+    ValueError,
+    binascii.Error,
+    lzma.LZMAError,
+    struct.error,
+    zlib.error,
+)
+
+# meshio knows these too, but reads less of them (polygons, comments, negative indices).
+_TRIMESH_SUFFIXES = (".obj", ".off", ".ply")
+# Formats whose suffix meshio tries in an order of its own, printing what fails.
+_FIRST_FORMAT = {".msh": ("gmsh", "ansys")}
+
+
+def load(path: Path) -> RawMesh:
+    """Return the content of a mesh file, checked; every failure is a MeshFileError without path."""
+    suffix = path.suffix.lower()
+    loaders: list[Callable[[Path], RawMesh]] = []
+    if suffix in (".stl", ".stla", ".stlb"):
+        loaders = [_load_stl]
+    elif _meshio_knows(path):
+        loaders = [_load_with_meshio]
+        if suffix == ".vtk":
+            loaders.append(_load_vtk_of_new_types)
+    if not loaders or suffix in _TRIMESH_SUFFIXES:
+        loaders.append(_load_with_trimesh)
+    first_failure: MeshFileError | None = None
+    for loader in loaders:
+        try:
+            raw = loader(path)
+            check_raw(raw)
+        except MeshFileError as error:
+            first_failure = first_failure or error
+        else:
+            return raw
+    assert first_failure is not None
+    raise first_failure
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[io.StringIO]:
+    """Keep what a foreign package prints or warns of away from the user; yields the text."""
+    printed = io.StringIO()
+    with (
+        warnings.catch_warnings(),
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(printed),
+    ):
+        warnings.simplefilter("ignore")
+        yield printed
+
+
+def foreign_failures() -> tuple[type[BaseException], ...]:
+    """Return FOREIGN_FAILURES and meshio's own errors, which derive from Exception only."""
+    from meshio import ReadError, WriteError
+    from meshio._exceptions import CorruptionError
+
+    return (*FOREIGN_FAILURES, ReadError, WriteError, CorruptionError)
+
+
+def reason(error: BaseException, printed: str = "") -> str:
+    """Return one short line that says what a foreign package complained of."""
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        return f"needs the package {error.name} (pip install {error.name})"
+    text = printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+    line = " ".join(text.split()) or type(error).__name__
+    return line if len(line) <= 160 else line[:157] + "..."
+
+
+def _load_stl(path: Path) -> RawMesh:
+    corners = stl.read_corners(path)
+    points, number = stl.merge_equal_points(corners.reshape(-1, 3))
+    return RawMesh(points, [("triangle", number.reshape(-1, 3))])
+
+
+def _meshio_knows(path: Path) -> bool:
+    from meshio import extension_to_filetypes
+
+    suffixes = [s.lower() for s in path.suffixes]
+    return any("".join(suffixes[-n:]) in extension_to_filetypes for n in (1, 2))
+
+
+def _load_with_meshio(path: Path) -> RawMesh:
+    import meshio
+
+    formats: tuple[str | None, ...] = _FIRST_FORMAT.get(path.suffix.lower(), (None,))
+    failure = ""
+    for file_format in formats:
+        with quiet() as printed:
+            try:
+                mesh = meshio.read(path, file_format=file_format)
+            except foreign_failures() as error:
+                failure = failure or reason(error, printed.getvalue())
+                continue
+        points = np.asarray(mesh.points, dtype=np.float64)
+        blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+        return RawMesh(points, blocks, mesh.point_data, mesh.cell_data)
+    raise MeshFileError(f"cannot be read as a mesh ({failure})")
+
+
+def _load_vtk_of_new_types(path: Path) -> RawMesh:
+    """Read a legacy VTK file whose integer arrays bear the type names of VTK 9.
+
+    meshio knows these names in files of version 5.1 only; VTK writes them in older ones.
+    """
+    content = path.read_bytes()
+    if b"vtktypeint64" not in content:
+        raise MeshFileError("cannot be read as a mesh")
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, path.name)
+        copy.write_bytes(re.sub(rb"(?m)\bvtktypeint64(\s*)$", rb"long\1", content))
+        return _load_with_meshio(copy)
+
+
+def _load_with_trimesh(path: Path) -> RawMesh:
+    import trimesh
+
+    known = trimesh.available_formats() - {"zip", "tar.gz", "tar.bz2", "bz2"}
+    if path.suffix.lower().lstrip(".") not in known:
+        raise MeshFileError(f"has a suffix that no reader knows ({path.suffix or 'none'})")
+    with quiet() as printed:
+        try:
+            mesh: Any = trimesh.load_mesh(path, process=False)
+            points = np.asarray(mesh.vertices, dtype=np.float64)
+            faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+        except foreign_failures() as error:
+            text = reason(error, printed.getvalue())
+            raise MeshFileError(f"cannot be read as a mesh ({text})") from error
+    if path.suffix.lower() == ".obj" and len(points) and np.isfinite(points).all():
+        # One node per pair of position and texture corner: seams would be cracks.
+        points, number = stl.merge_equal_points(points)
+        faces = number[faces]
+    return RawMesh(points, [("triangle", faces)])

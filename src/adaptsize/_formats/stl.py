@@ -1,0 +1,115 @@
+"""STL files, ascii and binary."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray
+
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_HEADER = 84  # 80 free bytes and the number of triangles
+_VERTEX = re.compile(rb"^[ \t]*vertex\b[ \t]*(.*?)\s*$", re.MULTILINE | re.IGNORECASE)
+_END_FACET = re.compile(rb"^[ \t]*endfacet\b", re.MULTILINE | re.IGNORECASE)
+_END_SOLID = re.compile(rb"^[ \t]*end ?solid\b", re.MULTILINE | re.IGNORECASE)
+
+
+def read_corners(path: Path) -> npt.NDArray[Any]:
+    """Return the corners of the triangles, float[n, 3, 3], as the file has them.
+
+    A file whose length is that of a binary one is binary, even if it starts with
+    ``solid``, as many do.
+    """
+    content = path.read_bytes()
+    n = int(np.frombuffer(content, "<u4", 1, 80)[0]) if len(content) >= _HEADER else 0
+    if len(content) >= _HEADER and len(content) == _HEADER + n * _RECORD.itemsize:
+        if n == 0:
+            raise MeshFileError("is a binary STL file without triangles")
+        return np.frombuffer(content, _RECORD, n, _HEADER)["corners"]
+    if content.lstrip()[:5].lower() == b"solid" and b"\0" not in content:
+        return _ascii_corners(content)
+    if len(content) > _HEADER + n * _RECORD.itemsize and n > 0:
+        return np.frombuffer(content, _RECORD, n, _HEADER)["corners"]
+    held = max(len(content) - _HEADER, 0) // _RECORD.itemsize
+    if n and held and b"\0" in content:
+        raise MeshFileError(
+            f"is a truncated binary STL file (promises {n} triangles, holds {held})"
+        )
+    raise MeshFileError("is neither an ascii nor a binary STL file")
+
+
+def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Return the different points in order of first appearance, and the number of each.
+
+    Points are the same where all coordinates are equal (0 and -0 are), never where
+    they are merely close.  O(n log n).
+    """
+    exact = points.astype(np.float64) + 0.0  # -0 becomes 0
+    bits = exact.view(np.uint64)
+    mixed = np.zeros(len(exact), np.uint64)
+    for axis in range(bits.shape[1]):  # sorting one hash is several times faster than rows
+        mixed = (mixed ^ bits[:, axis] ^ (bits[:, axis] >> np.uint64(29))) * np.uint64(
+            0x9E3779B97F4A7C15
+        )
+        mixed ^= mixed >> np.uint64(32)
+    _, first, number = np.unique(mixed, return_index=True, return_inverse=True)
+    if not np.array_equal(exact[first[number]], exact):  # two points share a hash
+        _, first, number = np.unique(exact, axis=0, return_index=True, return_inverse=True)
+        number = number.reshape(-1)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return exact[first[order]], rank[number]
+
+
+def write_binary(path: Path, corners: FloatArray) -> None:
+    """Write float64[n, 3, 3] as a binary STL file; coordinates are rounded to float32."""
+    records = np.zeros(len(corners), _RECORD)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    records["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    records["corners"] = corners
+    with path.open("wb") as file:
+        file.write(b"binary STL".ljust(80))
+        file.write(np.array([len(corners)], "<u4").tobytes())
+        file.write(records.tobytes())
+
+
+def _ascii_corners(content: bytes) -> FloatArray:
+    rows = [line.split() for line in _VERTEX.findall(content)]
+    if not rows:
+        raise MeshFileError("is an ascii STL file without triangles")
+    try:
+        corners = np.array(rows, dtype="S").astype(np.float64)
+    except ValueError:
+        corners = np.empty((0, 0))
+    if corners.shape != (len(rows), 3):
+        raise MeshFileError(f"is a broken ascii STL file: {_first_bad_vertex(content)}")
+    n_facets = len(_END_FACET.findall(content))
+    if len(rows) != 3 * n_facets:
+        raise MeshFileError(
+            f"is a broken or truncated ascii STL file ({len(rows)} vertices in {n_facets} facets)"
+        )
+    if not _END_SOLID.search(content):
+        raise MeshFileError("is a truncated ascii STL file (no endsolid)")
+    return corners.reshape(-1, 3, 3)
+
+
+def _first_bad_vertex(content: bytes) -> str:
+    """Name the line of the first vertex that is not three numbers."""
+    for match in _VERTEX.finditer(content):
+        words = match.group(1).split()
+        try:
+            good = len([float(word) for word in words]) == 3
+        except ValueError:
+            good = False
+        if not good:
+            line = content.count(b"\n", 0, match.start(1)) + 1
+            given = " ".join(match.group(1).decode("latin-1").split())[:40]
+            return f"line {line}: a vertex is three numbers, got {given!r}"
+    return "a vertex is three numbers"

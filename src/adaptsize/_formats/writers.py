@@ -1,0 +1,204 @@
+"""Writing meshes: which format holds what, and the calls that do it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_sizes, refuse_where
+from adaptsize._formats import sizes, stl, xdmf
+from adaptsize._formats.readers import foreign_failures, quiet, reason
+from adaptsize.background import SimplexMesh
+from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray
+
+_CELL_TYPES = {1: "line", 2: "triangle", 3: "tetra"}
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format that can be written."""
+
+    suffixes: tuple[str, ...]
+    write: Callable[[Path, SimplexMesh], None]
+    holds_fields: bool = True
+    """Whether nodal fields go into the file."""
+    only_sizes: bool = False
+    """Whether the file is nothing but nodal sizes for a mesh generator."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """A mesh as the arrays that files hold; tagged facets are a second block of cells."""
+
+    points: FloatArray
+    blocks: list[tuple[str, npt.NDArray[np.int32]]]
+    point_data: dict[str, npt.NDArray[Any]]
+    cell_data: dict[str, list[npt.NDArray[Any]]]
+
+
+def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> Content:
+    """Return what to write; ``pad`` makes points and vectors of 2-D meshes 3-D."""
+    points = mesh.points
+    if pad and mesh.dim < 3:
+        points = np.pad(points, ((0, 0), (0, 3 - mesh.dim)))
+    blocks = [(_CELL_TYPES[mesh.cell_dim], mesh.cells)]
+    facets, facet_tags = mesh.tagged_facets, mesh.facet_tags
+    n_facets = 0 if facets is None or mesh.cell_dim == 1 else len(facets)
+    if facets is not None and n_facets:
+        blocks.append((_CELL_TYPES[mesh.cell_dim - 1], facets))
+    cell_data = {
+        name: [_plain(name, values)] for name, values in mesh.cell_data.items() if name != tag_name
+    }
+    if n_facets:
+        for parts in cell_data.values():
+            fill = np.nan if parts[0].dtype.kind == "f" else 0
+            parts.append(np.full((n_facets, *parts[0].shape[1:]), fill, parts[0].dtype))
+    if mesh.cell_tags is not None or n_facets:
+        of_cells = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
+        cell_data[tag_name] = [of_cells]
+        if facet_tags is not None and n_facets:
+            cell_data[tag_name].append(facet_tags)
+    point_data = {name: _plain(name, values) for name, values in mesh.point_data.items()}
+    return Content(points, blocks, point_data, cell_data)
+
+
+def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
+    """Return the nodal field ``h`` if a generator can take it as sizes."""
+    if "h" not in mesh.point_data:
+        raise ValueError(f"obj must hold nodal sizes as the field 'h' for {generator}")
+    values = as_sizes("h", mesh.point_data["h"], mesh.nodal_shape)
+    wanted = f"must be finite for {generator}; clip it first: size.clip(hmax=...)"
+    refuse_where("h", np.isinf(values), values, wanted)
+    return values
+
+
+def surface_of(mesh: SimplexMesh) -> SimplexMesh:
+    """Return triangles: the mesh itself, or the boundary of tetrahedra."""
+    if mesh.cell_dim == 1:
+        raise ValueError(f"obj must hold triangles or tetrahedra for this format, got {mesh!r}")
+    return mesh.boundary().mesh if mesh.cell_dim == 3 else mesh
+
+
+def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return numbers in at most two dimensions, of a type that all formats have."""
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"field {name!r} must hold numbers, got {values.dtype}")
+    if values.dtype.kind == "b":
+        values = values.astype(np.int32)
+    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
+        values = values.astype(np.float64)
+    return np.ascontiguousarray(values if values.ndim <= 2 else values.reshape(len(values), -1))
+
+
+def _write_with_meshio(path: Path, content: Content, file_format: str, **options: Any) -> None:
+    import meshio
+
+    with quiet() as printed:
+        try:
+            mesh = meshio.Mesh(
+                content.points, content.blocks, content.point_data, content.cell_data
+            )
+            meshio.write(path, mesh, file_format=file_format, **options)
+        except foreign_failures() as error:
+            text = reason(error, printed.getvalue())
+            raise MeshFileError(f"cannot be written ({text})") from error
+
+
+def _write_vtu(path: Path, mesh: SimplexMesh) -> None:
+    _write_with_meshio(path, content_of(mesh, "cell_tags", pad=True), "vtu")
+
+
+def _write_vtk(path: Path, mesh: SimplexMesh) -> None:
+    # Version 4.2, which every VTK reads.
+    _write_with_meshio(path, content_of(mesh, "cell_tags", pad=True), "vtk42")
+
+
+def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
+    content = content_of(mesh, "cell_tags", pad=mesh.dim == 1)
+    xdmf.write(path, content.points, content.blocks, content.point_data, content.cell_data)
+
+
+def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
+    # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
+    content = content_of(mesh, "gmsh:physical", pad=True)
+    if "gmsh:physical" in content.cell_data:
+        content.cell_data.setdefault("gmsh:geometrical", content.cell_data["gmsh:physical"])
+    _write_with_meshio(path, content, "gmsh22")
+
+
+def _write_medit(path: Path, mesh: SimplexMesh) -> None:
+    content = content_of(mesh, "medit:ref", pad=False)
+    no_tags = [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
+    tags = content.cell_data.get("medit:ref", no_tags)
+    refs = content.point_data.get("medit:ref", np.zeros(mesh.n_points, np.int32))
+    slim = Content(content.points, content.blocks, {"medit:ref": refs}, {"medit:ref": tags})
+    _write_with_meshio(path, slim, "medit")
+
+
+def _write_ply(path: Path, mesh: SimplexMesh) -> None:
+    content = content_of(surface_of(mesh), "cell_tags", pad=True)
+    scalars = {name: v for name, v in content.point_data.items() if v.ndim == 1}
+    slim = Content(content.points, content.blocks[:1], scalars, {})
+    _write_with_meshio(path, slim, "ply")
+
+
+def _write_bare_surface(path: Path, mesh: SimplexMesh, file_format: str) -> None:
+    content = content_of(surface_of(mesh), "cell_tags", pad=True)
+    _write_with_meshio(path, Content(content.points, content.blocks[:1], {}, {}), file_format)
+
+
+def _write_stl(path: Path, mesh: SimplexMesh) -> None:
+    surface = content_of(surface_of(mesh), "cell_tags", pad=True)
+    stl.write_binary(path, surface.points[surface.blocks[0][1]])
+
+
+def _write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
+    if mesh.cell_dim != mesh.dim or mesh.dim == 1:
+        raise ValueError(
+            f"obj must be triangles in the plane or tetrahedra for JIGSAW, got {mesh!r}"
+        )
+    sizes.write_jigsaw(path, mesh, sizes_of(mesh, "JIGSAW"))
+
+
+#: In the order in which suffixes are tried: the longer name of JIGSAW's before Gmsh's.
+FORMATS: dict[str, Format] = {
+    "jigsaw": Format((".jig.msh",), _write_jigsaw, only_sizes=True),
+    "gmsh-view": Format(
+        (".pos",), lambda p, m: sizes.write_gmsh_view(p, m, sizes_of(m, "Gmsh")), only_sizes=True
+    ),
+    "medit-sol": Format(
+        (".sol",), lambda p, m: sizes.write_medit_sol(p, m, sizes_of(m, "mmg")), only_sizes=True
+    ),
+    "vtu": Format((".vtu",), _write_vtu),
+    "vtk": Format((".vtk",), _write_vtk),
+    "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
+    "gmsh": Format((".msh",), _write_gmsh),
+    "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
+    "ply": Format((".ply",), _write_ply),
+    "stl": Format((".stl",), _write_stl, holds_fields=False),
+    "obj": Format((".obj",), lambda p, m: _write_bare_surface(p, m, "obj"), holds_fields=False),
+    "off": Format((".off",), lambda p, m: _write_bare_surface(p, m, "off"), holds_fields=False),
+}
+
+
+def format_of(path: Path, file_format: str | None) -> Format:
+    """Return the format asked for, or the one that the name of the file tells."""
+    if file_format is not None:
+        if file_format not in FORMATS:
+            raise ValueError(f"file_format must be one of {_listed()}, got {file_format!r}")
+        return FORMATS[file_format]
+    name = path.name.lower()
+    for candidate in FORMATS.values():
+        if name.endswith(candidate.suffixes):
+            return candidate
+    raise ValueError(f"path must end in a suffix that can be written ({_listed()}), got {path}")
+
+
+def _listed() -> str:
+    return ", ".join(f"{name} {'/'.join(f.suffixes)}" for name, f in FORMATS.items())
