@@ -271,7 +271,7 @@ def minimum_angles(mesh: SimplexMesh) -> FloatArray:
         np.where(measures > 0.0, formula(corners, measures), 0.0)
         for corners, measures in _cells_in_parts(mesh)
     ]
-    return np.degrees(np.concatenate(parts))
+    return np.asarray(np.degrees(np.concatenate(parts)))
 
 
 _Formula: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
