@@ -1,0 +1,267 @@
+"""Sectors of triangulated surfaces in space: fans of triangles around a node between creases."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def fill_facet_cells(cell_facets, facet_cells):
+    """List the two cells at each facet.
+
+    Parameters
+    ----------
+    cell_facets : int32[m, k]
+    facet_cells : int32[n_facets, 2]
+        Out: the first two cells at each facet, -1 where there is none.
+    """
+    facet_cells[:, :] = -1
+    for c in range(cell_facets.shape[0]):
+        for v in range(cell_facets.shape[1]):
+            f = cell_facets[c, v]
+            if facet_cells[f, 0] < 0:
+                facet_cells[f, 0] = c
+            elif facet_cells[f, 1] < 0:
+                facet_cells[f, 1] = c
+
+
+@njit(cache=True, nogil=True)
+def cross(a, b, out):
+    """Fill ``out`` with the cross product of two float64[3]."""
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, nogil=True)
+def dot(a, b):
+    """Return the inner product of two float64[3]."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, nogil=True)
+def normalise(a):
+    """Scale float64[3] to length 1 (In/Out) and return its old length; zero stays zero."""
+    length = math.sqrt(dot(a, a))
+    if length > 0.0:
+        for d in range(3):
+            a[d] /= length
+    return length
+
+
+@njit(cache=True, nogil=True)
+def _local(cells, c, i):
+    """Return the place of node i in triangle c."""
+    for v in range(2):
+        if cells[c, v] == i:
+            return v
+    return 2
+
+
+@njit(cache=True, nogil=True)
+def _agreement(cells, c, other, i, j):
+    """Return 1 if two triangles run along their common edge (i, j) in opposite ways, else -1.
+
+    They do in an oriented surface.
+    """
+    forward = cells[c, (_local(cells, c, i) + 1) % 3] == j
+    forward_other = cells[other, (_local(cells, other, i) + 1) % 3] == j
+    return -1.0 if forward == forward_other else 1.0
+
+
+@njit(cache=True, nogil=True)
+def fill_face_normals(points, cells, flat_share, normals, areas):
+    """Fill unit normals and areas of triangles in space, in each one's own orientation.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, 3]
+    flat_share : float
+        Triangles with area <= ``flat_share`` times the longest edge squared are degenerate.
+    normals : float64[m, 3]
+        Out: zero where degenerate.
+    areas : float64[m]
+        Out: zero where degenerate.
+    """
+    edge = np.empty((3, 3))
+    for c in range(cells.shape[0]):
+        longest, shortest = 0, 0
+        for v in range(3):
+            for d in range(3):
+                edge[v, d] = points[cells[c, (v + 2) % 3], d] - points[cells[c, (v + 1) % 3], d]
+            if dot(edge[v], edge[v]) > dot(edge[longest], edge[longest]):
+                longest = v
+            if dot(edge[v], edge[v]) < dot(edge[shortest], edge[shortest]):
+                shortest = v
+        # The product with the shortest edge loses least to cancellation.
+        cross(edge[shortest], edge[(shortest + 1) % 3], normals[c])
+        areas[c] = 0.5 * normalise(normals[c])
+        if areas[c] <= flat_share * dot(edge[longest], edge[longest]):
+            areas[c] = 0.0
+            normals[c, :] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def lend_normals(points, cells, cell_facets, facet_cells, facet_counts, areas, normals):
+    """Give each degenerate triangle the normal of its neighbour across its longest edge.
+
+    A degenerate triangle has collapsed onto that edge, so that the surface there
+    is the neighbour's.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells, cell_facets : int32[m, 3]
+    facet_cells : int32[n_facets, 2]
+    facet_counts : int32[n_facets]
+    areas : float64[m]
+    normals : float64[m, 3]
+        In/Out: stays zero where that neighbour is degenerate too.
+    """
+    for c in range(cells.shape[0]):
+        if areas[c] > 0.0:
+            continue
+        longest, best = 0, -1.0
+        for v in range(3):
+            squared = 0.0
+            for d in range(3):
+                gap = points[cells[c, (v + 1) % 3], d] - points[cells[c, (v + 2) % 3], d]
+                squared += gap * gap
+            if squared > best:
+                longest, best = v, squared
+        f = cell_facets[c, longest]
+        if facet_counts[f] != 2:
+            continue
+        other = facet_cells[f, 0] + facet_cells[f, 1] - c
+        if areas[other] > 0.0:
+            i, j = cells[c, (longest + 1) % 3], cells[c, (longest + 2) % 3]
+            sign = _agreement(cells, c, other, i, j)
+            for d in range(3):
+                normals[c, d] = sign * normals[other, d]
+
+
+@njit(cache=True, nogil=True)
+def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_crease):
+    """Mark the edges that are boundary, non-manifold or sharper than ``angle``.
+
+    Parameters
+    ----------
+    cells : int32[m, 3]
+    facets : int32[n_facets, 2]
+    facet_cells : int32[n_facets, 2]
+    facet_counts : int32[n_facets]
+    normals : float64[m, 3]
+        Unit normals, in any orientation; zero where unknown.
+    angle : float
+        In radians.
+    is_crease : bool[n_facets]
+        Out.
+    """
+    product = np.empty(3)
+    for f in range(facets.shape[0]):
+        is_crease[f] = True
+        if facet_counts[f] != 2:
+            continue
+        c, other = facet_cells[f]
+        sign = _agreement(cells, c, other, facets[f, 0], facets[f, 1])
+        cross(normals[c], normals[other], product)
+        # atan2 keeps small angles exact, where acos loses half the digits.
+        turn = math.atan2(math.sqrt(dot(product, product)), sign * dot(normals[c], normals[other]))
+        is_crease[f] = turn > angle
+
+
+@njit(cache=True, nogil=True)
+def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, sign, fan, count):
+    """Walk around a node from corner to corner until a crease; return the new count.
+
+    Parameters
+    ----------
+    cells, cell_facets : int32[m, 3]
+    facet_cells : int32[n_facets, 2]
+    is_crease : bool[n_facets]
+    start : int
+        First corner, 3 c + v; it has its sector and sign already.
+    towards : int
+        1 or 2: the first edge to cross is the one opposite to local vertex v + towards.
+    sector, sign : int32[3 m], float64[3 m]
+        In/Out.
+    fan : int32[3 m]
+        In/Out: corners in the order met.
+    count : int
+        Corners in ``fan`` so far.
+
+    Returns
+    -------
+    count : int
+        It grew by the corners met.
+    last : int
+        Node at the far end of the crease where the walk stopped; -1: came round.
+    """
+    c, v = start // 3, start % 3
+    out = (v + towards) % 3
+    i = cells[c, v]
+    while True:
+        f = cell_facets[c, out]
+        j = cells[c, 3 - v - out]
+        if is_crease[f]:
+            return count, j
+        other = facet_cells[f, 0] + facet_cells[f, 1] - c
+        w = _local(cells, other, i)
+        corner = 3 * other + w
+        if sector[corner] >= 0:
+            return count, -1
+        sector[corner] = sector[start]
+        sign[corner] = sign[3 * c + v] * _agreement(cells, c, other, i, j)
+        fan[count] = corner
+        count += 1
+        # Leave through the other edge at i, opposite to the node we came along.
+        c, v, out = other, w, _local(cells, other, j)
+
+
+@njit(cache=True, nogil=True)
+def fill_sectors(cells, cell_facets, facet_cells, is_crease, sector, sign, fan, fan_ptr, ends):
+    """Group the corners of triangles into sectors: fans around a node between creases.
+
+    Parameters
+    ----------
+    cells, cell_facets : int32[m, 3]
+    facet_cells : int32[n_facets, 2]
+    is_crease : bool[n_facets]
+    sector : int32[3 m]
+        Out: number of the sector of corner 3 c + v.
+    sign : float64[3 m]
+        Out: -1 where the triangle runs against the first one of its sector, else 1.
+    fan : int32[3 m]
+        Out: the corners of sector s are ``fan[fan_ptr[s]:fan_ptr[s + 1]]``.
+    fan_ptr : int32[3 m + 1]
+        Out: filled up to the number of sectors.
+    ends : int32[3 m, 2]
+        Out: far nodes of the two creases that bound the sector; -1: closed.
+
+    Returns
+    -------
+    int
+        Number of sectors.
+    """
+    sector[:] = -1
+    fan_ptr[0] = 0
+    count, n_sectors = 0, 0
+    for corner in range(sector.shape[0]):
+        if sector[corner] >= 0:
+            continue
+        sector[corner] = n_sectors
+        sign[corner] = 1.0
+        fan[count] = corner
+        count, ends[n_sectors, 0] = _walk(
+            cells, cell_facets, facet_cells, is_crease, corner, 1, sector, sign, fan, count + 1
+        )
+        ends[n_sectors, 1] = -1
+        if ends[n_sectors, 0] >= 0:
+            count, ends[n_sectors, 1] = _walk(
+                cells, cell_facets, facet_cells, is_crease, corner, 2, sector, sign, fan, count
+            )
+        n_sectors += 1
+        fan_ptr[n_sectors] = count
+    return n_sectors

@@ -1,0 +1,329 @@
+"""Curvature of triangulated surfaces and of polylines at their nodes."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._checks import as_number
+from adaptsize._kernels import curvature as kernels
+from adaptsize._kernels import normals as normal_kernels
+from adaptsize._kernels import sectors as sector_kernels
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+# A triangle whose area is below this share of its longest edge squared has no normal.
+_FLAT_SHARE = 1e-12
+
+
+class _Faces(NamedTuple):
+    normals: FloatArray  # unit, each triangle's own orientation; lent where degenerate
+    areas: FloatArray  # zero where degenerate
+    facet_cells: IntArray
+
+
+class _Sectors(NamedTuple):
+    sector: IntArray  # of corner 3 c + v
+    sign: FloatArray  # -1: triangle runs against the first one of its sector
+    fan: IntArray
+    fan_ptr: IntArray
+    ends: IntArray
+
+
+def surface_curvature(
+    surface: SimplexMesh, *, crease_angle: float = 40.0, smoothing: int = 0
+) -> FloatArray:
+    r"""Return the larger principal curvature, in modulus, at the nodes of a surface.
+
+    Each triangle gets the symmetric tensor that takes its edges to the differences
+    of the normals at its corners [1]_, each node the mean of these tensors by area.
+    Where creases meet a node, every sector between them has its own normal [2]_ and
+    its own tensor, and the largest curvature counts; creases themselves are no
+    curvature of the surface (see `crease_curvature` for that of the crease lines).
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space, in any orientation; open, non-manifold or non-orientable
+        surfaces and degenerate triangles are allowed.
+    crease_angle : float, default 40
+        Edges where the normals of the two triangles differ by more, in degrees, from 0 to
+        180, are creases; so are edges of one, three or more triangles.  Must exceed
+        the angle between the facets of a tessellated smooth surface.
+    smoothing : int, default 0
+        How often the tensors are averaged over the triangles of each node; 1 or 2 for
+        scanned, noisy surfaces.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points,)
+        Curvature, 1 / length, >= 0; 0 where flat and at nodes in no triangle.
+
+    Raises
+    ------
+    ValueError
+        If the cells are not triangles in space, or an option is out of range.
+
+    Notes
+    -----
+    O(n) time and memory.  Exact to rounding on spheres and on circular cylinders cut
+    into strips, however long and thin.  On other irregular triangulations it is accurate to
+    some per cent; on those that are images of regular ones it is of second order.
+    Where a smooth blend ends in a flat facet the node on the seam, and the next in
+    part, sees a mean of the curvatures on both sides.
+
+    References
+    ----------
+    .. [1] S. Rusinkiewicz, "Estimating curvatures and their derivatives on triangle
+       meshes", 3DPVT 2004, 486-493.
+    .. [2] N. Max, "Weights for computing vertex normals from facet normals", Journal
+       of Graphics Tools 4 (1999) 1-6.
+
+    Examples
+    --------
+    The regular octahedron has its nodes on the unit sphere (its facets meet at 70.5 degrees):
+
+    >>> points = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]]
+    >>> cells = [[a, b, c] for a in (0, 3) for b in (1, 4) for c in (2, 5)]
+    >>> surface_curvature(SimplexMesh(points, cells), crease_angle=80.0).round(12)
+    array([1., 1., 1., 1., 1., 1.])
+    >>> surface_curvature(SimplexMesh(points, cells))
+    array([0., 0., 0., 0., 0., 0.])
+    """
+    _refuse_other_than_surface(surface)
+    turns = _as_turns(smoothing)
+    angle = math.radians(_as_crease_angle(crease_angle))
+    faces = _faces_of(surface)
+    creases = _creases_of(surface, faces, angle)
+    sectors = _sectors_of(surface, faces, creases)
+    normals = _normals_of(surface, faces, sectors, angle)
+    tensors, weights = np.empty((len(normals), 6)), np.empty(len(normals))
+    kernels.fill_tensors(
+        surface.points, surface.cells, faces.areas, faces.normals, sectors.sector,
+        sectors.sign, normals, tensors, weights,
+    )  # fmt: skip
+    for _ in range(turns):
+        smoothed = np.empty_like(tensors)
+        kernels.smooth_tensors(
+            faces.areas, sectors.fan, sectors.fan_ptr, sectors.sector, sectors.sign,
+            normals, tensors, smoothed,
+        )  # fmt: skip
+        tensors = smoothed
+    kappa = np.empty(surface.n_points)
+    kernels.fill_largest_curvature(surface.cells, sectors.sector, normals, tensors, kappa)
+    return _without_rounding(kappa, surface)
+
+
+def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArray:
+    """Return the edges of a surface that are boundary, non-manifold or sharp.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space, in any orientation.
+    crease_angle : float, default 40
+        Edges with a larger angle between the two normals are sharp; degrees.
+
+    Returns
+    -------
+    ndarray of int32, shape (n_creases, 2)
+        Node indices, ``i < j``, in lexicographic order.
+
+    Raises
+    ------
+    ValueError
+        If the cells are not triangles in space, or the angle is out of range.
+
+    Examples
+    --------
+    >>> from adaptsize import SimplexMesh
+    >>> roof = SimplexMesh([[0, 0, 1], [1, 0, 1], [0, 1, 0], [0, -1, 0]], [[0, 1, 2], [0, 1, 3]])
+    >>> crease_edges(roof).tolist()
+    [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3]]
+    >>> crease_edges(roof, crease_angle=91.0).tolist()
+    [[0, 2], [0, 3], [1, 2], [1, 3]]
+    """
+    _refuse_other_than_surface(surface)
+    angle = math.radians(_as_crease_angle(crease_angle))
+    return surface.facets[_creases_of(surface, _faces_of(surface), angle)]
+
+
+def crease_curvature(surface: SimplexMesh, *, crease_angle: float = 40.0) -> FloatArray:
+    """Return the curvature of the crease lines of a surface at its nodes.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space, in any orientation.
+    crease_angle : float, default 40
+        As for `crease_edges`, and for the corners of the crease lines.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points,)
+        Curvature, 1 / length, >= 0; 0 off the creases and where `polyline_curvature`
+        has none.
+
+    Raises
+    ------
+    ValueError
+        If the cells are not triangles in space, or the angle is out of range.
+    """
+    edges = crease_edges(surface, crease_angle=crease_angle)
+    if len(edges) == 0:
+        return np.zeros(surface.n_points)
+    return polyline_curvature(SimplexMesh(surface.points, edges), crease_angle=crease_angle)
+
+
+def polyline_curvature(line: SimplexMesh, *, crease_angle: float = 40.0) -> FloatArray:
+    r"""Return the curvature of polylines at their nodes.
+
+    That of the circle through a node and its two neighbours [1]_,
+
+    .. math:: \kappa = 2 \sin\theta / |a - c|,
+
+    with the turning angle :math:`\theta` at the node and its neighbours a and c.  It
+    is exact for circles whatever the spacing, where turning angle over mean length
+    is too large by the square of the spacing.
+
+    Parameters
+    ----------
+    line : SimplexMesh
+        Segments in the plane or in space, in any orientation.
+    crease_angle : float, default 40
+        Nodes where the line turns by more, in degrees, from 0 to 180, are corners.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points,)
+        Curvature, 1 / length, >= 0; 0 at corners, at ends, where three or more
+        segments meet, beside a segment of length zero, and at nodes in no segment.
+
+    Raises
+    ------
+    ValueError
+        If the cells are not segments in the plane or in space, or the angle is out of
+        range.
+
+    References
+    ----------
+    .. [1] J. C. Leger, "Menger curvature and rectifiability", Annals of Mathematics
+       149 (1999) 831-869.
+
+    Examples
+    --------
+    Four points of a circle of radius 5, and a corner:
+
+    >>> points = [[5, 0], [4, 3], [3, 4], [0, 5], [0, 9]]
+    >>> line = SimplexMesh(points, [[0, 1], [2, 1], [2, 3], [3, 4]])
+    >>> polyline_curvature(line).round(12)
+    array([0. , 0.2, 0.2, 0. , 0. ])
+    """
+    if line.cell_dim != 1 or line.dim == 1:
+        raise ValueError(f"line must consist of segments in 2-D or 3-D, got {line!r}")
+    angle = math.radians(_as_crease_angle(crease_angle))
+    ring_ptr, ring = line.rings
+    passed = np.flatnonzero(np.diff(ring_ptr) == 2)
+    around = line.cells[ring[ring_ptr[passed][:, None] + np.arange(2)]]
+    # Of the two nodes of a segment at node i, the sum less i is the other one.
+    before, after = (around.sum(axis=2) - passed[:, None]).T
+    arriving = line.points[passed] - line.points[before]
+    leaving = line.points[after] - line.points[passed]
+    chord = np.linalg.norm(arriving + leaving, axis=1)
+    lengths = np.linalg.norm(arriving, axis=1) * np.linalg.norm(leaving, axis=1)
+    across = _twice_area(arriving, leaving)
+    turn = np.arctan2(across, (arriving * leaving).sum(axis=1))
+    smooth = (turn <= angle) & (lengths > 0.0) & (chord > 0.0)
+    kappa = np.zeros(line.n_points)
+    kappa[passed[smooth]] = 2.0 * across[smooth] / (lengths[smooth] * chord[smooth])
+    return _without_rounding(kappa, line)
+
+
+def _twice_area(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the areas of the parallelograms on pairs of vectors in 2-D or 3-D."""
+    if a.shape[1] == 2:
+        return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+    return np.asarray(np.linalg.norm(np.cross(a, b), axis=1))
+
+
+def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
+    """Return curvatures with those of radius above 10^7 diagonals, which are noise, at zero."""
+    kappa[kappa * mesh.diagonal < 1e-7] = 0.0
+    return kappa
+
+
+def _faces_of(surface: SimplexMesh) -> _Faces:
+    facet_cells = np.empty((len(surface.facets), 2), np.int32)
+    sector_kernels.fill_facet_cells(surface.cell_facets, facet_cells)
+    normals, areas = np.empty((surface.n_cells, 3)), np.empty(surface.n_cells)
+    sector_kernels.fill_face_normals(surface.points, surface.cells, _FLAT_SHARE, normals, areas)
+    sector_kernels.lend_normals(
+        surface.points, surface.cells, surface.cell_facets, facet_cells,
+        surface.facet_cell_counts, areas, normals,
+    )  # fmt: skip
+    return _Faces(normals, areas, facet_cells)
+
+
+def _creases_of(surface: SimplexMesh, faces: _Faces, angle: float) -> BoolArray:
+    is_crease = np.empty(len(surface.facets), np.bool_)
+    sector_kernels.mark_creases(
+        surface.cells, surface.facets, faces.facet_cells, surface.facet_cell_counts,
+        faces.normals, angle, is_crease,
+    )  # fmt: skip
+    return is_crease
+
+
+def _sectors_of(surface: SimplexMesh, faces: _Faces, creases: BoolArray) -> _Sectors:
+    n = surface.cells.size
+    sector, sign = np.empty(n, np.int32), np.empty(n)
+    fan, fan_ptr = np.empty(n, np.int32), np.empty(n + 1, np.int32)
+    ends = np.empty((n, 2), np.int32)
+    count = sector_kernels.fill_sectors(
+        surface.cells, surface.cell_facets, faces.facet_cells, creases,
+        sector, sign, fan, fan_ptr, ends,
+    )  # fmt: skip
+    return _Sectors(sector, sign, fan, fan_ptr[: count + 1], ends[:count])
+
+
+def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: float) -> FloatArray:
+    """Return the unit normal of each sector, those of open fans corrected."""
+    n_sectors = len(sectors.ends)
+    normals, angles = np.empty((n_sectors, 3)), np.empty(n_sectors)
+    normal_kernels.fill_sector_normals(
+        surface.points, surface.cells, faces.areas, faces.normals, sectors.sign,
+        sectors.fan, sectors.fan_ptr, normals,
+    )  # fmt: skip
+    normal_kernels.fill_fan_angles(
+        surface.points, surface.cells, sectors.fan, sectors.fan_ptr, angles
+    )
+    # Facets of a smooth surface turn by less than the crease angle, and the normal of a
+    # fan is off by no more than half of that.  Fans at corners and along creases lean on
+    # each other, hence in turns.
+    limit = math.tan(0.5 * min(angle, 0.5 * math.pi))
+    for corners in (True, False, True, False):
+        normal_kernels.correct_open_normals(
+            surface.points, surface.cells, sectors.fan, sectors.fan_ptr, sectors.ends,
+            sectors.sector, sectors.sign, angles, corners, limit, normals,
+        )  # fmt: skip
+    return normals
+
+
+def _as_crease_angle(value: float) -> float:
+    angle = as_number("crease_angle", value, lower=0.0)
+    if angle > 180.0:
+        raise ValueError(f"crease_angle must be at most 180 degrees, got {angle:g}")
+    return angle
+
+
+def _as_turns(value: int) -> int:
+    turns = as_number("smoothing", value, lower=0.0)
+    if turns != int(turns):
+        raise ValueError(f"smoothing must be a whole number, got {value!r}")
+    return int(turns)
+
+
+def _refuse_other_than_surface(surface: SimplexMesh) -> None:
+    if surface.cell_dim != 2 or surface.dim != 3:
+        raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")
