@@ -395,9 +395,11 @@ def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
 
 def _samples(mesh: SimplexMesh) -> FloatArray:
     """Return the nodes in cells, the midpoints of the edges and the centroids of the cells."""
+    used = np.zeros(mesh.n_points, np.bool_)
+    used[mesh.cells] = True
     return np.concatenate(
         [
-            mesh.points[np.unique(mesh.cells)],
+            mesh.points[used],
             mesh.points[mesh.edges].mean(axis=1),
             mesh.points[mesh.cells].mean(axis=1),
         ]

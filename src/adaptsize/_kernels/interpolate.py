@@ -112,6 +112,15 @@ def _holds(boxes, node, x):
 
 
 @njit(cache=True, nogil=True)
+def _distance_to_centre(boxes, node, x):
+    """Return twice the Manhattan distance of x to the centre of the box of a node."""
+    total = 0.0
+    for d in range(3):
+        total += abs(boxes[node, d] + boxes[node, 3 + d] - 2.0 * x[d])
+    return total
+
+
+@njit(cache=True, nogil=True)
 def _distance2_to_box(boxes, node, x):
     """Return the squared distance of x to the box of a node, 0 inside."""
     total = 0.0
@@ -147,19 +156,24 @@ def _find_cell(points, cells, boxes, x, stack):
     n_cells = cells.shape[0]
     n_leaves = boxes.shape[0] // 2
     stack[0] = 1
-    top = 1
+    top = 1 if _holds(boxes, 1, x) else 0
     while top > 0:
         top -= 1
         node = stack[top]
-        if not _holds(boxes, node, x):
-            continue
         if node < n_leaves:
-            stack[top] = 2 * node + 1
-            stack[top + 1] = 2 * node
-            top += 2
+            # The child whose centre is nearer is taken first.
+            near, far = 2 * node, 2 * node + 1
+            if _distance_to_centre(boxes, far, x) < _distance_to_centre(boxes, near, x):
+                near, far = far, near
+            for child in (far, near):
+                if _holds(boxes, child, x):
+                    stack[top] = child
+                    top += 1
             continue
         leaf = node - n_leaves
         for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+            if _distance2_to_cell_box(points, cells, c, x) > 0.0:
+                continue
             inside, weights = find_inside(points, cells, c, x)
             if inside:
                 return c, weights

@@ -65,18 +65,27 @@ class SimplexLocator:
         self._dim = mesh.dim
         self._n_points = mesh.n_points
         self._full = mesh.cell_dim == mesh.dim >= 2
+        used = np.zeros(mesh.n_points, np.bool_)
+        used[mesh.cells] = True
+        nodes = np.flatnonzero(used)
         # Scaling by a power of two is exact; it keeps squares of lengths in range.
-        largest = float(np.abs(mesh.points[np.unique(mesh.cells)]).max())
+        largest = float(np.abs(mesh.points[nodes]).max())
         self._scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
-        self._points = _in_space(mesh.points * self._scale)
-        centroids = np.empty((mesh.n_cells, 3))
-        fill_centroids(self._points, mesh.cells, centroids)
-        self._lower = centroids.min(axis=0)
-        width = float((centroids.max(axis=0) - self._lower).max())
+        points = _in_space(mesh.points[nodes] * self._scale)
+        self._lower = points.min(axis=0)
+        width = float((points.max(axis=0) - self._lower).max())
         self._width = width if width > 0.0 else 1.0
+        # Points and cells that are near in space come to lie near in memory.
+        along = self._along_curve(points)
+        self._points = points[along]
+        number = np.zeros(mesh.n_points, np.int32)
+        number[nodes[along]] = np.arange(len(nodes), dtype=np.int32)
+        cells = number[mesh.cells]
+        centroids = np.empty((mesh.n_cells, 3))
+        fill_centroids(self._points, cells, centroids)
         order = self._along_curve(centroids)
         self._cell_of_place = order.astype(np.int32)
-        self._cells = mesh.cells[order]
+        self._cells = cells[order]
         n_leaves = 1
         while n_leaves * _CELLS_PER_LEAF < mesh.n_cells:
             n_leaves *= 2
