@@ -29,6 +29,10 @@ class BackendUnavailableError(ImportError):
     """The mesh generator that is wanted is not installed; the message says how to get it."""
 
 
+class PlotError(RuntimeError):
+    """A picture cannot be drawn on this machine."""
+
+
 class ConvergenceWarning(UserWarning):
     """An iteration stopped at ``max_iter`` before it met its tolerance."""
 

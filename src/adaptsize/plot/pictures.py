@@ -1,0 +1,206 @@
+"""The public functions: a picture of sizes, a picture of a mesh."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, one_of
+from adaptsize.background import SimplexMesh
+from adaptsize.errors import PlotError
+from adaptsize.plot import with_matplotlib, with_vtk
+from adaptsize.plot.scene import Scene, make_scene
+from adaptsize.size_function import SizeFunction
+from adaptsize.typing import FloatArray
+
+Image = npt.NDArray[np.uint8]
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+_SMALLEST, _LARGEST = 64, 10_000
+
+
+def plot_size(
+    mesh: SimplexMesh | SizeFunction,
+    size: Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike | None = None,
+    *,
+    path: str | os.PathLike[str] | None = None,
+    clip: str | None = "auto",
+    label: str = "mesh size h",
+    width: int = 1600,
+) -> Image:
+    """Draw nodal sizes over a mesh, off-screen.
+
+    Plane meshes are seen from above, surfaces and tetrahedra in an isometric view.
+    Colours are logarithmic when the sizes span more than a factor of ten; edges are
+    drawn when they are long enough to be told apart; infinite sizes are grey.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh or SizeFunction
+        A size function is drawn on its background.
+    size : array_like of float, shape (n_points,), SizeFunction or callable, optional
+        Sizes at the nodes, or what gives them there.  Without it, the nodal field
+        ``h`` of ``mesh`` is drawn.
+    path : str or path, optional
+        File to write (.png, .jpg, .tif or .bmp), whole or not at all.
+    clip : {"auto", "x", "y", "z"} or None
+        Axis across whose middle the mesh is cut, so that one sees the whole cells
+        behind it.  ``"auto"`` cuts tetrahedra, to show the longest section.
+    label : str
+        Text at the colour bar.
+    width : int
+        Width of the picture in pixels, 64 to 10000; the height follows the shape of the mesh.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        The picture, red, green, blue.
+
+    Raises
+    ------
+    ValueError
+        If an argument is bad or ``mesh`` has no field ``h``.
+    ImportError
+        If pyvista is not installed.
+    PlotError
+        If this machine can draw nothing at all.
+
+    Notes
+    -----
+    VTK draws where it finds OpenGL, EGL or OSMesa; this is tried once in a child
+    process, because VTK may crash where there is none.  Elsewhere matplotlib draws
+    triangle by triangle from back to front, with one colour each.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> plot_size(mesh, [0.1, 0.3, 0.5, 0.3], width=320).shape  # doctest: +SKIP
+    (252, 320, 3)
+    """
+    _check_output(path, width)
+    if isinstance(mesh, SizeFunction):
+        size = mesh if size is None else size
+        mesh = _simplex_background(mesh)
+    if size is None:
+        if "h" not in mesh.point_data:
+            fields = ", ".join(mesh.point_data) or "none"
+            raise ValueError(f"size must be given: the mesh has no nodal field 'h' ({fields})")
+        size = mesh.point_data["h"]
+    given = size(mesh.points) if callable(size) else size
+    values = as_float_array("size", given, mesh.nodal_shape)
+    scene = make_scene(mesh, values, label=label, clip=clip, on_nodes=True)
+    return _draw(scene, path, width)
+
+
+def plot_mesh(
+    mesh: SimplexMesh,
+    *,
+    color: str = "quality",
+    path: str | os.PathLike[str] | None = None,
+    clip: str | None = "auto",
+    width: int = 1600,
+) -> Image:
+    """Draw a mesh coloured by the quality or the region of its cells, off-screen.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    color : {"quality", "region"} or str
+        ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
+        cell tags; else the name of a field of ``mesh`` with one number per node or cell.
+    path, clip, width
+        As for `plot_size`.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        The picture, red, green, blue.
+
+    Raises
+    ------
+    ValueError
+        If an argument is bad, or the mesh has no such field.
+    ImportError
+        If pyvista is not installed.
+    PlotError
+        If this machine can draw nothing at all.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> plot_mesh(mesh, path="square.png")  # doctest: +SKIP
+    """
+    _check_output(path, width)
+    values, on_nodes = _values_to_show(mesh, color)
+    label = "radius ratio" if color == "quality" else color
+    scene = make_scene(
+        mesh, values, label=label, clip=clip, on_nodes=on_nodes, classes=color == "region"
+    )
+    return _draw(scene, path, width)
+
+
+def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:
+    if color == "quality":
+        from adaptsize.quality import radius_ratios
+
+        return radius_ratios(mesh), False
+    if color == "region":
+        if mesh.cell_tags is None:
+            return np.zeros(mesh.n_cells), False
+        return mesh.cell_tags, False
+    one_of("color", color, ("quality", "region", *mesh.point_data, *mesh.cell_data))
+    on_nodes = color in mesh.point_data
+    values = np.asarray(mesh.point_data[color] if on_nodes else mesh.cell_data[color])
+    if values.ndim != 1:
+        raise ValueError(f"color must name a field of numbers, got {color!r} {values.shape}")
+    return values, on_nodes
+
+
+def _simplex_background(size: SizeFunction) -> SimplexMesh:
+    if not isinstance(size.background, SimplexMesh):
+        raise ValueError(f"mesh must be a SimplexMesh or live on one, got {size.background!r}")
+    return size.background
+
+
+def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
+    if path is not None and Path(path).suffix.lower() not in _SUFFIXES:
+        raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, got {os.fspath(path)!r}")
+    if not _SMALLEST <= width <= _LARGEST:
+        raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} pixels, got {width}")
+    if find_spec("pyvista") is None:
+        raise ImportError('pictures need pyvista; get it with: pip install "adaptsize[plot]"')
+
+
+def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Image:
+    low, high = scene.frame
+    across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
+    height = int(np.clip(width * 0.8 * up / across, 0.4 * width, 0.9 * width))
+    if with_vtk.is_possible():
+        image = with_vtk.draw(scene, width, height)
+    elif find_spec("matplotlib") is not None:
+        image = with_matplotlib.draw(scene, width, height)
+    else:
+        raise PlotError(
+            "no picture can be drawn: VTK finds neither OpenGL nor EGL nor OSMesa on this "
+            "machine, and matplotlib is not installed"
+        )
+    if path is not None:
+        _write(image, Path(path))
+    return image
+
+
+def _write(image: Image, path: Path) -> None:
+    from PIL import Image as Pillow
+
+    unfinished = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        Pillow.fromarray(image).save(unfinished)
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)

@@ -1,0 +1,154 @@
+"""What a picture shows, as arrays: triangles, their values, and where one looks from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import one_of
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import FloatArray, IntArray
+
+#: Direction towards the eye for surfaces and solids: from the right, the front and above.
+_EYE = np.array([0.75, -1.0, 0.8])
+#: Colours of regions, told apart by most colour-blind people too (Okabe and Ito 2008).
+CLASS_COLORS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#0072B2", "#D55E00")
+_AXES = ("x", "y", "z")
+#: Edges are drawn where the median edge is longer than this share of the picture's width.
+_SHORTEST_DRAWN_EDGE = 1.0 / 250.0
+#: A range of sizes wider than this is coloured by logarithm.
+_LINEAR_RANGE = 10.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Triangles or segments in space with one value per node or per cell.
+
+    Attributes
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, 3] or int32[m, 2]
+    values : float64[n] or float64[m]
+        Not finite where there is nothing to show.
+    on_nodes : bool
+        Whether ``values`` belong to the points; then all are finite.
+    label : str
+        Text at the colour bar.
+    classes : bool
+        Whether values are names (tags), not quantities.
+    flat : bool
+        Whether the scene is plane and seen from above.
+    """
+
+    points: FloatArray
+    cells: IntArray
+    values: FloatArray
+    on_nodes: bool
+    label: str
+    classes: bool
+    flat: bool
+
+    @property
+    def axes(self) -> FloatArray:
+        """Rows: directions to the right, up and towards the eye; orthonormal."""
+        if self.flat:
+            return np.eye(3)
+        eye = _EYE / np.linalg.norm(_EYE)
+        right = np.cross((0.0, 0.0, 1.0), eye)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(eye, right), eye])
+
+    @property
+    def frame(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinates along ``axes`` of what is shown."""
+        seen = self.points[np.unique(self.cells)] @ self.axes.T
+        return seen.min(axis=0), seen.max(axis=0)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest finite value; 0 and 1 where there is none."""
+        shown = self.values[np.isfinite(self.values)]
+        return (float(shown.min()), float(shown.max())) if len(shown) else (0.0, 1.0)
+
+    @property
+    def names(self) -> FloatArray:
+        """The different values, in order: the names of the classes."""
+        return np.unique(self.values[np.isfinite(self.values)])
+
+    @property
+    def is_logarithmic(self) -> bool:
+        """Whether colours follow the logarithm of the values."""
+        low, high = self.limits
+        return not self.classes and low > 0.0 and high > _LINEAR_RANGE * low
+
+    @property
+    def shows_edges(self) -> bool:
+        """Whether edges are long enough in the picture to be drawn."""
+        start, stop = self.points[self.cells[:, 0]], self.points[self.cells[:, 1]]
+        low, high = self.frame
+        median = float(np.median(np.linalg.norm(stop - start, axis=1)))
+        return median > _SHORTEST_DRAWN_EDGE * float((high - low)[:2].max())
+
+    @property
+    def values_of_cells(self) -> FloatArray:
+        """One value per cell: the mean of its nodes where values are on nodes."""
+        return self.values[self.cells].mean(axis=1) if self.on_nodes else self.values
+
+
+def make_scene(
+    mesh: SimplexMesh,
+    values: npt.NDArray[Any],
+    *,
+    label: str,
+    clip: str | None,
+    on_nodes: bool,
+    classes: bool = False,
+) -> Scene:
+    """Return what is seen of ``mesh``; of tetrahedra the outer faces, after the clip."""
+    clip = _clip_axis(mesh, clip)
+    cells, values = mesh.cells, np.asarray(values, dtype=np.float64)
+    if clip is not None:
+        kept = _behind_the_cut(mesh, _AXES.index(clip))
+        cells = cells[kept]
+        values = values if on_nodes else values[kept]
+    points = np.zeros((mesh.n_points, 3))
+    points[:, : mesh.dim] = mesh.points
+    if mesh.cell_dim == 3:
+        skin = SimplexMesh(mesh.points, cells).boundary()
+        cells, points = skin.mesh.cells, skin.mesh.points
+        values = values[skin.nodes] if on_nodes else values[skin.cells]
+    if on_nodes and not np.isfinite(values).all():
+        values, on_nodes = _means_of_finite(values[cells]), False
+    return Scene(points, cells, values, on_nodes, label, classes, flat=mesh.dim < 3)
+
+
+def _means_of_finite(corners: FloatArray) -> FloatArray:
+    """Return the mean of the finite values of each row; NaN where a row has none."""
+    finite = np.isfinite(corners)
+    sums, counts = np.where(finite, corners, 0.0).sum(axis=1), finite.sum(axis=1)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+
+
+def _clip_axis(mesh: SimplexMesh, clip: str | None) -> str | None:
+    """Return the axis across which the mesh is cut, None if it is not."""
+    if clip is None:
+        return None
+    one_of("clip", clip, ("auto", *_AXES[: mesh.dim]))
+    if clip != "auto":
+        return clip
+    if mesh.cell_dim < 3:
+        return None
+    extents = np.ptp(mesh.points[np.unique(mesh.cells)], axis=0)
+    # Not across the longest side, to show a long section; of equal sides rather y than z.
+    return _AXES[int(np.argsort(extents * (1.0, 1.0 + 1e-6, 1.0 - 1e-6))[1])]
+
+
+def _behind_the_cut(mesh: SimplexMesh, axis: int) -> npt.NDArray[np.bool_]:
+    """Mark the whole cells that stay when the half towards the eye is taken away."""
+    middle = mesh.points[mesh.cells, axis].mean(axis=1)
+    cut = 0.5 * (middle.min() + middle.max())
+    kept: npt.NDArray[np.bool_] = (middle - cut) * _EYE[axis] <= 0.0
+    return kept

@@ -1,0 +1,87 @@
+"""Drawing by matplotlib, for machines on which VTK finds no OpenGL of any kind.
+
+Cells are drawn from back to front, one colour each.  That hides what is behind
+correctly for cells of moderate size, which is enough to look at a mesh.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.plot.scene import CLASS_COLORS, Scene
+from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.cm import ScalarMappable
+
+_DPI = 100.0
+_AMBIENT = 0.55
+
+
+def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
+    """Return the picture as uint8[height, width, 3]."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+    colors = _color_map(scene)
+    seen = scene.points @ scene.axes.T
+    corners = seen[scene.cells]
+    order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
+    values = scene.values_of_cells
+    shown = np.searchsorted(scene.names, values) if scene.classes else values
+    faces = colors.to_rgba(np.where(np.isfinite(values), shown, scene.limits[0]))
+    faces[~np.isfinite(values)] = (0.83, 0.83, 0.83, 1.0)
+    faces[:, :3] *= _brightness(scene, corners)[:, None]
+
+    figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.02, 0.03, 0.80, 0.94))
+    axes.set_aspect("equal")
+    axes.axis("off")
+    edges = (0.13, 0.13, 0.13, 1.0) if scene.shows_edges else "face"
+    axes.add_collection(
+        PolyCollection(
+            list(corners[order][:, :, :2]),
+            facecolors=faces[order],
+            edgecolors=edges,
+            linewidths=0.4 * width / 1600,
+        )
+    )
+    axes.autoscale_view()
+    if np.isfinite(scene.values).any():
+        bar = figure.colorbar(colors, cax=figure.add_axes((0.86, 0.15, 0.025, 0.7)))
+        bar.set_label(scene.label, size=max(6.0, 0.012 * width))
+        bar.ax.tick_params(labelsize=max(6.0, 0.010 * width), which="both")
+        bar.ax.yaxis.set_major_formatter("{x:.3g}")
+        bar.ax.yaxis.set_minor_formatter("{x:.3g}")
+        if scene.classes:
+            bar.set_ticks(range(len(scene.names)), labels=[f"{name:g}" for name in scene.names])
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[:, :, :3]
+
+
+def _color_map(scene: Scene) -> ScalarMappable:
+    """Return the colours of values, of places in ``scene.names`` for classes."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, LogNorm, Normalize
+
+    low, high = scene.limits
+    if scene.classes:
+        n = len(scene.names)
+        colors = [CLASS_COLORS[i % len(CLASS_COLORS)] for i in range(n)]
+        return ScalarMappable(Normalize(-0.5, n - 0.5), ListedColormap(colors))
+    return ScalarMappable((LogNorm if scene.is_logarithmic else Normalize)(low, high), "viridis")
+
+
+def _brightness(scene: Scene, corners: FloatArray) -> FloatArray:
+    """Return how bright each cell is: by its angle to the eye; 1 in the plane."""
+    if scene.flat or corners.shape[1] < 3:
+        return np.ones(len(corners))
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    brightness: FloatArray = _AMBIENT + (1.0 - _AMBIENT) * np.abs(normal[:, 2]) / length
+    return brightness

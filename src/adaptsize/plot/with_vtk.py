@@ -1,0 +1,178 @@
+"""Drawing by VTK, through pyvista, without a window."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.plot.scene import CLASS_COLORS, Scene
+
+_WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
+_PROBE_SECONDS = 60.0
+#: Share of the picture's width that the mesh gets; the colour bar has the rest.
+_MESH_SHARE = 0.82
+_MARGIN = 1.06
+#: More classes than this are coloured but not named at the colour bar.
+_MAX_NAMES = 24
+
+_PROBE = """
+import vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter
+window, renderer, grab = vtkRenderWindow(), vtkRenderer(), vtkWindowToImageFilter()
+window.SetOffScreenRendering(1)
+window.SetSize(16, 16)
+renderer.SetBackground(1.0, 1.0, 1.0)
+window.AddRenderer(renderer)
+window.Render()
+grab.SetInput(window)
+grab.Update()
+print("drawn" if grab.GetOutput().GetScalarRange() == (255.0, 255.0) else "blank")
+"""
+
+
+def is_possible() -> bool:
+    """Whether VTK can draw here; tried once, in a child process, as VTK may crash."""
+    return _render_window() is not None
+
+
+@cache
+def _render_window() -> str | None:
+    """Return the name of the VTK window class that draws here, "" for VTK's own choice."""
+    candidates = [""]
+    if sys.platform == "linux" and _WINDOW_VARIABLE not in os.environ:
+        without_display = ["vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"]
+        # With no display, VTK's own choice first complains on standard error.
+        candidates = [*([""] if os.environ.get("DISPLAY") else []), *without_display]
+    return next((name for name in candidates if _can_draw(name)), None)
+
+
+def _can_draw(window: str) -> bool:
+    chosen = {_WINDOW_VARIABLE: window} if window else {}
+    try:
+        child = subprocess.run(
+            [sys.executable, "-c", _PROBE],
+            env={**os.environ, **chosen, "PYTHONFAULTHANDLER": ""},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_PROBE_SECONDS,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return child.returncode == 0 and child.stdout.strip() == b"drawn"
+
+
+@contextmanager
+def _chosen_window() -> Iterator[None]:
+    """Have VTK make the kind of window that was found to work."""
+    before = os.environ.get(_WINDOW_VARIABLE)
+    window = _render_window()
+    if window:
+        os.environ[_WINDOW_VARIABLE] = window
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(_WINDOW_VARIABLE, None)
+        else:
+            os.environ[_WINDOW_VARIABLE] = before
+
+
+def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
+    """Return the picture as uint8[height, width, 3]."""
+    import pyvista
+
+    rows = np.insert(scene.cells, 0, scene.cells.shape[1], axis=1).ravel()
+    triangles = scene.cells.shape[1] == 3
+    drawn = pyvista.PolyData(
+        scene.points, faces=rows if triangles else None, lines=None if triangles else rows
+    )
+    values = np.where(np.isfinite(scene.values), scene.values, np.nan)
+    if scene.classes:
+        values = np.searchsorted(scene.names, values).astype(np.float64)
+    with _chosen_window():
+        plotter: Any = pyvista.Plotter(off_screen=True, window_size=[width, height])
+        try:
+            plotter.set_background("white")
+            plotter.add_mesh(drawn, scalars=values, **_appearance(scene, width))
+            _place_camera(plotter.camera, scene, width / height)
+            plotter.enable_anti_aliasing("ssaa")
+            image = plotter.screenshot(return_img=True)
+        finally:
+            plotter.close()
+    return np.ascontiguousarray(image[:, :, :3], dtype=np.uint8)
+
+
+def _appearance(scene: Scene, width: int) -> dict[str, Any]:
+    return {
+        "preference": "point" if scene.on_nodes else "cell",
+        "nan_color": "lightgrey",
+        "show_edges": scene.shows_edges,
+        "edge_color": "#202020",
+        "line_width": max(0.5, width / 1600),
+        "lighting": not scene.flat,
+        "ambient": 0.25,
+        "interpolate_before_map": True,
+        **(_class_colors(scene) if scene.classes else _range_colors(scene)),
+        "show_scalar_bar": bool(np.isfinite(scene.values).any()),
+        "scalar_bar_args": _bar(scene, max(8, round(0.016 * width))),
+    }
+
+
+def _range_colors(scene: Scene) -> dict[str, Any]:
+    low, high = scene.limits
+    if high <= low:  # VTK wants a range
+        low, high = low - 0.5 * abs(low), low + 0.5 * max(abs(low), 1e-300)
+    return {"cmap": "viridis", "clim": (low, high), "log_scale": scene.is_logarithmic}
+
+
+def _class_colors(scene: Scene) -> dict[str, Any]:
+    n = len(scene.names)
+    named = {float(i): f"{name:g}" for i, name in enumerate(scene.names)}
+    return {
+        "cmap": [CLASS_COLORS[i % len(CLASS_COLORS)] for i in range(n)],
+        "clim": (-0.5, n - 0.5),
+        "annotations": named if n <= _MAX_NAMES else None,
+    }
+
+
+def _bar(scene: Scene, text: int) -> dict[str, Any]:
+    return {
+        "title": scene.label + "\n",  # the empty line keeps it off the first number
+        "vertical": True,
+        "fmt": "%.3g",
+        "n_labels": 0 if scene.classes else 5,
+        "position_x": 0.86,
+        "position_y": 0.15,
+        "width": 0.1,
+        "height": 0.7,
+        "title_font_size": text,
+        "label_font_size": text,
+        "color": "black",
+        "unconstrained_font_size": True,
+    }
+
+
+def _place_camera(camera: Any, scene: Scene, aspect: float) -> None:
+    """Look along ``scene.axes`` in parallel projection, the mesh left of the colour bar."""
+    axes = scene.axes
+    low, high = scene.frame
+    size = np.maximum(high - low, 1e-12 * max(float((high - low).max()), 1e-300))
+    tall = _MARGIN * max(size[1], size[0] / (_MESH_SHARE * aspect))
+    focus = 0.5 * (low + high)
+    focus[0] += 0.5 * (1.0 - _MESH_SHARE) * tall * aspect
+    far = 2.0 * float(np.linalg.norm(size)) + tall
+    camera.focal_point = focus @ axes
+    camera.position = (focus + np.array([0.0, 0.0, far])) @ axes
+    camera.up = axes[1]
+    camera.parallel_projection = True
+    camera.parallel_scale = 0.5 * tall
+    camera.clipping_range = (0.1 * far, 2.0 * far)
