@@ -105,7 +105,7 @@ def _add_turned(normal, u, v, shape, weight, target, sum_tensor):
 
 
 @njit(cache=True, nogil=True)
-def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tensors, weights):
+def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tensors):
     """Fill the curvature tensor of each sector: mean over its triangles, by area.
 
     Parameters
@@ -119,14 +119,12 @@ def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tens
     normals : float64[n_sectors, 3]
     tensors : float64[n_sectors, 6]
         Out: xx, yy, zz, yz, xz, xy; positive where the surface bends away from the normal.
-    weights : float64[n_sectors]
-        Out: sum of areas.
     """
     x = np.empty((3, 3))
     n = np.empty((3, 3))
     u, v, shape, target = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     tensors[:, :] = 0.0
-    weights[:] = 0.0
+    weights = np.zeros(tensors.shape[0])
     for c in range(cells.shape[0]):
         if areas[c] == 0.0:
             continue
@@ -210,28 +208,19 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
 
 
 @njit(cache=True, nogil=True)
-def fill_largest_curvature(cells, sector, normals, tensors, kappa):
-    """Fill the largest principal curvature, in modulus, over the sectors of each node.
+def fill_largest_curvature(normals, tensors, kappa):
+    """Fill the larger principal curvature, in modulus, of each sector.
 
     Parameters
     ----------
-    cells : int32[m, 3]
-    sector : int32[3 m]
     normals : float64[n_sectors, 3]
     tensors : float64[n_sectors, 6]
-    kappa : float64[n]
-        Out: >= 0; 0 at nodes without a sector.
+    kappa : float64[n_sectors]
+        Out: >= 0.
     """
     u, v, shape = np.empty(3), np.empty(3), np.empty(3)
-    largest = np.empty(tensors.shape[0])
     for s in range(tensors.shape[0]):
         _frame(normals[s], u, v)
         _restrict(tensors[s], u, v, shape)
         mean = 0.5 * (shape[0] + shape[2])
-        half = math.hypot(0.5 * (shape[0] - shape[2]), shape[1])
-        largest[s] = abs(mean) + half
-    kappa[:] = 0.0
-    for c in range(cells.shape[0]):
-        for k in range(3):
-            s = sector[3 * c + k]
-            kappa[cells[c, k]] = max(kappa[cells[c, k]], largest[s])
+        kappa[s] = abs(mean) + math.hypot(0.5 * (shape[0] - shape[2]), shape[1])

@@ -92,17 +92,45 @@ def surface_curvature(
     >>> surface_curvature(SimplexMesh(points, cells))
     array([0., 0., 0., 0., 0., 0.])
     """
+    corners = corner_curvature(surface, crease_angle=crease_angle, smoothing=smoothing)
+    kappa = np.zeros(surface.n_points)
+    np.maximum.at(kappa, surface.cells, corners)
+    return kappa
+
+
+def corner_curvature(
+    surface: SimplexMesh, *, crease_angle: float = 40.0, smoothing: int = 0
+) -> FloatArray:
+    """Return the larger principal curvature, in modulus, at each corner of each triangle.
+
+    The corners of a node differ only across creases: at the rim of a cylinder those of
+    the flat cap have none.
+
+    Parameters
+    ----------
+    surface, crease_angle, smoothing
+        As for `surface_curvature`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_cells, 3)
+        Curvature at ``surface.cells``, 1 / length, >= 0.
+
+    Raises
+    ------
+    ValueError
+        If the cells are not triangles in space, or an option is out of range.
+    """
     _refuse_other_than_surface(surface)
     turns = _as_turns(smoothing)
     angle = math.radians(_as_crease_angle(crease_angle))
     faces = _faces_of(surface)
-    creases = _creases_of(surface, faces, angle)
-    sectors = _sectors_of(surface, faces, creases)
+    sectors = _sectors_of(surface, faces, _creases_of(surface, faces, angle))
     normals = _normals_of(surface, faces, sectors, angle)
-    tensors, weights = np.empty((len(normals), 6)), np.empty(len(normals))
+    tensors, kappa = np.empty((len(normals), 6)), np.empty(len(normals))
     kernels.fill_tensors(
         surface.points, surface.cells, faces.areas, faces.normals, sectors.sector,
-        sectors.sign, normals, tensors, weights,
+        sectors.sign, normals, tensors,
     )  # fmt: skip
     for _ in range(turns):
         smoothed = np.empty_like(tensors)
@@ -111,9 +139,8 @@ def surface_curvature(
             normals, tensors, smoothed,
         )  # fmt: skip
         tensors = smoothed
-    kappa = np.empty(surface.n_points)
-    kernels.fill_largest_curvature(surface.cells, sectors.sector, normals, tensors, kappa)
-    return _without_rounding(kappa, surface)
+    kernels.fill_largest_curvature(normals, tensors, kappa)
+    return _without_rounding(kappa, surface)[sectors.sector].reshape(-1, 3)
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArray:

@@ -1,0 +1,61 @@
+"""The smallest of several upper bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_number, as_sizes
+from adaptsize.typing import FloatArray
+
+
+def minimum(*h0: npt.ArrayLike, hmin: float | None = None, hmax: float | None = None) -> FloatArray:
+    """Return the smallest of several upper bounds at each node, held between two limits.
+
+    Parameters
+    ----------
+    *h0 : array_like of float
+        Upper bounds, one or more arrays of the same shape; positive, ``inf`` where
+        nothing is asked.
+    hmin : float, optional
+        No size is to be smaller; positive.  Wins over ``h0``.
+    hmax : float, optional
+        No size is to be larger; positive, at least ``hmin``.  Nodes without a bound
+        get it too.
+
+    Returns
+    -------
+    ndarray of float64
+        A new array; ``inf`` where no array has a bound and ``hmax`` is not given.
+
+    Raises
+    ------
+    ValueError
+        If no array is given, the shapes differ, a size is not positive or NaN, or
+        ``hmin > hmax``.
+
+    Notes
+    -----
+    The gradient limiter comes after this, not before: the smallest of a limited field and
+    another bound is not limited any more.  ``hmin`` holds afterwards as well, since
+    limiting lowers no size below the smallest one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> minimum([0.1, 2.0, np.inf], [1.0, 1.0, np.inf], hmin=0.5)
+    array([0.5, 1. , inf])
+    >>> minimum([0.1, 2.0, np.inf], hmax=1.5)
+    array([0.1, 1.5, 1.5])
+    """
+    if not h0:
+        raise ValueError("minimum needs at least one array of sizes, got none")
+    shape = np.shape(h0[0])
+    smallest = as_sizes("h0[0]", h0[0], shape).copy()
+    for number, bound in enumerate(h0[1:], start=1):
+        np.minimum(smallest, as_sizes(f"h0[{number}]", bound, shape), out=smallest)
+    lower = 0.0 if hmin is None else as_number("hmin", hmin, lower=0.0, strict=True)
+    upper = np.inf if hmax is None else as_number("hmax", hmax, lower=0.0, strict=True)
+    if lower > upper:
+        raise ValueError(f"hmin must be at most hmax = {upper:g}, got {lower:g}")
+    return np.asarray(np.clip(smallest, lower, upper))

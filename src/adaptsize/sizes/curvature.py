@@ -1,0 +1,195 @@
+"""Sizes from the curvature of the boundary."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize._checks import as_number
+from adaptsize.background import SimplexMesh
+from adaptsize.geometry.curvature import (
+    corner_curvature,
+    crease_curvature,
+    crease_edges,
+    polyline_curvature,
+    surface_curvature,
+)
+from adaptsize.sizes.combine import minimum
+from adaptsize.typing import FloatArray, IntArray
+
+# A folded or noisy spot must not ask for more than 10^6 elements along the part.
+_SMALLEST_SHARE = 1e-6
+# Meshes made to an envelope, as by fTetWild, keep their boundary within this share of the diagonal.
+_TOLERANCE_SHARE = 1e-3
+
+
+def size_from_curvature(
+    background: SimplexMesh,
+    boundary: SimplexMesh | None = None,
+    *,
+    elements_per_radian: float = 4.0,
+    crease_angle: float = 40.0,
+    smoothing: int = 0,
+    tolerance: float | None = None,
+    hmin: float | None = None,
+    hmax: float | None = None,
+) -> FloatArray:
+    r"""Return the size that resolves the curvature of the boundary [1]_.
+
+    .. math:: h_0 = 1 / (K \kappa)
+
+    at nodes on the boundary, with K elements per radian, that is :math:`2 \pi K` around
+    a circle, and the larger principal curvature :math:`\kappa` in modulus.  Sharp edges and
+    corners are not curvature; sharp edges that are curved lines add their own.
+
+    Parameters
+    ----------
+    background : SimplexMesh
+        Tetrahedra or triangles in the plane: their boundary counts.  Triangles in
+        space: they count themselves, and so do their boundary and sharp edges.
+        Segments: they count themselves.
+    boundary : SimplexMesh, optional
+        Triangles in space, or segments in the plane or in space, whose curvature counts
+        instead; nodes of ``background`` that lie on it get the value of the closest point.
+    elements_per_radian : float, default 4
+        K > 0.  In terms of the angle :math:`\theta` that an edge spans,
+        :math:`1 / K = 2 \sin(\theta / 2)`.
+    crease_angle : float, default 40
+        Edges where the facets, and nodes where a line, turn by more are sharp; degrees.
+        Must exceed the angle between the facets of a tessellated smooth surface.
+    smoothing : int, default 0
+        1 or 2 averages the curvature over as many layers of neighbours: for scanned
+        surfaces.
+    tolerance : float, optional
+        Distance up to which a node counts as lying on ``boundary``, in the unit of the
+        coordinates; 0.001 of the diagonal of ``boundary`` by default.
+    hmin, hmax : float, optional
+        Limits of the size, as in `minimum`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points,)
+        Sizes; ``inf`` off the boundary and where it is flat, unless ``hmax`` is given.
+        Never below 1e-6 of the diagonal of the boundary, whatever the curvature.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range, the background is 1-D, ``boundary`` is of another
+        kind, or no node of the background lies on ``boundary``.
+
+    See Also
+    --------
+    adaptsize.geometry.surface_curvature : the estimate of the curvature, and its accuracy.
+    limit_gradient : to be called next, so that the sizes grow gradually from the boundary.
+
+    Notes
+    -----
+    O(n) without ``boundary``, O(n log n) with it.  The background must carry nodes on the
+    boundary, near enough to each other to see its curvature change.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and
+       PDE-based gradient limiting", Engineering with Computers 22 (2006) 95-109.
+
+    Examples
+    --------
+    Eight triangles in a circle of radius 2, and 4 elements per radian:
+
+    >>> import numpy as np
+    >>> angle = np.arange(8) * np.pi / 4
+    >>> points = np.vstack([[0, 0], 2 * np.column_stack([np.cos(angle), np.sin(angle)])])
+    >>> disk = SimplexMesh(points, [[0, i, i % 8 + 1] for i in range(1, 9)])
+    >>> size_from_curvature(disk, crease_angle=50.0).round(12)
+    array([inf, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5])
+    """
+    per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)
+    kappa = np.zeros(background.n_points)
+    if boundary is None:
+        source, nodes = _own_boundary(background)
+        kappa[nodes] = _nodal_curvature(source, crease_angle=crease_angle, smoothing=smoothing)
+    else:
+        source = boundary
+        _refuse_other_boundary(boundary, background)
+        nodes, within = _nodes_on(boundary, background, tolerance)
+        kappa[nodes] = _curvature_at(
+            boundary,
+            background.points[nodes],
+            within,
+            crease_angle=crease_angle,
+            smoothing=smoothing,
+        )
+    with np.errstate(divide="ignore"):
+        h0 = 1.0 / (per_radian * kappa)
+    h0 = np.maximum(h0, _SMALLEST_SHARE * source.diagonal)
+    return minimum(h0, hmin=hmin, hmax=hmax)
+
+
+def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
+    """Return what of a mesh is curved, and which nodes of the mesh its nodes are."""
+    if background.dim == 1:
+        raise ValueError(f"background must lie in 2-D or 3-D, got {background!r}")
+    if background.cell_dim == background.dim:
+        boundary = background.boundary()
+        return boundary.mesh, boundary.nodes
+    return background, np.arange(background.n_points, dtype=np.int32)
+
+
+def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) -> FloatArray:
+    """Return the curvature at the nodes of a polyline, or of a surface and its creases."""
+    if mesh.cell_dim == 1:
+        return polyline_curvature(mesh, crease_angle=crease_angle)
+    surface = surface_curvature(mesh, crease_angle=crease_angle, smoothing=smoothing)
+    return np.maximum(surface, crease_curvature(mesh, crease_angle=crease_angle))
+
+
+def _refuse_other_boundary(boundary: SimplexMesh, background: SimplexMesh) -> None:
+    dim = background.dim
+    if boundary.dim != dim or dim == 1 or boundary.cell_dim > min(dim - 1, background.cell_dim):
+        kind = "segments" if min(dim - 1, background.cell_dim) == 1 else "segments or triangles"
+        raise ValueError(f"boundary must consist of {kind} in {dim}-D, got {boundary!r}")
+
+
+def _nodes_on(
+    boundary: SimplexMesh, background: SimplexMesh, tolerance: float | None
+) -> tuple[IntArray, float]:
+    """Return the nodes of the background that lie on the boundary, and the tolerance."""
+    within = _TOLERANCE_SHARE * boundary.diagonal
+    if tolerance is not None:
+        within = as_number("tolerance", tolerance, lower=0.0)
+    distances = boundary.locator.nearest(background.points)[2]
+    nodes = np.flatnonzero(distances <= within).astype(np.int32)
+    if len(nodes) == 0:
+        raise ValueError(
+            f"boundary must pass through nodes of the background, got none within "
+            f"tolerance {within:g} (the closest is {distances.min():g} away)"
+        )
+    return nodes, within
+
+
+def _curvature_at(
+    boundary: SimplexMesh,
+    points: FloatArray,
+    tolerance: float,
+    *,
+    crease_angle: float,
+    smoothing: int,
+) -> FloatArray:
+    """Return the curvature of the boundary at the point closest to each of ``points``."""
+    cells, weights, _ = boundary.locator.nearest(points)
+    if boundary.cell_dim == 1:
+        nodal = polyline_curvature(boundary, crease_angle=crease_angle)
+        return np.asarray((weights * nodal[boundary.cells[cells]]).sum(axis=1))
+    # By corner: the middle of a flat cap does not see the curvature of its rim.
+    corners = corner_curvature(boundary, crease_angle=crease_angle, smoothing=smoothing)
+    kappa = (weights * corners[cells]).sum(axis=1)
+    edges = crease_edges(boundary, crease_angle=crease_angle)
+    if len(edges) > 0:
+        # On a crease the closest triangle is that of either side: the larger value counts.
+        nodal = crease_curvature(boundary, crease_angle=crease_angle)
+        np.maximum.at(nodal, boundary.cells, corners)
+        lines = SimplexMesh(boundary.points, edges)
+        at_crease, distances = lines.locator.interpolate(nodal, points)
+        near = distances <= tolerance
+        kappa[near] = np.maximum(kappa[near], at_crease[near])
+    return np.asarray(kappa)

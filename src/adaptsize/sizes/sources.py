@@ -1,0 +1,347 @@
+"""Sizes from points, curves, boundaries, boxes, balls, regions and functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.sizes import _touched
+from adaptsize.typing import FloatArray, IntArray
+
+SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
+
+
+@runtime_checkable
+class Source(Protocol):
+    """Something that asks for sizes at some nodes of a mesh."""
+
+    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+        """Lower the nodal sizes ``h0`` (In/Out) to what the source asks for."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointSource:
+    """Sizes at points, which need not be nodes.
+
+    The nodes of the cell around a point x get at most ``size + g |x_i - x|``; outside the
+    mesh those of the closest cell do.
+
+    Parameters
+    ----------
+    points : array_like of float, shape (n, dim) or (dim,)
+    size : float or array_like of float, shape (n,)
+        Positive.
+    """
+
+    points: npt.ArrayLike
+    size: npt.ArrayLike
+
+    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+        """Lower ``h0`` (In/Out) at the nodes of the cells around the points."""
+        points = as_points("points", np.atleast_2d(as_float_array("points", self.points)), mesh.dim)
+        size = _sizes_per_row(self.size, len(points))
+        _lower_around(mesh, mesh.locator.nearest(points)[0], points, size, g, h0)
+
+
+@dataclass(frozen=True, eq=False)
+class CurveSource:
+    """Sizes along a curve, which need not follow edges of the mesh.
+
+    The nodes of the cells that it passes through get at most ``size + g d`` with their
+    distance d from the curve.
+
+    Parameters
+    ----------
+    curve : SimplexMesh or array_like of float, shape (n, dim)
+        Segments, or the points of one polyline in order (the first again at the end
+        if it is closed).
+    size : float or array_like of float, shape (n_points,)
+        Positive; linear between the points of the curve.
+    """
+
+    curve: SimplexMesh | npt.ArrayLike
+    size: npt.ArrayLike
+
+    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+        """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
+        curve = _as_curve(self.curve, mesh.dim)
+        size = _sizes_per_row(self.size, curve.n_points)
+        cells, segments, along, _ = _touched.cells_along(mesh, curve)
+        a, b = curve.cells[segments].T
+        points = (1.0 - along)[:, None] * curve.points[a] + along[:, None] * curve.points[b]
+        # inf - inf must not arise where a size is inf at one end only.
+        at_points = np.where(along < 1.0, size[a], 0.0) * (1.0 - along)
+        at_points += np.where(along > 0.0, size[b], 0.0) * along
+        _lower_around(mesh, cells, points, at_points, g, h0)
+        # The samples above are not the closest points of the curve; these are.
+        nodes = np.unique(mesh.cells[cells])
+        at_nearest, distances = curve.locator.interpolate(size, mesh.points[nodes])
+        np.minimum.at(h0, nodes, at_nearest + g * distances)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundarySource:
+    """A size on the boundary of the mesh, or on tagged facets.
+
+    Parameters
+    ----------
+    size : float
+        Positive.
+    tags : int or sequence of int, optional
+        Tags in ``facet_tags``; all of the boundary by default.
+    """
+
+    size: float
+    tags: int | Sequence[int] | None = None
+
+    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+        """Lower ``h0`` (In/Out) at the nodes of the facets."""
+        size = _one_size(self.size)
+        if self.tags is None:
+            nodes = mesh.boundary().nodes
+        else:
+            chosen = _has_tag(self.tags, mesh.facet_tags, "facet_tags")
+            assert mesh.tagged_facets is not None  # given together with facet_tags
+            nodes = np.unique(mesh.tagged_facets[chosen])
+        h0[nodes] = np.minimum(h0[nodes], size)
+
+
+@dataclass(frozen=True, eq=False)
+class RegionSource:
+    """A size in all cells with a tag.
+
+    Parameters
+    ----------
+    tags : int or sequence of int
+        Tags in ``cell_tags``.
+    size : float
+        Positive.
+    """
+
+    tags: int | Sequence[int]
+    size: float
+
+    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+        """Lower ``h0`` (In/Out) at the nodes of the cells."""
+        size = _one_size(self.size)
+        nodes = np.unique(mesh.cells[_has_tag(self.tags, mesh.cell_tags, "cell_tags")])
+        h0[nodes] = np.minimum(h0[nodes], size)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxSource:
+    """A size in a box with sides along the axes; a small one acts on the cells that it meets.
+
+    Nodes inside get at most ``size``, the other nodes of the cells that reach into the box
+    ``size + g d`` with their distance d from it.
+
+    Parameters
+    ----------
+    lower, upper : array_like of float, shape (dim,)
+        Opposite corners.
+    size : float
+        Positive.
+    """
+
+    lower: npt.ArrayLike
+    upper: npt.ArrayLike
+    size: float
+
+    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+        """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the box."""
+        size = _one_size(self.size)
+        lower = _one_point("lower", self.lower, mesh.dim)
+        upper = _one_point("upper", self.upper, mesh.dim)
+        if (lower > upper).any():
+            raise ValueError(f"lower must be at most upper = {upper}, got {lower}")
+        touched = (
+            _touched.cells_with_edge_in_box(mesh, lower, upper),
+            _touched.cell_inside(mesh, 0.5 * (lower + upper)),
+            _touched.cells_within(mesh, _box_edges(lower, upper)),
+        )
+        nodes = np.unique(mesh.cells[np.concatenate(touched)])
+        points = mesh.points[nodes]
+        distance = np.linalg.norm(points - np.clip(points, lower, upper), axis=1)
+        h0[nodes] = np.minimum(h0[nodes], size + g * distance)
+
+
+@dataclass(frozen=True, eq=False)
+class BallSource:
+    """A size in a ball (a disk in the plane); a small one acts on the cells that it meets.
+
+    Nodes inside get at most ``size``, the other nodes of the cells that reach into the ball
+    ``size + g d`` with their distance d from it.
+
+    Parameters
+    ----------
+    centre : array_like of float, shape (dim,)
+    radius : float
+        >= 0.
+    size : float
+        Positive.
+    """
+
+    centre: npt.ArrayLike
+    radius: float
+    size: float
+
+    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+        """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the ball."""
+        size = _one_size(self.size)
+        centre = _one_point("centre", self.centre, mesh.dim)
+        radius = as_number("radius", self.radius, lower=0.0)
+        touched = (
+            _touched.cells_with_edge_in_ball(mesh, centre, radius),
+            _touched.cell_inside(mesh, centre),
+        )
+        nodes = np.unique(mesh.cells[np.concatenate(touched)])
+        distance = np.linalg.norm(mesh.points[nodes] - centre, axis=1) - radius
+        h0[nodes] = np.minimum(h0[nodes], size + g * np.maximum(distance, 0.0))
+
+
+def size_from_sources(
+    background: SimplexMesh,
+    sources: Source | SizeOfPoint | Iterable[Source | SizeOfPoint],
+    *,
+    g: float = 0.25,
+) -> FloatArray:
+    r"""Return the smallest of the sizes that sources ask for at each node.
+
+    A source between the nodes is not lost: with the distance d of a node from the source,
+    the nodes of the cells that it touches get
+
+    .. math:: h_0 = \mathrm{size} + g\,d,
+
+    which is what a gradient limit g allows there.
+
+    Parameters
+    ----------
+    background : SimplexMesh
+    sources : source, callable, or several of them
+        `PointSource`, `CurveSource`, `BoundarySource`, `RegionSource`, `BoxSource`, `BallSource`,
+        or functions that take points, float64[n, dim], and give n sizes (``inf``: none).
+    g : float, default 0.25
+        Slope from a source to the nodes around it, >= 0, no unit.  Give the
+        gradient limit that is used afterwards: a smaller one makes the cells at the source
+        finer than need be, a larger one coarser than asked for.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points,)
+        Sizes; ``inf`` at nodes that no source touches.
+
+    Raises
+    ------
+    ValueError
+        If a size is not positive, a point has another dimension than the mesh, a tag
+        does not occur (the message lists those that do), or ``g`` is negative.
+
+    See Also
+    --------
+    limit_gradient : to be called next; it carries the sizes from there into the mesh.
+
+    Notes
+    -----
+    Distances are straight, but only nodes of cells that a source touches are set, so that
+    none acts across a gap in the mesh.  O(log n) per point, O(n) per box or ball; a curve
+    costs O(log n) per cell that it passes.  Cells that a curve only clips at a corner may be
+    passed over; their neighbours along the curve are not.
+
+    Examples
+    --------
+    A point that is 0.5 away from two nodes, and a size at the boundary on the left:
+
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]],
+    ...                    tagged_facets=[[0, 3]], facet_tags=[7])
+    >>> size_from_sources(mesh, PointSource([0.5, 0.0], 0.01), g=0.2).round(3)
+    array([0.11 , 0.11 , 0.234,   inf])
+    >>> size_from_sources(mesh, [PointSource([0.5, 0.0], 0.01), BoundarySource(0.1, tags=7)],
+    ...                   g=0.2).round(3)
+    array([0.1  , 0.11 , 0.234, 0.1  ])
+    """
+    slope = as_number("g", g, lower=0.0)
+    several = sources if isinstance(sources, Iterable) else [sources]
+    h0 = np.full(background.n_points, np.inf)
+    for number, source in enumerate(several):
+        if isinstance(source, Source):
+            source.lower_sizes(background, slope, h0)
+        elif callable(source):
+            asked = as_sizes(f"sources[{number}](points)", source(background.points), h0.shape)
+            np.minimum(h0, asked, out=h0)
+        else:
+            raise ValueError(
+                f"sources[{number}] must be a source or a function, got {describe(source)}"
+            )
+    return h0
+
+
+def _lower_around(
+    mesh: SimplexMesh,
+    cells: IntArray,
+    points: FloatArray,
+    size: FloatArray,
+    g: float,
+    h0: FloatArray,
+) -> None:
+    """Lower ``h0`` (In/Out) at the nodes of ``cells[k]`` to ``size[k] + g |x - points[k]|``."""
+    nodes = mesh.cells[cells]
+    distance = np.linalg.norm(mesh.points[nodes] - points[:, None, :], axis=2)
+    np.minimum.at(h0, nodes, size[:, None] + g * distance)
+
+
+def _one_point(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
+    point = as_float_array(name, value, (dim,))
+    refuse_where(name, ~np.isfinite(point), point, "must be finite")
+    return point
+
+
+def _one_size(value: float) -> float:
+    return as_number("size", value, lower=0.0, strict=True)
+
+
+def _sizes_per_row(value: npt.ArrayLike, n: int) -> FloatArray:
+    """Return one positive size for each of n points."""
+    if np.ndim(value) == 0:
+        return np.full(n, as_sizes("size", value, ()))
+    return as_sizes("size", value, (n,))
+
+
+def _as_curve(value: SimplexMesh | npt.ArrayLike, dim: int) -> SimplexMesh:
+    if isinstance(value, SimplexMesh):
+        if value.cell_dim != 1 or value.dim != dim:
+            raise ValueError(f"curve must consist of segments in {dim}-D, got {value!r}")
+        return value
+    points = as_points("curve", value, dim)
+    if len(points) < 2:
+        raise ValueError(f"curve must have at least 2 points, got {len(points)}")
+    first = np.arange(len(points) - 1)
+    return SimplexMesh(points, np.column_stack([first, first + 1]))
+
+
+def _has_tag(
+    tags: int | Sequence[int], present: IntArray | None, name: str
+) -> npt.NDArray[np.bool_]:
+    """Return where ``present`` is one of ``tags``; refuse tags that do not occur."""
+    if present is None:
+        raise ValueError(f"tags need a mesh with {name}, which this one has not")
+    wanted = np.atleast_1d(np.asarray(tags))
+    missing = wanted[~np.isin(wanted, present)]
+    if len(missing) > 0:
+        listed = ", ".join(str(tag) for tag in np.unique(present))
+        raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
+    return np.isin(present, wanted)
+
+
+def _box_edges(lower: FloatArray, upper: FloatArray) -> SimplexMesh:
+    """Return the 2, 4 or 12 edges of a box as segments."""
+    dim = len(lower)
+    corner = np.arange(2**dim)
+    points = np.where((corner[:, None] >> np.arange(dim)) & 1, upper, lower)
+    edges = [(i, i | 1 << d) for i in corner for d in range(dim) if not i >> d & 1]
+    return SimplexMesh(points, edges)
