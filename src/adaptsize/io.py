@@ -131,6 +131,7 @@ def read(
     notes: list[str] = []
     try:
         raw = readers.load(file)
+        notes.extend(raw.notes)
         mesh = _build(raw, _wanted_dimension(raw, kind), kind, flatten, notes)
     except (ValueError, MemoryError) as error:
         raise MeshFileError(f"{file}: {error}") from error
@@ -179,11 +180,13 @@ def write(
     -----
     Cell tags and tagged facets are written to VTU, VTK and XDMF as the cell field
     ``cell_tags`` (facets are cells of their own there), to Gmsh as physical groups, to
-    Medit as references; `read` finds them again.  Other cell fields are NaN (integers: 0)
-    on the facets.  Medit, STL, OBJ and OFF hold no nodal fields: those of the mesh are left
-    out, ``fields`` and size functions are refused.  PLY holds scalar nodal fields.  STL,
-    OBJ, OFF and PLY hold triangles only: of tetrahedra the boundary is written.  STL
-    rounds to float32.  VTU, VTK, Gmsh, STL, OBJ, OFF and PLY have z = 0 for 2-D meshes.
+    Medit as references; `read` finds them again, but takes tags that are all 0 for none.
+    Other cell fields are written to VTU, VTK and XDMF only, NaN (integers: 0) on the facets.
+
+    Medit, STL, OBJ and OFF hold no nodal fields: those of the mesh are left out, ``fields``
+    and size functions are refused.  PLY holds nodal fields of one component.  STL, OBJ, OFF
+    and PLY hold triangles only, without tags: of tetrahedra the boundary is written.  STL
+    rounds to float32.  All but XDMF and Medit have z = 0 for 2-D meshes.
 
     A Gmsh view says sizes on the cells, nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.
@@ -264,11 +267,7 @@ def _build(
     simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
     tag_name, cell_tags = _tags(raw, simplices)
     facets, facet_tags = _facets(raw, simplices, notes)
-    cell_data = {}
-    for name, values in raw.cell_data.items():
-        gathered = gather(values, simplices)
-        if gathered is not None and name not in (tag_name, "cell_tags"):
-            cell_data[name] = gathered
+    cell_data = _cell_fields(raw, simplices, tag_name)
     cells = simplices.cells
     keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
     if not keep.all():
@@ -314,6 +313,20 @@ def _kept_nodes(raw: RawMesh, cells: npt.NDArray[Any], *, reduced: bool) -> npt.
     return keep
 
 
+def _cell_fields(
+    raw: RawMesh, simplices: Simplices, tag_name: str | None
+) -> dict[str, npt.NDArray[Any]]:
+    """Return the cell data that are numbers, but for the tags and tags that are all 0."""
+    fields = {}
+    for name, blocks in raw.cell_data.items():
+        values = gather(blocks, simplices)
+        if name in (tag_name, "obj:group_ids") or values is None:
+            continue
+        if values.dtype.kind in "biuf" and (name.lower() not in _TAG_NAMES or values.any()):
+            fields[name] = _native(values)
+    return fields
+
+
 def _nodal_fields(raw: RawMesh) -> dict[str, npt.NDArray[Any]]:
     """Return the point data that are numbers, one row per node, and say something."""
     fields = {}
@@ -323,8 +336,13 @@ def _nodal_fields(raw: RawMesh) -> dict[str, npt.NDArray[Any]]:
         # Gmsh's entity numbers, and the references 0 that each Medit file has.
         empty = name == "gmsh:dim_tags" or (name == "medit:ref" and not array.any())
         if fits and not empty:
-            fields[name] = array
+            fields[name] = _native(array)
     return fields
+
+
+def _native(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the array in the byte order of the machine; legacy VTK files have the other."""
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
 def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[np.int32] | None]:

@@ -61,6 +61,8 @@ class RawMesh:
     blocks: list[tuple[str, npt.NDArray[Any]]]
     point_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
     cell_data: Mapping[str, Sequence[npt.NDArray[Any]]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    """What had to be left out, for a warning."""
 
 
 class Simplices(NamedTuple):
@@ -112,6 +114,23 @@ def check_raw(raw: RawMesh) -> None:
                 f"{cell_type} {first} names nodes {cells[first].tolist()}, "
                 f"but the nodes are 0 to {len(points) - 1}"
             )
+
+
+def join(pieces: Sequence[RawMesh]) -> RawMesh:
+    """Return several meshes as one, side by side, with the fields that all of them have."""
+    starts = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+    nodal = set.intersection(*(set(piece.point_data) for piece in pieces))
+    of_cells = set.intersection(*(set(piece.cell_data) for piece in pieces))
+    return RawMesh(
+        np.concatenate([piece.points for piece in pieces]),
+        [
+            (cell_type, cells + start)
+            for piece, start in zip(pieces, starts, strict=False)
+            for cell_type, cells in piece.blocks
+        ],
+        {name: np.concatenate([piece.point_data[name] for piece in pieces]) for name in nodal},
+        {name: [part for piece in pieces for part in piece.cell_data[name]] for name in of_cells},
+    )
 
 
 def simplices_of(raw: RawMesh, dim: int) -> Simplices:

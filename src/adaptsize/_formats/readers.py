@@ -14,11 +14,12 @@ import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import stl
-from adaptsize._formats.blocks import RawMesh, check_raw
+from adaptsize._formats import stl, xdmf
+from adaptsize._formats.blocks import RawMesh, check_raw, join
 from adaptsize.errors import MeshFileError
 
 # Whatever a parser may raise on a file that is not what it expects; not KeyboardInterrupt.
@@ -58,10 +59,16 @@ def load(path: Path) -> RawMesh:
     loaders: list[Callable[[Path], RawMesh]] = []
     if suffix in (".stl", ".stla", ".stlb"):
         loaders = [_load_stl]
+    elif suffix == ".vtu" and _count_pieces(path) > 1:
+        loaders = [_load_vtu_pieces]
     elif _meshio_knows(path):
         loaders = [_load_with_meshio]
-        if suffix == ".vtk":
-            loaders.append(_load_vtk_of_new_types)
+        loaders += {
+            ".vtk": [_load_vtk_of_new_types],
+            ".msh": [_load_gmsh_without_cell_fields],
+            ".xdmf": [_load_text_xdmf],
+            ".xmf": [_load_text_xdmf],
+        }.get(suffix, [])
     if not loaders or suffix in _TRIMESH_SUFFIXES:
         loaders.append(_load_with_trimesh)
     first_failure: MeshFileError | None = None
@@ -132,6 +139,10 @@ def _load_with_meshio(path: Path) -> RawMesh:
             except foreign_failures() as error:
                 failure = failure or reason(error, printed.getvalue())
                 continue
+        # Else meshio leaves such cells out, with a line on the console.
+        unknown = re.search(r"cells that meshio cannot handle \(type (\d+)", printed.getvalue())
+        if unknown:
+            raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
         points = np.asarray(mesh.points, dtype=np.float64)
         blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
         return RawMesh(points, blocks, mesh.point_data, mesh.cell_data)
@@ -143,13 +154,59 @@ def _load_vtk_of_new_types(path: Path) -> RawMesh:
 
     meshio knows these names in files of version 5.1 only; VTK writes them in older ones.
     """
-    content = path.read_bytes()
-    if b"vtktypeint64" not in content:
+    return _load_edited(path, rb"(?m)\bvtktypeint64(\s*)$", rb"long\1")
+
+
+def _load_gmsh_without_cell_fields(path: Path) -> RawMesh:
+    """Read a Gmsh file of version 2 with element fields, on which meshio stumbles."""
+    raw = _load_edited(path, rb"(?ms)^\$ElementData\r?\n.*?^\$EndElementData\r?\n", b"")
+    raw.notes.append("cell fields ($ElementData) left out")
+    return raw
+
+
+def _load_edited(path: Path, pattern: bytes, replacement: bytes) -> RawMesh:
+    """Read an edited copy with meshio, whose readers want a file of its own."""
+    content, count = re.subn(pattern, replacement, path.read_bytes())
+    if not count:
         raise MeshFileError("cannot be read as a mesh")
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder, path.name)
-        copy.write_bytes(re.sub(rb"(?m)\bvtktypeint64(\s*)$", rb"long\1", content))
+        copy.write_bytes(content)
         return _load_with_meshio(copy)
+
+
+def _count_pieces(path: Path) -> int:
+    return path.read_bytes().split(b"<AppendedData", 1)[0].count(b"<Piece")
+
+
+def _load_vtu_pieces(path: Path) -> RawMesh:
+    """Read a VTU file of several pieces one by one; meshio keeps the cells of the last only."""
+    try:
+        tree = ElementTree.parse(path)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise MeshFileError(f"has several pieces and is no plain XML ({error})") from error
+    grid = tree.getroot().find("UnstructuredGrid")
+    if grid is None:
+        raise MeshFileError("cannot be read as a mesh (no UnstructuredGrid)")
+    pieces = []
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, path.name)
+        for piece in grid.findall("Piece"):
+            if int(piece.get("NumberOfCells", "1")) == 0:
+                continue
+            grid[:] = [piece]
+            tree.write(copy)
+            pieces.append(_load_with_meshio(copy))
+    if not pieces:
+        raise MeshFileError("holds no cells")
+    return join(pieces)
+
+
+def _load_text_xdmf(path: Path) -> RawMesh:
+    try:
+        return xdmf.read(path)
+    except FOREIGN_FAILURES as error:
+        raise MeshFileError(f"cannot be read as a mesh ({reason(error)})") from error
 
 
 def _load_with_trimesh(path: Path) -> RawMesh:

@@ -52,7 +52,7 @@ def write_jigsaw(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
     cell = ";".join(["%d"] * (mesh.cell_dim + 2)) + "\n"
     _write_text(
         path,
-        [f"MSHID=3;EUCLIDEAN-MESH\nNDIMS={mesh.dim}\nPOINT={mesh.n_points}\n"],
+        [f"MSHID=3;euclidean-mesh\nNDIMS={mesh.dim}\nPOINT={mesh.n_points}\n"],
         _formatted(point, mesh.points),
         [f"{cell_name}={mesh.n_cells}\n"],
         _formatted(cell, np.column_stack([mesh.cells, tags])),

@@ -126,10 +126,26 @@ def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
 
 def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
+    # No cell fields: meshio cannot read them back from version 2.2.
     content = content_of(mesh, "gmsh:physical", pad=True)
-    if "gmsh:physical" in content.cell_data:
-        content.cell_data.setdefault("gmsh:geometrical", content.cell_data["gmsh:physical"])
-    _write_with_meshio(path, content, "gmsh22")
+    tags = {name: v for name, v in content.cell_data.items() if name == "gmsh:physical"}
+    if tags:  # Gmsh wants an entity number above 0, and one physical group for each
+        number = np.unique(np.concatenate(tags["gmsh:physical"]), return_inverse=True)[1] + 1
+        ends = np.cumsum([len(cells) for _, cells in content.blocks])[:-1]
+        tags["gmsh:geometrical"] = np.split(number.astype(np.int32), ends)
+    nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
+    slim = Content(content.points, content.blocks, nodal, tags)
+    _write_with_meshio(path, slim, "gmsh22")
+
+
+def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Return float64 with 1, 3 or 9 components, all that Gmsh knows; others are padded."""
+    columns = values.astype(np.float64).reshape(len(values), -1)
+    wanted = next((n for n in (1, 3, 9) if n >= columns.shape[1]), None)
+    if wanted is None:
+        raise ValueError(f"Gmsh fields have at most 9 components, got {columns.shape[1]}")
+    padded = np.pad(columns, ((0, 0), (0, wanted - columns.shape[1])))
+    return padded[:, 0] if wanted == 1 else padded
 
 
 def _write_medit(path: Path, mesh: SimplexMesh) -> None:

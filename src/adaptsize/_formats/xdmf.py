@@ -1,4 +1,7 @@
-"""XDMF files that hold their numbers as text, so that one file is the whole mesh."""
+"""XDMF files that hold their numbers as text, so that one file is the whole mesh.
+
+Not through meshio, which needs h5py even where no HDF5 file takes part.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,11 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._formats.blocks import RawMesh
+from adaptsize.errors import MeshFileError
+
 _TOPOLOGY = {"line": "Polyline", "triangle": "Triangle", "tetra": "Tetrahedron"}
+_CELL_TYPE = {name.lower(): cell_type for cell_type, name in _TOPOLOGY.items()}
 _TYPE_CODE = {"line": 2, "triangle": 4, "tetra": 6}
 
 
@@ -22,10 +29,7 @@ def write(
     point_data: dict[str, npt.NDArray[Any]],
     cell_data: dict[str, list[npt.NDArray[Any]]],
 ) -> None:
-    """Write simplices and fields as XDMF 3.
-
-    Not through meshio, whose writer needs h5py even where no HDF5 file is written.
-    """
+    """Write simplices and fields as XDMF 3; ``cell_data[name]`` has one array per block."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
     grid = ElementTree.SubElement(domain, "Grid", Name="Grid", GridType="Uniform")
@@ -38,6 +42,69 @@ def write(
     for name, parts in cell_data.items():
         _add_field(grid, name, "Cell", np.concatenate(parts))
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def read(path: Path) -> RawMesh:
+    """Return simplices and fields of an XDMF file with one grid and all numbers as text.
+
+    Raises
+    ------
+    MeshFileError
+        If it is anything else; other errors if it is damaged.
+    """
+    grids = ElementTree.parse(path).getroot().findall("./Domain/Grid")
+    if len(grids) != 1:
+        raise MeshFileError(f"holds {len(grids)} XDMF grids, only one can be read")
+    points, blocks = np.empty((0, 3)), []
+    point_data: dict[str, npt.NDArray[Any]] = {}
+    cell_data: dict[str, npt.NDArray[Any]] = {}
+    for part in grids[0]:
+        if part.tag == "Geometry":
+            points = _array(part)
+        elif part.tag == "Topology":
+            blocks = _blocks(part)
+        elif part.tag == "Attribute" and part.get("Center") in ("Node", "Cell"):
+            fields = point_data if part.get("Center") == "Node" else cell_data
+            fields[part.get("Name", "field")] = _array(part)
+    ends = np.cumsum([len(cells) for _, cells in blocks])[:-1]
+    return RawMesh(
+        points, blocks, point_data, {name: np.split(v, ends) for name, v in cell_data.items()}
+    )
+
+
+def _array(parent: ElementTree.Element) -> npt.NDArray[Any]:
+    item = parent.find("DataItem")
+    if item is None or item.get("Format", "XML") != "XML":
+        raise MeshFileError("holds numbers outside of the file, which needs the package h5py")
+    kind = {"Float": "f", "Int": "i", "UInt": "u"}[
+        item.get("DataType") or item.get("NumberType") or "Float"
+    ]
+    dtype = np.dtype(f"{kind}{item.get('Precision', '4')}")
+    shape = [int(n) for n in item.get("Dimensions", "").split()]
+    return np.array((item.text or "").split(), dtype="S").astype(dtype).reshape(shape)
+
+
+def _blocks(topology: ElementTree.Element) -> list[tuple[str, npt.NDArray[Any]]]:
+    """Return the cells, in one block for each run of cells of one type."""
+    name = (topology.get("TopologyType") or topology.get("Type") or "").lower()
+    data = _array(topology)
+    if name != "mixed":
+        return [(_CELL_TYPE[name], data)]
+    types = {code: cell_type for cell_type, code in _TYPE_CODE.items()}
+    blocks = []
+    data = data.ravel()
+    while len(data):
+        cell_type = types[int(data[0])]
+        head = 2 if cell_type == "line" else 1  # a polyline also tells its number of nodes
+        width = head + {"line": 2, "triangle": 3, "tetra": 4}[cell_type]
+        rows = data[: len(data) // width * width].reshape(-1, width)
+        same = rows[:, 0] == data[0]
+        n = len(same) if same.all() else int(np.argmin(same))
+        if n == 0:
+            raise MeshFileError("ends inside a cell")
+        blocks.append((cell_type, rows[:n, head:]))
+        data = data[n * width :]
+    return blocks
 
 
 def _add_topology(
