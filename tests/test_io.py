@@ -689,6 +689,16 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
     assert os.listdir(tmp_path) == ["mesh.vtu"]
 
 
+def test_a_file_is_replaced_in_one_step_not_overwritten(tmp_path):
+    file, second_name = tmp_path / "mesh.stl", tmp_path / "second"
+    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
+    before = file.read_bytes()
+    os.link(file, second_name)  # shows the old content only if that is never written into
+    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES[:1]))
+    assert read(file).n_cells == 1
+    assert second_name.read_bytes() == before
+
+
 def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
     def interrupt(path, corners):
         path.write_bytes(b"half")
@@ -817,7 +827,9 @@ def test_sizes_that_generators_do_not_know_are_refused(tmp_path, name):
     with pytest.raises(ValueError, match=r"must be positive .*h\[1\] = 0"):
         write(tmp_path / name, mesh, fields={"h": [1, 0, 1, 1]})
     with pytest.raises(ValueError, match="nodal sizes as the field 'h'"):
-        write(tmp_path / name, mesh, fields={"size": [1, 1, 1, 1]})
+        write(tmp_path / name, mesh)
+    with pytest.raises(ValueError, match="sizes only, as the field 'h', got size"):
+        write(tmp_path / name, mesh, fields={"h": [1, 1, 1, 1], "size": [1, 1, 1, 1]})
     assert os.listdir(tmp_path) == []
 
 

@@ -199,6 +199,11 @@ def write(
             f"{Path(path).name} cannot hold nodal fields, got {', '.join(needed)}; "
             "write .vtu, or .sol for the sizes beside a .mesh"
         )
+    others = [name for name in needed if name != "h"]
+    if others and chosen.only_sizes:
+        raise ValueError(
+            f"{Path(path).name} holds sizes only, as the field 'h', got {', '.join(others)}"
+        )
     try:
         _write_whole(target, mesh, chosen)
     except MeshFileError as error:
