@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def _dual_edges(points, cell, edges, dual):
+def dual_edges(points, cell, edges, dual):
     """Fill the edge vectors from vertex 0 and their dual basis; return the measure.
 
     Modified Gram-Schmidt on the edges, each projected out twice, keeps slivers
@@ -38,9 +38,8 @@ def _dual_edges(points, cell, edges, dual):
     for last in range(k):
         # The part of edge `last` across all other edges; its length is a height.
         basis = np.empty((k, dim))
-        count = 0
-        for turn in range(k):
-            i = (last + 1 + turn) % k  # `last` itself comes at the end
+        for count in range(k):
+            i = (last + 1 + count) % k  # `last` itself comes at the end
             for d in range(dim):
                 basis[count, d] = edges[i, d]
             full = 0.0
@@ -61,13 +60,12 @@ def _dual_edges(points, cell, edges, dual):
                 return 0.0
             height = math.sqrt(rest)
             if last == 0:
-                measure *= height / (turn + 1)
+                measure *= height / (count + 1)
             if i == last:
                 for d in range(dim):
                     dual[last, d] = basis[count, d] / rest
             for d in range(dim):
                 basis[count, d] /= height
-            count += 1
     return measure
 
 
@@ -86,7 +84,7 @@ def fill_measures(points, cells, measures):
     edges = np.empty((k, points.shape[1]))
     dual = np.empty((k, points.shape[1]))
     for c in range(cells.shape[0]):
-        measures[c] = _dual_edges(points, cells[c], edges, dual)
+        measures[c] = dual_edges(points, cells[c], edges, dual)
 
 
 @njit(cache=True, nogil=True)
@@ -110,7 +108,7 @@ def fill_gradient_norms(points, cells, values, norms):
         finite = True
         for v in range(k + 1):
             finite = finite and math.isfinite(values[cells[c, v]])
-        if not finite or _dual_edges(points, cells[c], edges, dual) == 0.0:
+        if not finite or dual_edges(points, cells[c], edges, dual) == 0.0:
             continue
         for d in range(dim):
             slope = 0.0

@@ -45,7 +45,7 @@ def _is_before(rows, a, b):
 
 @njit(cache=True, nogil=True)
 def group_rows(rows, n_points, first, group):
-    """Number the different rows of sorted indices in lexicographic order.
+    """Give each row of sorted indices the number of its group, groups in lexicographic order.
 
     Rows are dealt into one bucket per first index; the buckets are short in any
     mesh, so the insertion sort inside them makes the whole linear in practice.

@@ -1,0 +1,173 @@
+r"""The size of one node from the opposite side of one simplex (Hopf-Lax updates).
+
+For node k and a simplex whose opposite side F carries the linear sizes h, the
+largest size that the slope g allows at k is
+
+    min over y in F of  h(y) + g |x_k - y|,
+
+a convex problem with a closed form [1]_.  It holds for any angle of the simplex
+and any embedding dimension.
+
+``axes`` is a tuple of which only the length counts, the embedding dimension: its
+length is known when a kernel is compiled, so that the loops over it are unrolled,
+which halves the time of marching.
+
+References
+----------
+.. [1] F. Bornemann, C. Rasch, "Finite-element discretization of static
+   Hamilton-Jacobi equations based on a local variational principle",
+   Comput. Vis. Sci. 9 (2006) 57-69.
+"""
+
+import math
+
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def distance(points, axes, i, j):
+    """Return the distance of points i and j of float64[n, dim]."""
+    total = 0.0
+    for d in range(len(axes)):
+        total += (points[i, d] - points[j, d]) ** 2
+    return math.sqrt(total)
+
+
+@njit(cache=True, nogil=True)
+def update_from_edge(points, axes, k, a, b, h_a, h_b, g):
+    """Return the largest size at node k allowed by linear sizes on the edge (a, b).
+
+    With y(t) = x_a + t (x_b - x_a), the minimum over 0 <= t <= 1 of
+
+        h_a + t (h_b - h_a) + g |x_k - y(t)|.
+
+    With L the length of the edge, f its fraction at the foot of x_k, D the height
+    over it and s = (h_b - h_a)/(g L), the stationary point is
+    t = f - s D / (L sqrt(1 - s^2)), and the value there
+    h_a + f (h_b - h_a) + g D sqrt(1 - s^2).
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    k, a, b : int
+        Node to update, ends of the opposite edge; coinciding ends are allowed.
+    h_a, h_b : float64
+        Finite sizes at the ends.
+    g : float64
+        Gradient limit, >= 0.
+
+    Returns
+    -------
+    float64
+    """
+    length2 = 0.0
+    dot = 0.0
+    for d in range(len(axes)):
+        e = points[b, d] - points[a, d]
+        length2 += e * e
+        dot += e * (points[k, d] - points[a, d])
+    rise = h_b - h_a
+    slack2 = g * g * length2 - rise * rise
+    if slack2 <= 0.0:  # also an edge of length 0, and g = 0
+        if rise >= 0.0:
+            return h_a + g * distance(points, axes, k, a)
+        return h_b + g * distance(points, axes, k, b)
+    foot = dot / length2
+    # Subtract vectors, not squares: this keeps the height of a sliver accurate.
+    height2 = 0.0
+    for d in range(len(axes)):
+        height2 += (points[k, d] - points[a, d] - foot * (points[b, d] - points[a, d])) ** 2
+    ratio = math.sqrt(height2 / (length2 * slack2))  # D / (g L^2 sqrt(1 - s^2))
+    t = foot - rise * ratio
+    if t <= 0.0:
+        return h_a + g * distance(points, axes, k, a)
+    if t >= 1.0:
+        return h_b + g * distance(points, axes, k, b)
+    return h_a + foot * rise + ratio * slack2
+
+
+@njit(cache=True, nogil=True)
+def update_from_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
+    """Return the largest size at node k allowed by linear sizes on the triangle (a, b, c).
+
+    The point of the triangle's plane with barycentric coordinates
+    (1 - l1 - l2, l1, l2) is stationary for l = p - D q / sqrt(g^2 - |q|^2), where p
+    is the projection of x_k, D its distance from the plane, and q the gradient of
+    the sizes, both in the basis of the two edges at a.  The value there is
+    h_a + p.(h_b - h_a, h_c - h_a) + D sqrt(g^2 - |q|^2).  If it lies outside the
+    triangle, the minimum of the convex function is on an edge that separates it
+    from the triangle.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    k, a, b, c : int
+        Node to update and the opposite triangle, which may be degenerate.
+    h_a, h_b, h_c : float64
+        Finite sizes.
+    g : float64
+        Gradient limit, >= 0.
+    with_bc : bool
+        False leaves out the edge (b, c), for callers that have evaluated it before.
+
+    Returns
+    -------
+    float64
+        inf if the minimum is on the edge (b, c) and that is left out.
+    """
+    a11 = 0.0
+    a12 = 0.0
+    a22 = 0.0
+    w1 = 0.0
+    w2 = 0.0
+    for d in range(len(axes)):
+        e1 = points[b, d] - points[a, d]
+        e2 = points[c, d] - points[a, d]
+        w = points[k, d] - points[a, d]
+        a11 += e1 * e1
+        a12 += e1 * e2
+        a22 += e2 * e2
+        w1 += e1 * w
+        w2 += e2 * w
+    dh1 = h_b - h_a
+    dh2 = h_c - h_a
+    det = a11 * a22 - a12 * a12
+    if det <= 1e-14 * a11 * a22:
+        value = update_from_edge(points, axes, k, a, b, h_a, h_b, g)
+        value = min(value, update_from_edge(points, axes, k, a, c, h_a, h_c, g))
+        if with_bc:
+            value = min(value, update_from_edge(points, axes, k, b, c, h_b, h_c, g))
+        return value
+
+    q1 = (a22 * dh1 - a12 * dh2) / det
+    q2 = (a11 * dh2 - a12 * dh1) / det
+    slack2 = g * g - (q1 * dh1 + q2 * dh2)
+    if slack2 > 0.0:
+        p1 = (a22 * w1 - a12 * w2) / det
+        p2 = (a11 * w2 - a12 * w1) / det
+        height2 = 0.0
+        for d in range(len(axes)):
+            e1 = points[b, d] - points[a, d]
+            e2 = points[c, d] - points[a, d]
+            height2 += (points[k, d] - points[a, d] - p1 * e1 - p2 * e2) ** 2
+        ratio = math.sqrt(height2 / slack2)
+        l1 = p1 - ratio * q1
+        l2 = p2 - ratio * q2
+        if l1 >= 0.0 and l2 >= 0.0 and l1 + l2 <= 1.0:
+            return h_a + p1 * dh1 + p2 * dh2 + ratio * slack2
+        l0 = 1.0 - l1 - l2
+    else:  # the sizes fall without end along -q
+        l1 = -q1
+        l2 = -q2
+        l0 = q1 + q2
+
+    value = math.inf
+    if l2 < 0.0:
+        value = min(value, update_from_edge(points, axes, k, a, b, h_a, h_b, g))
+    if l1 < 0.0:
+        value = min(value, update_from_edge(points, axes, k, a, c, h_a, h_c, g))
+    if l0 < 0.0 and with_bc:
+        value = min(value, update_from_edge(points, axes, k, b, c, h_b, h_c, g))
+    return value

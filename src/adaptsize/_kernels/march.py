@@ -1,0 +1,287 @@
+"""Label-correcting fast marching on simplices.
+
+A node may be lowered again after it has left the heap; it then comes back.  So no
+angle condition is needed: when the heap is empty every node satisfies every local
+update, whatever the shape of the cells.
+
+The drivers read the mesh as *stars*: for each node, the other vertices of its
+cells in one contiguous block.  ``axes`` and ``others`` are tuples of which only
+the length counts (embedding dimension; vertices of a star entry), see local.py.
+"""
+
+import math
+
+from numba import njit
+
+from adaptsize._kernels.heap import pop, push_or_decrease
+from adaptsize._kernels.local import distance, update_from_edge, update_from_triangle
+
+# A candidate must be lower by more than rounding to count.
+KEEP = 1.0 - 1e-14
+
+
+@njit(cache=True, nogil=True)
+def fill_stars(cells, star_ptr, star, owner):
+    """List for each node the other vertices of its cells.
+
+    Parameters
+    ----------
+    cells : int32[m, k]
+    star_ptr : int64[n + 1]
+        Out: the entries of node i are ``star[star_ptr[i]:star_ptr[i + 1]]``.
+    star : int32[m * k, k - 1]
+        Out.
+    owner : int32[m * k] or int32[0]
+        Out: the cell of each entry; left alone if empty.
+    """
+    k = cells.shape[1]
+    n = star_ptr.shape[0] - 1
+    star_ptr[:] = 0
+    for c in range(cells.shape[0]):
+        for v in range(k):
+            star_ptr[cells[c, v] + 1] += 1
+    for i in range(n):
+        star_ptr[i + 1] += star_ptr[i]
+    # star_ptr[i] serves as the next free place of node i, and is put back afterwards.
+    for c in range(cells.shape[0]):
+        for v in range(k):
+            i = cells[c, v]
+            entry = star_ptr[i]
+            star_ptr[i] += 1
+            for w in range(k - 1):
+                star[entry, w] = cells[c, (v + 1 + w) % k]
+            if owner.shape[0] > 0:
+                owner[entry] = c
+    for i in range(n, 0, -1):
+        star_ptr[i] = star_ptr[i - 1]
+    star_ptr[0] = 0
+
+
+@njit(cache=True, nogil=True)
+def candidate_from_cell(points, axes, cells, c, k, h, g):
+    """Return the size at vertex k of cell c allowed by all its other vertices.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    cells : int32[m, 2, 3 or 4]
+    c, k : int
+        Cell, and one of its nodes.
+    h : float64[n]
+        Sizes; vertices with inf are left out.
+    g : float64
+        Gradient limit in the cell.
+
+    Returns
+    -------
+    float64
+        inf if no other vertex is below ``h[k]``: none could lower it.
+    """
+    a = b = d = -1
+    below = False
+    for v in range(cells.shape[1]):
+        i = cells[c, v]
+        if i == k or math.isinf(h[i]):
+            continue
+        below = below or h[i] < h[k]
+        if a < 0:
+            a = i
+        elif b < 0:
+            b = i
+        else:
+            d = i
+    if not below:
+        return math.inf
+    if b < 0:
+        return h[a] + g * distance(points, axes, k, a)
+    if d < 0:
+        return update_from_edge(points, axes, k, a, b, h[a], h[b], g)
+    return update_from_triangle(points, axes, k, a, b, d, h[a], h[b], h[d], g, True)
+
+
+@njit(cache=True, nogil=True)
+def sweep_cells(points, axes, cells, h, g, g_step, floor):
+    """Fill the least candidate of every node over its cells, all from the same sizes.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    cells : int32[m, k]
+    h : float64[n]
+        Sizes, inf allowed.
+    g : float64[m] or float64[1]
+        Gradient limit per cell; cell c has ``g[c * g_step]``.
+    g_step : int
+        1 or 0.
+    floor : float64[n]
+        Out: inf where no neighbour is below.
+    """
+    floor[:] = math.inf
+    for c in range(cells.shape[0]):
+        least = math.inf
+        for v in range(cells.shape[1]):
+            least = min(least, h[cells[c, v]])
+        if math.isinf(least):
+            continue
+        for v in range(cells.shape[1]):
+            k = cells[c, v]
+            if h[k] > least:
+                value = candidate_from_cell(points, axes, cells, c, k, h, g[c * g_step])
+                floor[k] = min(floor[k], value)
+
+
+@njit(cache=True, nogil=True)
+def queue_lowered(h, candidate, key, node, place, size):
+    """Lower each node to its candidate and put those that change into the heap.
+
+    Parameters
+    ----------
+    h : float64[n]
+        In/Out.
+    candidate : float64[n]
+    key, node, place, size
+        In/Out: the heap (see heap.py).
+    """
+    for k in range(h.shape[0]):
+        if candidate[k] < h[k] * KEEP:
+            h[k] = candidate[k]
+            push_or_decrease(key, node, place, size, k, h[k])
+
+
+@njit(cache=True, nogil=True)
+def _is_acute(points, axes, k, j, m):
+    """Tell whether the angle at k between j and m is below 90 degrees."""
+    dot = 0.0
+    for d in range(len(axes)):
+        dot += (points[j, d] - points[k, d]) * (points[m, d] - points[k, d])
+    return dot > 0.0
+
+
+@njit(cache=True, nogil=True)
+def _candidate_through(points, axes, k, j, a, b, h, g):
+    """Return the size at k allowed by the side (j, a, b), as far as node j matters.
+
+    ``a`` and ``b`` are -1 where the side has fewer usable nodes.  Parts of the
+    side without j are left out: they were looked at when their last node was accepted.
+    """
+    if a < 0:
+        return h[j] + g * distance(points, axes, k, j)
+    if h[k] <= h[j]:
+        # A minimum that uses j lies above h[j] where the angles at k are acute.
+        if h[k] <= h[a] and (b < 0 or h[k] <= h[b]):
+            return math.inf
+        if _is_acute(points, axes, k, j, a) and (b < 0 or _is_acute(points, axes, k, j, b)):
+            return math.inf
+    if b < 0:
+        return update_from_edge(points, axes, k, j, a, h[j], h[a], g)
+    return update_from_triangle(points, axes, k, j, a, b, h[j], h[a], h[b], g, False)
+
+
+@njit(cache=True, nogil=True)
+def march(
+    points, axes, others, star_ptr, star, owner, h, g, g_step, key, node, place, size, max_pops
+):
+    """Accept nodes in order of size and lower their neighbours; at most ``max_pops`` nodes.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes, others : tuples of length dim, k - 1
+    star_ptr, star, owner
+        Stars of the nodes (see `fill_stars`); ``owner`` may be empty if ``g_step`` is 0.
+    h : float64[n]
+        In/Out.
+    g, g_step
+        Gradient limit per cell, as in `sweep_cells`.
+    key, node, place, size
+        In/Out: the heap (see heap.py).
+    max_pops : int
+        Return after that many, so that the caller can report and be interrupted.
+
+    Returns
+    -------
+    int
+        Number of nodes accepted; less than ``max_pops`` if the heap is empty.
+    """
+    pops = 0
+    while size[0] > 0 and pops < max_pops:
+        j = pop(key, node, place, size)
+        pops += 1
+        for entry in range(star_ptr[j], star_ptr[j + 1]):
+            g_here = g[owner[entry]] if g_step else g[0]
+            for v in range(len(others)):
+                k = star[entry, v]
+                # Nodes in the heap are left out: this side is looked at again when
+                # they are accepted.
+                a = b = -1
+                for w in range(1, len(others)):
+                    i = star[entry, (v + w) % len(others)]
+                    if place[i] < 0 and h[i] < math.inf:
+                        if a < 0:
+                            a = i
+                        else:
+                            b = i
+                value = _candidate_through(points, axes, k, j, a, b, h, g_here)
+                if value < h[k] * KEEP:
+                    h[k] = value
+                    push_or_decrease(key, node, place, size, k, value)
+    return pops
+
+
+@njit(cache=True, nogil=True)
+def march_edges(
+    points, axes, others, star_ptr, star, owner, h, g, g_step, key, node, place, size, max_pops
+):
+    """Do as `march`, but along edges only: shortest paths in the graph of the mesh.
+
+    Parameters and result as for `march`.
+    """
+    pops = 0
+    while size[0] > 0 and pops < max_pops:
+        j = pop(key, node, place, size)
+        pops += 1
+        for entry in range(star_ptr[j], star_ptr[j + 1]):
+            g_here = g[owner[entry]] if g_step else g[0]
+            for v in range(len(others)):
+                k = star[entry, v]
+                if h[k] > h[j]:
+                    value = h[j] + g_here * distance(points, axes, k, j)
+                    if value < h[k] * KEEP:
+                        h[k] = value
+                        push_or_decrease(key, node, place, size, k, value)
+    return pops
+
+
+@njit(cache=True, nogil=True)
+def sweep_edges(points, axes, cells, h, g, g_step, floor):
+    """Do as `sweep_cells`, but along edges only."""
+    floor[:] = math.inf
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            k = cells[c, v]
+            for w in range(cells.shape[1]):
+                j = cells[c, w]
+                if h[j] < h[k]:
+                    value = h[j] + g[c * g_step] * distance(points, axes, k, j)
+                    floor[k] = min(floor[k], value)
+
+
+@njit(cache=True, nogil=True)
+def largest_edge_slope(points, axes, cells, h, g, g_step):
+    """Return the largest (h_i - h_j) / (g |x_i - x_j|) over the edges of all cells.
+
+    Parameters as for `sweep_cells`.  0 counts for 0/0 and for edges without two finite ends.
+    """
+    largest = 0.0
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            for w in range(v):
+                i = cells[c, v]
+                j = cells[c, w]
+                rise = abs(h[i] - h[j])
+                if rise > 0.0 and math.isfinite(rise):
+                    run = g[c * g_step] * distance(points, axes, i, j)
+                    largest = max(largest, rise / run if run > 0.0 else math.inf)
+    return largest

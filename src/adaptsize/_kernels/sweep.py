@@ -1,0 +1,128 @@
+"""Unordered drivers: the positive coefficient scheme of Barth and Sethian."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from adaptsize._kernels.simplex import dual_edges
+
+
+@njit(cache=True, nogil=True)
+def fill_hat_gradients(points, cells, measures, gradients):
+    """Fill measure and gradients of the hat functions of each cell.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    cells : int32[m, k + 1]
+    measures : float64[m]
+        Out: 0 in degenerate cells, which the scheme leaves out.
+    gradients : float64[m, k + 1, dim]
+        Out.
+    """
+    k = cells.shape[1] - 1
+    dim = points.shape[1]
+    edges = np.empty((k, dim))
+    dual = np.empty((k, dim))
+    for c in range(cells.shape[0]):
+        measures[c] = dual_edges(points, cells[c], edges, dual)
+        for d in range(dim):
+            total = 0.0
+            for i in range(k):
+                gradients[c, i + 1, d] = dual[i, d]
+                total += dual[i, d]
+            gradients[c, 0, d] = -total
+
+
+@njit(cache=True, nogil=True)
+def smallest_altitude(measures, gradients):
+    """Return the smallest altitude, 1/|grad N_i|, of the cells that are not degenerate."""
+    steepest = 0.0
+    for c in range(measures.shape[0]):
+        if measures[c] > 0.0:
+            for v in range(gradients.shape[1]):
+                slope2 = 0.0
+                for d in range(gradients.shape[2]):
+                    slope2 += gradients[c, v, d] ** 2
+                steepest = max(steepest, slope2)
+    return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
+
+
+@njit(cache=True, nogil=True)
+def fill_residuals(cells, measures, gradients, u, g, g_step, residual, weight, upstream):
+    r"""Gather the nodal residuals of :math:`u_t + \max(|\nabla u| - g, 0) = 0`.
+
+    In each cell T with gradient p of u, q = |p|, and K_i = |T| p . grad N_i / q:
+
+        u_in    = sum_l K_l^- u_l / sum_l K_l^-
+        dphi_i  = K_i^+ (u_i - u_in),    alpha_i = dphi_i^+ / sum_l dphi_l^+
+        R_i    += alpha_i |T| max(q - g, 0),    W_i += alpha_i |T|
+
+    With g = 0 this is the level set scheme [1]_ itself.
+
+    Parameters
+    ----------
+    cells : int32[m, k + 1]
+    measures, gradients
+        From `fill_hat_gradients`.
+    u : float64[n]
+        Finite.
+    g : float64[m] or float64[1]
+        Gradient limit per cell; cell c has ``g[c * g_step]``.
+    g_step : int
+        1 or 0.
+    residual, weight : float64[n]
+        Out: R and W.
+    upstream : float64[n]
+        Out: the least u_in of the cells that act on the node, inf if none does.
+
+    References
+    ----------
+    .. [1] T. J. Barth, J. A. Sethian, "Numerical schemes for the Hamilton-Jacobi
+       and level set equations on triangulated domains", J. Comput. Phys. 145 (1998) 1-40.
+    """
+    residual[:] = 0.0
+    weight[:] = 0.0
+    upstream[:] = math.inf
+    width = cells.shape[1]
+    dim = gradients.shape[2]
+    slope = np.empty(dim)
+    share = np.empty(width)
+    for c in range(cells.shape[0]):
+        if measures[c] == 0.0:
+            continue
+        q2 = 0.0
+        for d in range(dim):
+            slope[d] = 0.0
+            for v in range(width):
+                slope[d] += u[cells[c, v]] * gradients[c, v, d]
+            q2 += slope[d] ** 2
+        if q2 == 0.0:
+            continue
+        q = math.sqrt(q2)
+        inflow = 0.0
+        inflow_u = 0.0
+        for v in range(width):
+            share[v] = 0.0
+            for d in range(dim):
+                share[v] += measures[c] * slope[d] * gradients[c, v, d] / q
+            if share[v] < 0.0:
+                inflow += share[v]
+                inflow_u += share[v] * u[cells[c, v]]
+        if inflow == 0.0:
+            continue
+        u_in = inflow_u / inflow
+        total = 0.0
+        for v in range(width):
+            share[v] = max(share[v], 0.0) * max(u[cells[c, v]] - u_in, 0.0)
+            total += share[v]
+        if total == 0.0:
+            continue
+        excess = max(q - g[c * g_step], 0.0)
+        for v in range(width):
+            if share[v] > 0.0:
+                i = cells[c, v]
+                residual[i] += share[v] / total * measures[c] * excess
+                weight[i] += share[v] / total * measures[c]
+                upstream[i] = min(upstream[i], u_in)

@@ -1,0 +1,141 @@
+"""What a user may give as ``g``, made into one slope per cell and a change of variable."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, refuse_where
+from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+
+# Intervals of the table per factor e of h: linear interpolation then errs by
+# 1/(8 * 8192^2) = 2e-9 relative where g(h) changes by a factor e as fast as h does.
+_PER_E_FOLD = 8192
+
+
+@dataclass(frozen=True)
+class Slope:
+    """The bound |grad u| <= slope that the schemes work with."""
+
+    values: FloatArray
+    """One per cell, or a single one for all."""
+
+    @property
+    def step(self) -> int:
+        """1 if there is one value per cell, else 0: cell c has ``values[c * step]``."""
+        return 0 if len(self.values) == 1 else 1
+
+
+class SizeTransform:
+    r"""The change of variable that turns g(h) into a constant.
+
+    With :math:`\Phi(h) = \int dh / g(h)`, the condition :math:`|\nabla h| \le g(h)`
+    is :math:`|\nabla \Phi(h)| \le 1`.  As :math:`\Phi` grows strictly for any
+    positive g, the largest such h exists, is unique, and is
+    :math:`\Phi^{-1}` of the limited :math:`\Phi(h_0)`.
+
+    The table holds :math:`\Phi` at geometrically spaced sizes (two-point Gauss rule
+    in each interval) and is read by linear interpolation both ways, so that going
+    there and back loses nothing but rounding.
+
+    Parameters
+    ----------
+    g_of_h : callable
+        Takes an array of sizes, returns positive finite limits.
+    smallest, largest : float
+        Range of finite sizes to begin with, ``0 < smallest <= largest``.
+    """
+
+    def __init__(self, g_of_h: GradientOfSize, smallest: float, largest: float) -> None:
+        self._g_of_h = g_of_h
+        self._h = np.array([smallest])
+        self._phi = np.array([0.0])
+        self._extend_to(max(largest, smallest * math.e))
+
+    def forward(self, h: FloatArray) -> FloatArray:
+        """Return Phi(h) for sizes within the table; inf stays inf."""
+        return np.where(np.isinf(h), np.inf, np.interp(h, self._h, self._phi))
+
+    def backward(self, phi: FloatArray) -> FloatArray:
+        """Return the sizes h with Phi(h) = phi; inf stays inf.
+
+        Raises
+        ------
+        ValueError
+            If g(h) grows so fast that a size overflows.
+        """
+        finite = phi[np.isfinite(phi)]
+        highest = float(finite.max()) if finite.size else 0.0
+        while self._phi[-1] < highest:
+            if self._h[-1] > 1e200:
+                raise ValueError("g(h) must be bounded: it grows so fast that the sizes overflow")
+            self._extend_to(4.0 * float(self._h[-1]))
+        return np.where(np.isinf(phi), np.inf, np.interp(phi, self._phi, self._h))
+
+    def _extend_to(self, largest: float) -> None:
+        start = float(self._h[-1])
+        count = max(2, math.ceil(_PER_E_FOLD * math.log(largest / start)))
+        h = np.geomspace(start, largest, count + 1)
+        step = np.diff(h)
+        middle = 0.5 * (h[1:] + h[:-1])
+        offset = step / (2.0 * math.sqrt(3.0))
+        inverse = 0.5 * (1.0 / self._g(middle - offset) + 1.0 / self._g(middle + offset))
+        phi = float(self._phi[-1]) + np.cumsum(step * inverse)
+        self._h = np.concatenate([self._h, h[1:]])
+        self._phi = np.concatenate([self._phi, phi])
+
+    def _g(self, h: FloatArray) -> FloatArray:
+        g = np.asarray(self._g_of_h(h), dtype=np.float64)
+        if g.shape not in ((), h.shape):
+            raise ValueError(f"g(h) must return one limit per size, shape {h.shape}, got {g.shape}")
+        g = np.broadcast_to(g, h.shape)
+        bad = ~(g > 0.0) | ~np.isfinite(g)
+        if bad.any():
+            first = int(np.argmax(bad))
+            raise ValueError(f"g(h) must be positive and finite, got g({h[first]:g}) = {g[first]}")
+        return g
+
+
+def resolve(
+    mesh: SimplexMesh, g: GradientLimit, h0: FloatArray
+) -> tuple[Slope, SizeTransform | None]:
+    """Return the slope per cell and, where g depends on h, the change of variable.
+
+    Raises
+    ------
+    ValueError
+        If g has a wrong shape or is negative, NaN or infinite.
+    """
+    g_of_x: npt.ArrayLike
+    if isinstance(g, tuple) and len(g) == 2 and callable(g[1]):
+        g_of_x, g_of_h = g
+    elif callable(g):
+        g_of_x, g_of_h = 1.0, g
+    else:
+        return Slope(_per_cell(mesh, g)), None
+    finite = h0[np.isfinite(h0)]
+    transform = SizeTransform(g_of_h, float(finite.min()), float(finite.max()))
+    return Slope(_per_cell(mesh, g_of_x)), transform
+
+
+def _per_cell(mesh: SimplexMesh, g: object) -> FloatArray:
+    """Return one limit for all, or one per cell: nodal limits are averaged in each cell."""
+    values = as_float_array("g", g)  # type: ignore[arg-type]
+    refuse_where("g", ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
+    if values.ndim == 0:
+        return values.reshape(1)
+    if values.shape == (mesh.n_points,):
+        return np.ascontiguousarray(values[mesh.cells].mean(axis=1))
+    if values.shape == (mesh.n_cells,):
+        return values
+    raise ValueError(
+        f"g must be a number, an array per node {(mesh.n_points,)} or per cell {(mesh.n_cells,)}, "
+        f"or callable; got shape {values.shape}"
+    )
