@@ -1,10 +1,9 @@
 """Location of points in a mesh by a tree of boxes, and linear interpolation.
 
-The cells are sorted along the Morton curve of their centroids.  Over them stands a
-complete binary tree in heap order: node 1 is the root, the children of node i are
-2 i and 2 i + 1, and the last ``n_leaves`` nodes are leaves.  Leaf number l holds the
-sorted cells from ``l * n_cells // n_leaves`` to ``(l + 1) * n_cells // n_leaves``, so
-no array but that of the boxes is needed.
+The tree is a complete binary tree in heap order: node 1 is the root, the children of
+node i are 2 i and 2 i + 1, and the last ``n_leaves`` nodes are leaves.  The cells are
+put in an order in which leaf number l holds those from ``l * n_cells // n_leaves`` to
+``(l + 1) * n_cells // n_leaves``, so no array but that of the boxes is needed.
 """
 
 import math
@@ -69,6 +68,77 @@ def fill_centroids(points, cells, centroids):
             for v in range(k):
                 total += points[cells[c, v], d]
             centroids[c, d] = total / k
+
+
+@njit(cache=True, nogil=True)
+def _select(keys, axis, order, first, last, middle):
+    """Move the cells of smaller keys before place ``middle``, the others behind (quickselect).
+
+    Parameters
+    ----------
+    keys : float64[m, 3]
+    axis : int
+        Column of the keys.
+    order : int64[m]
+        In/Out: ``order[first:last]`` is rearranged.
+    first, last, middle : int
+        ``first <= middle < last``.
+    """
+    low, high = first, last - 1
+    while low < high:
+        pivot = keys[order[(low + high) // 2], axis]
+        i, j = low, high
+        while i <= j:
+            while keys[order[i], axis] < pivot:
+                i += 1
+            while keys[order[j], axis] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            return
+
+
+@njit(cache=True, nogil=True)
+def sort_for_tree(centroids, n_leaves, order):
+    """Put cells in the order of a tree: each node is halved along the longest side.
+
+    Halving by number keeps the tree complete; unlike runs along a space-filling curve,
+    the halves of a box do not overlap but for the size of the cells.
+
+    Parameters
+    ----------
+    centroids : float64[m, 3]
+    n_leaves : int
+        Power of 2, at most m.
+    order : int64[m]
+        In/Out: numbers of the cells.  Centroids along a space-filling curve are faster.
+    """
+    m = centroids.shape[0]
+    lower = np.empty(3)
+    upper = np.empty(3)
+    for node in range(1, n_leaves):
+        width = n_leaves  # number of leaves under the node
+        level = node
+        while level > 1:
+            level >>= 1
+            width >>= 1
+        leaf = node * width - n_leaves
+        first, last = leaf * m // n_leaves, (leaf + width) * m // n_leaves
+        lower[:] = math.inf
+        upper[:] = -math.inf
+        for place in range(first, last):
+            for d in range(3):
+                lower[d] = min(lower[d], centroids[order[place], d])
+                upper[d] = max(upper[d], centroids[order[place], d])
+        axis = np.argmax(upper - lower)
+        _select(centroids, axis, order, first, last, (leaf + width // 2) * m // n_leaves)
 
 
 @njit(cache=True, nogil=True)

@@ -16,6 +16,7 @@ from adaptsize._kernels.interpolate import (
     fill_morton_codes,
     interpolate,
     locate,
+    sort_for_tree,
 )
 from adaptsize.typing import FloatArray, IntArray
 
@@ -44,10 +45,12 @@ class SimplexLocator:
 
     Notes
     -----
-    Building costs O(n log n) (sorting the cells along a Morton curve), a point inside
-    the mesh O(log n) on meshes whose boxes overlap boundedly, as those of shape-regular
-    cells do.  A point that is equally far from all cells (the centre of a sphere) must
-    look at all of them.
+    Building costs O(n log n): the cells are halved by number, along the longest side of
+    the box of their centroids, down to four.  A point inside the mesh, or much nearer to
+    it than a cell is long, costs O(log n) where the boxes of few cells overlap, as those
+    of shape-regular cells do.  A point at a distance d from a surface of cells of length
+    a looks at O(d / a) cells more, and one that is equally far from all cells (the centre
+    of a sphere) at all of them.
 
     Examples
     --------
@@ -83,12 +86,15 @@ class SimplexLocator:
         cells = number[mesh.cells]
         centroids = np.empty((mesh.n_cells, 3))
         fill_centroids(self._points, cells, centroids)
-        order = self._along_curve(centroids)
-        self._cell_of_place = order.astype(np.int32)
-        self._cells = cells[order]
         n_leaves = 1
         while n_leaves * _CELLS_PER_LEAF < mesh.n_cells:
             n_leaves *= 2
+        along = self._along_curve(centroids)
+        order = np.arange(mesh.n_cells)
+        sort_for_tree(centroids[along], n_leaves, order)
+        order = along[order]
+        self._cell_of_place = order.astype(np.int32)
+        self._cells = cells[order]
         self._boxes = np.empty((2 * n_leaves, 6))
         fill_boxes(self._points, self._cells, self._boxes)
 
