@@ -33,7 +33,8 @@ def _face_tensor(x, n, normal, u, v, shape):
             v[d] = x[(k + 2) % 3, d] - x[(k + 1) % 3, d]
         if dot(v, v) > best:
             longest, best = k, dot(v, v)
-            u[:] = v
+            for d in range(3):
+                u[d] = v[d]
     normalise(u)
     cross(normal, u, v)
     xx, xy, yy, xp, yq, mixed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -118,12 +119,12 @@ def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tens
     sign : float64[3 m]
     normals : float64[n_sectors, 3]
     tensors : float64[n_sectors, 6]
-        Out: xx, yy, zz, yz, xz, xy; positive where the surface bends away from the normal.
+        In/Out: zeros on entry; xx, yy, zz, yz, xz, xy, positive where the surface bends
+        away from the normal.
     """
     x = np.empty((3, 3))
     n = np.empty((3, 3))
-    u, v, shape, target = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    tensors[:, :] = 0.0
+    u, v, shape = np.empty(3), np.empty(3), np.empty(3)
     weights = np.zeros(tensors.shape[0])
     for c in range(cells.shape[0]):
         if areas[c] == 0.0:
@@ -137,13 +138,12 @@ def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tens
         for k in range(3):
             corner = 3 * c + k
             s = sector[corner]
-            target[:] = n[k]
             # The tensor changes sign with the normal, the sum is in the sector's orientation.
-            _add_turned(face_normals[c], u, v, shape, sign[corner] * areas[c], target, tensors[s])
+            _add_turned(face_normals[c], u, v, shape, sign[corner] * areas[c], n[k], tensors[s])
             weights[s] += areas[c]
     for s in range(tensors.shape[0]):
-        if weights[s] > 0.0:
-            tensors[s] /= weights[s]
+        for d in range(6):
+            tensors[s, d] /= max(weights[s], 1e-300)  # all zero where there is no area
 
 
 @njit(cache=True, nogil=True)
@@ -153,7 +153,8 @@ def _frame(normal, u, v):
     for d in range(1, 3):
         if abs(normal[d]) < abs(normal[least]):
             least = d
-    v[:] = 0.0
+    for d in range(3):
+        v[d] = 0.0
     v[least] = 1.0
     cross(normal, v, u)
     normalise(u)
@@ -163,7 +164,8 @@ def _frame(normal, u, v):
 @njit(cache=True, nogil=True)
 def _restrict(tensor, u, v, shape):
     """Fill (a, b, c), the components of a symmetric tensor float64[6] in the frame u, v."""
-    shape[:] = 0.0
+    for d in range(3):
+        shape[d] = 0.0
     for d in range(3):
         i, j = (d + 1) % 3, (d + 2) % 3
         shape[0] += tensor[d] * u[d] * u[d] + 2.0 * tensor[3 + d] * u[i] * u[j]
@@ -189,7 +191,8 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
     """
     u, v, shape, source = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for s in range(tensors.shape[0]):
-        smoothed[s, :] = 0.0
+        for d in range(6):
+            smoothed[s, d] = 0.0
         total = 0.0
         for k in range(fan_ptr[s], fan_ptr[s + 1]):
             c = fan[k] // 3
@@ -203,8 +206,8 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
                 _restrict(tensors[t], u, v, shape)
                 _add_turned(source, u, v, shape, turn * areas[c], normals[s], smoothed[s])
             total += 3.0 * areas[c]
-        if total > 0.0:
-            smoothed[s] /= total
+        for d in range(6):
+            smoothed[s, d] /= max(total, 1e-300)
 
 
 @njit(cache=True, nogil=True)

@@ -29,7 +29,8 @@ def fill_sector_normals(points, cells, areas, face_normals, sign, fan, fan_ptr, 
         Out: unit vectors; zero where all triangles of the sector are degenerate.
     """
     for s in range(normals.shape[0]):
-        normals[s, :] = 0.0
+        for d in range(3):
+            normals[s, d] = 0.0
         for k in range(fan_ptr[s], fan_ptr[s + 1]):
             c, v = fan[k] // 3, fan[k] % 3
             if areas[c] == 0.0:
@@ -98,7 +99,7 @@ def _open_frame(points, i, ends, normal, u, v):
 
 
 @njit(cache=True, nogil=True)
-def _chord_sums(points, cells, fan, sector, sign, normals, u, v, sums):
+def _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, sums):
     """Sum up the normal equations of the chord condition over the edges of one fan.
 
     The chord between two points of a sphere or a cylinder is at right angles to the
@@ -110,8 +111,8 @@ def _chord_sums(points, cells, fan, sector, sign, normals, u, v, sums):
     ----------
     points : float64[n, 3]
     cells : int32[m, 3]
-    fan : int32[corners]
-        The corners of this fan only.
+    fan : int32[3 m]
+        The corners of this fan are ``fan[first:last]``.
     sector, sign : int32[3 m], float64[3 m]
     normals : float64[n_sectors, 3]
     u, v : float64[3]
@@ -119,9 +120,11 @@ def _chord_sums(points, cells, fan, sector, sign, normals, u, v, sums):
     sums : float64[5]
         Out: uu, uv, vv, and the right-hand sides of u and v.
     """
-    sums[:] = 0.0
-    s = sector[fan[0]]
-    for corner in fan:
+    for k in range(5):
+        sums[k] = 0.0
+    s = sector[fan[first]]
+    for k in range(first, last):
+        corner = fan[k]
         c, w = corner // 3, corner % 3
         for turn in range(1, 3):
             there = 3 * c + (w + turn) % 3
@@ -145,7 +148,7 @@ def _chord_sums(points, cells, fan, sector, sign, normals, u, v, sums):
 
 @njit(cache=True, nogil=True)
 def correct_open_normals(
-    points, cells, fan, fan_ptr, ends, sector, sign, angles, corners, limit, normals
+    points, cells, fan, fan_ptr, ends, sector, sign, angles, corners, limit, normals, corrected
 ):
     """Correct the normals of open fans, which lean towards the side where the faces are.
 
@@ -170,18 +173,18 @@ def correct_open_normals(
     limit : float
         Largest tangent of the tilt.
     normals : float64[n_sectors, 3]
-        In/Out.
+    corrected : float64[n_sectors, 3]
+        In/Out: the same normals; those of the chosen fans are corrected.
     """
     u, v, sums = np.empty(3), np.empty(3), np.empty(5)
-    corrected = normals.copy()
     for s in range(normals.shape[0]):
         is_corner = angles[s] < 150.0 / 180.0 * math.pi
         if ends[s, 0] < 0 or ends[s, 0] == ends[s, 1] or is_corner != corners:
             continue
         corner = fan[fan_ptr[s]]
         _open_frame(points, cells[corner // 3, corner % 3], ends[s], normals[s], u, v)
-        around = fan[fan_ptr[s] : fan_ptr[s + 1]]
-        _chord_sums(points, cells, around, sector, sign, normals, u, v, sums)
+        first, last = fan_ptr[s], fan_ptr[s + 1]
+        _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, sums)
         # Next to nothing on a sound fan; keeps a fan of needles from a division by zero.
         damp = 1e-6 * (sums[0] + sums[2])
         if damp == 0.0:
@@ -196,4 +199,3 @@ def correct_open_normals(
         for d in range(3):
             corrected[s, d] += shrink * (tilt_u * u[d] + tilt_v * v[d])
         normalise(corrected[s])
-    normals[:] = corrected

@@ -16,7 +16,9 @@ def fill_facet_cells(cell_facets, facet_cells):
     facet_cells : int32[n_facets, 2]
         Out: the first two cells at each facet, -1 where there is none.
     """
-    facet_cells[:, :] = -1
+    for f in range(facet_cells.shape[0]):
+        facet_cells[f, 0] = -1
+        facet_cells[f, 1] = -1
     for c in range(cell_facets.shape[0]):
         for v in range(cell_facets.shape[1]):
             f = cell_facets[c, v]
@@ -100,7 +102,8 @@ def fill_face_normals(points, cells, flat_share, normals, areas):
         areas[c] = 0.5 * normalise(normals[c])
         if areas[c] <= flat_share * dot(edge[longest], edge[longest]):
             areas[c] = 0.0
-            normals[c, :] = 0.0
+            for d in range(3):
+                normals[c, d] = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -164,7 +167,7 @@ def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_cr
         is_crease[f] = True
         if facet_counts[f] != 2:
             continue
-        c, other = facet_cells[f]
+        c, other = facet_cells[f, 0], facet_cells[f, 1]
         sign = _agreement(cells, c, other, facets[f, 0], facets[f, 1])
         cross(normals[c], normals[other], product)
         # atan2 keeps small angles exact, where acos loses half the digits.
@@ -245,7 +248,8 @@ def fill_sectors(cells, cell_facets, facet_cells, is_crease, sector, sign, fan, 
     int
         Number of sectors.
     """
-    sector[:] = -1
+    for corner in range(sector.shape[0]):
+        sector[corner] = -1
     fan_ptr[0] = 0
     count, n_sectors = 0, 0
     for corner in range(sector.shape[0]):

@@ -127,7 +127,7 @@ def corner_curvature(
     faces = _faces_of(surface)
     sectors = _sectors_of(surface, faces, _creases_of(surface, faces, angle))
     normals = _normals_of(surface, faces, sectors, angle)
-    tensors, kappa = np.empty((len(normals), 6)), np.empty(len(normals))
+    tensors, kappa = np.zeros((len(normals), 6)), np.empty(len(normals))
     kernels.fill_tensors(
         surface.points, surface.cells, faces.areas, faces.normals, sectors.sector,
         sectors.sign, normals, tensors,
@@ -330,10 +330,12 @@ def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: f
     # each other, hence in turns.
     limit = math.tan(0.5 * min(angle, 0.5 * math.pi))
     for corners in (True, False, True, False):
+        corrected = normals.copy()
         normal_kernels.correct_open_normals(
             surface.points, surface.cells, sectors.fan, sectors.fan_ptr, sectors.ends,
-            sectors.sector, sectors.sign, angles, corners, limit, normals,
+            sectors.sector, sectors.sign, angles, corners, limit, normals, corrected,
         )  # fmt: skip
+        normals = corrected
     return normals
 
 

@@ -1,0 +1,58 @@
+"""The smallest of several bounds."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from adaptsize import minimum
+
+sizes = st.lists(st.floats(1e-6, 1e6) | st.just(np.inf), min_size=4, max_size=4)
+
+
+@given(st.lists(sizes, min_size=1, max_size=4), st.randoms(use_true_random=False))
+def test_smallest_in_any_order(bounds, random):
+    expected = np.array(bounds).min(axis=0)
+    assert_array_equal(minimum(*bounds), expected)
+    random.shuffle(bounds)
+    assert_array_equal(minimum(*bounds), expected)
+    assert_array_equal(minimum(expected, minimum(*bounds)), expected)
+
+
+@given(sizes, st.floats(0.1, 1.0), st.floats(1.0, 10.0))
+def test_limits_hold_everywhere(h0, hmin, hmax):
+    h = minimum(h0, hmin=hmin, hmax=hmax)
+    assert (h >= hmin).all()
+    assert (h <= hmax).all()
+    inside = (np.array(h0) >= hmin) & (np.array(h0) <= hmax)
+    assert_array_equal(h[inside], np.array(h0)[inside])
+
+
+def test_inf_stays_unless_hmax_is_given():
+    assert_array_equal(minimum([np.inf, 2.0], [np.inf, 3.0], hmin=2.5), [np.inf, 2.5])
+    assert_array_equal(minimum([np.inf, 2.0], hmax=4.0), [4.0, 2.0])
+
+
+def test_any_shape_and_inputs_are_left_alone():
+    h0 = np.arange(1.0, 7.0).reshape(2, 3)
+    before = h0.copy()
+    h = minimum(h0, hmax=3.0)
+    assert h.shape == (2, 3)
+    assert_array_equal(h0, before)
+    assert not np.shares_memory(minimum(h0), h0)
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(ValueError, match="at least one array"):
+        minimum()
+    with pytest.raises(ValueError, match=r"h0\[1\] must have shape \(2,\), got \(3,\)"):
+        minimum([1.0, 2.0], [1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match=r"h0\[1\] must be positive .* got h0\[1\]\[1\] = 0.0"):
+        minimum([1.0, 2.0], [1.0, 0.0])
+    with pytest.raises(ValueError, match=r"h0\[0\] must be positive"):
+        minimum([1.0, np.nan])
+    with pytest.raises(ValueError, match="hmin must be at most hmax"):
+        minimum([1.0], hmin=2.0, hmax=1.0)
+    with pytest.raises(ValueError, match="hmin must be finite and > 0"):
+        minimum([1.0], hmin=0.0)
