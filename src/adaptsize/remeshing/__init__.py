@@ -1,1 +1,39 @@
-"""Placeholder."""
+"""New meshes from sizes: one adapter per mesh generator, and ``remesh`` over them.
+
+Names are imported on first use: the child processes that run the generators
+import this package too, and start sooner without the mesh classes.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_HOMES = {
+    "remesh": "driver",
+    "available_backends": "registry",
+    "register_backend": "registry",
+    "Backend": "protocol",
+    "Problem": "protocol",
+    "estimate_n_cells": "estimate",
+}
+
+__all__ = [
+    "Backend",
+    "Problem",
+    "available_backends",
+    "estimate_n_cells",
+    "register_backend",
+    "remesh",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name from its home on first use (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'adaptsize.remeshing' has no attribute {name!r}")
+    value = getattr(import_module(f"adaptsize.remeshing.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

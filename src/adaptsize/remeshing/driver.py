@@ -1,0 +1,216 @@
+"""``remesh``: from a mesh and sizes to a new mesh."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_number, one_of
+from adaptsize._progress import reporting
+from adaptsize.background import SimplexMesh
+from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
+from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.preparation import (
+    Facets,
+    as_required,
+    collect_facets,
+    mend,
+    number_regions,
+)
+from adaptsize.remeshing.protocol import Problem, RawMesh, Task
+from adaptsize.remeshing.registry import backend_named, choose_backend
+from adaptsize.remeshing.restoration import restore
+from adaptsize.remeshing.sizing import (
+    Size,
+    SizeLike,
+    as_size,
+    extend_inwards,
+    known_points,
+    lives_on_surface,
+)
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+
+Target = Literal["auto", "tetrahedra", "triangles"]
+
+#: With two generators in a row, each gets this share of the geometric tolerance.
+_SHARE = 0.5
+
+
+def remesh(
+    mesh: SimplexMesh,
+    size: SizeLike,
+    *,
+    target: Target = "auto",
+    backend: str = "auto",
+    gradient_limit: float = 0.25,
+    tolerance: float = 1e-3,
+    required_facets: npt.ArrayLike | None = None,
+    max_elements: float = 5_000_000,
+    timeout: float | None = 3600.0,
+    progress: ProgressCallback | bool | None = None,
+) -> SimplexMesh:
+    """Return a new mesh of the same domain whose edges have the wanted sizes.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Tetrahedra, triangles in the plane, or triangles in space.  A surface
+        that is to become a volume may be dirty: open, self-intersecting,
+        non-manifold, with several components.
+    size : SizeFunction, callable, array_like of float, shape (n_points,), or float
+        Wanted edge length, finite and positive, in the unit of the coordinates.
+        A callable takes float64[n, dim] points and returns n sizes.  Its gradient is
+        taken as it is: apply `limit_gradient` first.
+    target : {"auto", "tetrahedra", "triangles"}
+        What a surface in space becomes: tetrahedra of the volume it encloses
+        ("auto" too) or a new surface.
+    backend : {"auto", "tetwild", "mmg", "gmsh"}
+        The mesh generator.  "auto" is Mmg if it is installed, on a first mesh by fTetWild if
+        a surface becomes a volume; else fTetWild.  Gmsh is never chosen by itself.
+    gradient_limit : float
+        How fast sizes given on a surface only grow into the volume.
+    tolerance : float
+        How far the new boundary may be from the old one, over the diagonal of the bounding
+        box; both generators approximate it (see Notes).
+    required_facets : array_like of int, shape (n, cell_dim), optional
+        Facets of ``mesh`` that stay exactly as they are (Mmg only).
+    max_elements : float
+        If the sizes ask for more elements than this, no generator is started.
+    timeout : float or None
+        Seconds after which the generators are stopped; None: never.
+    progress : callable, bool or None
+        Called with a text and None while generators work; True shows a bar.
+
+    Returns
+    -------
+    SimplexMesh
+        Cells of full dimension are positively oriented, and each node is used.  ``cell_tags``
+        are kept; where ``mesh`` has ``tagged_facets``, so has the result, for the
+        same parts of boundary and interfaces.  Point and cell data are not transferred.
+
+    Raises
+    ------
+    ValueError
+        If an argument is wrong, a size is not finite and positive.
+    TooManyElementsError
+        If the estimated number of elements is above ``max_elements``.
+    BackendUnavailableError
+        If no generator installed can do this; the message says how to get one.
+    BackendError
+        If the generator failed, with its last lines; BackendTimeoutError if it
+        was stopped.
+
+    Warns
+    -----
+    MeshRepairWarning
+        If points of a surface were merged or triangles dropped.
+
+    Notes
+    -----
+    Generators run in child processes, in a temporary directory: their crashes, output
+    and files do not touch the caller, and Ctrl-C stops them.
+
+    References
+    ----------
+    .. [1] Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral
+       meshing in the wild", ACM Trans. Graph. 39 (2020) 117.
+    .. [2] C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain
+       remeshing, implicit domain meshing, and applications to free and moving
+       boundary problems", J. Comput. Phys. 262 (2014) 358-378.
+    """
+    task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
+    tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
+    gradient_limit = as_number("gradient_limit", gradient_limit, lower=0.0)
+    if timeout is not None:
+        timeout = as_number("timeout", timeout, lower=0.0, strict=True)
+    chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
+    wanted = as_size(size, mesh)
+    mended = mend(mesh)
+    part = _Part.of(task, mended.mesh, as_required(required_facets, mesh, mended), tolerance)
+    part = part.with_size(wanted, known_points(size, mesh.dim))
+    on_surface = task == "surface to tetrahedra" and lives_on_surface(size, mesh)
+    if not on_surface:
+        _refuse_too_many(part.problem, limit)
+    with reporting(progress) as report:
+        deadline = None if timeout is None else time.monotonic() + timeout
+        run = IsolatedRunner(chosen.name, timeout, deadline, report)
+        if task == "surface to tetrahedra" and (on_surface or chosen.needs_volume):
+            first = _first_volume(part, run, share=_SHARE if chosen.needs_volume else 1.0)
+            if on_surface:
+                extended = extend_inwards(first, wanted, gradient_limit)
+                part = part.with_size(extended, first.points)
+            if chosen.needs_volume:
+                problem = part.problem
+                part = _Part.of("tetrahedra", first, None, _SHARE * tolerance)
+                part = part.with_size(problem.size, problem.size_nodes)
+            _refuse_too_many(part.problem, limit)
+        return part.restored(chosen.solve(part.problem, run), chosen.name)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A problem, and what its numbers of regions and groups stand for."""
+
+    problem: Problem
+    facets: Facets
+    region_tags: IntArray
+
+    @classmethod
+    def of(
+        cls, task: Task, mesh: SimplexMesh, required: IntArray | None, tolerance: float
+    ) -> _Part:
+        regions, region_tags = number_regions(mesh)
+        facets = collect_facets(mesh, regions, required)
+        problem = Problem(
+            task=task,
+            mesh=mesh,
+            size=None,
+            size_nodes=np.empty((0, mesh.dim)),
+            tolerance=tolerance * mesh.diagonal,
+            facet_nodes=facets.nodes,
+            facet_groups=facets.groups,
+            required=facets.required,
+            regions=regions,
+            has_free_facets=facets.has_free,
+        )
+        return cls(problem, facets, region_tags)
+
+    def with_size(self, size: Size | None, known: FloatArray) -> _Part:
+        return replace(self, problem=replace(self.problem, size=size, size_nodes=known))
+
+    def restored(self, raw: RawMesh, backend: str) -> SimplexMesh:
+        return restore(raw, self.problem, self.facets, self.region_tags, backend)
+
+
+def _first_volume(part: _Part, run: IsolatedRunner, *, share: float) -> SimplexMesh:
+    """Return tetrahedra of no particular size, to put sizes on."""
+    problem = replace(part.problem, size=None, tolerance=share * part.problem.tolerance)
+    raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
+    return part.restored(raw, "tetwild")
+
+
+def _refuse_too_many(problem: Problem, limit: float) -> None:
+    assert problem.size is not None
+    if problem.task == "surface to tetrahedra":
+        refuse_too_many(estimate_n_enclosed(problem.mesh, problem.size), limit)
+    else:
+        refuse_too_many(estimate_n_cells(problem.mesh, problem.size), limit)
+
+
+def _task(mesh: SimplexMesh, target: str) -> Task:
+    """Return what is to be made of what."""
+    given = (mesh.cell_dim, mesh.dim)
+    if given == (3, 3) and target != "triangles":
+        return "tetrahedra"
+    if given == (2, 2) and target != "tetrahedra":
+        return "plane triangles"
+    if given == (2, 3):
+        return "surface" if target == "triangles" else "surface to tetrahedra"
+    if given[0] == 1 or given == (1, 1):
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    raise ValueError(f"target {target!r} cannot be made from {mesh!r}")

@@ -1,0 +1,177 @@
+"""Mmg, through mmgpy: adapted tetrahedra, triangles in the plane, surfaces.
+
+What is measured of it and handled here: a metric of zero hangs the second call in a
+process, so sizes are checked before; the geometric tolerance is absolute and
+0.01 unless given; boundary faces not passed come back with numbers of
+regions, so all are passed, numbered after the regions; a gradation no steeper than
+the one given leaves the sizes alone, while without any, Mmg's own small sizes
+at curved boundaries end in jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
+from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from adaptsize.remeshing.sizing import Size
+
+_CLASSES = {"tetrahedra": "MmgMesh3D", "plane triangles": "MmgMesh2D", "surface": "MmgMeshS"}
+_ENTITIES = {
+    "MmgMesh3D": ("tetrahedra", "triangles"),
+    "MmgMesh2D": ("triangles", "edges"),
+    "MmgMeshS": ("triangles", "edges"),
+}
+#: Degrees; 20 keeps the area of plane domains, and 30 finds the ridges of coarse CAD files.
+_RIDGE_ANGLE = {"MmgMesh3D": 45.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
+
+#: Gradation of the sizes Mmg finds itself at curved boundaries, as |grad h|.
+_OWN_GRADIENT = 0.25
+#: No gradation of given sizes is steeper than this; beyond, Mmg's gradation would do nothing.
+_STEEPEST = 3.0
+#: Mmg reads sizes at the nodes it is given; on a coarse mesh they are read again on the new one.
+_MAX_TURNS = 3
+#: ... unless nearly all edges are within this (log of the ratio) of the wanted length already.
+_READING_ERROR = 0.42
+
+
+@dataclass(frozen=True)
+class MmgBackend:
+    """Adapter to mmgpy 0.17, which brings Mmg 5.8."""
+
+    name: str = "mmg"
+    package: str = "mmgpy"
+    install: str = 'pip install "adaptsize[mmg]"'
+    tasks: frozenset[Task] = frozenset(
+        {"surface to tetrahedra", "tetrahedra", "plane triangles", "surface"}
+    )
+    needs_volume: bool = True
+    keeps_required_facets: bool = True
+
+    def solve(self, problem: Problem, run: Runner) -> RawMesh:
+        """Return the adapted mesh with its regions and groups of facets."""
+        assert problem.size is not None
+        n_regions = int(problem.regions.max()) + 1
+        options = {
+            "class": _CLASSES[problem.task],
+            "hausd": problem.tolerance,
+            "n_regions": n_regions,
+            "n_groups": int(problem.facet_groups.max(initial=-1)) + 1,
+            "required_groups": np.unique(problem.facet_groups[problem.required]).tolist(),
+            "open_boundaries": problem.has_free_facets,
+        }
+        made: dict[str, npt.NDArray[Any]] = {
+            "points": problem.mesh.points,
+            "cells": problem.mesh.cells,
+            "regions": problem.regions,
+            "facets": problem.facet_nodes,
+            "facet_groups": problem.facet_groups,
+        }
+        for turn in range(_MAX_TURNS):
+            sizes = problem.size(made["points"])
+            if turn > 0 and _reading_error(problem.size, made, sizes) < _READING_ERROR:
+                break
+            gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
+            options["hgrad"] = float(np.exp(min(gradient, _STEEPEST)))
+            made = run(
+                "adaptsize.remeshing.mmg:adapt",
+                "adapting with Mmg",
+                {**made, "sizes": sizes},
+                options,
+            )
+            if len(made["cells"]) == 0:
+                break
+        return RawMesh(
+            made["points"], made["cells"], made["regions"], made["facets"], made["facet_groups"]
+        )
+
+
+def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], FloatArray]:
+    from adaptsize.background.topology import edges_of
+
+    edges = edges_of(made["cells"], len(made["points"]))
+    ends = made["points"][edges]
+    return edges, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+
+
+def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> float:
+    """Return the steepest slope of the sizes along an edge."""
+    edges, lengths = _edges(made)
+    rise = np.abs(sizes[edges[:, 0]] - sizes[edges[:, 1]])
+    return float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
+
+
+def _reading_error(size: Size, made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> float:
+    """Return by how much edges of the mesh miss the wanted length, as a share, 95 % quantile."""
+    edges, lengths = _edges(made)
+    wanted = size(made["points"][edges].mean(axis=1))
+    return float(np.quantile(np.abs(np.log(lengths / wanted)), 0.95))
+
+
+def adapt(
+    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
+) -> dict[str, npt.NDArray[Any]]:
+    """Call Mmg; runs in the child process.
+
+    Parameters
+    ----------
+    arrays : points, cells, regions, facets, facet_groups, sizes as in ``Problem``
+    options : class, hausd (absolute), hgrad, n_regions, n_groups, required_groups, open_boundaries
+
+    Returns
+    -------
+    points, cells, regions, facets, facet_groups
+    """
+    import mmgpy
+
+    cell_name, facet_name = _ENTITIES[options["class"]]
+    groups = arrays["facet_groups"]
+    mesh = getattr(mmgpy, options["class"])()
+    counts = {cell_name: len(arrays["cells"]), facet_name: len(groups)}
+    mesh.set_mesh_size(vertices=len(arrays["points"]), **counts)
+    mesh.set_vertices(np.ascontiguousarray(arrays["points"]))
+    # References: regions from 1, then groups of facets.  Mmg gives 0 to what it adds itself.
+    first_group = options["n_regions"] + 1
+    set_cells = getattr(mesh, f"set_{cell_name}")
+    set_cells(np.ascontiguousarray(arrays["cells"]), _references(arrays["regions"], 1))
+    if len(groups):
+        set_facets = getattr(mesh, f"set_{facet_name}")
+        set_facets(np.ascontiguousarray(arrays["facets"]), _references(groups, first_group))
+        required = np.flatnonzero(np.isin(groups, options["required_groups"]))
+        if len(required):
+            set_required = getattr(mesh, f"set_required_{facet_name}")
+            set_required(required.astype(np.int32))
+    mesh["metric"] = np.ascontiguousarray(arrays["sizes"].reshape(-1, 1))
+    settings = {"hausd": options["hausd"], "hgrad": options["hgrad"], "verbose": -1}
+    settings |= {"ar": _RIDGE_ANGLE[options["class"]], "nosizreq": 1}
+    if options["open_boundaries"] and cell_name == "tetrahedra":
+        settings["opnbdy"] = 1
+    mesh.remesh(**settings)
+    return _result(mesh, cell_name, facet_name, first_group, options["n_groups"])
+
+
+def _references(numbers: npt.NDArray[Any], first: int) -> npt.NDArray[np.int32]:
+    return np.ascontiguousarray(numbers + first, dtype=np.int32)
+
+
+def _result(
+    mesh: Any, cell_name: str, facet_name: str, first_group: int, n_groups: int
+) -> dict[str, npt.NDArray[Any]]:
+    cells, regions = getattr(mesh, f"get_{cell_name}_with_refs")()
+    facets, groups = getattr(mesh, f"get_{facet_name}_with_refs")()
+    groups = np.asarray(groups) - first_group
+    known = (groups >= 0) & (groups < n_groups)
+    return {
+        "points": np.asarray(mesh.get_vertices()),
+        "cells": np.asarray(cells, np.int32),
+        "regions": np.asarray(regions, np.int32) - 1,
+        "facets": np.asarray(facets, np.int32)[known],
+        "facet_groups": groups[known].astype(np.int32),
+    }

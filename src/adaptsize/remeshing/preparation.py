@@ -1,0 +1,204 @@
+"""Meshes made fit for a generator: mended, oriented, facets and regions numbered."""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_index_array
+from adaptsize.background import SimplexMesh
+from adaptsize.background.topology import unique_rows
+from adaptsize.errors import MeshRepairWarning
+from adaptsize.typing import IntArray
+
+#: Points of a surface closer than this times the diagonal are one point.
+MERGE_DISTANCE = 1e-9
+#: Triangles smaller than this times the squared diagonal have no area.
+SMALLEST_AREA = 1e-16
+
+
+class Mended(NamedTuple):
+    """A mesh without what generators stumble over."""
+
+    mesh: SimplexMesh
+    nodes: IntArray
+    """``nodes[i]`` is the node of the given mesh that node i was."""
+    node_map: IntArray
+    """``node_map[j]`` is the node that node j of the given mesh became, -1: none."""
+
+
+def mend(mesh: SimplexMesh) -> Mended:
+    """Return the mesh without unused nodes, its full-dimensional cells positive.
+
+    In surface triangulations, points that coincide are merged (STL files hold
+    every corner of every triangle) and triangles that are degenerate or given
+    twice dropped.  Other meshes keep both: a slit is made of coinciding points.
+    Point and cell data are dropped.
+
+    Warns
+    -----
+    MeshRepairWarning
+        If triangles were dropped or points merged, with the counts.
+    """
+    cells = np.array(mesh.cells)
+    target = np.arange(mesh.n_points)
+    kept = np.ones(mesh.n_cells, bool)
+    if mesh.cell_dim == 2 and mesh.dim == 3:
+        target = _merge_targets(mesh)
+        kept = _useful_triangles(mesh, target[cells])
+        _warn_of_repairs(mesh, target, kept)
+    elif mesh.cell_dim == mesh.dim:
+        inverted = mesh.signed_measures < 0.0
+        cells[inverted, :2] = cells[inverted, 1::-1]
+    kept_cells = target[cells[kept]]
+    nodes, local = np.unique(kept_cells, return_inverse=True)
+    new_number = np.full(mesh.n_points, -1, np.int32)
+    new_number[nodes] = np.arange(len(nodes))
+    node_map = new_number[target]
+    facets = facet_tags = None
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        facets = node_map[mesh.tagged_facets]
+        good = (facets >= 0).all(axis=1) & _has_different_nodes(facets)
+        facets, facet_tags = facets[good], mesh.facet_tags[good]
+    mended = SimplexMesh(
+        mesh.points[nodes],
+        local.reshape(kept_cells.shape),
+        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[kept],
+        tagged_facets=facets,
+        facet_tags=facet_tags,
+    )
+    return Mended(mended, nodes.astype(np.int32), node_map)
+
+
+def _merge_targets(mesh: SimplexMesh) -> npt.NDArray[np.intp]:
+    """Return for each node the first node at the same place."""
+    spacing = MERGE_DISTANCE * mesh.diagonal or 1.0
+    used = mesh.points[mesh.cells[:, 0]].min(axis=0)
+    grid = np.round((mesh.points - used) / spacing).astype(np.int64)
+    _, first, inverse = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[inverse.reshape(-1)])
+
+
+def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    kept = _has_different_nodes(cells) & (mesh.measures > SMALLEST_AREA * mesh.diagonal**2)
+    number = unique_rows(cells.astype(np.int32), mesh.n_points)[1]
+    candidates = np.flatnonzero(kept)
+    first = np.unique(number[candidates], return_index=True)[1]
+    kept[:] = False
+    kept[candidates[first]] = True
+    if not kept.any():
+        raise ValueError("mesh must have a triangle with an area, got degenerate triangles only")
+    return kept
+
+
+def _has_different_nodes(cells: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+    ordered = np.sort(cells, axis=1)
+    return np.asarray((ordered[:, 1:] != ordered[:, :-1]).all(axis=1))
+
+
+def _warn_of_repairs(
+    mesh: SimplexMesh, target: npt.NDArray[np.intp], kept: npt.NDArray[np.bool_]
+) -> None:
+    merged = int((target != np.arange(mesh.n_points)).sum())
+    dropped = int((~kept).sum())
+    if merged or dropped:
+        warnings.warn(
+            f"surface mended: {merged} duplicate points merged, "
+            f"{dropped} degenerate or duplicate triangles dropped",
+            MeshRepairWarning,
+            stacklevel=5,
+        )
+
+
+class Facets(NamedTuple):
+    """The facets a generator must know, in groups that stay apart."""
+
+    nodes: IntArray
+    """int32[n, cell_dim], rows sorted."""
+    groups: IntArray
+    """int32[n]; of one group: same tag, same regions beside them, all or none required."""
+    required: npt.NDArray[np.bool_]
+    tag_of_group: npt.NDArray[np.int64]
+    """Tag of each group; ``NO_TAG`` for facets without one."""
+    has_free: bool
+    """Whether some lie inside one region."""
+
+
+#: No tag was given; outside int32, so no given tag is mistaken for it.
+NO_TAG = np.int64(2) ** 40
+
+
+def number_regions(mesh: SimplexMesh) -> tuple[IntArray, IntArray]:
+    """Return regions 0, 1, ... of the cells and the tag of each region."""
+    if mesh.cell_tags is None:
+        return np.zeros(mesh.n_cells, np.int32), np.zeros(1, np.int32)
+    tags, regions = np.unique(mesh.cell_tags, return_inverse=True)
+    return regions.reshape(-1).astype(np.int32), tags
+
+
+def collect_facets(mesh: SimplexMesh, regions: IntArray, required: IntArray | None) -> Facets:
+    """Return boundary, interface, tagged and required facets.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    regions : int32[n_cells]
+    required : int32[n, cell_dim] or None
+        Facets to keep, as nodes of ``mesh``.
+
+    Raises
+    ------
+    ValueError
+        If a required facet is no facet of the mesh.
+    """
+    n = len(mesh.facets)
+    lowest = np.full(n, np.iinfo(np.int32).max, np.int64)
+    highest = np.full(n, -1, np.int64)
+    beside = np.repeat(regions[:, None], mesh.cell_dim + 1, axis=1)
+    np.minimum.at(lowest, mesh.cell_facets, beside)
+    np.maximum.at(highest, mesh.cell_facets, beside)
+    between = (mesh.facet_cell_counts != 2) | (lowest != highest)
+    tags = np.full(n, NO_TAG)
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        number = facet_numbers(mesh, mesh.tagged_facets)
+        tags[number[number >= 0]] = mesh.facet_tags[number >= 0]
+    is_required = np.zeros(n, bool)
+    if required is not None:
+        number = facet_numbers(mesh, required)
+        if (number < 0).any():
+            first = int(np.argmax(number < 0))
+            raise ValueError(
+                f"required_facets must be facets of the mesh, got required_facets[{first}]"
+            )
+        is_required[number] = True
+    matters = between | (tags != NO_TAG) | is_required
+    # Facets with the same tag between other regions make a group of their own.
+    keys = np.column_stack([tags, lowest, highest, between, is_required])[matters]
+    unique, groups = np.unique(keys, axis=0, return_inverse=True)
+    return Facets(
+        mesh.facets[matters],
+        groups.reshape(-1).astype(np.int32),
+        is_required[matters],
+        unique[:, 0],
+        bool((matters & ~between).any()),
+    )
+
+
+def facet_numbers(mesh: SimplexMesh, facets: IntArray) -> npt.NDArray[np.intp]:
+    """Return the row of each given facet in ``mesh.facets``, -1 where it is none."""
+    rows = np.concatenate([mesh.facets, facets])
+    number = unique_rows(rows, mesh.n_points)[1]
+    row_of = np.full(int(number.max()) + 1, -1, np.intp)
+    row_of[number[: len(mesh.facets)]] = np.arange(len(mesh.facets))
+    return np.asarray(row_of[number[len(mesh.facets) :]])
+
+
+def as_required(value: npt.ArrayLike | None, mesh: SimplexMesh, mended: Mended) -> IntArray | None:
+    """Return the facets to keep as nodes of the mended mesh."""
+    if value is None:
+        return None
+    facets = as_index_array("required_facets", value, mesh.n_points, width=mesh.cell_dim)
+    return mended.node_map[facets] if len(facets) else None

@@ -1,0 +1,114 @@
+"""Which mesh generators there are, which are installed, which one is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from adaptsize._checks import one_of
+from adaptsize.errors import BackendUnavailableError
+from adaptsize.remeshing.gmsh import GmshBackend
+from adaptsize.remeshing.mmg import MmgBackend
+from adaptsize.remeshing.protocol import Backend, Task
+from adaptsize.remeshing.tetwild import TetWildBackend
+
+_BACKENDS: dict[str, Backend] = {}
+
+#: Who is asked first under ``backend="auto"``; Gmsh never (GPL, and no geometric tolerance).
+_PREFERENCE: tuple[str, ...] = ("mmg", "tetwild")
+
+
+class BackendInfo(NamedTuple):
+    """What one mesh generator can do here."""
+
+    installed: bool
+    tasks: frozenset[Task]
+    keeps_required_facets: bool
+    install: str
+    """The command that installs it."""
+
+
+def register_backend(backend: Backend) -> None:
+    """Make a mesh generator known to ``remesh(backend=backend.name)``.
+
+    Parameters
+    ----------
+    backend : Backend
+        Replaces one of the same name.
+    """
+    _BACKENDS[backend.name] = backend
+
+
+for _backend in (TetWildBackend(), MmgBackend(), GmshBackend()):
+    register_backend(_backend)
+
+
+def available_backends() -> Mapping[str, BackendInfo]:
+    """Return what each known mesh generator can do, and whether it is installed.
+
+    Returns
+    -------
+    mapping of str to BackendInfo
+
+    Examples
+    --------
+    >>> backends = available_backends()
+    >>> sorted(backends)
+    ['gmsh', 'mmg', 'tetwild']
+    >>> backends["tetwild"].installed
+    True
+    """
+    return {
+        name: BackendInfo(_is_installed(b), b.tasks, b.keeps_required_facets, b.install)
+        for name, b in _BACKENDS.items()
+    }
+
+
+def choose_backend(name: str, task: Task, *, keep_facets: bool) -> Backend:
+    """Return the adapter that is to do ``task``.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name, or it cannot do the task.
+    BackendUnavailableError
+        If it is not installed.
+    """
+    one_of("backend", name, ("auto", *_BACKENDS))
+    if name != "auto":
+        backend = _BACKENDS[name]
+        if task not in backend.tasks:
+            raise ValueError(f"backend {name!r} cannot make this mesh (task: {task})")
+        if keep_facets and not backend.keeps_required_facets:
+            raise ValueError(f"backend {name!r} cannot keep required_facets as they are")
+        return _installed_or_raise(backend, task)
+    able = [
+        b
+        for b in (_BACKENDS[n] for n in _PREFERENCE if n in _BACKENDS)
+        if task in b.tasks and (b.keeps_required_facets or not keep_facets)
+    ]
+    return next((b for b in able if _is_installed(b)), None) or _installed_or_raise(able[0], task)
+
+
+def is_usable(name: str) -> bool:
+    """Whether the adapter of that name is known and its generator installed."""
+    return name in _BACKENDS and _is_installed(_BACKENDS[name])
+
+
+def backend_named(name: str) -> Backend:
+    """Return the adapter of that name."""
+    return _BACKENDS[name]
+
+
+def _is_installed(backend: Backend) -> bool:
+    return find_spec(backend.package) is not None
+
+
+def _installed_or_raise(backend: Backend, task: Task) -> Backend:
+    if not _is_installed(backend):
+        raise BackendUnavailableError(
+            f"this mesh (task: {task}) needs {backend.name}, which is not installed; "
+            f"get it with: {backend.install}"
+        )
+    return backend

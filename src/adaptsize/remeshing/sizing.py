@@ -1,0 +1,144 @@
+"""The wanted size as generators need it: anywhere in space, or on the nodes of a background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.size_function import SizeFunction
+from adaptsize.typing import FloatArray, IntArray
+
+#: What ``remesh`` takes as ``size``.
+SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
+Size: TypeAlias = Callable[[FloatArray], FloatArray]
+
+#: The background handed to a generator may miss the wanted size by this share ...
+_SAMPLING_ERROR = 0.05
+#: ... unless it would take more nodes than this.
+_MAX_SAMPLES = 150_000
+#: Rounds of refinement; each about halves the distance between nodes where it is needed.
+_MAX_REFINEMENTS = 4
+
+
+def as_size(size: SizeLike, mesh: SimplexMesh) -> Size:
+    """Return the wanted size as a function of points that checks what it gives.
+
+    Parameters
+    ----------
+    size : SizeFunction, callable, array_like of float with one value per node, or float
+    mesh : SimplexMesh
+        What nodal values belong to.
+
+    Raises
+    ------
+    ValueError
+        If a size is not finite and positive, or the shape is wrong; also later,
+        from the function returned.
+    """
+    if callable(size):
+        return _checked(size)
+    values = as_float_array("size", size)
+    if values.ndim == 0:
+        return _constant(as_number("size", values, lower=0.0, strict=True))
+    values = as_float_array("size", size, mesh.nodal_shape)
+    _refuse_bad(values)
+    return _checked(SizeFunction(mesh, values))
+
+
+def lives_on_surface(size: SizeLike, mesh: SimplexMesh) -> bool:
+    """Whether the size is known on a surface in space only and must be extended inwards."""
+    background = size.background if isinstance(size, SizeFunction) else mesh
+    nodal = isinstance(size, SizeFunction) or (not callable(size) and np.ndim(size) > 0)
+    return nodal and background.dim == 3 and getattr(background, "cell_dim", 3) == 2
+
+
+def extend_inwards(volume: SimplexMesh, on_surface: Size, gradient_limit: float) -> Size:
+    """Return sizes in a volume from sizes on its surface.
+
+    The boundary nodes of ``volume`` take the size of the nearest point of the
+    surface; inside, the size grows with the distance from there, at most by
+    ``gradient_limit`` per length, along ways inside the volume.
+    """
+    from adaptsize.limiting import limit_gradient
+
+    nodes = volume.boundary().nodes
+    bound = np.full(volume.n_points, np.inf)
+    bound[nodes] = on_surface(volume.points[nodes])
+    return _checked(SizeFunction(volume, limit_gradient(volume, bound, gradient_limit)))
+
+
+def known_points(size: SizeLike, dim: int) -> FloatArray:
+    """Return where the size is given as numbers: the nodes of its background, if it has any."""
+    points = getattr(getattr(size, "background", None), "points", None)
+    if points is None or np.shape(points)[1] != dim:
+        return np.empty((0, dim))
+    return np.asarray(points)
+
+
+def sample_in_box(
+    size: Size, mesh: SimplexMesh, known: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return a background of tetrahedra over the box around ``mesh``, with sizes.
+
+    The box is larger than the mesh, so that a surface moved a little outwards
+    still finds a size.  Nodes are those of the mesh, those in ``known`` and a
+    grid; then nodes are added where linear interpolation misses the size.
+
+    Returns
+    -------
+    points : float64[n, 3]
+    cells : int32[m, 4]
+    sizes : float64[n]
+    """
+    from scipy.spatial import Delaunay
+
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    margin = 0.05 * mesh.diagonal
+    spacing = mesh.diagonal / 15.0
+    axes = [
+        np.linspace(a - margin, b + margin, 2 + int((b - a + 2 * margin) / spacing))
+        for a, b in zip(low, high, strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = ((known > low - margin) & (known < high + margin)).all(axis=1)
+    points = np.unique(np.concatenate([mesh.points, known[inside], grid]), axis=0)
+    sizes = size(points)
+    for _ in range(_MAX_REFINEMENTS):
+        cells = Delaunay(points).simplices.astype(np.int32)
+        centers = points[cells].mean(axis=1)
+        there = size(centers)
+        off = np.abs(sizes[cells].mean(axis=1) - there) > _SAMPLING_ERROR * there
+        edge = np.linalg.norm(np.ptp(points[cells], axis=1), axis=1)
+        off &= edge > 2.0 * there  # details smaller than the elements cannot be met anyway
+        if not off.any() or len(points) + int(off.sum()) > _MAX_SAMPLES:
+            break
+        points = np.concatenate([points, centers[off]])
+        sizes = np.concatenate([sizes, there[off]])
+    return points[: cells.max() + 1], cells, sizes[: cells.max() + 1]
+
+
+def _checked(function: Callable[[FloatArray], Any]) -> Size:
+    def size(points: FloatArray) -> FloatArray:
+        values = as_float_array("size(points)", function(points), (len(points),))
+        _refuse_bad(values)
+        return values
+
+    return size
+
+
+def _constant(value: float) -> Size:
+    def size(points: FloatArray) -> FloatArray:
+        return np.full(len(points), value)
+
+    return size
+
+
+def _refuse_bad(values: FloatArray) -> None:
+    refuse_where(
+        "size", ~(np.isfinite(values) & (values > 0.0)), values, "must be finite and positive"
+    )

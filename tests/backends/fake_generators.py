@@ -1,0 +1,98 @@
+"""Functions and an adapter that misbehave as mesh generators do; run in child processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from adaptsize.remeshing.protocol import RawMesh
+
+
+def crash(arrays, options):
+    print("about to crash", flush=True)
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def abort(arrays, options):
+    os.abort()
+
+
+def hang(arrays, options):
+    """Write the process's number where the test finds it, then ignore every polite signal."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    Path(options["pid_file"]).write_text(f"{os.getpid()} {child.pid}")
+    time.sleep(60)
+
+
+def chatter(arrays, options):
+    while True:
+        print("x" * 100_000)
+
+
+def fail(arrays, options):
+    print("first the reason on the terminal")
+    raise RuntimeError("no luck")
+
+
+def leave_early(arrays, options):
+    os._exit(3)
+
+
+def litter(arrays, options):
+    Path("__litter__.stl").write_text("solid")
+    print("noise on stdout")
+    print("noise on stderr", file=sys.stderr)
+    return copy(arrays, options)
+
+
+def copy(arrays, options):
+    return {"points": arrays["points"], "cells": arrays["cells"]}
+
+
+def empty(arrays, options):
+    return {"points": arrays["points"], "cells": np.empty((0, 4), np.int32)}
+
+
+def not_finite(arrays, options):
+    return {"points": arrays["points"] * np.nan, "cells": arrays["cells"]}
+
+
+def one_inverted(arrays, options):
+    cells = arrays["cells"].copy()
+    cells[0, :2] = cells[0, 1::-1]
+    return {"points": arrays["points"], "cells": cells}
+
+
+def all_inverted_and_unused(arrays, options):
+    points = np.concatenate([arrays["points"], [[9.0, 9.0, 9.0]]])
+    return {"points": points, "cells": arrays["cells"][:, [1, 0, 2, 3]]}
+
+
+@dataclass(frozen=True)
+class FakeBackend:
+    """Does whatever ``function`` of this module does, and knows no tags."""
+
+    function: str
+    options: tuple = ()
+    name: str = "fake"
+    package: str = "numpy"
+    install: str = "pip install fake"
+    tasks: frozenset = frozenset({"tetrahedra"})
+    needs_volume: bool = False
+    keeps_required_facets: bool = False
+
+    def solve(self, problem, run):
+        made = run(
+            f"fake_generators:{self.function}",
+            "faking",
+            {"points": problem.mesh.points, "cells": problem.mesh.cells},
+            dict(self.options),
+        )
+        return RawMesh(made["points"], made["cells"])

@@ -1,0 +1,66 @@
+"""Small domains for the tests of remeshing."""
+
+import numpy as np
+from scipy.spatial import Delaunay
+
+from adaptsize import SimplexMesh
+
+#: Kuhn's division of a cube into six tetrahedra around the diagonal 0-7.
+_KUHN = [(0, 1, 3, 7), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7), (0, 4, 5, 7), (0, 5, 1, 7)]
+
+
+def block(n, *, length=1):
+    """Tetrahedra of a block [0, length] x [0, 1]^2, n to a unit of length."""
+    shape = (length * n + 1, n + 1, n + 1)
+    index = np.arange(np.prod(shape)).reshape(shape)
+    corner = [
+        index[i : shape[0] - 1 + i, j : shape[1] - 1 + j, k : shape[2] - 1 + k].ravel()
+        for k in (0, 1)
+        for j in (0, 1)
+        for i in (0, 1)
+    ]
+    cells = np.concatenate([np.stack([corner[v] for v in tet], axis=1) for tet in _KUHN])
+    axes = [np.arange(s) / n for s in shape]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return SimplexMesh(points, cells)
+
+
+def two_region_block(n):
+    """Two unit cubes, tags 7 (x < 1) and -3; interface 40, the end x = 0 41, x = 2 42."""
+    mesh = block(n, length=2)
+    middle = mesh.points[mesh.cells].mean(axis=1)[:, 0]
+    x = mesh.points[mesh.facets][:, :, 0]
+    planes = [(1.0, 40), (0.0, 41), (2.0, 42)]
+    facets = [mesh.facets[(np.abs(x - at) < 1e-9).all(axis=1)] for at, _ in planes]
+    tags = [np.full(len(f), tag) for f, (_, tag) in zip(facets, planes, strict=True)]
+    return SimplexMesh(
+        mesh.points,
+        mesh.cells,
+        cell_tags=np.where(middle < 1.0, 7, -3),
+        tagged_facets=np.concatenate(facets),
+        facet_tags=np.concatenate(tags),
+    )
+
+
+def two_region_rectangle(n):
+    """Triangles of [0, 2] x [0, 1], tags 5 (x < 1) and 9; interface 30, the end x = 0 31."""
+    x, y = np.meshgrid(np.arange(2 * n + 1) / n, np.arange(n + 1) / n, indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])
+    mesh = SimplexMesh(points, Delaunay(points).simplices)
+    middle = points[mesh.cells].mean(axis=1)[:, 0]
+    at = points[mesh.facets][:, :, 0]
+    facets = [mesh.facets[(np.abs(at - place) < 1e-9).all(axis=1)] for place in (1.0, 0.0)]
+    tags = [np.full(len(f), tag) for f, tag in zip(facets, (30, 31), strict=True)]
+    return SimplexMesh(
+        points,
+        mesh.cells,
+        cell_tags=np.where(middle < 1.0, 5, 9),
+        tagged_facets=np.concatenate(facets),
+        facet_tags=np.concatenate(tags),
+    )
+
+
+def facet_areas(mesh, tag):
+    """Return the area (or length) of the facets with a tag."""
+    facets = mesh.tagged_facets[mesh.facet_tags == tag]
+    return SimplexMesh(mesh.points, facets).measures.sum()
