@@ -121,8 +121,6 @@ def sort_for_tree(centroids, n_leaves, order):
         In/Out: numbers of the cells.  Centroids along a space-filling curve are faster.
     """
     m = centroids.shape[0]
-    lower = np.empty(3)
-    upper = np.empty(3)
     for node in range(1, n_leaves):
         width = n_leaves  # number of leaves under the node
         level = node
@@ -131,13 +129,17 @@ def sort_for_tree(centroids, n_leaves, order):
             width >>= 1
         leaf = node * width - n_leaves
         first, last = leaf * m // n_leaves, (leaf + width) * m // n_leaves
-        lower[:] = math.inf
-        upper[:] = -math.inf
-        for place in range(first, last):
-            for d in range(3):
-                lower[d] = min(lower[d], centroids[order[place], d])
-                upper[d] = max(upper[d], centroids[order[place], d])
-        axis = np.argmax(upper - lower)
+        axis = 0
+        longest = -1.0
+        for d in range(3):
+            lower = math.inf
+            upper = -math.inf
+            for place in range(first, last):
+                lower = min(lower, centroids[order[place], d])
+                upper = max(upper, centroids[order[place], d])
+            if upper - lower > longest:
+                axis = d
+                longest = upper - lower
         _select(centroids, axis, order, first, last, (leaf + width // 2) * m // n_leaves)
 
 
@@ -157,8 +159,9 @@ def fill_boxes(points, cells, boxes):
     n_leaves = boxes.shape[0] // 2
     for leaf in range(n_leaves):
         node = n_leaves + leaf
-        boxes[node, :3] = math.inf
-        boxes[node, 3:] = -math.inf
+        for d in range(3):
+            boxes[node, d] = math.inf
+            boxes[node, 3 + d] = -math.inf
         for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
             for v in range(cells.shape[1]):
                 for d in range(3):
