@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from adaptsize._kernels.normals import is_known
 from adaptsize._kernels.sectors import cross, dot, normalise
 
 
@@ -134,10 +135,15 @@ def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tens
             for d in range(3):
                 x[k, d] = points[cells[c, k], d]
                 n[k, d] = sign[corner] * normals[sector[corner], d]
+            if not is_known(normals, sector[corner]):  # the tip of a cone is as flat as the face
+                for d in range(3):
+                    n[k, d] = face_normals[c, d]
         _face_tensor(x, n, face_normals[c], u, v, shape)
         for k in range(3):
             corner = 3 * c + k
             s = sector[corner]
+            if not is_known(normals, s):
+                continue
             # The tensor changes sign with the normal, the sum is in the sector's orientation.
             _add_turned(face_normals[c], u, v, shape, sign[corner] * areas[c], n[k], tensors[s])
             weights[s] += areas[c]
@@ -199,13 +205,15 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
             for w in range(3):
                 corner = 3 * c + w
                 t = sector[corner]
+                if not is_known(normals, t):
+                    continue
                 turn = sign[fan[k]] * sign[corner]
                 for d in range(3):
                     source[d] = turn * normals[t, d]
                 _frame(normals[t], u, v)
                 _restrict(tensors[t], u, v, shape)
                 _add_turned(source, u, v, shape, turn * areas[c], normals[s], smoothed[s])
-            total += 3.0 * areas[c]
+                total += areas[c]
         for d in range(6):
             smoothed[s, d] /= max(total, 1e-300)
 

@@ -48,6 +48,36 @@ def fill_sector_normals(points, cells, areas, face_normals, sign, fan, fan_ptr, 
 
 
 @njit(cache=True, nogil=True)
+def drop_conical_normals(areas, face_normals, sign, fan, fan_ptr, limit, normals):
+    """Set to zero the normal of each sector that has a triangle too oblique to it.
+
+    Such a sector is the tip of a cone, whose triangles meet at small angles: it has
+    no normal and no curvature.
+
+    Parameters
+    ----------
+    areas : float64[m]
+    face_normals : float64[m, 3]
+    sign : float64[3 m]
+    fan : int32[3 m]
+    fan_ptr : int32[n_sectors + 1]
+    limit : float
+        Smallest cosine of the angle between the normals.
+    normals : float64[n_sectors, 3]
+        In/Out.
+    """
+    for s in range(normals.shape[0]):
+        least = 1.0
+        for k in range(fan_ptr[s], fan_ptr[s + 1]):
+            c = fan[k] // 3
+            if areas[c] > 0.0:
+                least = min(least, sign[fan[k]] * dot(normals[s], face_normals[c]))
+        if least < limit:
+            for d in range(3):
+                normals[s, d] = 0.0
+
+
+@njit(cache=True, nogil=True)
 def fill_fan_angles(points, cells, fan, fan_ptr, angles):
     """Fill the sum of the corner angles of each sector, in radians.
 
@@ -99,6 +129,12 @@ def _open_frame(points, i, ends, normal, u, v):
 
 
 @njit(cache=True, nogil=True)
+def is_known(normals, s):
+    """Tell whether sector s has a normal."""
+    return normals[s, 0] != 0.0 or normals[s, 1] != 0.0 or normals[s, 2] != 0.0
+
+
+@njit(cache=True, nogil=True)
 def _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, sums):
     """Sum up the normal equations of the chord condition over the edges of one fan.
 
@@ -136,7 +172,7 @@ def _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, su
                 along_u += gap * u[d]
                 along_v += gap * v[d]
                 off += gap * (normals[s, d] + agree * normals[sector[there], d])
-            if squared == 0.0:
+            if squared == 0.0 or not is_known(normals, sector[there]):
                 continue
             weight = 1.0 / (squared * squared)
             sums[0] += weight * along_u * along_u
@@ -180,6 +216,8 @@ def correct_open_normals(
     for s in range(normals.shape[0]):
         is_corner = angles[s] < 150.0 / 180.0 * math.pi
         if ends[s, 0] < 0 or ends[s, 0] == ends[s, 1] or is_corner != corners:
+            continue
+        if not is_known(normals, s):
             continue
         corner = fan[fan_ptr[s]]
         _open_frame(points, cells[corner // 3, corner % 3], ends[s], normals[s], u, v)

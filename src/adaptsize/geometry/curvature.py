@@ -41,7 +41,8 @@ def surface_curvature(
     of the normals at its corners [1]_, each node the mean of these tensors by area.
     Where creases meet a node, every sector between them has its own normal [2]_ and
     its own tensor, and the largest curvature counts; creases themselves are no
-    curvature of the surface (see `crease_curvature` for that of the crease lines).
+    curvature of the surface (see `crease_curvature` for that of the crease lines),
+    and neither are the tips of cones.
 
     Parameters
     ----------
@@ -315,12 +316,16 @@ def _sectors_of(surface: SimplexMesh, faces: _Faces, creases: BoolArray) -> _Sec
 
 
 def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: float) -> FloatArray:
-    """Return the unit normal of each sector, those of open fans corrected."""
+    """Return the unit normal of each sector, those of open fans corrected; zero at cone tips."""
     n_sectors = len(sectors.ends)
     normals, angles = np.empty((n_sectors, 3)), np.empty(n_sectors)
     normal_kernels.fill_sector_normals(
         surface.points, surface.cells, faces.areas, faces.normals, sectors.sign,
         sectors.fan, sectors.fan_ptr, normals,
+    )  # fmt: skip
+    normal_kernels.drop_conical_normals(
+        faces.areas, faces.normals, sectors.sign, sectors.fan, sectors.fan_ptr,
+        math.cos(angle), normals,
     )  # fmt: skip
     normal_kernels.fill_fan_angles(
         surface.points, surface.cells, sectors.fan, sectors.fan_ptr, angles
