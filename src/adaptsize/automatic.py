@@ -1,0 +1,270 @@
+"""Sizes for a part of which nothing is said: chosen from its curvature and extent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_number
+from adaptsize._progress import reporting
+from adaptsize.background import SimplexMesh
+from adaptsize.background.splitting import split_edges
+from adaptsize.limiting import limit_gradient
+from adaptsize.size_function import SizeFunction
+from adaptsize.sizes import minimum, size_from_curvature, size_from_sources
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+
+_ELEMENTS_PER_RADIAN = 4.0
+_LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
+_SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
+_MAX_ROUNDS = 8
+#: The background of a surface is refined until no edge is longer than this many sizes ...
+_EDGE_OVER_SIZE = 2.0
+#: ... or it would have more nodes than this.
+_MAX_NODES = 400_000
+_FLAT_ANGLE = np.deg2rad(0.1)
+
+
+@dataclass(frozen=True)
+class ChosenSize:
+    """Sizes for `remesh`, and the numbers behind them."""
+
+    size: SizeFunction
+    elements_per_radian: float
+    """0 where curvature does not count."""
+    g: float
+    hmin: float
+    hmax: float
+    n_estimated: float
+    """Number of elements that a mesh of these sizes has, roughly."""
+    n_rounds: int
+    """How often the sizes were made larger to stay within ``max_elements``."""
+
+    def __str__(self) -> str:
+        """Say in one line what was chosen."""
+        kappa = f"{self.elements_per_radian:.3g} elements per radian, "
+        return (
+            f"{kappa if self.elements_per_radian > 0.0 else ''}g = {self.g:.3g}, "
+            f"h from {self.size.values.min():.3g} to {self.size.values.max():.3g} "
+            f"(hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g}), "
+            f"about {self.n_estimated:.2g} elements"
+        )
+
+
+def choose_size(
+    mesh: SimplexMesh,
+    *,
+    elements_per_radian: float | None = None,
+    g: float = 0.25,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    crease_angle: float = 40.0,
+    sources: Sequence[Any] = (),
+    h0: npt.ArrayLike | None = None,
+    max_elements: float = 300_000.0,
+    progress: ProgressCallback | bool | None = None,
+) -> ChosenSize:
+    """Return limited sizes for remeshing a part; what is not given is chosen from the part.
+
+    The sizes are the smallest of what curvature, ``sources`` and ``h0`` ask for, between
+    ``hmin`` and ``hmax``, limited with ``g``.  On a surface in space they live on a refined copy of
+    it, because triangulations of CAD programs have no nodes in their large facets.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles or tetrahedra.
+    elements_per_radian : float, optional
+        4 unless given; 0: curvature does not count.
+    g : float, default 0.25
+        Gradient limit, >= 0.
+    hmin, hmax : float, optional
+        Limits of the size, in the unit of the coordinates; 1/1000 and 1/20 of the diagonal of
+        the bounding box unless given.
+    crease_angle : float, default 40
+        As in `size_from_curvature`, degrees.
+    sources : sequence
+        As in `size_from_sources`.  On a surface, those in the volume act through the
+        surface near them only.
+    h0 : array_like of float, shape (n_points,), optional
+        Further upper bounds at the nodes of ``mesh``.
+    max_elements : float
+        While a mesh would have more elements, as estimated, those of
+        ``elements_per_radian``, ``hmin`` and ``hmax`` that are not given are relaxed.
+    progress : callable, bool or None
+        As in `limit_gradient`.
+
+    Returns
+    -------
+    ChosenSize
+
+    Raises
+    ------
+    ValueError
+        If an argument is bad, ``hmin`` above ``hmax``, or ``mesh`` consists of segments.
+
+    Notes
+    -----
+    The estimate of a volume of which only the surface is known takes the size at a point
+    inside from the closest point of the surface; it is good to a factor of two.
+
+    Examples
+    --------
+    >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> chosen = choose_size(SimplexMesh(points, [[0, 1, 2, 3]]), hmax=0.5)
+    >>> chosen.size([[0.2, 0.2, 0.2]])
+    array([0.5])
+    """
+    if mesh.cell_dim == 1:
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
+    relax = 1.0
+    with reporting(progress) as report:
+        for n_rounds in range(_MAX_ROUNDS + 1):
+            report("choosing sizes", n_rounds / _MAX_ROUNDS)
+            wish = _Wish(
+                _given(elements_per_radian, _ELEMENTS_PER_RADIAN / relax),
+                as_number("g", g, lower=0.0),
+                _given(hmin, min(relax * _SMALLEST_SHARE * mesh.diagonal, hmax or np.inf)),
+                _given(hmax, max(relax * _LARGEST_SHARE * mesh.diagonal, hmin or 0.0)),
+                crease_angle,
+                sources,
+                h0,
+            )
+            size = wish.size_on(mesh)
+            estimate = _estimate(mesh, size, wish.g)
+            if estimate <= limit or None not in (elements_per_radian, hmin, hmax):
+                break
+            relax *= max(1.2, (estimate / limit) ** (1.0 / mesh.dim))
+    return ChosenSize(
+        size, wish.elements_per_radian, wish.g, wish.hmin, wish.hmax, estimate, n_rounds
+    )
+
+
+def _given(value: float | None, otherwise: float) -> float:
+    return otherwise if value is None else value
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What is asked of the sizes; nothing left open."""
+
+    elements_per_radian: float
+    g: float
+    hmin: float
+    hmax: float
+    crease_angle: float
+    sources: Sequence[Any]
+    h0: npt.ArrayLike | None
+
+    def size_on(self, mesh: SimplexMesh) -> SizeFunction:
+        """Return the limited sizes, on the mesh or on a refined copy of a surface."""
+        bounds = [np.full(mesh.n_points, np.inf)]
+        if self.elements_per_radian > 0.0:
+            bounds.append(
+                size_from_curvature(
+                    mesh,
+                    elements_per_radian=self.elements_per_radian,
+                    crease_angle=self.crease_angle,
+                )
+            )
+        if self.h0 is not None:
+            bounds.append(np.asarray(self.h0, dtype=np.float64))
+        if mesh.dim == 3 and mesh.cell_dim == 2:
+            bent = _bends(mesh, np.deg2rad(self.crease_angle))
+            return _size_on_surface(mesh, minimum(*bounds), bent, self._finished)
+        return SizeFunction(mesh, self._finished(mesh, minimum(*bounds)))
+
+    def _finished(self, mesh: SimplexMesh, h0: FloatArray) -> FloatArray:
+        """Return ``h0`` and the sources, limited."""
+        bounds = [h0]
+        if self.sources:
+            bounds.append(size_from_sources(mesh, self.sources, g=self.g))
+        bound = minimum(*bounds, hmin=self.hmin, hmax=self.hmax)
+        # Along the edges of long slivers alone: among those, fronts through the faces come to
+        # rest only after very many turns.  `remesh` limits again, in the volume.
+        method = "edge-based" if mesh.cell_dim < mesh.dim else "auto"
+        return limit_gradient(mesh, bound, self.g, method=method)
+
+
+def _size_on_surface(
+    mesh: SimplexMesh,
+    h0: FloatArray,
+    bent: BoolArray,
+    finish: Callable[[SimplexMesh, FloatArray], FloatArray],
+) -> SizeFunction:
+    """Return sizes on a copy of a surface that is refined where its edges are long.
+
+    A new node on an edge along which the surface bends gets the mean of the
+    curvatures at the ends; one in a flat facet, or on a sharp edge, none: there the sizes
+    may grow from the nodes of the file, however far those are apart.
+    """
+    h = finish(mesh, h0)
+    while True:
+        ends = h[mesh.edges].min(axis=1)
+        long = mesh.edge_lengths > _EDGE_OVER_SIZE * ends
+        if not long.any() or mesh.n_points + int(long.sum()) > _MAX_NODES:
+            return SizeFunction(mesh, h)
+        split = split_edges(mesh, long)
+        parents = mesh.edges[split.split_edges]
+        at_middle = np.full(len(parents), np.inf)
+        curved = bent[split.split_edges]
+        at_middle[curved] = 2.0 / (1.0 / h0[parents[curved]]).sum(axis=1).clip(1e-300)
+        bent = _inherited(mesh, bent, split.mesh, split.split_edges)
+        mesh, h0 = split.mesh, np.concatenate([h0, at_middle])
+        h = finish(mesh, h0)
+
+
+def _bends(mesh: SimplexMesh, crease_angle: float) -> BoolArray:
+    """Tell the edges along which the surface is curved: neither flat nor sharp; bool[n_edges]."""
+    corners = mesh.points[mesh.cells]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice_area = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(twice_area, np.finfo(float).tiny)[:, None]
+    order = np.argsort(mesh.cell_facets.ravel(), kind="stable")
+    counts = mesh.facet_cell_counts
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    paired = np.flatnonzero(counts == 2)
+    one, other = order[first[paired]] // 3, order[first[paired] + 1] // 3
+    cosine = np.abs(np.einsum("ij,ij->i", normals[one], normals[other]))
+    sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
+    angle = np.arctan2(sine, cosine)  # 0 to 90 degrees, whatever the orientation
+    # Coordinates come in single precision: a sliver of that height has no sure normal.
+    height = np.minimum(twice_area[one], twice_area[other]) / mesh.edge_lengths[paired].clip(1e-300)
+    rounding = 4.0 * np.finfo(np.float32).eps * np.abs(mesh.points).max()
+    bent = np.zeros(len(mesh.edges), np.bool_)
+    bent[paired] = (angle > _FLAT_ANGLE + rounding / height.clip(1e-300)) & (angle <= crease_angle)
+    return bent
+
+
+def _inherited(
+    old: SimplexMesh, bent: BoolArray, new: SimplexMesh, split: npt.NDArray[np.intp]
+) -> BoolArray:
+    """Return which edges of the new mesh are, or are halves of, bent edges of the old one."""
+    whole = np.ones(len(old.edges), np.bool_)
+    whole[split] = False
+    middle = old.n_points + np.arange(len(split))
+    halves = [np.column_stack([old.edges[split, end], middle])[bent[split]] for end in (0, 1)]
+    rows = np.concatenate([old.edges[whole & bent], *halves]).astype(np.int64)
+    keys = np.sort(rows, axis=1) @ (new.n_points, 1)
+    inherited: BoolArray = np.isin(new.edges.astype(np.int64) @ (new.n_points, 1), keys)
+    return inherited
+
+
+def _estimate(mesh: SimplexMesh, size: SizeFunction, g: float) -> float:
+    """Return about how many elements a mesh of these sizes has."""
+    from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed
+
+    if not (mesh.dim == 3 and mesh.cell_dim == 2):
+        return estimate_n_cells(mesh, size)
+    surface = size.background
+
+    def inside(points: FloatArray) -> FloatArray:
+        values, distances = surface.locator.interpolate(size.values, points)
+        return np.asarray(values + g * distances)
+
+    return estimate_n_enclosed(mesh, inside)

@@ -1,0 +1,89 @@
+"""New nodes in the middle of chosen edges of a triangle mesh."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.typing import IntArray
+
+
+class SplitMesh(NamedTuple):
+    """A mesh some edges of which were split."""
+
+    mesh: SimplexMesh
+    """Old nodes first, then one new node per split edge; without data and tags of facets."""
+    split_edges: npt.NDArray[np.intp]
+    """New node k lies in the middle of edge ``split_edges[k]`` of the old mesh."""
+
+
+def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
+    """Return triangles with a new node in the middle of each chosen edge.
+
+    A triangle is cut into 2, 3 or 4 according to how many of its edges are
+    chosen; its tag goes to the parts, which keep its orientation.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles.
+    chosen : bool[n_edges]
+        One entry per edge of ``mesh.edges``.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> split_edges(mesh, np.array([True, False, False])).mesh.cells.tolist()
+    [[2, 0, 3], [2, 3, 1]]
+    """
+    if mesh.cell_dim != 2:
+        raise ValueError(f"mesh must consist of triangles, got {mesh!r}")
+    where = np.flatnonzero(chosen)
+    middle = np.full(len(mesh.edges), -1, np.int32)
+    middle[where] = mesh.n_points + np.arange(len(where), dtype=np.int32)
+    points = np.concatenate([mesh.points, mesh.points[mesh.edges[where]].mean(axis=1)])
+    middles = middle[mesh.cell_facets]  # the facets of triangles are their edges, in this order
+    count = (middles >= 0).sum(axis=1)
+    parts, owners = [mesh.cells[count == 0]], [np.flatnonzero(count == 0)]
+    for n, cut in ((1, _into_two), (2, _into_three), (3, _into_four)):
+        rows = np.flatnonzero(count == n)
+        # Turn each triangle so that the edge that differs from the others is opposite to 0.
+        odd = (middles[rows] >= 0) if n == 1 else (middles[rows] < 0)
+        turn = (np.argmax(odd, axis=1)[:, None] + np.arange(3)) % 3
+        corners = np.take_along_axis(mesh.cells[rows], turn, axis=1)
+        new = np.take_along_axis(middles[rows], turn, axis=1)
+        pieces = cut(corners, new, points)
+        parts.extend(pieces)
+        owners.extend([rows] * len(pieces))
+    owner = np.concatenate(owners)
+    tags = None if mesh.cell_tags is None else mesh.cell_tags[owner]
+    return SplitMesh(SimplexMesh(points, np.concatenate(parts), cell_tags=tags), where)
+
+
+def _into_two(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:
+    a, b, c = corners.T
+    return [np.column_stack([a, b, new[:, 0]]), np.column_stack([a, new[:, 0], c])]
+
+
+def _into_three(
+    corners: IntArray, new: IntArray, points: npt.NDArray[np.float64]
+) -> list[IntArray]:
+    a, b, c = corners.T
+    on_ab, on_ca = new[:, 2], new[:, 1]
+    # The rest b, c, on_ca, on_ab is a trapezium, cut along its shorter diagonal.
+    from_b = np.linalg.norm(points[b] - points[on_ca], axis=1)
+    from_c = np.linalg.norm(points[c] - points[on_ab], axis=1)
+    by_b = from_b <= from_c
+    first = np.column_stack([b, c, np.where(by_b, on_ca, on_ab)])
+    second = np.column_stack([np.where(by_b, b, c), on_ca, on_ab])
+    return [np.column_stack([a, on_ab, on_ca]), first, second]
+
+
+def _into_four(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:
+    a, b, c = corners.T
+    on_bc, on_ca, on_ab = new.T
+    outer = [(a, on_ab, on_ca), (b, on_bc, on_ab), (c, on_ca, on_bc)]
+    return [np.column_stack(three) for three in [*outer, (on_bc, on_ca, on_ab)]]

@@ -1,0 +1,5 @@
+"""The command line: ``adaptsize info | size | limit | remesh | check``."""
+
+from adaptsize.cli.entry import main
+
+__all__ = ["main"]

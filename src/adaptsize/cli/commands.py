@@ -1,0 +1,256 @@
+"""The five commands: each reads, calls one function of the library, writes and prints."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from adaptsize.cli.files import check_outputs, nodal_field
+from adaptsize.cli.sources import parse_source
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+
+app = typer.Typer(
+    name="adaptsize",
+    epilog="With --debug, an error shows its traceback.  Results go to standard output, "
+    "messages to standard error.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Input = Annotated[Path, typer.Argument(metavar="FILE", help="Mesh: STL, VTU, .msh, .mesh, ...")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="File to write.")]
+PerRadian = Annotated[
+    float | None,
+    typer.Option(
+        "-K", "--elements-per-radian", help="Elements per radian of curved boundaries; 0: none."
+    ),
+]
+Gradient = Annotated[float, typer.Option("-g", "--gradient", help="Gradient limit of the size.")]
+Smallest = Annotated[float | None, typer.Option("--hmin", help="Smallest size.")]
+Largest = Annotated[float | None, typer.Option("--hmax", help="Largest size.")]
+Crease = Annotated[
+    float, typer.Option("--crease-angle", help="Sharper edges are no curvature, degrees.")
+]
+Sources = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--source",
+        help="point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
+        "region:tag=h; may be repeated.",
+    ),
+]
+Field = Annotated[str | None, typer.Option("--field", help="Nodal field of the file to use.")]
+Picture = Annotated[Path | None, typer.Option("--plot", help="Also draw the result (.png).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from adaptsize import __version__
+
+        print(f"adaptsize {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
+    ] = False,
+) -> None:
+    """Mesh size functions with gradient limiting."""
+
+
+@app.command()
+def info(file: Input, as_json: AsJson = False) -> None:
+    """Say what is in a mesh file: counts, extent, tags, fields, topology, quality."""
+    from adaptsize.io import read
+    from adaptsize.summary import summarize
+
+    summary = summarize(read(file))
+    print(json.dumps(summary.as_dict(), indent=2) if as_json else summary)
+
+
+@app.command()
+def size(
+    file: Input,
+    output: Output,
+    elements_per_radian: PerRadian = None,
+    gradient: Gradient = 0.25,
+    hmin: Smallest = None,
+    hmax: Largest = None,
+    crease_angle: Crease = 40.0,
+    source: Sources = None,
+    field: Field = None,
+    plot: Picture = None,
+) -> None:
+    """Put sizes from curvature and sources on a mesh, limited, as the field h.
+
+    The suffix of the output tells the format; .pos, .sol and .jig.msh are sizes for Gmsh,
+    mmg and JIGSAW.  A surface in space is refined where its triangles are long.
+    """
+    from adaptsize.io import read, write
+
+    check_outputs(output, plot)
+    mesh = read(file)
+    chosen = _choose(mesh, elements_per_radian, gradient, hmin, hmax, crease_angle, source, field)
+    write(output, chosen.size)
+    _draw(plot, chosen.size)
+    _print_written(output, chosen.size.background)
+
+
+@app.command()
+def limit(
+    file: Input,
+    output: Output,
+    field: Annotated[str, typer.Option("--field", help="Nodal field with the upper bounds.")],
+    gradient: Gradient,
+    method: Annotated[
+        str,
+        typer.Option(help="auto, fast-marching, positive-coefficient, edge-based or exact."),
+    ] = "auto",
+    plot: Picture = None,
+) -> None:
+    """Limit the gradient of a nodal field; the result is added as the field h."""
+    from adaptsize.io import read, write
+    from adaptsize.limiting import limit_gradient
+
+    check_outputs(output, plot)
+    mesh = read(file)
+    h, told = limit_gradient(
+        mesh, nodal_field(mesh, field), gradient, method=method, full_output=True, progress=True
+    )
+    write(output, mesh, fields={"h": h})
+    _draw(plot, mesh, h)
+    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in told.cell_gradient_quantiles.items())
+    print(f"{told.method}: {told.n_changed} of {mesh.n_points} nodes lowered")
+    print(f"largest slope along an edge over g: {told.largest_edge_slope:.6f}")
+    print(f"gradient in the cells over g, quantiles: {levels}")
+    _print_written(output, mesh)
+
+
+@app.command()
+def remesh(
+    file: Input,
+    output: Output,
+    elements_per_radian: PerRadian = None,
+    gradient: Gradient = 0.25,
+    hmin: Smallest = None,
+    hmax: Largest = None,
+    crease_angle: Crease = 40.0,
+    source: Sources = None,
+    field: Field = None,
+    target: Annotated[
+        str, typer.Option(help="auto, tetrahedra or triangles: what a surface becomes.")
+    ] = "auto",
+    backend: Annotated[str, typer.Option(help="auto, tetwild, mmg or gmsh.")] = "auto",
+    tolerance: Annotated[
+        float, typer.Option(help="Distance of new and old boundary over the diagonal.")
+    ] = 1e-3,
+    max_elements: Annotated[float, typer.Option(help="Refuse to make more.")] = 5e6,
+    timeout: Annotated[float, typer.Option(help="Stop after so many seconds.")] = 3600.0,
+    plot: Picture = None,
+) -> None:
+    """Make a new mesh with the wanted sizes; a closed surface becomes tetrahedra.
+
+    Sizes that are not given are chosen from the part, and told.
+    """
+    from adaptsize import remeshing
+    from adaptsize.io import read, write
+
+    check_outputs(output, plot)
+    mesh = read(file)
+    chosen = _choose(mesh, elements_per_radian, gradient, hmin, hmax, crease_angle, source, field)
+    new = remeshing.remesh(
+        mesh,
+        chosen.size,
+        target=target,
+        backend=backend,
+        gradient_limit=gradient,
+        tolerance=tolerance,
+        max_elements=max_elements,
+        timeout=timeout,
+        progress=True,
+    )
+    new = new.with_data(point_data={"h": chosen.size(new.points)})
+    write(output, new)
+    _draw(plot, new)
+    _print_written(output, new)
+
+
+@app.command()
+def check(
+    file: Input,
+    field: Annotated[str, typer.Option("--field", help="Nodal field with the sizes.")] = "h",
+    surface: Annotated[
+        Path | None, typer.Option(help="File of the surface to measure the distance to.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure how well a mesh meets the sizes of a nodal field, and its quality."""
+    from adaptsize.io import read
+    from adaptsize.quality import size_conformity
+
+    mesh = read(file)
+    other = None if surface is None else read(surface)
+    found = size_conformity(mesh, nodal_field(mesh, field), surface=other)
+    print(json.dumps(found.as_dict(), indent=2) if as_json else found)
+
+
+def _choose(
+    mesh: SimplexMesh,
+    elements_per_radian: float | None,
+    g: float,
+    hmin: float | None,
+    hmax: float | None,
+    crease_angle: float,
+    source: list[str] | None,
+    field: str | None,
+) -> Any:
+    """Return the sizes to use, and say which; a given field alone replaces curvature."""
+    from adaptsize.automatic import choose_size
+
+    if field is not None and elements_per_radian is None:
+        elements_per_radian = 0.0
+    chosen = choose_size(
+        mesh,
+        elements_per_radian=elements_per_radian,
+        g=g,
+        hmin=hmin,
+        hmax=hmax,
+        crease_angle=crease_angle,
+        sources=[parse_source(text) for text in source or ()],
+        h0=None if field is None else nodal_field(mesh, field),
+        progress=True,
+    )
+    _say(f"sizes: {chosen}")
+    return chosen
+
+
+def _draw(path: Path | None, *what: Any) -> None:
+    """Draw the sizes; a machine that cannot draw is no reason to fail."""
+    if path is None:
+        return
+    from adaptsize.errors import PlotError
+    from adaptsize.plot import plot_size
+
+    try:
+        plot_size(*what, path=path)
+    except (PlotError, ImportError) as error:
+        _say(f"no picture: {error}")
+
+
+def _print_written(path: Path, mesh: SimplexMesh) -> None:
+    print(f"{path}: {mesh.n_points} points, {mesh.n_cells} cells")
+
+
+def _say(text: str) -> None:
+    print(f"adaptsize: {text}", file=sys.stderr)

@@ -1,0 +1,73 @@
+"""The entry point: errors become one line and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit: 0 done, 1 refused or failed, 2 usage, 130 interrupted.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process by default.
+    """
+    sys.exit(run(sys.argv[1:] if arguments is None else list(arguments)))
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command line and return the exit code."""
+    import typer
+    from typer.main import get_command
+
+    from adaptsize.cli.commands import app
+
+    # typer has a click of its own or uses the package; this is the right one either way.
+    usage_error: Any = typer.BadParameter.__bases__[0]
+    debug = "--debug" in arguments  # anywhere
+    arguments = [word for word in arguments if word != "--debug"]
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning  # put back by catch_warnings
+            result = get_command(app).main(arguments, prog_name="adaptsize", standalone_mode=False)
+            sys.stdout.flush()
+        return result if isinstance(result, int) else DONE
+    except usage_error as error:
+        error.show(file=sys.stderr)
+        return USAGE
+    except typer.Exit as error:
+        return int(error.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        _say("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has left: no error of ours
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except (ValueError, RuntimeError, ImportError, OSError, MemoryError) as error:
+        if debug:
+            traceback.print_exc()
+        _say(f"error: {_in_one_line(error)}")
+        return REFUSED
+
+
+def _in_one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split())
+    return text or type(error).__name__
+
+
+def _say(text: str) -> None:
+    print(f"adaptsize: {text}", file=sys.stderr)
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """Show our own warnings in one line each, and none of the packages we use."""
+    if category.__module__.startswith("adaptsize"):
+        _say(f"warning: {' '.join(str(message).split())}")

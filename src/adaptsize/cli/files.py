@@ -1,0 +1,62 @@
+"""Files of the command line: checked before the work starts."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+def check_outputs(output: Path, plot: Path | None = None) -> None:
+    """Refuse output files that could not be written in the end.
+
+    Raises
+    ------
+    ValueError
+        If the suffix tells no format, or the directory is missing or not writable.
+    """
+    from adaptsize._formats.writers import format_of
+
+    format_of(output, None)
+    _check_place(output)
+    if plot is not None:
+        if plot.suffix.lower() not in _PICTURES:
+            raise ValueError(f"--plot must end in {', '.join(_PICTURES)}, got {str(plot)!r}")
+        _check_place(plot)
+
+
+def _check_place(path: Path) -> None:
+    folder = path.parent
+    if path.is_dir():
+        raise ValueError(f"{path}: is a directory")
+    if not folder.is_dir():
+        raise ValueError(f"{path}: there is no directory {folder}")
+    if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise ValueError(f"{path}: no permission to write")
+
+
+def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
+    """Return a nodal field of one number per node.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name; the message lists those there are.
+    """
+    if name not in mesh.point_data:
+        listed = ", ".join(mesh.point_data) or "none"
+        raise ValueError(f"the mesh has no nodal field {name!r}; it has: {listed}")
+    values = np.asarray(mesh.point_data[name])
+    if values.ndim == 2 and values.shape[1] == 1:
+        values = values[:, 0]
+    if values.ndim != 1:
+        raise ValueError(f"field {name!r} must have one number per node, got {values.shape}")
+    return values
