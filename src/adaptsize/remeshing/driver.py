@@ -36,9 +36,6 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 Target = Literal["auto", "tetrahedra", "triangles"]
 
-#: With two generators in a row, each gets this share of the geometric tolerance.
-_SHARE = 0.5
-
 
 def remesh(
     mesh: SimplexMesh,
@@ -47,7 +44,7 @@ def remesh(
     target: Target = "auto",
     backend: str = "auto",
     gradient_limit: float = 0.25,
-    tolerance: float = 1e-3,
+    tolerance: float = 1.5e-3,
     required_facets: npt.ArrayLike | None = None,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,
@@ -140,13 +137,13 @@ def remesh(
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and (on_surface or chosen.needs_volume):
-            first = _first_volume(part, run, share=_SHARE if chosen.needs_volume else 1.0)
+            first = _first_volume(part, run)
             if on_surface:
                 extended = extend_inwards(first, wanted, gradient_limit)
                 part = part.with_size(extended, first.points)
             if chosen.needs_volume:
                 problem = part.problem
-                part = _Part.of("tetrahedra", first, None, _SHARE * tolerance)
+                part = _Part.of("tetrahedra", first, None, tolerance)
                 part = part.with_size(problem.size, problem.size_nodes)
             _refuse_too_many(part.problem, limit)
         return part.restored(chosen.solve(part.problem, run), chosen.name)
@@ -187,9 +184,9 @@ class _Part:
         return restore(raw, self.problem, self.facets, self.region_tags, backend)
 
 
-def _first_volume(part: _Part, run: IsolatedRunner, *, share: float) -> SimplexMesh:
+def _first_volume(part: _Part, run: IsolatedRunner) -> SimplexMesh:
     """Return tetrahedra of no particular size, to put sizes on."""
-    problem = replace(part.problem, size=None, tolerance=share * part.problem.tolerance)
+    problem = replace(part.problem, size=None)
     raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
     return part.restored(raw, "tetwild")
 

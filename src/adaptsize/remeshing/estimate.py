@@ -82,8 +82,9 @@ def _sample_inside(surface: SimplexMesh) -> _Samples:
     extent = np.ptp(surface.points, axis=0)
     axis = int(np.argmin(extent))  # thin plates: many columns, all of them through the plate
     u, v = (d for d in range(3) if d != axis)
-    steps = (np.arange(_COLUMNS) + 0.5) / _COLUMNS
-    at = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    i, j = np.indices((_COLUMNS, _COLUMNS)).reshape(2, -1)
+    # Each row shifted by the golden ratio: a regular grid hits the edges of regular meshes.
+    at = np.column_stack([i + 0.5, j + (i + 0.5) * 0.6180339887498949 % 1.0]) / _COLUMNS
     at = low[[u, v]] + at * extent[[u, v]]
     column, height = _crossings(surface.points[surface.cells], at, (u, v, axis))
     order = np.lexsort((height, column))

@@ -22,6 +22,8 @@ from adaptsize.typing import FloatArray
 
 #: Radians between two triangles at which a surface is cut into patches.
 _CREASE_ANGLE = math.radians(40.0)
+#: Sizes inside a volume are given times this; without, edges there are 1.2 to 1.3 times as long.
+_VOLUME_FACTOR = 0.8
 #: Gmsh's numbers of element types.
 _LINE, _TRIANGLE, _TETRAHEDRON = 1, 2, 4
 
@@ -86,8 +88,11 @@ def follow_surface(
         patches = [tag for _, tag in gmsh.model.getEntities(2)]
         gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(patches)])
     gmsh.model.geo.synchronize()
-    _use_sizes_only(gmsh, arrays)
-    gmsh.model.mesh.generate(3 if options["volume"] else 2)
+    _use_sizes_only(gmsh, arrays, 1.0)
+    gmsh.model.mesh.generate(2)
+    if options["volume"]:
+        _use_sizes_only(gmsh, arrays, _VOLUME_FACTOR)
+        gmsh.model.mesh.generate(3)
     return _cells(gmsh, _TETRAHEDRON if options["volume"] else _TRIANGLE, 3)
 
 
@@ -97,8 +102,8 @@ def _start(gmsh: Any) -> None:
     gmsh.option.setNumber("General.Verbosity", 2)  # errors and warnings
 
 
-def _use_sizes_only(gmsh: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-    """Set the sizes as the background field, and switch every other source of sizes off."""
+def _use_sizes_only(gmsh: Any, arrays: Mapping[str, npt.NDArray[Any]], factor: float) -> None:
+    """Set the sizes times ``factor`` as the background field; switch other sources off."""
     for name in ("FromPoints", "FromCurvature", "ExtendFromBoundary", "FromParametricPoints"):
         gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
     cells = arrays["size_cells"]
@@ -107,7 +112,8 @@ def _use_sizes_only(gmsh: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
     corners[:, :, : points.shape[1]] = points[cells]
     # One row per cell: all x, all y, all z, then the sizes.
     rows = np.concatenate(
-        [corners.transpose(0, 2, 1).reshape(len(cells), -1), arrays["sizes"][cells]], axis=1
+        [corners.transpose(0, 2, 1).reshape(len(cells), -1), factor * arrays["sizes"][cells]],
+        axis=1,
     )
     view = gmsh.view.add("size")
     gmsh.view.addListData(view, "SS" if cells.shape[1] == 4 else "ST", len(cells), rows.ravel())

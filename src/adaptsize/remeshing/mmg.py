@@ -29,9 +29,13 @@ _ENTITIES = {
     "MmgMesh2D": ("triangles", "edges"),
     "MmgMeshS": ("triangles", "edges"),
 }
-#: Degrees; 20 keeps the area of plane domains, and 30 finds the ridges of coarse CAD files.
-_RIDGE_ANGLE = {"MmgMesh3D": 45.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
+#: Degrees; 20 keeps the area of plane domains and the shallow creases of parts, which Mmg's own
+#: 45 rounds off; 30 finds the ridges of coarse surfaces without taking facets for such.
+_RIDGE_ANGLE = {"MmgMesh3D": 20.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 
+#: Mmg's ``hausd`` over the tolerance.  On curved parts the distance measured is half to three
+#: quarters of ``hausd``; with 1 it makes edges there shorter than any size asked for.
+_TOLERANCE_FACTOR = 2.0
 #: Gradation of the sizes Mmg finds itself at curved boundaries, as |grad h|.
 _OWN_GRADIENT = 0.25
 #: No gradation of given sizes is steeper than this; beyond, Mmg's gradation would do nothing.
@@ -61,7 +65,7 @@ class MmgBackend:
         n_regions = int(problem.regions.max()) + 1
         options = {
             "class": _CLASSES[problem.task],
-            "hausd": problem.tolerance,
+            "hausd": _TOLERANCE_FACTOR * problem.tolerance,
             "n_regions": n_regions,
             "n_groups": int(problem.facet_groups.max(initial=-1)) + 1,
             "required_groups": np.unique(problem.facet_groups[problem.required]).tolist(),

@@ -93,6 +93,7 @@ def tetrahedralize(
         epsilon=options["epsilon"],
         vtk_ordering=True,  # the other ordering gives negative volumes
         quiet=True,
+        coarsen=bool(field),  # without, it keeps its own fine start: edges .45 h where h = D/6
         disable_filtering=not options["filtered"],
         **field,
     )

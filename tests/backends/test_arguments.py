@@ -1,0 +1,206 @@
+"""What is refused before any generator starts, and what is mended."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from fake_generators import FakeBackend
+from shapes import block, two_region_rectangle
+
+from adaptsize import SimplexMesh, SizeFunction, remesh
+from adaptsize.errors import BackendUnavailableError, MeshRepairWarning, TooManyElementsError
+from adaptsize.remeshing import available_backends, register_backend, registry
+from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed
+from adaptsize.remeshing.preparation import mend
+from adaptsize.remeshing.sizing import sample_in_box
+
+CUBE = block(2)
+
+
+@pytest.fixture(autouse=True)
+def no_generator_may_start(monkeypatch):
+    def refuse(self, *arguments):
+        raise AssertionError("a generator was started")
+
+    monkeypatch.setattr("adaptsize.remeshing.isolation.IsolatedRunner.__call__", refuse)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        (0.0, "size must be finite and > 0, got 0"),
+        (-1.0, "size must be finite and > 0, got -1"),
+        (np.nan, "size must be finite and > 0, got nan"),
+        (np.inf, "size must be finite and > 0, got inf"),
+        (np.ones(5), r"size must have shape (27,), got (5,)"),
+        (np.r_[np.ones(26), 0.0], "size must be finite and positive, got size[26] = 0.0"),
+        (np.r_[np.nan, np.ones(26)], "size must be finite and positive, got size[0] = nan"),
+        (np.r_[1.0, np.inf, np.ones(25)], "size must be finite and positive, got size[1] = inf"),
+        (lambda x: np.zeros(len(x)), "size must be finite and positive, got size[0] = 0.0"),
+        (lambda x: np.ones((len(x), 1)), "size(points) must have shape (27,), got (27, 1)"),
+        (lambda x: 1.0, "size(points) must have shape (27,), got ()"),
+    ],
+)
+def test_bad_sizes_are_refused(size, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        remesh(CUBE, size, backend="tetwild")
+
+
+def test_inf_in_a_size_function_is_refused():
+    values = np.r_[1.0, np.inf, np.ones(25)]
+    with pytest.raises(ValueError, match="finite and positive"):
+        remesh(CUBE, SizeFunction(CUBE, values), backend="tetwild")
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"target": "quads"}, "target must be one of 'auto', 'tetrahedra', 'triangles'"),
+        ({"target": "triangles"}, "target 'triangles' cannot be made from SimplexMesh(27 points"),
+        ({"backend": "netgen"}, "backend must be one of 'auto', 'tetwild', 'mmg', 'gmsh'"),
+        ({"backend": "gmsh"}, "backend 'gmsh' cannot make this mesh"),
+        ({"tolerance": 0.0}, "tolerance must be finite and > 0"),
+        ({"timeout": -1.0}, "timeout must be finite and > 0"),
+        ({"max_elements": 0}, "max_elements must be >= 1"),
+        ({"gradient_limit": -0.1}, "gradient_limit must be finite and >= 0"),
+        ({"backend": "tetwild", "required_facets": [[0, 1, 3]]}, "cannot keep required_facets"),
+    ],
+)
+def test_bad_arguments_are_refused(keywords, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        remesh(CUBE, 0.5, **keywords)
+
+
+def test_a_required_facet_that_is_none_is_refused():
+    pytest.importorskip("mmgpy")
+    far_apart = [CUBE.facets[0], [0, 13, 26]]
+    with pytest.raises(ValueError, match=re.escape("got required_facets[1]")):
+        remesh(CUBE, 0.5, required_facets=far_apart)
+
+
+def test_segments_are_refused():
+    outline = two_region_rectangle(2).boundary().mesh
+    with pytest.raises(ValueError, match="mesh must consist of triangles or tetrahedra"):
+        remesh(outline, 0.5)
+
+
+def test_too_many_elements_are_refused_with_both_numbers():
+    with pytest.raises(TooManyElementsError, match=r"about 8\.49e\+09 .* max_elements = 5e\+06"):
+        remesh(CUBE, 1e-3, backend="tetwild")
+    with pytest.raises(TooManyElementsError, match=r"max_elements = 1e\+03"):
+        remesh(CUBE.boundary().mesh, 0.05, backend="tetwild", max_elements=1000)
+
+
+def test_the_estimate_inside_a_surface_is_that_of_its_volume():
+    # A plate 1 x 1 x 1/50 with a constant size h: 6 sqrt 2 V / h^3 tetrahedra.
+    cube = CUBE.boundary().mesh
+    for thin in range(3):
+        points = cube.points * np.where(np.arange(3) == thin, 0.02, 1.0)
+        plate = SimplexMesh(points, cube.cells)
+        estimate = estimate_n_enclosed(plate, lambda x: np.full(len(x), 1e-3))
+        assert estimate == pytest.approx(6 * 2**0.5 * 0.02 / 1e-9, rel=0.02)
+
+
+def test_the_estimate_of_a_graded_size_is_the_integral():
+    # Integral of 1/h^3 over the unit cube with h = .1 + .1 x: (1/.01 - 1/.04) / .2 = 375.
+    fine = block(8)
+    estimate = estimate_n_cells(fine, lambda x: 0.1 + 0.1 * x[:, 0])
+    assert estimate == pytest.approx(6 * 2**0.5 * 375.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "backend", "line"),
+    [
+        (two_region_rectangle(2), "auto", 'pip install "adaptsize[mmg]"'),
+        (CUBE, "mmg", 'pip install "adaptsize[mmg]"'),
+        (CUBE.boundary().mesh, "gmsh", 'pip install "adaptsize[gmsh]"'),
+    ],
+)
+def test_a_missing_generator_comes_with_its_pip_line(monkeypatch, mesh, backend, line):
+    monkeypatch.setattr(registry, "find_spec", lambda name: None)
+    with pytest.raises(BackendUnavailableError, match=re.escape(line)):
+        remesh(mesh, 0.5, backend=backend)
+    assert not any(info.installed for info in available_backends().values())
+
+
+def test_gmsh_is_never_chosen_by_itself(monkeypatch):
+    monkeypatch.setattr(registry, "find_spec", lambda name: name == "gmsh" or None)
+    with pytest.raises(BackendUnavailableError):
+        remesh(CUBE.boundary().mesh, 0.5)
+
+
+def test_a_registered_backend_is_listed(monkeypatch):
+    monkeypatch.setattr(registry, "_BACKENDS", dict(registry._BACKENDS))
+    register_backend(FakeBackend("copy"))
+    assert available_backends()["fake"].tasks == frozenset({"tetrahedra"})
+
+
+def triangle_soup():
+    """The cube as an STL file gives it, with a flat triangle, a point and a double added."""
+    cube = CUBE.boundary().mesh
+    points = cube.points[cube.cells].reshape(-1, 3)
+    n = len(points)
+    points = np.concatenate([points, [[0, 0, 0], [0.5, 0, 0], [1, 0, 0]], points[:3]])
+    cells = np.arange(len(points)).reshape(-1, 3)
+    assert len(cells) == n // 3 + 2
+    return SimplexMesh(points, cells)
+
+
+def test_soup_is_mended_and_the_repairs_are_counted():
+    soup = triangle_soup()
+    cube = CUBE.boundary().mesh
+    message = f"{soup.n_points - cube.n_points} duplicate points merged, 2 degenerate or duplicate"
+    with pytest.warns(MeshRepairWarning, match=message):
+        mended = mend(soup)
+    assert (mended.mesh.n_points, mended.mesh.n_cells) == (cube.n_points, cube.n_cells)
+    assert mended.mesh.is_closed
+    assert np.array_equal(soup.points[mended.nodes], mended.mesh.points)
+    assert np.array_equal(mended.mesh.points[mended.node_map], soup.points)
+
+
+def test_a_surface_of_degenerate_triangles_is_refused():
+    flat = SimplexMesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    with pytest.raises(ValueError, match="got degenerate triangles only"):
+        remesh(flat, 0.5)
+
+
+def test_a_slit_in_tetrahedra_stays_open():
+    cells = np.concatenate([CUBE.cells, CUBE.cells + CUBE.n_points])
+    points = np.concatenate([CUBE.points, CUBE.points + np.eye(3)[0]])
+    assert mend(SimplexMesh(points, cells)).mesh.n_points == 2 * CUBE.n_points
+
+
+def test_inverted_cells_are_turned_and_unused_nodes_dropped():
+    points = np.concatenate([CUBE.points, [[5.0, 5.0, 5.0]]])
+    mended = mend(SimplexMesh(points, CUBE.cells[:, [1, 0, 2, 3]])).mesh
+    assert (mended.signed_measures > 0.0).all()
+    assert mended.n_points == CUBE.n_points
+
+
+def test_the_background_for_tetwild_holds_the_size_within_its_promise():
+    # The size has a kink in the plane x = 1/2 and is finer than the surface knows.
+    def size(x):
+        return 0.05 + 0.2 * np.abs(x[:, 0] - 0.5)
+
+    mesh = CUBE.boundary().mesh
+    points, cells, sizes = sample_in_box(size, mesh, np.empty((0, 3)))
+    background = SimplexMesh(points, cells)
+    inside = np.random.default_rng(1905).uniform(-0.05, 1.05, (2000, 3))
+    assert background.locator.nearest(inside)[2].max() == 0.0  # a margin around the part
+    read = SizeFunction(background, sizes)(inside)
+    error = np.abs(read - size(inside)) / size(inside)
+    assert np.quantile(error, 0.95) < 0.05
+    assert error.max() < 0.3
+
+
+def test_importing_the_worker_does_not_import_the_mesh_classes():
+    # It starts for each call of a generator; numba alone would take it a second.
+    code = (
+        "import sys, adaptsize.remeshing._worker, adaptsize.remeshing.tetwild, "
+        "adaptsize.remeshing.mmg, adaptsize.remeshing.gmsh;"
+        "print([m for m in ('numba', 'scipy', 'mmgpy', 'gmsh') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout == "[]\n"
