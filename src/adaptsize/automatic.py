@@ -44,6 +44,20 @@ class ChosenSize:
     n_rounds: int
     """How often the sizes were made larger to stay within ``max_elements``."""
 
+    def on(self, mesh: SimplexMesh) -> FloatArray:
+        """Return the sizes at the nodes of another mesh of the same part.
+
+        Where they are known on the surface only, they grow from the boundary of ``mesh``
+        inwards, by ``g`` per length.
+        """
+        size = self.size(mesh.points)
+        if mesh.cell_dim <= self.size.background.cell_dim:
+            return size
+        nodes = mesh.boundary().nodes
+        bound = np.full(mesh.n_points, np.inf)
+        bound[nodes] = size[nodes]
+        return limit_gradient(mesh, bound, self.g)
+
     def __str__(self) -> str:
         """Say in one line what was chosen."""
         kappa = f"{self.elements_per_radian:.3g} elements per radian, "

@@ -180,7 +180,7 @@ def remesh(
         timeout=timeout,
         progress=True,
     )
-    new = new.with_data(point_data={"h": chosen.size(new.points)})
+    new = new.with_data(point_data={"h": chosen.on(new)})
     write(output, new)
     _draw(plot, new)
     _print_written(output, new)

@@ -29,6 +29,7 @@ def run(arguments: list[str]) -> int:
     from typer.main import get_command
 
     from adaptsize.cli.commands import app
+    from adaptsize.errors import ConvergenceWarning, MeshRepairWarning
 
     # typer has a click of its own or uses the package; this is the right one either way.
     usage_error: Any = typer.BadParameter.__bases__[0]
@@ -36,15 +37,18 @@ def run(arguments: list[str]) -> int:
     arguments = [word for word in arguments if word != "--debug"]
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # those of the packages we use
+            for category in (ConvergenceWarning, MeshRepairWarning):
+                warnings.simplefilter("always", category)
             warnings.showwarning = _show_warning  # put back by catch_warnings
             result = get_command(app).main(arguments, prog_name="adaptsize", standalone_mode=False)
             sys.stdout.flush()
+        if result == INTERRUPTED:  # what typer makes of Ctrl-C
+            _say("interrupted")
         return result if isinstance(result, int) else DONE
     except usage_error as error:
         error.show(file=sys.stderr)
         return USAGE
-    except typer.Exit as error:
-        return int(error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         _say("interrupted")
         return INTERRUPTED
@@ -58,7 +62,7 @@ def run(arguments: list[str]) -> int:
         return REFUSED
 
 
-def _in_one_line(error: BaseException) -> str:
+def _in_one_line(error: BaseException | str) -> str:
     text = " ".join(str(error).split())
     return text or type(error).__name__
 
@@ -67,7 +71,5 @@ def _say(text: str) -> None:
     print(f"adaptsize: {text}", file=sys.stderr)
 
 
-def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    """Show our own warnings in one line each, and none of the packages we use."""
-    if category.__module__.startswith("adaptsize"):
-        _say(f"warning: {' '.join(str(message).split())}")
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    _say(f"warning: {_in_one_line(message)}")

@@ -1,0 +1,31 @@
+PYTHON ?= python
+# numba's cache does not see edits in an imported kernel: one cache per state of the kernels.
+KERNELS := $(shell cat src/adaptsize/_kernels/*.py | cksum | cut -d' ' -f1)
+export NUMBA_CACHE_DIR ?= $(CURDIR)/.numba_cache/$(KERNELS)
+
+.PHONY: lint test test-nojit test-bounds examples bench clean
+
+lint:
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m mypy
+	lint-imports
+
+test:
+	$(PYTHON) -m pytest
+
+test-nojit:
+	NUMBA_DISABLE_JIT=1 $(PYTHON) -m pytest tests/kernels
+
+test-bounds:
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(NUMBA_CACHE_DIR)-bounds $(PYTHON) -m pytest tests/kernels tests/laws
+
+examples:
+	set -e; for script in examples/*.py; do [ -e "$$script" ] || continue; $(PYTHON) "$$script"; done
+
+bench:
+	$(PYTHON) benchmarks/limiting.py
+
+clean:
+	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
+	rm -f bracket.vtu bracket.png

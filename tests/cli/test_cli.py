@@ -1,0 +1,261 @@
+"""The command line: what it prints where, its exit codes, the files it leaves."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh, read, write
+from adaptsize.cli.entry import run
+from adaptsize.cli.sources import parse_source
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+@pytest.fixture
+def square(tmp_path):
+    """A file with two triangles and the nodal field h0."""
+    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    write(tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf]})
+    return tmp_path / "square.vtu"
+
+
+def call(*arguments):
+    return run([str(word) for word in arguments])
+
+
+# --- exit codes and streams -------------------------------------------------------
+
+
+def test_version_and_help(capsys):
+    assert call("--version") == 0
+    assert capsys.readouterr().out.startswith("adaptsize 0.")
+    assert call("--help") == 0
+    told = capsys.readouterr().out
+    assert all(name in told for name in ("info", "size", "limit", "remesh", "check"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["frob"],
+        ["info"],
+        ["limit", "a.vtu", "-g", "0.3"],
+        ["remesh", "a.stl", "-o", "b", "-g", "x"],
+    ],
+)
+def test_wrong_usage_exits_2_and_says_so_on_stderr(capsys, arguments):
+    assert call(*arguments) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "Error:" in told.err
+
+
+def test_refused_input_is_one_plain_line_and_exit_1(capsys):
+    assert call("info", "no-such-file.stl") == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err == "adaptsize: error: no-such-file.stl: No such file or directory\n"
+
+
+def test_debug_adds_the_traceback(capsys):
+    assert call("--debug", "info", "no-such-file.stl") == 1
+    told = capsys.readouterr().err
+    assert told.startswith("Traceback")
+    assert told.endswith("adaptsize: error: no-such-file.stl: No such file or directory\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("missing/out.vtu", "there is no directory"), ("out.doc", "suffix"), (".", "suffix")],
+)
+def test_bad_output_is_refused_before_the_work_starts(capsys, monkeypatch, square, name, told):
+    monkeypatch.setattr("adaptsize.io.read", lambda *_: pytest.fail("the input was read"))
+    output = square.parent / name
+    assert call("limit", square, "-o", output, "--field", "h0", "-g", "0.3") == 1
+    assert told in capsys.readouterr().err
+
+
+def test_our_warnings_are_one_line_each(capsys, tmp_path):
+    corners = "\n".join(
+        f"vertex {x} {y} 0" for x, y in [(0, 0), (1, 0), (0, 1), (0, 0), (1, 0), (1, 0)]
+    ).split("\n")
+    facets = "".join(
+        "facet normal 0 0 1\nouter loop\n" + "\n".join(three) + "\nendloop\nendfacet\n"
+        for three in (corners[:3], corners[3:])
+    )
+    (tmp_path / "dirty.stl").write_text(f"solid dirty\n{facets}endsolid dirty\n")
+    assert call("info", tmp_path / "dirty.stl") == 0
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1
+    assert told[0].startswith("adaptsize: warning: ")
+
+
+# --- commands ---------------------------------------------------------------------
+
+
+def test_info_tells_what_is_in_the_block(capsys):
+    assert call("info", DATA / "block.vtu", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["kind"] == "tetrahedra"
+    assert told["measure"] == pytest.approx(40 * 20 * 20)
+    assert set(told["cell_tags"]) == {"1", "2"}
+    assert set(told["facet_tags"]) == {"1", "2", "3", "10"}
+    assert set(told["point_fields"]) == {"temperature", "displacement", "h0"}
+    assert told["n_components"] == 1
+
+
+def test_info_counts_the_faults_of_a_surface(capsys, tmp_path):
+    # A triangle, a copy of one of its points, a needle, and three triangles on one edge.
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, 0], [0.5, 0, 0]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 1, 6]])
+    write(tmp_path / "faults.vtu", mesh)
+    assert call("info", tmp_path / "faults.vtu", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["n_nonmanifold_facets"] == 1
+    assert told["n_duplicate_points"] == 1
+    assert told["n_unused_points"] == 1
+    assert told["n_degenerate_cells"] == 1
+
+
+def test_limit_adds_the_field_h(capsys, square):
+    output = square.with_name("limited.vtu")
+    assert call("limit", square, "--field", "h0", "-g", "0.3", "-o", output) == 0
+    told = capsys.readouterr()
+    assert "3 of 4 nodes lowered" in told.out
+    assert told.err == ""
+    limited = read(output).point_data
+    # Distances from the corner with 0.1: 1, sqrt 2, 1.
+    expected = 0.1 + 0.3 * np.array([0.0, 1.0, np.sqrt(2.0), 1.0])
+    np.testing.assert_allclose(limited["h"], expected, rtol=1e-12)
+    assert "h0" in limited
+
+
+def test_limit_names_the_fields_there_are(capsys, square):
+    assert call("limit", square, "--field", "nope", "-g", "0.3", "-o", "x.vtu") == 1
+    assert "no nodal field 'nope'; it has: h0" in capsys.readouterr().err
+
+
+def test_check_prints_json(capsys, square):
+    mesh = read(square)
+    write(square, mesh, fields={"h": np.ones(4)})
+    assert call("check", square, "--field", "h", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    # Five edges, four of length 1 and one of sqrt 2, all within [1/sqrt 2, sqrt 2].
+    assert told["edges"]["n_edges"] == 5
+    assert told["edges"]["mean"] == pytest.approx((4 + np.sqrt(2)) / 5)
+    assert told["n_inverted"] == 0
+
+
+def test_size_writes_limited_sizes_and_says_which(capsys, tmp_path):
+    output = tmp_path / "sized.vtu"
+    source = "ball:10,10,10,2=0.5"
+    assert call("size", DATA / "block.vtu", "-o", output, "--hmax", "4", "--source", source) == 0
+    told = capsys.readouterr()
+    assert "g = 0.25" in told.err
+    assert "hmax = 4" in told.err
+    mesh = read(output)
+    h = mesh.point_data["h"]
+    assert h.min() == pytest.approx(0.5)
+    assert h.max() == pytest.approx(4.0)
+    i, j = mesh.edges.T
+    assert (np.abs(h[i] - h[j]) <= 0.25 * mesh.edge_lengths * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("name", ["h.pos", "h.sol", "h.jig.msh"])
+def test_size_writes_for_other_mesh_generators(tmp_path, name):
+    assert call("size", DATA / "lshape.vtu", "-o", tmp_path / name, "--hmax", "0.1") == 0
+    assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_remesh_makes_graded_tetrahedra_of_a_part(capsys, tmp_path):
+    points = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
+    cells = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    cells += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    write(tmp_path / "box.stl", SimplexMesh(points, cells))
+    output = tmp_path / "box.vtu"
+    words = ["--hmax", "0.4", "-g", "0.3", "--source", "point:0,0,0=0.1"]
+    assert call("remesh", tmp_path / "box.stl", "-o", output, *words) == 0
+    told = capsys.readouterr()
+    assert str(output) in told.out
+    assert "adaptsize: sizes:" in told.err
+    mesh = read(output)
+    assert mesh.cell_dim == 3
+    assert mesh.measures.sum() == pytest.approx(2.0, rel=0.01)
+    distance = np.linalg.norm(mesh.points[mesh.edges].mean(axis=1), axis=1)
+    fine, coarse = mesh.edge_lengths[distance < 0.3], mesh.edge_lengths[distance > 1.5]
+    assert np.median(fine) < 0.5 * np.median(coarse)
+    assert {"box.stl", "box.vtu"} == {path.name for path in tmp_path.iterdir()}
+
+
+def test_missing_picture_is_told_and_the_result_is_written(capsys, monkeypatch, square):
+    from adaptsize.errors import PlotError
+
+    def refuse(*_, **__):
+        raise PlotError("no way to draw here")
+
+    monkeypatch.setattr("adaptsize.plot.plot_size", refuse)
+    output = square.with_name("limited.vtu")
+    words = ["--field", "h0", "-g", "0.3", "-o", output, "--plot", square.with_name("h.png")]
+    assert call("limit", square, *words) == 0
+    assert capsys.readouterr().err == "adaptsize: no picture: no way to draw here\n"
+    assert output.exists()
+
+
+@pytest.mark.parametrize(
+    "text", ["ball:0,0=1", "point:1,2,x=3", "box:0,0=1", "region=2", "cone:1=2", "point:1,2"]
+)
+def test_bad_sources_are_refused(text):
+    with pytest.raises(ValueError, match="--source must be one of"):
+        parse_source(text)
+
+
+# --- as a program -----------------------------------------------------------------
+
+
+def program(*arguments, **options):
+    command = [sys.executable, "-c", "from adaptsize.cli import main; main()"]
+    return subprocess.Popen(
+        [*command, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def test_program_keeps_results_and_messages_apart(square):
+    child = program("limit", square, "--field", "h0", "-g", "-1", "-o", square)
+    out, err = child.communicate(timeout=60)
+    assert child.returncode == 1
+    assert out == ""
+    assert err.startswith("adaptsize: error: g must be")
+    assert err.count("\n") == 1
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from adaptsize.cli.entry import run; run(['--help']);"
+        "heavy = {'numba', 'scipy', 'meshio', 'trimesh', 'pyvista'} & set(sys.modules);"
+        "print(heavy, file=sys.stderr)"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert child.stderr.strip() == "set()"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
+def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
+    pipe = tmp_path / "never.vtu"
+    os.mkfifo(pipe)  # reading it waits for ever
+    child = program("info", pipe)
+    time.sleep(3.0)
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert (out, err) == ("", "adaptsize: interrupted\n")
