@@ -51,7 +51,8 @@ class ChosenSize:
         inwards, by ``g`` per length.
         """
         size = self.size(mesh.points)
-        if mesh.cell_dim <= self.size.background.cell_dim:
+        background = self.size.background
+        if not isinstance(background, SimplexMesh) or mesh.cell_dim <= background.cell_dim:
             return size
         nodes = mesh.boundary().nodes
         bound = np.full(mesh.n_points, np.inf)

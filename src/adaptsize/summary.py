@@ -57,14 +57,16 @@ class MeshSummary:
     def __str__(self) -> str:
         """Return one line per subject."""
         box = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(self.lower, self.upper, strict=True))
-        closed = "closed" if self.n_boundary_facets == 0 else "open"
+        closed = ""
+        if self.kind == "triangles" and self.dim == 3:
+            closed = "closed, " if self.n_boundary_facets == 0 else "open, "
         facets = f"{self.n_boundary_facets} boundary, {self.n_nonmanifold_facets} non-manifold"
         rows = [
             ("cells", f"{self.n_cells} {self.kind}, {self.n_points} points in {self.dim}-D"),
             ("box", f"{box}, diagonal {self.diagonal:g}"),
             (_MEASURES[self.kind], f"{self.measure:g}"),
             ("edges", f"{self.edge_min:g} to {self.edge_max:g}, median {self.edge_median:g}"),
-            ("topology", f"{closed}, {self.n_components} component(s), facets: {facets}"),
+            ("topology", f"{closed}{self.n_components} component(s), facets: {facets}"),
             ("cell tags", _counted(self.cell_tags)),
             ("facet tags", _counted(self.facet_tags)),
             ("point fields", ", ".join(self.point_fields) or "none"),
