@@ -44,7 +44,7 @@ def remesh(
     target: Target = "auto",
     backend: str = "auto",
     gradient_limit: float = 0.25,
-    tolerance: float = 1.5e-3,
+    tolerance: float = 1.2e-3,
     required_facets: npt.ArrayLike | None = None,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,
@@ -72,7 +72,7 @@ def remesh(
         How fast sizes given on a surface only grow into the volume.
     tolerance : float
         How far the new boundary may be from the old one, over the diagonal of the bounding
-        box; both generators approximate it (see Notes).
+        box, for fTetWild.  Mmg takes it for its own criterion and may be off by twice that.
     required_facets : array_like of int, shape (n, cell_dim), optional
         Facets of ``mesh`` that stay exactly as they are (Mmg only).
     max_elements : float

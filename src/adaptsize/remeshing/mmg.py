@@ -29,9 +29,9 @@ _ENTITIES = {
     "MmgMesh2D": ("triangles", "edges"),
     "MmgMeshS": ("triangles", "edges"),
 }
-#: Degrees; 20 keeps the area of plane domains and the shallow creases of parts, which Mmg's own
-#: 45 rounds off; 30 finds the ridges of coarse surfaces without taking facets for such.
-_RIDGE_ANGLE = {"MmgMesh3D": 20.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
+#: Degrees; 20 keeps the area of plane domains; 30 finds the shallow creases of parts, which Mmg's
+#: own 45 rounds off, without taking facets of coarse surfaces for such.
+_RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 
 #: Mmg's ``hausd`` over the tolerance.  On curved parts the distance measured is half to three
 #: quarters of ``hausd``; with 1 it makes edges there shorter than any size asked for.
@@ -66,6 +66,7 @@ class MmgBackend:
         options = {
             "class": _CLASSES[problem.task],
             "hausd": _TOLERANCE_FACTOR * problem.tolerance,
+            "ridge_angle": _RIDGE_ANGLE[_CLASSES[problem.task]],
             "n_regions": n_regions,
             "n_groups": int(problem.facet_groups.max(initial=-1)) + 1,
             "required_groups": np.unique(problem.facet_groups[problem.required]).tolist(),
@@ -127,7 +128,8 @@ def adapt(
     Parameters
     ----------
     arrays : points, cells, regions, facets, facet_groups, sizes as in ``Problem``
-    options : class, hausd (absolute), hgrad, n_regions, n_groups, required_groups, open_boundaries
+    options : class, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
+        required_groups, open_boundaries
 
     Returns
     -------
@@ -154,7 +156,7 @@ def adapt(
             set_required(required.astype(np.int32))
     mesh["metric"] = np.ascontiguousarray(arrays["sizes"].reshape(-1, 1))
     settings = {"hausd": options["hausd"], "hgrad": options["hgrad"], "verbose": -1}
-    settings |= {"ar": _RIDGE_ANGLE[options["class"]], "nosizreq": 1}
+    settings |= {"ar": options["ridge_angle"], "nosizreq": 1}
     if options["open_boundaries"] and cell_name == "tetrahedra":
         settings["opnbdy"] = 1
     mesh.remesh(**settings)
