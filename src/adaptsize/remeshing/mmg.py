@@ -40,10 +40,12 @@ _TOLERANCE_FACTOR = 2.0
 _OWN_GRADIENT = 0.25
 #: No gradation of given sizes is steeper than this; beyond, Mmg's gradation would do nothing.
 _STEEPEST = 3.0
-#: Mmg reads sizes at the nodes it is given; on a coarse mesh they are read again on the new one.
+#: Mmg reads sizes at the nodes it is given: on a coarse mesh they are read again on the new one.
+#: It also leaves edges alone that are within sqrt 2 of the wanted length; if that makes the
+#: median wrong, the next turn asks for sizes changed by as much.
 _MAX_TURNS = 3
-#: ... unless nearly all edges are within this (log of the ratio) of the wanted length already.
-_READING_ERROR = 0.42
+_GOOD_SHARE = 0.9
+_LARGEST_FACTOR = 1.25
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,9 @@ class MmgBackend:
             "facets": problem.facet_nodes,
             "facet_groups": problem.facet_groups,
         }
-        for turn in range(_MAX_TURNS):
-            sizes = problem.size(made["points"])
-            if turn > 0 and _reading_error(problem.size, made, sizes) < _READING_ERROR:
-                break
+        best, best_share, factor = made, -1.0, 1.0
+        for _ in range(_MAX_TURNS):
+            sizes = factor * problem.size(made["points"])
             gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
             options["hgrad"] = float(np.exp(min(gradient, _STEEPEST)))
             made = run(
@@ -92,10 +93,20 @@ class MmgBackend:
                 options,
             )
             if len(made["cells"]) == 0:
+                return _raw(made)
+            share, median = _obedience(problem.size, made)
+            if share > best_share:
+                best, best_share = made, share
+            if share >= _GOOD_SHARE:
                 break
-        return RawMesh(
-            made["points"], made["cells"], made["regions"], made["facets"], made["facet_groups"]
-        )
+            factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
+        return _raw(best)
+
+
+def _raw(made: Mapping[str, npt.NDArray[Any]]) -> RawMesh:
+    return RawMesh(
+        made["points"], made["cells"], made["regions"], made["facets"], made["facet_groups"]
+    )
 
 
 def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], FloatArray]:
@@ -113,11 +124,11 @@ def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> 
     return float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
 
 
-def _reading_error(size: Size, made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> float:
-    """Return by how much edges of the mesh miss the wanted length, as a share, 95 % quantile."""
+def _obedience(size: Size, made: Mapping[str, npt.NDArray[Any]]) -> tuple[float, float]:
+    """Return the share of edges within sqrt 2 of the wanted length, and the median of the ratio."""
     edges, lengths = _edges(made)
-    wanted = size(made["points"][edges].mean(axis=1))
-    return float(np.quantile(np.abs(np.log(lengths / wanted)), 0.95))
+    ratio = lengths / size(made["points"][edges].mean(axis=1))
+    return float((np.abs(np.log(ratio)) <= 0.5 * np.log(2.0)).mean()), float(np.median(ratio))
 
 
 def adapt(
