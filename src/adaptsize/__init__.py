@@ -1,4 +1,4 @@
-"""How large should the elements be, everywhere?
+"""Tell how large the elements of a mesh should be, everywhere.
 
 Mesh size functions with gradient limiting, after P.-O. Persson, "Mesh size
 functions for implicit geometries and PDE-based gradient limiting".
@@ -29,7 +29,7 @@ _HOMES = {
     "write": "io",
 }
 
-__all__ = ["__version__", *_HOMES]
+__all__ = ["__version__", *_HOMES]  # noqa: PLE0604 - the keys are strings
 
 
 def __getattr__(name: str) -> Any:

@@ -50,9 +50,9 @@ def as_index_array(
     raw = np.asarray(value)
     if raw.size == 0:
         raw = raw.astype(np.int32)
-    if raw.dtype.kind not in "iu":
-        if raw.dtype.kind != "f" or not (raw == np.floor(raw)).all():
-            raise ValueError(f"{name} must be integers, got {describe(value)}")
+    whole = raw.dtype.kind in "iu" or (raw.dtype.kind == "f" and bool((raw == np.floor(raw)).all()))
+    if not whole:
+        raise ValueError(f"{name} must be integers, got {describe(value)}")
     if raw.ndim != 2 or (width is not None and raw.shape[1] != width):
         wanted = "(m, k)" if width is None else f"(m, {width})"
         raise ValueError(f"{name} must have shape {wanted}, got {raw.shape}")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adaptsize._kernels.local import update_from_edge, update_from_triangle
+from adaptsize._kernels.local import minimum_on_edge, minimum_on_triangle
 
 
 def _least(function, n_steps=60):
@@ -52,16 +52,22 @@ def local_problems(draw, k):
 def test_edge_update_is_the_minimum_over_the_edge(problem):
     points, sizes, g = problem
     axes = (0,) * points.shape[1]
-    value = update_from_edge(points, axes, 0, 1, 2, *sizes, g)
+    value, t = minimum_on_edge(points, axes, 0, 1, 2, *sizes, g)
     assert value == pytest.approx(_least_over_edge(points[0], points[1:], sizes, g), rel=1e-9)
+    foot = (1.0 - t) * points[1] + t * points[2]
+    there = (1.0 - t) * sizes[0] + t * sizes[1] + g * np.linalg.norm(points[0] - foot)
+    assert value == pytest.approx(there, rel=1e-12)
 
 
 @given(local_problems(3))
 @settings(max_examples=25)
 def test_triangle_update_is_the_minimum_over_the_triangle(problem):
     points, sizes, g = problem
-    value = update_from_triangle(points, (0, 0, 0), 0, 1, 2, 3, *sizes, g, True)
+    value, l1, l2 = minimum_on_triangle(points, (0, 0, 0), 0, 1, 2, 3, *sizes, g, True)
     assert value == pytest.approx(_least_over_triangle(points[0], points[1:], sizes, g), rel=1e-7)
+    weights = np.array([1.0 - l1 - l2, l1, l2])
+    there = weights @ sizes + g * np.linalg.norm(points[0] - weights @ points[1:])
+    assert value == pytest.approx(there, rel=1e-10)
 
 
 @given(local_problems(3))
@@ -69,24 +75,24 @@ def test_without_an_edge_the_triangle_update_is_the_rest(problem):
     # The edge (2, 3) is left out: what remains, with that edge, is the whole minimum.
     points, sizes, g = problem
     axes = (0, 0, 0)
-    whole = update_from_triangle(points, axes, 0, 1, 2, 3, *sizes, g, True)
-    rest = update_from_triangle(points, axes, 0, 1, 2, 3, *sizes, g, False)
-    edge = update_from_edge(points, axes, 0, 2, 3, sizes[1], sizes[2], g)
+    whole = minimum_on_triangle(points, axes, 0, 1, 2, 3, *sizes, g, True)[0]
+    rest = minimum_on_triangle(points, axes, 0, 1, 2, 3, *sizes, g, False)[0]
+    edge = minimum_on_edge(points, axes, 0, 2, 3, sizes[1], sizes[2], g)[0]
     assert min(rest, edge) == whole
 
 
 def test_value_is_exact_for_a_plane_wave():
-    # h = 1 + g x on the face x = 0 is 1: a node at distance 2 gets 1 + 2 g.
+    # h = 1 on the face x = 0: a node at distance 2 gets 1 + 2 g, straight from its foot.
     points = np.array([[2.0, 0.3, 0.3], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert update_from_triangle(points, (0,) * 3, 0, 1, 2, 3, 1.0, 1.0, 1.0, 0.3, True) == 1.6
-    assert update_from_edge(points, (0,) * 3, 0, 1, 2, 1.0, 1.0, 0.3) == pytest.approx(
-        1.0 + 0.3 * np.hypot(2.0, 0.3), rel=1e-15
-    )
+    found = minimum_on_triangle(points, (0,) * 3, 0, 1, 2, 3, 1.0, 1.0, 1.0, 0.3, True)
+    assert found == pytest.approx((1.6, 0.3, 0.3), rel=1e-15)
+    found = minimum_on_edge(points, (0,) * 3, 0, 1, 2, 1.0, 1.0, 0.3)
+    assert found == pytest.approx((1.0 + 0.3 * np.hypot(2.0, 0.3), 0.3), rel=1e-15)
 
 
 @pytest.mark.parametrize("g", [0.0, 0.3])
 def test_coinciding_points_give_point_updates(g):
     points = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     axes = (0, 0, 0)
-    assert update_from_edge(points, axes, 0, 1, 2, 2.0, 1.0, g) == 1.0 + g
-    assert update_from_triangle(points, axes, 0, 1, 2, 3, 2.0, 3.0, 1.0, g, True) == 1.0 + g
+    assert minimum_on_edge(points, axes, 0, 1, 2, 2.0, 1.0, g)[0] == 1.0 + g
+    assert minimum_on_triangle(points, axes, 0, 1, 2, 3, 2.0, 3.0, 1.0, g, True)[0] == 1.0 + g

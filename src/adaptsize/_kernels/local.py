@@ -34,8 +34,8 @@ def distance(points, axes, i, j):
 
 
 @njit(cache=True, nogil=True)
-def update_from_edge(points, axes, k, a, b, h_a, h_b, g):
-    """Return the largest size at node k allowed by linear sizes on the edge (a, b).
+def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
+    """Return the largest size at node k allowed by linear sizes on the edge (a, b), and where.
 
     With y(t) = x_a + t (x_b - x_a), the minimum over 0 <= t <= 1 of
 
@@ -59,7 +59,7 @@ def update_from_edge(points, axes, k, a, b, h_a, h_b, g):
 
     Returns
     -------
-    float64
+    value, t : float64
     """
     length2 = 0.0
     dot = 0.0
@@ -71,8 +71,8 @@ def update_from_edge(points, axes, k, a, b, h_a, h_b, g):
     slack2 = g * g * length2 - rise * rise
     if slack2 <= 0.0:  # also an edge of length 0, and g = 0
         if rise >= 0.0:
-            return h_a + g * distance(points, axes, k, a)
-        return h_b + g * distance(points, axes, k, b)
+            return h_a + g * distance(points, axes, k, a), 0.0
+        return h_b + g * distance(points, axes, k, b), 1.0
     foot = dot / length2
     # Subtract vectors, not squares: this keeps the height of a sliver accurate.
     height2 = 0.0
@@ -81,14 +81,14 @@ def update_from_edge(points, axes, k, a, b, h_a, h_b, g):
     ratio = math.sqrt(height2 / (length2 * slack2))  # D / (g L^2 sqrt(1 - s^2))
     t = foot - rise * ratio
     if t <= 0.0:
-        return h_a + g * distance(points, axes, k, a)
+        return h_a + g * distance(points, axes, k, a), 0.0
     if t >= 1.0:
-        return h_b + g * distance(points, axes, k, b)
-    return h_a + foot * rise + ratio * slack2
+        return h_b + g * distance(points, axes, k, b), 1.0
+    return h_a + foot * rise + ratio * slack2, t
 
 
 @njit(cache=True, nogil=True)
-def update_from_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
+def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
     """Return the largest size at node k allowed by linear sizes on the triangle (a, b, c).
 
     The point of the triangle's plane with barycentric coordinates
@@ -114,8 +114,9 @@ def update_from_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
 
     Returns
     -------
-    float64
-        inf if the minimum is on the edge (b, c) and that is left out.
+    value, l1, l2 : float64
+        Size, and weights of b and c at the minimum; the size is inf if the minimum
+        is on the edge (b, c) and that is left out.
     """
     a11 = 0.0
     a12 = 0.0
@@ -134,40 +135,40 @@ def update_from_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
     dh1 = h_b - h_a
     dh2 = h_c - h_a
     det = a11 * a22 - a12 * a12
-    if det <= 1e-14 * a11 * a22:
-        value = update_from_edge(points, axes, k, a, b, h_a, h_b, g)
-        value = min(value, update_from_edge(points, axes, k, a, c, h_a, h_c, g))
-        if with_bc:
-            value = min(value, update_from_edge(points, axes, k, b, c, h_b, h_c, g))
-        return value
+    l0 = l1 = l2 = -1.0  # a degenerate triangle: all its edges
+    if det > 1e-14 * a11 * a22:
+        q1 = (a22 * dh1 - a12 * dh2) / det
+        q2 = (a11 * dh2 - a12 * dh1) / det
+        slack2 = g * g - (q1 * dh1 + q2 * dh2)
+        if slack2 > 0.0:
+            p1 = (a22 * w1 - a12 * w2) / det
+            p2 = (a11 * w2 - a12 * w1) / det
+            height2 = 0.0
+            for d in range(len(axes)):
+                e1 = points[b, d] - points[a, d]
+                e2 = points[c, d] - points[a, d]
+                height2 += (points[k, d] - points[a, d] - p1 * e1 - p2 * e2) ** 2
+            ratio = math.sqrt(height2 / slack2)
+            l1 = p1 - ratio * q1
+            l2 = p2 - ratio * q2
+            l0 = 1.0 - l1 - l2
+            if l0 >= 0.0 and l1 >= 0.0 and l2 >= 0.0:
+                return h_a + p1 * dh1 + p2 * dh2 + ratio * slack2, l1, l2
+        else:  # the sizes fall without end along -q
+            l1 = -q1
+            l2 = -q2
+            l0 = q1 + q2
 
-    q1 = (a22 * dh1 - a12 * dh2) / det
-    q2 = (a11 * dh2 - a12 * dh1) / det
-    slack2 = g * g - (q1 * dh1 + q2 * dh2)
-    if slack2 > 0.0:
-        p1 = (a22 * w1 - a12 * w2) / det
-        p2 = (a11 * w2 - a12 * w1) / det
-        height2 = 0.0
-        for d in range(len(axes)):
-            e1 = points[b, d] - points[a, d]
-            e2 = points[c, d] - points[a, d]
-            height2 += (points[k, d] - points[a, d] - p1 * e1 - p2 * e2) ** 2
-        ratio = math.sqrt(height2 / slack2)
-        l1 = p1 - ratio * q1
-        l2 = p2 - ratio * q2
-        if l1 >= 0.0 and l2 >= 0.0 and l1 + l2 <= 1.0:
-            return h_a + p1 * dh1 + p2 * dh2 + ratio * slack2
-        l0 = 1.0 - l1 - l2
-    else:  # the sizes fall without end along -q
-        l1 = -q1
-        l2 = -q2
-        l0 = q1 + q2
-
-    value = math.inf
+    least = math.inf
+    least_1 = least_2 = 0.0
     if l2 < 0.0:
-        value = min(value, update_from_edge(points, axes, k, a, b, h_a, h_b, g))
+        least, least_1 = minimum_on_edge(points, axes, k, a, b, h_a, h_b, g)
     if l1 < 0.0:
-        value = min(value, update_from_edge(points, axes, k, a, c, h_a, h_c, g))
+        value, t = minimum_on_edge(points, axes, k, a, c, h_a, h_c, g)
+        if value < least:
+            least, least_1, least_2 = value, 0.0, t
     if l0 < 0.0 and with_bc:
-        value = min(value, update_from_edge(points, axes, k, b, c, h_b, h_c, g))
-    return value
+        value, t = minimum_on_edge(points, axes, k, b, c, h_b, h_c, g)
+        if value < least:
+            least, least_1, least_2 = value, 1.0 - t, t
+    return least, least_1, least_2

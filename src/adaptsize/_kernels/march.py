@@ -2,7 +2,8 @@
 
 A node may be lowered again after it has left the heap; it then comes back.  So no
 angle condition is needed: when the heap is empty every node satisfies every local
-update, whatever the shape of the cells.
+update, whatever the shape of the cells.  A candidate counts only if it is below
+``keep`` times the present size, ``keep`` being 1 minus rounding or a little more.
 
 The drivers read the mesh as *stars*: for each node, the other vertices of its
 cells in one contiguous block.  ``axes`` and ``others`` are tuples of which only
@@ -14,10 +15,7 @@ import math
 from numba import njit
 
 from adaptsize._kernels.heap import pop, push_or_decrease
-from adaptsize._kernels.local import distance, update_from_edge, update_from_triangle
-
-# A candidate must be lower by more than rounding to count.
-KEEP = 1.0 - 1e-14
+from adaptsize._kernels.local import distance, minimum_on_edge, minimum_on_triangle
 
 
 @njit(cache=True, nogil=True)
@@ -58,8 +56,8 @@ def fill_stars(cells, star_ptr, star, owner):
 
 
 @njit(cache=True, nogil=True)
-def candidate_from_cell(points, axes, cells, c, k, h, g):
-    """Return the size at vertex k of cell c allowed by all its other vertices.
+def minimum_in_cell(points, axes, cells, c, k, h, g):
+    """Return the size at vertex k of cell c allowed by all its other vertices, and its source.
 
     Parameters
     ----------
@@ -75,8 +73,13 @@ def candidate_from_cell(points, axes, cells, c, k, h, g):
 
     Returns
     -------
-    float64
+    value : float64
         inf if no other vertex is below ``h[k]``: none could lower it.
+    i0, i1, i2 : int
+        Vertices whose linear interpolant at the minimum is ``value`` less g times
+        the distance; -1 where fewer are finite.
+    l1, l2 : float64
+        Weights of i1 and i2 there.
     """
     a = b = d = -1
     below = False
@@ -91,13 +94,16 @@ def candidate_from_cell(points, axes, cells, c, k, h, g):
             b = i
         else:
             d = i
-    if not below:
-        return math.inf
-    if b < 0:
-        return h[a] + g * distance(points, axes, k, a)
-    if d < 0:
-        return update_from_edge(points, axes, k, a, b, h[a], h[b], g)
-    return update_from_triangle(points, axes, k, a, b, d, h[a], h[b], h[d], g, True)
+    value = math.inf
+    l1 = l2 = 0.0
+    if below:
+        if b < 0:
+            value = h[a] + g * distance(points, axes, k, a)
+        elif d < 0:
+            value, l1 = minimum_on_edge(points, axes, k, a, b, h[a], h[b], g)
+        else:
+            value, l1, l2 = minimum_on_triangle(points, axes, k, a, b, d, h[a], h[b], h[d], g, True)
+    return value, a, b, d, l1, l2
 
 
 @njit(cache=True, nogil=True)
@@ -128,12 +134,59 @@ def sweep_cells(points, axes, cells, h, g, g_step, floor):
         for v in range(cells.shape[1]):
             k = cells[c, v]
             if h[k] > least:
-                value = candidate_from_cell(points, axes, cells, c, k, h, g[c * g_step])
+                value = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])[0]
                 floor[k] = min(floor[k], value)
 
 
 @njit(cache=True, nogil=True)
-def queue_lowered(h, candidate, key, node, place, size):
+def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, cost):
+    """Fill each node's best local update as a linear equation in the sizes it uses.
+
+    Node k then has  value_k = sum_s weight[k, s] h[source[k, s]] + cost_k.
+
+    Parameters
+    ----------
+    points, axes, cells, g, g_step
+        As in `sweep_cells`.
+    h, h0 : float64[n]
+        Sizes and their upper bounds.
+    value : float64[n]
+        Out: the least of h0 and all local updates.
+    source : int32[n, 3]
+        Out: nodes used; 0 where the weight is 0.
+    weight : float64[n, 3]
+        Out: zeros for nodes that keep h0.
+    cost : float64[n]
+        Out: g times the distance to the minimum, or h0.
+    """
+    value[:] = h0
+    cost[:] = h0
+    source[:] = 0
+    weight[:] = 0.0
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            k = cells[c, v]
+            found, a, b, d, l1, l2 = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])
+            if found < value[k]:
+                value[k] = found
+                used = (1.0 - l1 - l2) * h[a]
+                source[k, 0] = a
+                weight[k, 0] = 1.0 - l1 - l2
+                weight[k, 1] = l1
+                weight[k, 2] = l2
+                source[k, 1] = 0
+                source[k, 2] = 0
+                if b >= 0:
+                    source[k, 1] = b
+                    used += l1 * h[b]
+                if d >= 0:
+                    source[k, 2] = d
+                    used += l2 * h[d]
+                cost[k] = found - used
+
+
+@njit(cache=True, nogil=True)
+def queue_lowered(h, candidate, keep, key, node, place, size):
     """Lower each node to its candidate and put those that change into the heap.
 
     Parameters
@@ -141,11 +194,12 @@ def queue_lowered(h, candidate, key, node, place, size):
     h : float64[n]
         In/Out.
     candidate : float64[n]
+    keep : float
     key, node, place, size
         In/Out: the heap (see heap.py).
     """
     for k in range(h.shape[0]):
-        if candidate[k] < h[k] * KEEP:
+        if candidate[k] < h[k] * keep:
             h[k] = candidate[k]
             push_or_decrease(key, node, place, size, k, h[k])
 
@@ -175,13 +229,27 @@ def _candidate_through(points, axes, k, j, a, b, h, g):
         if _is_acute(points, axes, k, j, a) and (b < 0 or _is_acute(points, axes, k, j, b)):
             return math.inf
     if b < 0:
-        return update_from_edge(points, axes, k, j, a, h[j], h[a], g)
-    return update_from_triangle(points, axes, k, j, a, b, h[j], h[a], h[b], g, False)
+        return minimum_on_edge(points, axes, k, j, a, h[j], h[a], g)[0]
+    return minimum_on_triangle(points, axes, k, j, a, b, h[j], h[a], h[b], g, False)[0]
 
 
 @njit(cache=True, nogil=True)
 def march(
-    points, axes, others, star_ptr, star, owner, h, g, g_step, key, node, place, size, max_pops
+    points,
+    axes,
+    others,
+    star_ptr,
+    star,
+    owner,
+    h,
+    g,
+    g_step,
+    key,
+    node,
+    place,
+    size,
+    keep,
+    max_pops,
 ):
     """Accept nodes in order of size and lower their neighbours; at most ``max_pops`` nodes.
 
@@ -197,6 +265,7 @@ def march(
         Gradient limit per cell, as in `sweep_cells`.
     key, node, place, size
         In/Out: the heap (see heap.py).
+    keep : float
     max_pops : int
         Return after that many, so that the caller can report and be interrupted.
 
@@ -224,7 +293,7 @@ def march(
                         else:
                             b = i
                 value = _candidate_through(points, axes, k, j, a, b, h, g_here)
-                if value < h[k] * KEEP:
+                if value < h[k] * keep:
                     h[k] = value
                     push_or_decrease(key, node, place, size, k, value)
     return pops
@@ -232,7 +301,21 @@ def march(
 
 @njit(cache=True, nogil=True)
 def march_edges(
-    points, axes, others, star_ptr, star, owner, h, g, g_step, key, node, place, size, max_pops
+    points,
+    axes,
+    others,
+    star_ptr,
+    star,
+    owner,
+    h,
+    g,
+    g_step,
+    key,
+    node,
+    place,
+    size,
+    keep,
+    max_pops,
 ):
     """Do as `march`, but along edges only: shortest paths in the graph of the mesh.
 
@@ -248,7 +331,7 @@ def march_edges(
                 k = star[entry, v]
                 if h[k] > h[j]:
                     value = h[j] + g_here * distance(points, axes, k, j)
-                    if value < h[k] * KEEP:
+                    if value < h[k] * keep:
                         h[k] = value
                         push_or_decrease(key, node, place, size, k, value)
     return pops

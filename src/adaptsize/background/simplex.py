@@ -149,7 +149,9 @@ class SimplexMesh:
     @cached_property
     def diagonal(self) -> float:
         """Length of the diagonal of the bounding box of the nodes that belong to a cell."""
-        used = self.points[np.unique(self.cells)]
+        in_a_cell = np.zeros(self.n_points, bool)
+        in_a_cell[self.cells] = True
+        used = self.points[in_a_cell]
         return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
 
     @cached_property
@@ -255,7 +257,7 @@ class SimplexMesh:
         """Return the facets opposite to the given vertices, normals out of their cells."""
         k = self.cell_dim
         around = np.array([[v for v in range(k + 1) if v != out] for out in range(k + 1)])
-        facets = self.cells[cell[:, None], around[opposite]]
+        facets: IntArray = self.cells[cell[:, None], around[opposite]]
         flip = opposite % 2 == 1
         if self.cell_dim == self.dim:
             flip = flip ^ (self.signed_measures[cell] < 0.0)
@@ -265,6 +267,7 @@ class SimplexMesh:
     def _tags_of_facets(self) -> IntArray:
         """Return one tag per entry of ``facets``, 0 where none was given."""
         assert self.tagged_facets is not None
+        assert self.facet_tags is not None
         rows = np.concatenate([self.facets, self.tagged_facets])
         number = topology.unique_rows(rows, self.n_points)[1]
         tag_of_row = np.zeros(int(number.max()) + 1, np.int32)
@@ -280,8 +283,8 @@ class SimplexMesh:
         """Return the same mesh with fields added or replaced; topology is shared."""
         new = replace(
             self,
-            point_data={**self.point_data, **(point_data or {})},
-            cell_data={**self.cell_data, **(cell_data or {})},
+            point_data=dict(self.point_data) | dict(point_data or {}),  # type: ignore[operator]
+            cell_data=dict(self.cell_data) | dict(cell_data or {}),  # type: ignore[operator]
         )
         for name, value in self.__dict__.items():  # what cached_property has stored
             new.__dict__.setdefault(name, value)
