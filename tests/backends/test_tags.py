@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from shapes import block, facet_areas, two_region_block, two_region_rectangle
 
 from adaptsize import SimplexMesh, SizeFunction, remesh
+from adaptsize.remeshing.sizing import extend_inwards, lives_on_surface
 
 
 def region_measure(mesh, tag):
@@ -95,12 +96,28 @@ def test_tags_of_a_surface_become_tags_of_the_boundary():
 def test_sizes_on_a_surface_grow_into_the_volume_by_the_gradient_limit():
     pytest.importorskip("mmgpy")
     surface = block(2).boundary().mesh
-    values = np.full(surface.n_points, 0.15)
-    coarse = remesh(surface, values, gradient_limit=0.6)
-    fine = remesh(surface, SizeFunction(surface, values), gradient_limit=0.0)
-    assert coarse.n_cells < 0.6 * fine.n_cells
-    # 6 sqrt 2 tetrahedra to h^3 of volume; generators differ from that by some ten per cent.
-    assert fine.n_cells == pytest.approx(6 * 2**0.5 / 0.15**3, rel=0.35)
+    new = remesh(surface, np.full(surface.n_points, 0.1), gradient_limit=0.5)
+    # The way to the nearest side, d, gives the size 0.1 + 0.5 d.
+    middle = new.points[new.edges].mean(axis=1)
+    depth = np.minimum(middle, 1.0 - middle).min(axis=1)
+    ratio = new.edge_lengths / (0.1 + 0.5 * depth)
+    assert np.median(ratio) == pytest.approx(1.0, rel=0.15)
+    assert np.median(ratio[depth > 0.25]) == pytest.approx(1.0, rel=0.25)  # 0.1 would give 0.4
+
+
+def test_a_size_function_on_a_surface_is_extended_as_nodal_values_are():
+    surface = block(2).boundary().mesh
+    on_surface = SizeFunction(surface, np.full(surface.n_points, 0.2))
+    assert lives_on_surface(on_surface, surface)
+    assert lives_on_surface(on_surface.values, surface)
+    assert not lives_on_surface(0.2, surface)
+    volume = block(4)
+    size = extend_inwards(volume, on_surface, 0.5)
+    # One layer deep, above the middle of a side, all nodes below carry 0.2: exact.
+    assert size(np.array([[0.25, 0.5, 0.5]]))[0] == pytest.approx(0.2 + 0.5 * 0.25, rel=1e-9)
+    # In the middle of the cube six such fronts meet; interpolating their ridge takes up to 10 %.
+    assert 0.9 * 0.45 < size(np.array([[0.5, 0.5, 0.5]]))[0] <= 0.45
+    assert size(volume.boundary().mesh.points) == pytest.approx(0.2, rel=1e-12)
 
 
 def test_an_open_surface_is_adapted_and_keeps_its_rim():
