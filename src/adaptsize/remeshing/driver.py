@@ -72,7 +72,8 @@ def remesh(
         How fast sizes given on a surface only grow into the volume.
     tolerance : float
         How far the new boundary may be from the old one, over the diagonal of the bounding
-        box, for fTetWild.  Mmg takes it for its own criterion and may be off by twice that.
+        box.  fTetWild keeps it (unless a size is above 1/12 of the diagonal); by Mmg the
+        boundary was found up to twice as far.
     required_facets : array_like of int, shape (n, cell_dim), optional
         Facets of ``mesh`` that stay exactly as they are (Mmg only).
     max_elements : float
@@ -108,6 +109,14 @@ def remesh(
 
     Notes
     -----
+    Guaranteed: the checks above, positive cells, regions and tags by Mmg exactly (by
+    fTetWild looked up, within the tolerance).  Not guaranteed, as no generator promises it:
+    that edges meet the sizes, which `size_conformity` measures.  On CAD parts with
+    sizes the geometry allows, 90 to 94 % of the edges came out within sqrt 2 of the size, with
+    dihedral angles above 10 degrees.  Sizes larger than a detail of the surface cannot
+    be met there.  fTetWild gives another mesh in each run, Mmg the same from the same input;
+    fTetWild takes ten seconds to minutes, Mmg a few seconds for 50 000 cells.
+
     Generators run in child processes, in a temporary directory: their crashes, output
     and files do not touch the caller, and Ctrl-C stops them.
 
@@ -118,6 +127,22 @@ def remesh(
     .. [2] C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain
        remeshing, implicit domain meshing, and applications to free and moving
        boundary problems", J. Comput. Phys. 262 (2014) 358-378.
+
+    Examples
+    --------
+    The unit square, asked for edges of 0.1 (with Mmg installed):
+
+    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> fine = remesh(square, 0.1)
+    >>> bool((fine.signed_measures > 0).all()), float(fine.measures.sum().round(9))
+    (True, 1.0)
+
+    A size that asks for too much is refused before any generator starts:
+
+    >>> remesh(square, 1e-5)
+    Traceback (most recent call last):
+    ...
+    adaptsize.errors.TooManyElementsError: the sizes ask for about 2.31e+10 elements, ...
     """
     task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
     tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
