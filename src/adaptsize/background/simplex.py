@@ -283,8 +283,8 @@ class SimplexMesh:
         """Return the same mesh with fields added or replaced; topology is shared."""
         new = replace(
             self,
-            point_data=dict(self.point_data) | dict(point_data or {}),  # type: ignore[operator]
-            cell_data=dict(self.cell_data) | dict(cell_data or {}),  # type: ignore[operator]
+            point_data={**self.point_data, **_as_arrays(point_data)},
+            cell_data={**self.cell_data, **_as_arrays(cell_data)},
         )
         for name, value in self.__dict__.items():  # what cached_property has stored
             new.__dict__.setdefault(name, value)
@@ -308,6 +308,10 @@ def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _as_arrays(fields: Mapping[str, npt.ArrayLike] | None) -> dict[str, npt.NDArray[Any]]:
+    return {name: np.asarray(values) for name, values in (fields or {}).items()}
 
 
 def _as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
