@@ -214,26 +214,6 @@ def _is_acute(points, axes, k, j, m):
 
 
 @njit(cache=True, nogil=True)
-def _candidate_through(points, axes, k, j, a, b, h, g):
-    """Return the size at k allowed by the side (j, a, b), as far as node j matters.
-
-    ``a`` and ``b`` are -1 where the side has fewer usable nodes.  Parts of the
-    side without j are left out: they were looked at when their last node was accepted.
-    """
-    if a < 0:
-        return h[j] + g * distance(points, axes, k, j)
-    if h[k] <= h[j]:
-        # A minimum that uses j lies above h[j] where the angles at k are acute.
-        if h[k] <= h[a] and (b < 0 or h[k] <= h[b]):
-            return math.inf
-        if _is_acute(points, axes, k, j, a) and (b < 0 or _is_acute(points, axes, k, j, b)):
-            return math.inf
-    if b < 0:
-        return minimum_on_edge(points, axes, k, j, a, h[j], h[a], g)[0]
-    return minimum_on_triangle(points, axes, k, j, a, b, h[j], h[a], h[b], g, False)[0]
-
-
-@njit(cache=True, nogil=True)
 def march(
     points,
     axes,
@@ -277,13 +257,16 @@ def march(
     pops = 0
     while size[0] > 0 and pops < max_pops:
         j = pop(key, node, place, size)
+        h_j = h[j]
         pops += 1
         for entry in range(star_ptr[j], star_ptr[j + 1]):
             g_here = g[owner[entry]] if g_step else g[0]
             for v in range(len(others)):
                 k = star[entry, v]
-                # Nodes in the heap are left out: this side is looked at again when
-                # they are accepted.
+                h_k = h[k]
+                # The side opposite to k is j with a and b.  Nodes in the heap are left out:
+                # the side is looked at again when they are accepted.  Parts of it without
+                # j were looked at when their last node was accepted.
                 a = b = -1
                 for w in range(1, len(others)):
                     i = star[entry, (v + w) % len(others)]
@@ -292,8 +275,26 @@ def march(
                             a = i
                         else:
                             b = i
-                value = _candidate_through(points, axes, k, j, a, b, h, g_here)
-                if value < h[k] * keep:
+                if a < 0:
+                    if h_k <= h_j:
+                        continue
+                    value = h_j + g_here * distance(points, axes, k, j)
+                else:
+                    if h_k <= h_j:
+                        # A minimum that uses j lies above h_j where the angles at k are acute.
+                        if h_k <= h[a] and (b < 0 or h_k <= h[b]):
+                            continue
+                        if _is_acute(points, axes, k, j, a) and (
+                            b < 0 or _is_acute(points, axes, k, j, b)
+                        ):
+                            continue
+                    if b < 0:
+                        value = minimum_on_edge(points, axes, k, j, a, h_j, h[a], g_here)[0]
+                    else:
+                        value = minimum_on_triangle(
+                            points, axes, k, j, a, b, h_j, h[a], h[b], g_here, False
+                        )[0]
+                if value < h_k * keep:
                     h[k] = value
                     push_or_decrease(key, node, place, size, k, value)
     return pops
