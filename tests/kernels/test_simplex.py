@@ -1,0 +1,146 @@
+"""Measures and gradients of single cells, slivers and degenerate ones included."""
+
+from fractions import Fraction
+from math import factorial
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from adaptsize._kernels.simplex import dual_edges, fill_gradient_norms, fill_measures
+
+SHAPES = {
+    "segment": (1, 1),
+    "edge in space": (1, 3),
+    "triangle": (2, 2),
+    "facet": (2, 3),
+    "tet": (3, 3),
+}
+
+
+def _cell(k):
+    return np.arange(k + 1, dtype=np.int32)
+
+
+def _dual(points, k):
+    edges, dual = np.full((2, k, points.shape[1]), np.nan)
+    measure = dual_edges(points, _cell(k), edges, dual)
+    return measure, edges, dual
+
+
+def _exact_measure(points):
+    """Return the measure of a cell of whole coordinates, from its rational Gram determinant."""
+    edges = [[Fraction(int(x)) for x in row] for row in points[1:] - points[0]]
+    gram = [[sum(a * b for a, b in zip(e, f, strict=True)) for f in edges] for e in edges]
+    determinant = Fraction(1)
+    for i in range(len(gram)):  # Gauss without pivoting: Gram matrices need none
+        if gram[i][i] == 0:
+            return 0.0
+        determinant *= gram[i][i]
+        for j in range(i + 1, len(gram)):
+            share = gram[j][i] / gram[i][i]
+            gram[j] = [a - share * b for a, b in zip(gram[j], gram[i], strict=True)]
+    return float(determinant) ** 0.5 / factorial(len(edges))
+
+
+@given(st.sampled_from(sorted(SHAPES)), st.integers(0, 2**32 - 1), st.sampled_from([5, 10_000]))
+def test_measure_is_the_root_of_the_gram_determinant(shape, seed, largest):
+    k, dim = SHAPES[shape]
+    points = np.random.default_rng(seed).integers(-largest, largest + 1, (k + 1, dim))
+    measures = np.full(1, np.nan)
+    fill_measures(points.astype(float), _cell(k)[None], measures)
+    assert_allclose(measures[0], _exact_measure(points), rtol=1e-10)
+
+
+@given(
+    st.sampled_from(sorted(SHAPES)),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([1.0, 1e-3, 1e-6, 1e-9, 1e-12]),
+)
+def test_dual_basis_is_dual_on_slivers(shape, seed, flatness):
+    # One height is `flatness` of the others: gradients are as long as 1/flatness.  The
+    # products with edges of length 1 err by eps/flatness; with 1e-12 that is 1e-3.
+    k, dim = SHAPES[shape]
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0.5, 1.5, (k + 1, dim)) * rng.choice([-1.0, 1.0], (k + 1, dim))
+    points[:, -1] *= flatness
+    measure, edges, dual = _dual(points, k)
+    if measure == 0.0:  # nearly flat by chance
+        assert flatness < 1e-9
+        return
+    error = np.abs(dual @ edges.T - np.eye(k)).max()
+    heights = 1.0 / np.linalg.norm(dual, axis=1)
+    longest = np.linalg.norm(edges, axis=1).max()
+    assert error <= 1e-14 * longest / heights.min() * 4.0
+
+
+@pytest.mark.parametrize("height", [1.0, 1e-4, 1e-8, 1e-12])
+@pytest.mark.parametrize("shape", ["triangle", "facet", "tet"])
+def test_gradient_of_a_linear_function_is_exact_on_slivers(shape, height):
+    # A cell on [0, 1]^(k-1) and a node at the given height, a power of ten that does not
+    # round the corners together: u = x + 2 y + 3 z has gradient (1, 2, 3) cut to the plane.
+    k, dim = SHAPES[shape]
+    points = np.zeros((k + 1, dim))
+    points[1:k, : k - 1] = np.eye(k - 1)
+    points[k, :k] = 0.25
+    points[k, k - 1] = height
+    slope = np.arange(1.0, dim + 1.0)
+    norms = np.full(1, np.nan)
+    fill_gradient_norms(points, _cell(k)[None], points @ slope, norms)
+    # u rounds by 1e-16, which a height h turns into a slope of 1e-16 / h.
+    assert_allclose(norms[0], np.linalg.norm(slope[:k]), rtol=1e-14 + 4e-16 / height)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_gradient_does_not_depend_on_numbering_or_place(shape):
+    k, dim = SHAPES[shape]
+    rng = np.random.default_rng(90011)
+    points, u = rng.normal(size=(k + 1, dim)), rng.normal(size=k + 1)
+    turn = np.linalg.qr(rng.normal(size=(dim, dim)))[0]
+    expected = np.full(1, np.nan)
+    fill_gradient_norms(points, _cell(k)[None], u, expected)
+    for _ in range(6):
+        order = rng.permutation(k + 1)
+        found = np.full(1, np.nan)
+        moved = (points @ turn + 3.0)[order]
+        fill_gradient_norms(moved, _cell(k)[None], u[order] + 5.0, found)
+        assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_gradient_is_the_largest_slope_over_all_directions():
+    # On a triangle in space: the steepest of many directions in its plane.
+    rng = np.random.default_rng(90012)
+    points, u = rng.normal(size=(3, 3)), rng.normal(size=3)
+    norms = np.full(1, np.nan)
+    fill_gradient_norms(points, _cell(2)[None], u, norms)
+    inner = rng.normal(size=(20_000, 2))
+    steps = inner @ (points[1:] - points[0])
+    slopes = inner @ (u[1:] - u[0]) / np.linalg.norm(steps, axis=1)
+    assert slopes.max() <= norms[0] * (1.0 + 1e-12)
+    assert slopes.max() >= norms[0] * (1.0 - 1e-5)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_degenerate_cells_have_no_measure_and_no_gradient(shape):
+    k, dim = SHAPES[shape]
+    for points in (
+        np.ones((k + 1, dim)),  # a point
+        np.vstack([np.zeros((k, dim)), np.ones((1, dim))]) if k > 1 else np.ones((2, dim)),
+        np.outer(np.arange(k + 1.0), np.ones(dim)) if k > 1 else np.ones((2, dim)),  # a line
+    ):
+        measure, _, dual = _dual(points, k)
+        assert measure == 0.0
+        assert (dual == 0.0).all()
+        norms = np.full(1, np.nan)
+        fill_gradient_norms(points, _cell(k)[None], np.arange(k + 1.0), norms)
+        assert norms[0] == 0.0
+
+
+def test_cells_with_a_vertex_at_infinity_have_no_gradient():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    cells = np.array([[0, 1, 2], [1, 3, 2]], np.int32)
+    norms = np.full(2, np.nan)
+    fill_gradient_norms(points, cells, np.array([0.0, 3.0, 4.0, np.inf]), norms)
+    assert_allclose(norms, [5.0, 0.0], rtol=1e-15)
