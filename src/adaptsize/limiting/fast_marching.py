@@ -23,6 +23,10 @@ _CHUNK = 50_000
 # A candidate must be lower by more than rounding to count.
 _KEEP = 1.0 - 1e-14
 
+# Before policy iteration, which then needs half as many steps, marching goes on until nothing
+# falls by more than this.
+_KEEP_ROUGHLY = 1.0 - 1e-3
+
 # Nodes accepted per node before policy iteration takes over.  Meshes of generators need
 # 1.0 to 1.2; more means that obtuse slivers make nodes depend on each other in circles.
 _PATIENCE = 8
@@ -115,6 +119,11 @@ def _march(
         if heap[3][0] > 0:
             # What is missing now are small changes; first give every node a finite size.
             kernels.march_edges(*geometry, h, *limit, *heap, _KEEP, 1 << 62)
+            sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
+            kernels.queue_lowered(h, candidate, _KEEP_ROUGHLY, *heap)
+            while heap[3][0] > 0:
+                march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, _CHUNK)
+                report("limiting the gradient", 1.0)
             h = iterate_policies(mesh, h0, slope, h, report)
 
     residual = 0.0

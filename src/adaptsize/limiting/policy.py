@@ -50,7 +50,7 @@ def iterate_policies(
     Warns
     -----
     ConvergenceWarning
-        If 200 policies were not enough (7 to 14 were seen).
+        If 200 policies were not enough (5 to 50 were seen).
 
     References
     ----------
@@ -65,10 +65,12 @@ def iterate_policies(
         limit = (slope.values, slope.step)
         axes = (0,) * mesh.dim
         fill_policy(mesh.points, axes, mesh.cells, h, h0, *limit, value, source, weight, cost)
+        before = h[bounded]
         h = np.minimum(h, value)
         better = _solve(bounded, source, weight, cost, n)
-        change = float(np.max((h[bounded] - better) / h[bounded], initial=0.0))
         h[bounded] = np.minimum(h[bounded], better)
+        # Both steps count: a node on which no other depends is lowered by the first alone.
+        change = float(np.max((before - h[bounded]) / before, initial=0.0))
         report("policy iteration", None)
         if change <= _ROUNDING:
             return h
