@@ -1,0 +1,124 @@
+"""Each example runs, at small settings, and finds what its docstring says."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+pytest.importorskip("pyvista", reason="the examples draw")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Import an example by name, as if started in its folder, and call its main."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    yield lambda name, **settings: load(name).main(tmp_path, width=160, **settings)
+    sys.modules.pop("_gallery", None)
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_example_is_tested():
+    text = Path(__file__).read_text(encoding="utf-8")
+    names = [path.stem for path in EXAMPLES.glob("[!_]*.py")]
+    assert len(names) == 8
+    assert [name for name in names if f'"{name}"' not in text] == []
+
+
+def test_two_sources_are_missed_along_edges_and_not_through_triangles(run, tmp_path):
+    found = run("plot_two_sources", n_side=80)
+    # Persson (2006), Fig. 11, has 0.38 for first order on a 100 x 100 grid of squares.
+    assert found["max error fast-marching"] < 0.38
+    assert found["max error edge-based"] > 4.0 * found["max error fast-marching"]
+    assert (tmp_path / "two_sources.png").stat().st_size > 10_000
+
+
+def test_edge_based_errors_stay_when_the_mesh_is_refined(run):
+    coarse = run("plot_two_sources", n_side=41)
+    fine = run("plot_two_sources", n_side=161)
+    # First order with the logarithm of a point source: 4 times finer gains 2.5 and more.
+    assert fine["mean error fast-marching"] < coarse["mean error fast-marching"] / 2.5
+    assert fine["mean error edge-based"] > 0.7 * coarse["mean error edge-based"]
+
+
+def test_sizes_on_the_arcs_are_their_radii_over_elements_per_radian(run, tmp_path):
+    found = run("plot_curved_boundary")
+    assert found["smallest size"] == pytest.approx(0.5 / 6.0, rel=0.01)
+    assert found["largest slope over g"] < 1.0 + 1e-12
+    assert (tmp_path / "curved_boundary.png").exists()
+
+
+def test_mesh_of_the_curved_domain_obeys_the_sizes(run):
+    pytest.importorskip("mmgpy")
+    found = run("plot_curved_boundary")
+    assert found["share of edges in band"] > 0.9
+    assert found["smallest angle"] > 15.0
+
+
+def test_small_sizes_do_not_cross_the_slit(run):
+    found = run("plot_slit")
+    # Sizes of 0.15 / 4 on the notch, a circle of radius 0.15 around (1.6, 3).  The way leads from
+    # there to (1.98, 0.8) and (2.02, 0.8) and up to (2.02, 3); straight, the slit is no obstacle.
+    way = (0.38**2 + 2.2**2) ** 0.5 - 0.15 + 0.04 + 2.2
+    around = 0.15 / 4.0 + 0.15 * way
+    # The mesh is fine there, and the notch a polygon: 1 % of excess is plenty.
+    assert around <= found["size across the slit, fast-marching"] < 1.01 * around
+    straight = 0.15 / 4.0 + 0.15 * (2.02 - 1.75)
+    assert found["size across the slit, exact"] == pytest.approx(straight, rel=1e-6)
+
+
+def test_sizes_grow_by_the_gradient_limit_of_their_side(run):
+    found = run("plot_space_dependent_g", n_side=81)
+    # First order from a point: up to 3 % too large at 20 cells from it.
+    assert 0.4 <= found["mean slope on the left"] < 0.412
+    assert 0.2 <= found["mean slope on the right"] < 0.206
+    assert found["largest slope over g"] < 1.0 + 1e-12
+
+
+def test_g_of_h_solves_the_differential_equation_along_rays(run):
+    coarse = run("plot_g_of_h", n_side=61)
+    fine = run("plot_g_of_h", n_side=181)
+    # Three times finer, first order with a logarithm: twice as good at least.
+    assert fine["max error"] < 0.5 * coarse["max error"]
+    assert fine["max error"] < 0.01 * fine["largest size"]
+    assert fine["largest with g = 0.2"] < fine["largest size"] < fine["largest with g = 0.6"]
+
+
+def test_a_part_becomes_graded_tetrahedra(run, tmp_path):
+    import trimesh
+
+    part = tmp_path / "box.stl"
+    trimesh.creation.box(extents=(10.0, 6.0, 4.0)).export(part)
+    found = run("plot_bracket", part=part, hmin=1.0, hmax=1.5)
+    assert found["inverted"] == 0
+    assert found["distance over diagonal"] < 3e-3
+    assert found["share of edges in band"] > 0.8
+    assert (tmp_path / "bracket.png").exists()
+    assert (tmp_path / "bracket.vtu").exists()
+
+
+def test_regions_and_tagged_facets_survive_remeshing(run):
+    pytest.importorskip("mmgpy")
+    found = run("plot_two_regions", in_ball=1.8, at_point=0.8)
+    outside = [found[f"area of facets {tag}, after over before"] for tag in (1, 2, 3)]
+    assert outside == pytest.approx([1.0, 1.0, 1.0], rel=1e-9)
+    # Mmg rounds the coarse facets of the ball, by what the tolerance allows.
+    assert found["area of facets 10, after over before"] == pytest.approx(1.0, abs=0.03)
+    assert found["volume of region 1, after over before"] == pytest.approx(1.0, abs=0.005)
+    assert found["volume of region 2, after over before"] == pytest.approx(1.0, abs=0.04)
+
+
+def test_adaptive_loop_beats_uniform_meshes(run):
+    pytest.importorskip("mmgpy")
+    found = run("fem_loop", n_cycles=3)
+    # Uniform meshes have order 1/3 here, the best adapted ones 1/2.
+    assert found["order in the number of nodes"] > 0.4
+    assert found["error at last"] < 0.3 * found["error at first"]
