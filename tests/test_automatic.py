@@ -1,13 +1,19 @@
 """Sizes chosen from a part, the refined surface they live on, and summaries."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
-from adaptsize import BoxSource, SimplexMesh
-from adaptsize.automatic import _bends, choose_size
+from adaptsize import BoxSource, SimplexMesh, limit_gradient, read
+from adaptsize.automatic import _folds_of, choose_size
+from adaptsize.background.flipping import flip_edges
 from adaptsize.background.splitting import split_edges
 from adaptsize.summary import summarize
 from meshes import jittered_cube, random_sphere, random_square, structured_square
+
+DATA = Path(__file__).parents[1] / "data"
 
 
 def cylinder(n, *, radius=1.0, height=20.0):
@@ -66,16 +72,50 @@ def test_splitting_wants_triangles():
         split_edges(jittered_cube(3, 615), np.ones(1, bool))
 
 
+# --- flipping edges ---------------------------------------------------------------
+
+
+def edge_set(mesh):
+    return {tuple(edge) for edge in mesh.edges.tolist()}
+
+
+def test_flipping_gives_the_delaunay_triangulation_of_a_stretched_one():
+    # Delaunay where x was twice as long; on the hull nothing can be flipped.
+    stretched = random_square(300, 621)
+    mesh = SimplexMesh(stretched.points * (0.5, 1.0), stretched.cells)
+    flipped = flip_edges(mesh, np.empty((0, 2), np.int32))
+    hull = mesh.edges[mesh.facet_cell_counts == 1]
+    wanted = SimplexMesh(mesh.points, Delaunay(mesh.points).simplices)
+    assert edge_set(flipped) != edge_set(mesh)
+    assert {tuple(edge) for edge in hull.tolist()} <= edge_set(flipped)
+    assert flipped.signed_measures.min() > 0.0
+    assert flipped.measures.sum() == pytest.approx(mesh.measures.sum(), rel=1e-12)
+    same = edge_set(flipped) & edge_set(wanted)
+    # Both fill the hull of the points but for slivers on its outside.
+    assert len(same) > 0.98 * len(mesh.edges)
+
+
+def test_kept_edges_and_borders_of_tags_are_not_flipped():
+    kite = np.array([[0, 0], [4, 0], [2, 1], [2, -1]], float)
+    cells = [[0, 1, 2], [1, 0, 3]]
+    assert (2, 3) in edge_set(flip_edges(SimplexMesh(kite, cells), np.empty((0, 2), np.int32)))
+    kept = flip_edges(SimplexMesh(kite, cells), np.array([[0, 1]], np.int32))
+    tagged = flip_edges(SimplexMesh(kite, cells, cell_tags=[1, 2]), np.empty((0, 2), np.int32))
+    assert (0, 1) in edge_set(kept)
+    assert (0, 1) in edge_set(tagged)
+
+
 # --- sizes on surfaces ------------------------------------------------------------
 
 
 def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
     n = 24
     mesh = cylinder(n)
-    bent = _bends(mesh, np.deg2rad(40.0))
-    i, j = mesh.edges[bent].T
+    bent, sharp = _folds_of(mesh, np.deg2rad(40.0))
+    i, j = bent.T
     assert len(i) == n
     np.testing.assert_array_equal(j - i, n)
+    assert len(sharp) == 2 * n
 
 
 def test_cad_cylinder_is_fine_all_along_and_coarse_in_the_middle_of_its_caps():
@@ -103,6 +143,16 @@ def test_sizes_are_limited_along_the_edges_of_the_refined_surface():
     assert (np.abs(h[i] - h[j]) <= 0.2 * mesh.edge_lengths * (1 + 1e-12)).all()
     assert (mesh.edge_lengths <= 2.0 * h[mesh.edges].min(axis=1)).all()
     assert mesh.measures.sum() == pytest.approx(cylinder(32, radius=5.0).measures.sum())
+
+
+def test_the_bound_holds_on_the_slivers_of_a_cad_surface():
+    # Halved twice without flips: nodes depend on each other in circles (policy iteration).
+    mesh = read(DATA / "bracket.stl")
+    for _ in range(2):
+        mesh = split_edges(mesh, mesh.edge_lengths > 4.0).mesh
+    h0 = np.where(mesh.points[:, 2] < 1.0, 0.5, 6.0)
+    _, told = limit_gradient(mesh, h0, 0.25, full_output=True)
+    assert told.largest_edge_slope <= 1.0 + 1e-9
 
 
 def test_defaults_are_shares_of_the_diagonal_and_given_values_are_kept():

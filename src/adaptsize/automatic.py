@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,12 @@ import numpy.typing as npt
 from adaptsize._checks import as_number
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
+from adaptsize.background.flipping import flip_edges, pairs_of_cells
 from adaptsize.background.splitting import split_edges
 from adaptsize.limiting import limit_gradient
 from adaptsize.size_function import SizeFunction
 from adaptsize.sizes import minimum, size_from_curvature, size_from_sources
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 _ELEMENTS_PER_RADIAN = 4.0
 _LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
@@ -190,8 +191,8 @@ class _Wish:
         if self.h0 is not None:
             bounds.append(np.asarray(self.h0, dtype=np.float64))
         if mesh.dim == 3 and mesh.cell_dim == 2:
-            bent = _bends(mesh, np.deg2rad(self.crease_angle))
-            return _size_on_surface(mesh, minimum(*bounds), bent, self._finished)
+            folds = _folds_of(mesh, np.deg2rad(self.crease_angle))
+            return _size_on_surface(mesh, minimum(*bounds), folds, self._finished)
         return SizeFunction(mesh, self._finished(mesh, minimum(*bounds)))
 
     def _finished(self, mesh: SimplexMesh, h0: FloatArray) -> FloatArray:
@@ -200,26 +201,25 @@ class _Wish:
         if self.sources:
             bounds.append(size_from_sources(mesh, self.sources, g=self.g))
         bound = minimum(*bounds, hmin=self.hmin, hmax=self.hmax)
-        # Along the edges of long slivers alone: among those, fronts through the faces come to
-        # rest only after very many turns.  `remesh` limits again, in the volume.
-        method = "edge-based" if mesh.cell_dim < mesh.dim else "auto"
-        return limit_gradient(mesh, bound, self.g, method=method)
+        return limit_gradient(mesh, bound, self.g)
 
 
 def _size_on_surface(
     mesh: SimplexMesh,
     h0: FloatArray,
-    bent: BoolArray,
+    folds: _Folds,
     finish: Callable[[SimplexMesh, FloatArray], FloatArray],
 ) -> SizeFunction:
     """Return sizes on a copy of a surface that is refined where its edges are long.
 
     A new node on an edge along which the surface bends gets the mean of the
     curvatures at the ends; one in a flat facet, or on a sharp edge, none: there the sizes
-    may grow from the nodes of the file, however far those are apart.
+    may grow from the nodes of the file, however far those are apart.  Edges in flat facets
+    are flipped, as sizes are limited faster, and better, without slivers.
     """
-    h = finish(mesh, h0)
     while True:
+        mesh = flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
+        h = finish(mesh, h0)
         ends = h[mesh.edges].min(axis=1)
         long = mesh.edge_lengths > _EDGE_OVER_SIZE * ends
         if not long.any() or mesh.n_points + int(long.sum()) > _MAX_NODES:
@@ -227,47 +227,53 @@ def _size_on_surface(
         split = split_edges(mesh, long)
         parents = mesh.edges[split.split_edges]
         at_middle = np.full(len(parents), np.inf)
-        curved = bent[split.split_edges]
+        curved = _are_among(parents, folds.bent)
         at_middle[curved] = 2.0 / (1.0 / h0[parents[curved]]).sum(axis=1).clip(1e-300)
-        bent = _inherited(mesh, bent, split.mesh, split.split_edges)
+        folds = _Folds(*(_halved(edges, parents, mesh.n_points) for edges in folds))
         mesh, h0 = split.mesh, np.concatenate([h0, at_middle])
-        h = finish(mesh, h0)
 
 
-def _bends(mesh: SimplexMesh, crease_angle: float) -> BoolArray:
-    """Tell the edges along which the surface is curved: neither flat nor sharp; bool[n_edges]."""
+class _Folds(NamedTuple):
+    """Edges that are not inside flat facets, int32[n, 2] each, rows sorted."""
+
+    bent: IntArray
+    """Along which the surface is curved: neither flat nor sharp."""
+    sharp: IntArray
+
+
+def _folds_of(mesh: SimplexMesh, crease_angle: float) -> _Folds:
+    """Return the edges along which two triangles meet at an angle."""
     corners = mesh.points[mesh.cells]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice_area = np.linalg.norm(normals, axis=1)
     normals /= np.maximum(twice_area, np.finfo(float).tiny)[:, None]
-    order = np.argsort(mesh.cell_facets.ravel(), kind="stable")
-    counts = mesh.facet_cell_counts
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    paired = np.flatnonzero(counts == 2)
-    one, other = order[first[paired]] // 3, order[first[paired] + 1] // 3
+    paired = mesh.facet_cell_counts == 2
+    one, other = pairs_of_cells(mesh, paired).T // 3
     cosine = np.abs(np.einsum("ij,ij->i", normals[one], normals[other]))
     sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
     angle = np.arctan2(sine, cosine)  # 0 to 90 degrees, whatever the orientation
     # Coordinates come in single precision: a sliver of that height has no sure normal.
     height = np.minimum(twice_area[one], twice_area[other]) / mesh.edge_lengths[paired].clip(1e-300)
     rounding = 4.0 * np.finfo(np.float32).eps * np.abs(mesh.points).max()
-    bent = np.zeros(len(mesh.edges), np.bool_)
-    bent[paired] = (angle > _FLAT_ANGLE + rounding / height.clip(1e-300)) & (angle <= crease_angle)
-    return bent
+    sharp = angle > crease_angle
+    bent = (angle > _FLAT_ANGLE + rounding / height.clip(1e-300)) & ~sharp
+    edges = mesh.edges[paired]
+    return _Folds(edges[bent], edges[sharp])
 
 
-def _inherited(
-    old: SimplexMesh, bent: BoolArray, new: SimplexMesh, split: npt.NDArray[np.intp]
-) -> BoolArray:
-    """Return which edges of the new mesh are, or are halves of, bent edges of the old one."""
-    whole = np.ones(len(old.edges), np.bool_)
-    whole[split] = False
-    middle = old.n_points + np.arange(len(split))
-    halves = [np.column_stack([old.edges[split, end], middle])[bent[split]] for end in (0, 1)]
-    rows = np.concatenate([old.edges[whole & bent], *halves]).astype(np.int64)
-    keys = np.sort(rows, axis=1) @ (new.n_points, 1)
-    inherited: BoolArray = np.isin(new.edges.astype(np.int64) @ (new.n_points, 1), keys)
-    return inherited
+def _are_among(edges: IntArray, others: IntArray) -> BoolArray:
+    """Tell which rows are also rows of ``others``; bool[n]."""
+    width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
+    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
+    return np.isin(keys, known)
+
+
+def _halved(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
+    """Return ``edges``, of those in ``split`` the halves; row k has its middle at n_points + k."""
+    middle = np.arange(n_points, n_points + len(split), dtype=np.int32)
+    affected = _are_among(split, edges)
+    halves = [np.column_stack([split[affected, end], middle[affected]]) for end in (0, 1)]
+    return np.concatenate([edges[~_are_among(edges, split)], *halves]).astype(np.int32)
 
 
 def _estimate(mesh: SimplexMesh, size: SizeFunction, g: float) -> float:

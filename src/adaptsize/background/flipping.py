@@ -1,0 +1,123 @@
+"""Edges of a triangle mesh flipped until it is Delaunay where that is allowed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+_MAX_ROUNDS = 50
+#: The opposite angles must exceed 180 degrees by more than rounding (sine of the excess).
+_EXCESS = 1e-9
+
+
+class _Quads(NamedTuple):
+    """Pairs of triangles (c, p, q) and (d, q, p), one row each."""
+
+    corners: npt.NDArray[np.intp]
+    """c, p, d, q: intp[n, 4]."""
+    cells: npt.NDArray[np.intp]
+    """intp[n, 2]."""
+    excess: FloatArray
+    """How far the angles at c and d together exceed 180 degrees, as a sine."""
+
+
+def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
+    """Return triangles on the same nodes with better angles: Delaunay, but for kept edges.
+
+    An edge pq between the triangles cpq and dqp becomes cd where the angles at c and d
+    exceed 180 degrees together.  Long slivers of flat facets vanish in this way.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles.  Data and tags of facets are dropped, those of cells kept.
+    kept : int32[n, 2], rows sorted
+        Edges that stay, such as those along which a surface bends.  Edges
+        of one cell, of three or more, or between cells of different tags or
+        orientations stay too.
+
+    Returns
+    -------
+    SimplexMesh
+        In the plane the smallest angle does not fall.  Triangles are flipped in rounds of
+        independent pairs, 50 at most.
+
+    Examples
+    --------
+    >>> kite = SimplexMesh([[0, 0], [4, 0], [2, 1], [2, -1]], [[0, 1, 2], [1, 0, 3]])
+    >>> flip_edges(kite, np.empty((0, 2), np.int32)).cells.tolist()
+    [[2, 0, 3], [2, 3, 1]]
+    """
+    kept_keys = _keys(kept, mesh.n_points)
+    for _ in range(_MAX_ROUNDS):
+        free = (mesh.facet_cell_counts == 2) & ~np.isin(_keys(mesh.edges, mesh.n_points), kept_keys)
+        quads = _independent(_flippable(mesh, free), mesh)
+        if len(quads.cells) == 0:
+            break
+        c, p, d, q = quads.corners.T
+        cells = np.array(mesh.cells)
+        cells[quads.cells[:, 0]] = np.column_stack([c, p, d])
+        cells[quads.cells[:, 1]] = np.column_stack([c, d, q])
+        mesh = SimplexMesh(mesh.points, cells, cell_tags=mesh.cell_tags)
+    return mesh
+
+
+def pairs_of_cells(mesh: SimplexMesh, edges: BoolArray) -> npt.NDArray[np.intp]:
+    """Return for chosen edges of two triangles their places in ``mesh.cells.ravel()``.
+
+    These are the corners opposite to the edge, intp[n, 2].
+    """
+    order = np.argsort(mesh.cell_facets.ravel(), kind="stable")
+    start = np.cumsum(mesh.facet_cell_counts) - mesh.facet_cell_counts
+    chosen = start[edges]
+    return np.column_stack([order[chosen], order[chosen + 1]])
+
+
+def _keys(edges: IntArray, n_points: int) -> npt.NDArray[np.int64]:
+    return np.asarray(edges.astype(np.int64) @ np.array([n_points, 1]))
+
+
+def _flippable(mesh: SimplexMesh, free: BoolArray) -> _Quads:
+    """Return the pairs of triangles across free edges that should be flipped."""
+    places = pairs_of_cells(mesh, free)
+    cells, turn = np.divmod(places, 3)
+    around = (turn[:, :, None] + np.arange(3)) % 3
+    (c, p, q), (d, r, s) = (mesh.cells[cells[:, i, None], around[:, i]].T for i in (0, 1))
+    x = mesh.points
+    cosine_c, sine_c = _angle(x[p] - x[c], x[q] - x[c])
+    cosine_d, sine_d = _angle(x[p] - x[d], x[q] - x[d])
+    excess = -(cosine_c * sine_d + sine_c * cosine_d)
+    good = (r == q) & (s == p) & (c != d) & (excess > _EXCESS)
+    if mesh.cell_tags is not None:
+        good &= mesh.cell_tags[cells[:, 0]] == mesh.cell_tags[cells[:, 1]]
+    corners = np.column_stack([c, p, d, q]).astype(np.intp)[good]
+    return _Quads(corners, cells[good], excess[good])
+
+
+def _angle(u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return cosine and sine, 0 to 180 degrees, of the angles between two rows of vectors."""
+    cosine = np.einsum("ij,ij->i", u, v)
+    squares = np.einsum("ij,ij->i", u, u) * np.einsum("ij,ij->i", v, v)
+    scale = np.sqrt(np.maximum(squares, np.finfo(float).tiny))
+    sine = np.sqrt(np.maximum(squares - cosine**2, 0.0))
+    return cosine / scale, sine / scale
+
+
+def _independent(quads: _Quads, mesh: SimplexMesh) -> _Quads:
+    """Return pairs of which no two share a triangle or make the same edge; the worst first."""
+    rank = np.empty(len(quads.excess), np.int64)
+    rank[np.argsort(-quads.excess, kind="stable")] = np.arange(len(rank))
+    best = np.full(mesh.n_cells, len(rank), np.int64)
+    for side in (0, 1):
+        np.minimum.at(best, quads.cells[:, side], rank)
+    chosen = np.flatnonzero((best[quads.cells] == rank[:, None]).all(axis=1))
+    new = _keys(np.sort(quads.corners[chosen][:, [0, 2]], axis=1), mesh.n_points)
+    first = np.unique(new, return_index=True)[1]
+    first = first[~np.isin(new[first], _keys(mesh.edges, mesh.n_points))]
+    chosen = chosen[first]
+    return _Quads(quads.corners[chosen], quads.cells[chosen], quads.excess[chosen])
