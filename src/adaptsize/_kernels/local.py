@@ -69,7 +69,8 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
         dot += e * (points[k, d] - points[a, d])
     rise = h_b - h_a
     slack2 = g * g * length2 - rise * rise
-    if slack2 <= 0.0:  # also an edge of length 0, and g = 0
+    scale2 = length2 * slack2
+    if scale2 <= 0.0:  # also g = 0, and an edge whose length is 0 or whose squares underflow
         if rise >= 0.0:
             return h_a + g * distance(points, axes, k, a), 0.0
         return h_b + g * distance(points, axes, k, b), 1.0
@@ -78,7 +79,7 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     height2 = 0.0
     for d in range(len(axes)):
         height2 += (points[k, d] - points[a, d] - foot * (points[b, d] - points[a, d])) ** 2
-    ratio = math.sqrt(height2 / (length2 * slack2))  # D / (g L^2 sqrt(1 - s^2))
+    ratio = math.sqrt(height2 / scale2)  # D / (g L^2 sqrt(1 - s^2))
     t = foot - rise * ratio
     if t <= 0.0:
         return h_a + g * distance(points, axes, k, a), 0.0

@@ -19,6 +19,8 @@ from adaptsize.limiting.solution import LimitingInfo, Solution, describe_solutio
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 METHODS = ("auto", "fast-marching", "positive-coefficient", "edge-based", "exact")
+# Products of four lengths and two g must stay in the range of float64.
+_FARTHEST = 1e60
 _MARCHING = {
     "fast-marching": solve_fast_marching,
     "edge-based": solve_edge_based,
@@ -169,6 +171,12 @@ def limit_gradient(
     method = one_of("method", method, METHODS)
     if method == "auto":
         method = "fast-marching"
+    farthest = max(float(mesh.points.max()), -float(mesh.points.min()))
+    if farthest != 0.0 and not 1.0 / _FARTHEST <= farthest <= _FARTHEST:
+        raise ValueError(
+            f"background must have coordinates of {1.0 / _FARTHEST:g} to {_FARTHEST:g} in size, "
+            f"got {farthest:g} as the largest: choose another unit of length"
+        )
     bound = as_sizes("h0", h0, mesh.nodal_shape)
     if np.isinf(bound).all():
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")

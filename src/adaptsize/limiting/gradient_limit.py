@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 # 1/(8 * 8192^2) = 2e-9 relative where g(h) changes by a factor e as fast as h does.
 _PER_E_FOLD = 8192
 
+# Squares of g must stay in the range of float64, also times four lengths.
+_STEEPEST = 1e30
+# Sizes beyond this come from a g(h) whose solution grows without end.
+_LARGEST = 1e60
+
 
 @dataclass(frozen=True)
 class Slope:
@@ -74,7 +79,7 @@ class SizeTransform:
         finite = phi[np.isfinite(phi)]
         highest = float(finite.max()) if finite.size else 0.0
         while self._phi[-1] < highest:
-            if self._h[-1] > 1e200:
+            if self._h[-1] > _LARGEST:
                 raise ValueError("g(h) must be bounded: it grows so fast that the sizes overflow")
             self._extend_to(4.0 * float(self._h[-1]))
         return np.where(np.isinf(phi), np.inf, np.interp(phi, self._phi, self._h))
@@ -129,6 +134,9 @@ def _per_cell(mesh: SimplexMesh, g: object) -> FloatArray:
     """Return one limit for all, or one per cell: nodal limits are averaged in each cell."""
     values = as_float_array("g", g)  # type: ignore[arg-type]
     refuse_where("g", ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
+    refuse_where("g", values > _STEEPEST, values, f"must be at most {_STEEPEST:g}")
+    # Its square would underflow; it raises no size by more than rounding.
+    values = np.where(values < 1.0 / _STEEPEST, 0.0, values)
     if values.ndim == 0:
         return values.reshape(1)
     if values.shape == (mesh.n_points,):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,17 @@ if TYPE_CHECKING:
 
 _MOST_STEPS = 200
 _ROUNDING = 1e-13
+
+# A size must be lower by more than rounding to change a policy.
+_KEEP = 1.0 - 1e-14
+
+
+class _Policy(NamedTuple):
+    """For each node the linear update that it follows (see `fill_policy`)."""
+
+    source: IntArray
+    weight: FloatArray
+    cost: FloatArray
 
 
 def iterate_policies(
@@ -58,19 +69,27 @@ def iterate_policies(
        algorithm", SIAM J. Numer. Anal. 47 (2009) 3001-3026.
     """
     n = mesh.n_points
-    value, cost = np.empty(n), np.empty(n)
-    source, weight = np.empty((n, 3), np.int32), np.empty((n, 3))
     bounded = np.flatnonzero(np.isfinite(h))
+    # The first policy keeps every node at its start, which is a bound like h0.
+    policy = _Policy(np.zeros((n, 3), np.int32), np.zeros((n, 3)), h.copy())
+    value = np.empty(n)
+    offer = _Policy(np.empty((n, 3), np.int32), np.empty((n, 3)), np.empty(n))
     for _ in range(_MOST_STEPS):
         limit = (slope.values, slope.step)
         axes = (0,) * mesh.dim
-        fill_policy(mesh.points, axes, mesh.cells, h, h0, *limit, value, source, weight, cost)
-        before = h[bounded]
+        fill_policy(mesh.points, axes, mesh.cells, h, h, *limit, value, *offer)
+        # A policy is changed for a lower size only: else nodes at no distance from each
+        # other, or at one that g makes vanish in rounding, could all refer to each other.
+        lower = value < h * _KEEP
+        if not lower.any():
+            return h
+        policy.source[lower] = offer.source[lower]
+        policy.weight[lower] = offer.weight[lower]
+        policy.cost[lower] = offer.cost[lower]
+        better = _solve(bounded, policy, n)
+        change = float(np.max((h[bounded] - better) / h[bounded], initial=0.0))
         h = np.minimum(h, value)
-        better = _solve(bounded, source, weight, cost, n)
         h[bounded] = np.minimum(h[bounded], better)
-        # Both steps count: a node on which no other depends is lowered by the first alone.
-        change = float(np.max((before - h[bounded]) / before, initial=0.0))
         report("policy iteration", None)
         if change <= _ROUNDING:
             return h
@@ -83,15 +102,14 @@ def iterate_policies(
     return h
 
 
-def _solve(
-    nodes: npt.NDArray[np.int64], source: IntArray, weight: FloatArray, cost: FloatArray, n: int
-) -> FloatArray:
+def _solve(nodes: npt.NDArray[np.int64], policy: _Policy, n: int) -> FloatArray:
     """Return the sizes of ``nodes`` that satisfy h = W h + c."""
     place = np.empty(n, np.int64)
     place[nodes] = np.arange(len(nodes))
-    rows, columns = np.nonzero(weight[nodes] > 0.0)
-    entries = weight[nodes][rows, columns]
+    weight = policy.weight[nodes]
+    rows, columns = np.nonzero(weight > 0.0)
+    entries = weight[rows, columns]
     shape = (len(nodes), len(nodes))
-    used = csc_matrix((entries, (rows, place[source[nodes][rows, columns]])), shape=shape)
+    used = csc_matrix((entries, (rows, place[policy.source[nodes][rows, columns]])), shape=shape)
     matrix = (identity(len(nodes), format="csc") - used).tocsc()
-    return np.asarray(splu(matrix).solve(cost[nodes]))
+    return np.asarray(splu(matrix).solve(policy.cost[nodes]))

@@ -68,7 +68,10 @@ def describe_solution(
     fill_gradient_norms(mesh.points, mesh.cells, u, norms)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(norms > 0.0, norms / slope.values, 0.0)[mesh.measures > 0.0]
-    levels = np.quantile(ratio, QUANTILES) if ratio.size else np.zeros(len(QUANTILES))
+    # Values that occur, not means of two: a cell where g = 0 counts as inf.
+    levels = np.zeros(len(QUANTILES))
+    if ratio.size:
+        levels = np.quantile(ratio, QUANTILES, method="higher")
     return LimitingInfo(
         method=method,
         n_changed=int(np.count_nonzero(u < h0)),
