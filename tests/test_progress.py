@@ -1,0 +1,41 @@
+"""Progress: silence, callbacks, and the bar."""
+
+import pytest
+
+from adaptsize._progress import reporting
+
+
+@pytest.mark.parametrize("progress", [None, False])
+def test_nothing_is_told_unless_asked_for(progress, capfd):
+    with reporting(progress) as report:
+        report("working", 0.5)
+        report("working", None)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_callback_of_the_caller_is_called():
+    told = []
+    with reporting(lambda *args: told.append(args)) as report:
+        report("a", 0.5)
+        report("b", None)
+    assert told == [("a", 0.5), ("b", None)]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, LookupError])
+@pytest.mark.parametrize("progress", [None, True, lambda text, share: None])
+def test_exceptions_go_through(progress, error):
+    def work():
+        with reporting(progress) as report:
+            report("working", 0.1)
+            raise error
+
+    with pytest.raises(error):
+        work()
+
+
+def test_the_bar_is_silent_without_a_terminal(capfd):
+    with reporting(True) as report:
+        for share in (None, 0.0, 0.5, 1.0):
+            report("first", share)
+        report("second", 0.3)
+    assert capfd.readouterr() == ("", "")
