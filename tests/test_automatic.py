@@ -1,5 +1,6 @@
 """Sizes chosen from a part, the refined surface they live on, and summaries."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,7 +191,8 @@ def test_surface_sizes_grow_inwards_on_a_volume():
     cube = jittered_cube(9, 619)
     surface = cube.boundary().mesh
     chosen = choose_size(surface, elements_per_radian=0.0, g=0.1, hmax=10.0)
-    h = chosen.on(cube)
+    assert chosen.on(cube).max() == 10.0  # and no farther than hmax
+    h = replace(chosen, hmax=np.inf).on(cube)
     depth = 50.0 - np.abs(cube.points).max(axis=1)
     # Exact: 10 + g depth, which is concave, so that interpolation in cells that lie across
     # its ridges is too low; by less than g times half the spacing of 12.5.

@@ -49,14 +49,14 @@ class ChosenSize:
         """Return the sizes at the nodes of another mesh of the same part.
 
         Where they are known on the surface only, they grow from the boundary of ``mesh``
-        inwards, by ``g`` per length.
+        inwards, by ``g`` per length, up to ``hmax``.
         """
         size = self.size(mesh.points)
         background = self.size.background
         if not isinstance(background, SimplexMesh) or mesh.cell_dim <= background.cell_dim:
             return size
         nodes = mesh.boundary().nodes
-        bound = np.full(mesh.n_points, np.inf)
+        bound = np.full(mesh.n_points, self.hmax)
         bound[nodes] = size[nodes]
         return limit_gradient(mesh, bound, self.g)
 
@@ -152,7 +152,7 @@ def choose_size(
                 h0,
             )
             size = wish.size_on(mesh)
-            estimate = _estimate(mesh, size, wish.g)
+            estimate = _estimate(mesh, size, wish)
             if estimate <= limit or None not in (elements_per_radian, hmin, hmax):
                 break
             relax *= max(1.2, (estimate / limit) ** (1.0 / mesh.dim))
@@ -276,7 +276,7 @@ def _halved(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
     return np.concatenate([edges[~_are_among(edges, split)], *halves]).astype(np.int32)
 
 
-def _estimate(mesh: SimplexMesh, size: SizeFunction, g: float) -> float:
+def _estimate(mesh: SimplexMesh, size: SizeFunction, wish: _Wish) -> float:
     """Return about how many elements a mesh of these sizes has."""
     from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed
 
@@ -286,6 +286,6 @@ def _estimate(mesh: SimplexMesh, size: SizeFunction, g: float) -> float:
 
     def inside(points: FloatArray) -> FloatArray:
         values, distances = surface.locator.interpolate(size.values, points)
-        return np.asarray(values + g * distances)
+        return np.minimum(values + wish.g * distances, wish.hmax)
 
     return estimate_n_enclosed(mesh, inside)

@@ -112,7 +112,7 @@ def test_a_size_function_on_a_surface_is_extended_as_nodal_values_are():
     assert lives_on_surface(on_surface.values, surface)
     assert not lives_on_surface(0.2, surface)
     volume = block(4)
-    size = extend_inwards(volume, on_surface, 0.5)
+    size = extend_inwards(volume, on_surface, 0.5, np.inf)
     # Never above the size at the sides + 0.5 times the depth; up to 10 % below on this coarse
     # mesh, as edges that cut across the corners of the cube carry 0.2 into its inside.
     size_at_depth = size(np.array([[0.25, 0.5, 0.5], [0.5, 0.5, 0.5]]))
@@ -120,6 +120,8 @@ def test_a_size_function_on_a_surface_is_extended_as_nodal_values_are():
     assert (size_at_depth <= exact * (1.0 + 1e-12)).all()
     assert (size_at_depth > 0.9 * exact).all()
     assert size(volume.boundary().mesh.points) == pytest.approx(0.2, rel=1e-12)
+    capped = extend_inwards(volume, on_surface, 0.5, 0.3)
+    np.testing.assert_array_equal(capped(np.array([[0.5, 0.5, 0.5]])), 0.3)
 
 
 def test_an_open_surface_is_adapted_and_keeps_its_rim():

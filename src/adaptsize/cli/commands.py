@@ -175,6 +175,7 @@ def remesh(
         target=target,
         backend=backend,
         gradient_limit=gradient,
+        hmax=chosen.hmax,
         tolerance=tolerance,
         max_elements=max_elements,
         timeout=timeout,

@@ -44,6 +44,7 @@ def remesh(
     target: Target = "auto",
     backend: str = "auto",
     gradient_limit: float = 0.25,
+    hmax: float = np.inf,
     tolerance: float = 1.2e-3,
     required_facets: npt.ArrayLike | None = None,
     max_elements: float = 5_000_000,
@@ -70,6 +71,8 @@ def remesh(
         a surface becomes a volume; else fTetWild.  Gmsh is never chosen by itself.
     gradient_limit : float
         How fast sizes given on a surface only grow into the volume.
+    hmax : float
+        Larger sizes are lowered to this, also those that grow into a volume.
     tolerance : float
         How far the new boundary may be from the old one, over the diagonal of the bounding
         box.  fTetWild kept it on closed parts (but see sizes above 1/12 of the diagonal, for
@@ -150,10 +153,11 @@ def remesh(
     tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
     gradient_limit = as_number("gradient_limit", gradient_limit, lower=0.0)
+    hmax = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
     if timeout is not None:
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
-    wanted = as_size(size, mesh)
+    wanted = as_size(size, mesh, hmax=hmax)
     mended = mend(mesh)
     part = _Part.of(task, mended.mesh, as_required(required_facets, mesh, mended), tolerance)
     part = part.with_size(wanted, known_points(size, mesh.dim))
@@ -166,7 +170,7 @@ def remesh(
         if task == "surface to tetrahedra" and (on_surface or chosen.needs_volume):
             first = _first_volume(part, run)
             if on_surface:
-                extended = extend_inwards(first, wanted, gradient_limit)
+                extended = extend_inwards(first, wanted, gradient_limit, hmax)
                 part = part.with_size(extended, first.points)
             if chosen.needs_volume:
                 problem = part.problem

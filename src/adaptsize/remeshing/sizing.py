@@ -25,7 +25,7 @@ _MAX_SAMPLES = 150_000
 _MAX_REFINEMENTS = 4
 
 
-def as_size(size: SizeLike, mesh: SimplexMesh) -> Size:
+def as_size(size: SizeLike, mesh: SimplexMesh, *, hmax: float = np.inf) -> Size:
     """Return the wanted size as a function of points that checks what it gives.
 
     Parameters
@@ -33,6 +33,8 @@ def as_size(size: SizeLike, mesh: SimplexMesh) -> Size:
     size : SizeFunction, callable, array_like of float with one value per node, or float
     mesh : SimplexMesh
         What nodal values belong to.
+    hmax : float
+        Larger sizes are lowered to this; not checked.
 
     Raises
     ------
@@ -41,13 +43,13 @@ def as_size(size: SizeLike, mesh: SimplexMesh) -> Size:
         from the function returned.
     """
     if callable(size):
-        return _checked(size)
+        return _checked(size, hmax)
     values = as_float_array("size", size)
     if values.ndim == 0:
-        return _constant(as_number("size", values, lower=0.0, strict=True))
+        return _constant(min(as_number("size", values, lower=0.0, strict=True), hmax))
     values = as_float_array("size", size, mesh.nodal_shape)
     _refuse_bad(values)
-    return _checked(SizeFunction(mesh, values))
+    return _checked(SizeFunction(mesh, values), hmax)
 
 
 def lives_on_surface(size: SizeLike, mesh: SimplexMesh) -> bool:
@@ -57,19 +59,21 @@ def lives_on_surface(size: SizeLike, mesh: SimplexMesh) -> bool:
     return nodal and background.dim == 3 and getattr(background, "cell_dim", 3) == 2
 
 
-def extend_inwards(volume: SimplexMesh, on_surface: Size, gradient_limit: float) -> Size:
+def extend_inwards(
+    volume: SimplexMesh, on_surface: Size, gradient_limit: float, hmax: float
+) -> Size:
     """Return sizes in a volume from sizes on its surface.
 
     The boundary nodes of ``volume`` take the size of the nearest point of the
     surface; inside, the size grows with the distance from there, at most by
-    ``gradient_limit`` per length, along ways inside the volume.
+    ``gradient_limit`` per length, along ways inside the volume, and up to ``hmax``.
     """
     from adaptsize.limiting import limit_gradient
 
     nodes = volume.boundary().nodes
-    bound = np.full(volume.n_points, np.inf)
+    bound = np.full(volume.n_points, hmax)
     bound[nodes] = on_surface(volume.points[nodes])
-    return _checked(SizeFunction(volume, limit_gradient(volume, bound, gradient_limit)))
+    return _checked(SizeFunction(volume, limit_gradient(volume, bound, gradient_limit)), hmax)
 
 
 def known_points(size: SizeLike, dim: int) -> FloatArray:
@@ -122,11 +126,11 @@ def sample_in_box(
     return points[: cells.max() + 1], cells, sizes[: cells.max() + 1]
 
 
-def _checked(function: Callable[[FloatArray], Any]) -> Size:
+def _checked(function: Callable[[FloatArray], Any], hmax: float) -> Size:
     def size(points: FloatArray) -> FloatArray:
         values = as_float_array("size(points)", function(points), (len(points),))
         _refuse_bad(values)
-        return values
+        return np.minimum(values, hmax)
 
     return size
 
