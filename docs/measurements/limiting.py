@@ -100,6 +100,7 @@ def exact_gradients(mesh):
 
 
 def main(quick):
+    """Measure all, or the smallest mesh of each kind."""
     warnings.simplefilter("ignore")
     sizes = 1 if quick else 3
     for n in (100, 200, 400)[:sizes]:
