@@ -131,7 +131,8 @@ def limit_gradient(
     ------
     ValueError
         If a shape is wrong, ``h0`` is NaN, zero, negative or inf throughout, g is
-        negative, NaN or infinite, or the method does not support the g or mesh given.
+        negative, NaN or above 1e30, the largest coordinate is outside 1e-60 to 1e60, or the
+        method does not support the g or mesh given.
 
     Warns
     -----
