@@ -30,7 +30,7 @@ def main(
     chosen = choose_size(
         surface, elements_per_radian=elements_per_radian, g=0.25, hmin=hmin, hmax=hmax
     )
-    new = ads.remesh(surface, chosen.size)
+    new = ads.remesh(surface, chosen.size, hmax=hmax)
     h = chosen.on(new)
     conformity = ads.size_conformity(new, h, surface=surface)
     plot_size(new, h, path=output_dir / "bracket.png", width=width)

@@ -103,6 +103,8 @@ def main(quick):
     """Measure all, or the smallest mesh of each kind."""
     warnings.simplefilter("ignore")
     sizes = 1 if quick else 3
+    for mesh in (random_square(100, SEED), jittered_cube(5, SEED), random_sphere(100, SEED)):
+        ads.limit_gradient(mesh, mesh.points[:, 0] + 60.0, G, full_output=True)  # compile
     for n in (100, 200, 400)[:sizes]:
         accuracy("jittered", jittered_square(n, SEED))
         accuracy("random", random_square(n * n, SEED, half_width=50.0))
