@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number
+from adaptsize._checks import as_number, as_sizes
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges, pairs_of_cells
@@ -25,8 +25,12 @@ _SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
 _MAX_ROUNDS = 8
 #: The background of a surface is refined until no edge is longer than this many sizes ...
 _EDGE_OVER_SIZE = 2.0
-#: ... or it would have more nodes than this.
+#: ... or it would have more nodes than this,
 _MAX_NODES = 400_000
+#: or than this share of the elements allowed.  A layer of tetrahedra alone takes about 4.5 per
+#: node of such a surface, a solid of some thickness more than 10; what has more nodes
+#: consists of slivers much narrower than the size, on which it need not be known better.
+_NODES_PER_ELEMENT = 1.0 / 10.0
 _FLAT_ANGLE = np.deg2rad(0.1)
 
 
@@ -110,7 +114,8 @@ def choose_size(
         Further upper bounds at the nodes of ``mesh``.
     max_elements : float
         While a mesh would have more elements, as estimated, those of
-        ``elements_per_radian``, ``hmin`` and ``hmax`` that are not given are relaxed.
+        ``elements_per_radian`` (down to 1), ``hmin`` and ``hmax`` that are not given are
+        relaxed.
     progress : callable, bool or None
         As in `limit_gradient`.
 
@@ -138,23 +143,32 @@ def choose_size(
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
-    relax = 1.0
+    if elements_per_radian is not None:
+        as_number("elements_per_radian", elements_per_radian, lower=0.0)
+    if h0 is not None:
+        h0 = as_sizes("h0", h0, mesh.nodal_shape)
+    is_open = None in (elements_per_radian, hmin, hmax)
+    relax, before = 1.0, np.inf
     with reporting(progress) as report:
         for n_rounds in range(_MAX_ROUNDS + 1):
             report("choosing sizes", n_rounds / _MAX_ROUNDS)
             wish = _Wish(
-                _given(elements_per_radian, _ELEMENTS_PER_RADIAN / relax),
+                _given(elements_per_radian, max(_ELEMENTS_PER_RADIAN / relax, 1.0)),
                 as_number("g", g, lower=0.0),
                 _given(hmin, min(relax * _SMALLEST_SHARE * mesh.diagonal, hmax or np.inf)),
                 _given(hmax, max(relax * _LARGEST_SHARE * mesh.diagonal, hmin or 0.0)),
                 crease_angle,
                 sources,
                 h0,
+                _NODES_PER_ELEMENT * limit if is_open else _MAX_NODES,
             )
             size = wish.size_on(mesh)
             estimate = _estimate(mesh, size, wish)
-            if estimate <= limit or None not in (elements_per_radian, hmin, hmax):
+            if estimate <= limit or not is_open:
                 break
+            if estimate > 0.95 * before:  # what is given asks for so many
+                break
+            before = estimate
             relax *= max(1.2, (estimate / limit) ** (1.0 / mesh.dim))
     return ChosenSize(
         size, wish.elements_per_radian, wish.g, wish.hmin, wish.hmax, estimate, n_rounds
@@ -176,6 +190,8 @@ class _Wish:
     crease_angle: float
     sources: Sequence[Any]
     h0: npt.ArrayLike | None
+    max_nodes: float
+    """Of the refined copy of a surface."""
 
     def size_on(self, mesh: SimplexMesh) -> SizeFunction:
         """Return the limited sizes, on the mesh or on a refined copy of a surface."""
@@ -192,10 +208,10 @@ class _Wish:
             bounds.append(np.asarray(self.h0, dtype=np.float64))
         if mesh.dim == 3 and mesh.cell_dim == 2:
             folds = _folds_of(mesh, np.deg2rad(self.crease_angle))
-            return _size_on_surface(mesh, minimum(*bounds), folds, self._finished)
-        return SizeFunction(mesh, self._finished(mesh, minimum(*bounds)))
+            return _size_on_surface(mesh, minimum(*bounds), folds, self)
+        return SizeFunction(mesh, self.finished(mesh, minimum(*bounds)))
 
-    def _finished(self, mesh: SimplexMesh, h0: FloatArray) -> FloatArray:
+    def finished(self, mesh: SimplexMesh, h0: FloatArray) -> FloatArray:
         """Return ``h0`` and the sources, limited."""
         bounds = [h0]
         if self.sources:
@@ -208,7 +224,7 @@ def _size_on_surface(
     mesh: SimplexMesh,
     h0: FloatArray,
     folds: _Folds,
-    finish: Callable[[SimplexMesh, FloatArray], FloatArray],
+    wish: _Wish,
 ) -> SizeFunction:
     """Return sizes on a copy of a surface that is refined where its edges are long.
 
@@ -219,10 +235,10 @@ def _size_on_surface(
     """
     while True:
         mesh = flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
-        h = finish(mesh, h0)
+        h = wish.finished(mesh, h0)
         ends = h[mesh.edges].min(axis=1)
         long = mesh.edge_lengths > _EDGE_OVER_SIZE * ends
-        if not long.any() or mesh.n_points + int(long.sum()) > _MAX_NODES:
+        if not long.any() or mesh.n_points + int(long.sum()) > wish.max_nodes:
             return SizeFunction(mesh, h)
         split = split_edges(mesh, long)
         parents = mesh.edges[split.split_edges]

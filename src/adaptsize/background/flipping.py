@@ -10,7 +10,8 @@ import numpy.typing as npt
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-_MAX_ROUNDS = 50
+#: Most flips happen in the first rounds; what is left does little harm.
+_MAX_ROUNDS = 12
 #: The opposite angles must exceed 180 degrees by more than rounding (sine of the excess).
 _EXCESS = 1e-9
 
@@ -45,7 +46,7 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
     -------
     SimplexMesh
         In the plane the smallest angle does not fall.  Triangles are flipped in rounds of
-        independent pairs, 50 at most.
+        independent pairs, 12 at most.
 
     Examples
     --------
