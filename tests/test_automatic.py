@@ -177,6 +177,12 @@ def test_sizes_grow_until_the_number_of_elements_is_allowed():
     assert relaxed.n_estimated <= 2000 < choose_size(mesh).n_estimated
 
 
+def test_given_sizes_that_ask_for_too_much_do_not_relax_the_others_to_nothing():
+    chosen = choose_size(jittered_cube(3, 622), hmax=1e-3)
+    assert chosen.n_estimated > 300_000
+    assert chosen.elements_per_radian == 1.0
+
+
 def test_sources_and_bounds_are_heeded_and_hmin_is_not_undercut():
     mesh = jittered_cube(6, 618)
     source = BoxSource([-50, -50, -50], [0, 0, 0], 3.0)

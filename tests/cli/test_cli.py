@@ -82,6 +82,39 @@ def test_bad_output_is_refused_before_the_work_starts(capsys, monkeypatch, squar
     assert told in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["-g", "-1"], "g must be finite and >= 0, got -1"),
+        (["-K", "-1"], "elements_per_radian must be finite and >= 0, got -1"),
+        (["--hmax", "0"], "hmax must be finite and > 0, got 0"),
+        (["--hmin", "2", "--hmax", "1"], "hmin must be at most hmax = 1, got 2"),
+        (["--field", "h_nan"], "h0 must be positive (inf where nothing is asked), got h0[1] = nan"),
+        (["--field", "none"], "the mesh has no nodal field 'none'; it has: h_nan"),
+        (["--plot", "picture.doc"], "--plot must end in .png"),
+    ],
+)
+@pytest.mark.parametrize("command", ["size", "remesh"])
+def test_bad_sizes_are_one_line_and_leave_no_file(capsys, tmp_path, command, words, told):
+    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    write(tmp_path / "in.vtu", mesh, fields={"h_nan": [1.0, np.nan, 1.0]})
+    assert call(command, tmp_path / "in.vtu", "-o", tmp_path / "out.vtu", *words) == 1
+    err = capsys.readouterr().err
+    assert err.startswith(f"adaptsize: error: {told}")
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["in.vtu"]
+
+
+def test_output_may_be_the_input(square):
+    assert call("limit", square, "--field", "h0", "-g", "0.3", "-o", square) == 0
+    assert set(read(square).point_data) == {"h0", "h"}
+
+
+def test_a_directory_is_no_mesh(capsys, tmp_path):
+    assert call("info", tmp_path) == 1
+    assert capsys.readouterr().err == f"adaptsize: error: {tmp_path}: is a directory\n"
+
+
 def test_our_warnings_are_one_line_each(capsys, tmp_path):
     corners = "\n".join(
         f"vertex {x} {y} 0" for x, y in [(0, 0), (1, 0), (0, 1), (0, 0), (1, 0), (1, 0)]
@@ -249,12 +282,28 @@ def test_help_imports_nothing_heavy():
     assert child.stderr.strip() == "set()"
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_reader_that_leaves_early_is_no_error(unbuffered):
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-c", "from adaptsize.cli import main; main()", "info"]
+    child = subprocess.run(
+        [*command, DATA / "lshape.vtu"],
+        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        check=False,
+    )
+    os.close(writer)
+    assert (child.returncode, child.stderr) == (0, b"")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
 def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
     pipe = tmp_path / "never.vtu"
     os.mkfifo(pipe)  # reading it waits for ever
     child = program("info", pipe)
-    time.sleep(3.0)
+    time.sleep(2.0)
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
     assert child.returncode == 130
