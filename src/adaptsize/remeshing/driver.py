@@ -239,6 +239,6 @@ def _task(mesh: SimplexMesh, target: str) -> Task:
         return "plane triangles"
     if given == (2, 3):
         return "surface" if target == "triangles" else "surface to tetrahedra"
-    if given[0] == 1 or given == (1, 1):
+    if given[0] == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     raise ValueError(f"target {target!r} cannot be made from {mesh!r}")
