@@ -56,7 +56,8 @@ def as_index_array(
     if raw.ndim != 2 or (width is not None and raw.shape[1] != width):
         wanted = "(m, k)" if width is None else f"(m, {width})"
         raise ValueError(f"{name} must have shape {wanted}, got {raw.shape}")
-    refuse_where(name, (raw < 0) | (raw >= n), raw, f"must be indices from 0 to {n - 1}")
+    if raw.size and (raw.min() < 0 or raw.max() >= n):
+        refuse_where(name, (raw < 0) | (raw >= n), raw, f"must be indices from 0 to {n - 1}")
     return np.ascontiguousarray(raw, dtype=np.int32)
 
 

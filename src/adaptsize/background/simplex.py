@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from math import factorial
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -323,8 +324,9 @@ def _as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
         )
     if len(cells) == 0:
         raise ValueError("cells must hold at least one cell, got an empty array")
-    ordered = np.sort(cells, axis=1)
-    repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    repeated = np.zeros(len(cells), bool)
+    for a, b in combinations(range(cells.shape[1]), 2):
+        repeated |= cells[:, a] == cells[:, b]
     if repeated.any():
         first = int(np.argmax(repeated))
         nodes = cells[first].tolist()
