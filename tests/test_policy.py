@@ -39,7 +39,7 @@ def _swept(mesh, h0, g):
 def _solve(mesh, h0, g):
     start = limit_gradient(mesh, h0, g, method="edge-based")
     steps = []
-    h = iterate_policies(mesh, h0, Slope(g), start, lambda text, share: steps.append(text))
+    h = iterate_policies(mesh, Slope(g), start, lambda text, share: steps.append(text))
     return h, len(steps)
 
 
@@ -64,7 +64,7 @@ def test_policies_do_not_change_their_arguments():
     mesh, h0, g = _problem(2, 60_002)
     start = limit_gradient(mesh, h0, g, method="edge-based")
     before = start.copy()
-    h = iterate_policies(mesh, h0, Slope(g), start, lambda text, share: None)
+    h = iterate_policies(mesh, Slope(g), start, lambda text, share: None)
     assert (start == before).all()
     assert (h <= start).all()
     assert (h < start).any()

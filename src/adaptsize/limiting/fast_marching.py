@@ -125,7 +125,7 @@ def _march(
             while heap[3][0] > 0:
                 march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, _CHUNK)
                 report("limiting the gradient", 1.0)
-            h = iterate_policies(mesh, h0, slope, h, report)
+            h = iterate_policies(mesh, slope, h, report)
 
     residual = 0.0
     if with_residual:

@@ -34,7 +34,7 @@ class _Policy(NamedTuple):
 
 
 def iterate_policies(
-    mesh: SimplexMesh, h0: FloatArray, slope: Slope, h: FloatArray, report: ProgressCallback
+    mesh: SimplexMesh, slope: Slope, h: FloatArray, report: ProgressCallback
 ) -> FloatArray:
     r"""Solve h_k = min(h0_k, min over cells of the Hopf-Lax update) from above.
 
@@ -47,10 +47,9 @@ def iterate_policies(
     Parameters
     ----------
     mesh : SimplexMesh
-    h0 : float64[n]
     slope : Slope
     h : float64[n]
-        Start: at least the solution everywhere, finite wherever that is.
+        Start: at most h0, at least the solution everywhere, finite wherever that is.
     report : callable
 
     Returns
