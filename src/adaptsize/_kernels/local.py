@@ -9,8 +9,8 @@ a convex problem with a closed form [1]_.  It holds for any angle of the simplex
 and any embedding dimension.
 
 ``axes`` is a tuple of which only the length counts, the embedding dimension: its
-length is known when a kernel is compiled, so that the loops over it are unrolled,
-which halves the time of marching.
+length is known when a kernel is compiled, so that the loops over it are unrolled.
+With the star layout of march.py this halved the time of marching.
 
 References
 ----------
