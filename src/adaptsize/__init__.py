@@ -11,6 +11,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "SimplexMesh": "background",
+    "CartesianGrid": "background",
     "SizeFunction": "size_function",
     "size_from_curvature": "sizes",
     "size_from_sources": "sizes",

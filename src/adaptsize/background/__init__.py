@@ -1,5 +1,6 @@
 """Where nodal values live."""
 
+from adaptsize.background.grid import CartesianGrid
 from adaptsize.background.simplex import Boundary, SimplexMesh
 
-__all__ = ["Boundary", "SimplexMesh"]
+__all__ = ["Boundary", "CartesianGrid", "SimplexMesh"]

@@ -1,0 +1,314 @@
+"""Cartesian grids in one, two and three dimensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, as_points, describe, refuse_where
+from adaptsize.background.grid_location import GridLocator
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.splitting_grid import simplices_of_boxes, whole_boxes
+from adaptsize.typing import BoolArray, FloatArray
+
+# Nodes are numbered with 32 bits.
+_MOST_NODES = 2**31 - 1
+# Boxes longer than wanted by less than this share of a cell need no further cell.
+_ROUNDING = 1e-9
+# Functions are asked for so many points at once.
+_POINTS_AT_ONCE = 1_000_000
+
+
+@dataclass(init=False, frozen=True, eq=False, repr=False)
+class CartesianGrid:
+    """Nodes at equal distances along the axes; a spacing for each axis.
+
+    Nodal arrays have the shape of the grid: ``values[i, j]`` belongs to the node
+    ``origin + spacing * (i, j)``, so that axis 0 is x.
+
+    Parameters
+    ----------
+    origin : array_like of float, shape (dim,)
+        The node of the lowest coordinates, ``dim`` 1 to 3.
+    spacing : float or array_like of float, shape (dim,)
+        Distance of neighbouring nodes, positive; one for all axes or one for each.
+    shape : sequence of int
+        Nodes along each axis, at least 2.
+    active : array_like of bool, of shape ``shape``, optional
+        Nodes inside the domain; the others take no part: sizes do not pass through them and
+        do not count in interpolation.  All nodes by default.  Copied.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, a number is not finite, a spacing is not positive or is lost
+        in the rounding of the coordinates, no node is active, or there are more than
+        2**31 - 1 nodes.
+
+    Examples
+    --------
+    >>> grid = CartesianGrid(origin=[0.0, 0.0], spacing=[0.5, 1.0], shape=(3, 2))
+    >>> grid
+    CartesianGrid(3 x 2 nodes, (0, 0) to (1, 1))
+    >>> grid.points.tolist()
+    [[0.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 1.0], [1.0, 0.0], [1.0, 1.0]]
+    >>> x, y = grid.axes
+    >>> x
+    array([0. , 0.5, 1. ])
+    >>> grid.sample(lambda points: points[:, 0] + points[:, 1])
+    array([[0. , 1. ],
+           [0.5, 1.5],
+           [1. , 2. ]])
+    """
+
+    origin: FloatArray
+    spacing: FloatArray
+    shape: tuple[int, ...]
+    _: KW_ONLY
+    active: BoolArray | None = None
+
+    def __init__(
+        self,
+        origin: npt.ArrayLike,
+        spacing: npt.ArrayLike,
+        shape: Sequence[int],
+        *,
+        active: npt.ArrayLike | None = None,
+    ) -> None:
+        own_shape = _as_shape(shape)
+        dim = len(own_shape)
+        own_origin = as_float_array("origin", origin, (dim,)).copy()
+        refuse_where("origin", ~np.isfinite(own_origin), own_origin, "must be finite")
+        own_spacing = _as_spacing(spacing, dim)
+        _check_resolution(own_origin, own_spacing, own_shape)
+        _set(self, "origin", _locked(own_origin))
+        _set(self, "spacing", _locked(own_spacing))
+        _set(self, "shape", own_shape)
+        _set(self, "active", None if active is None else _locked(_as_active(active, own_shape)))
+
+    @classmethod
+    def around(
+        cls, points: npt.ArrayLike, spacing: npt.ArrayLike, margin: float = 0.0
+    ) -> CartesianGrid:
+        """Return the smallest grid of a spacing that covers points, and a margin around them.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+            At least one; ``mesh.points`` for a mesh.
+        spacing : float or array_like of float, shape (dim,)
+            Positive, kept as given.
+        margin : float, default 0
+            Length by which the grid reaches beyond the points on every side, >= 0.
+
+        Returns
+        -------
+        CartesianGrid
+            Where the box of the points is no multiple of the spacing, what there is too
+            much is the same on both sides.
+
+        Raises
+        ------
+        ValueError
+            If there is no point, a number is not finite, a spacing is not positive or the
+            margin negative, or there would be more than 2**31 - 1 nodes.
+
+        Examples
+        --------
+        >>> CartesianGrid.around([[0.0, 0.0], [2.0, 1.2]], spacing=0.5, margin=1.0)
+        CartesianGrid(9 x 8 nodes, (-1, -1.15) to (3, 2.35))
+        """
+        inside = as_points("points", points)
+        if len(inside) == 0:
+            raise ValueError("points must hold at least one point, got an empty array")
+        steps = _as_spacing(spacing, inside.shape[1])
+        beyond = as_number("margin", margin, lower=0.0)
+        lower, upper = inside.min(axis=0) - beyond, inside.max(axis=0) + beyond
+        n_boxes = np.maximum(np.ceil((upper - lower) / steps - _ROUNDING), 1.0)
+        if not (n_boxes < _MOST_NODES).all():
+            raise ValueError(
+                f"spacing must leave at most {_MOST_NODES} nodes, got {steps} "
+                f"for a box of {upper - lower}"
+            )
+        excess = n_boxes * steps - (upper - lower)
+        return cls(lower - 0.5 * excess, steps, [int(n) + 1 for n in n_boxes])
+
+    def __repr__(self) -> str:
+        """Say how many nodes, and where."""
+        nodes = " x ".join(str(n) for n in self.shape)
+        first, last = (
+            ", ".join(f"{float(x):.4g}" for x in corner) for corner in (self.lower, self.upper)
+        )
+        some = ""
+        if self.active is not None:
+            some = f", {np.count_nonzero(self.active)} active"
+        return f"CartesianGrid({nodes} nodes{some}, ({first}) to ({last}))"
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a point, 1 to 3."""
+        return len(self.shape)
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes, active or not."""
+        return math.prod(self.shape)
+
+    @cached_property
+    def n_cells(self) -> int:
+        """Number of boxes between the nodes; with ``active``, of those between active ones."""
+        if self.active is None:
+            return math.prod(n - 1 for n in self.shape)
+        return int(np.count_nonzero(whole_boxes(self.active)))
+
+    @property
+    def nodal_shape(self) -> tuple[int, ...]:
+        """Shape of an array of nodal values: ``shape``."""
+        return self.shape
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lowest coordinates of the box, float64[dim]: ``origin``."""
+        return self.origin
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Highest coordinates of the box, float64[dim]."""
+        return _locked(self.origin + self.spacing * (np.array(self.shape) - 1))
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the diagonal of the box."""
+        return float(np.linalg.norm(self.upper - self.lower))
+
+    @cached_property
+    def axes(self) -> tuple[FloatArray, ...]:
+        """Coordinates of the nodes along each axis, ``dim`` arrays."""
+        return tuple(
+            _locked(start + step * np.arange(n))
+            for start, step, n in zip(self.origin, self.spacing, self.shape, strict=True)
+        )
+
+    @property
+    def points(self) -> FloatArray:
+        """Nodes, float64[n_points, dim], in the order of ``values.ravel()``.
+
+        Made anew at each use, not kept: of a grid of 256**3 nodes they take 400 MB.
+        """
+        mesh = np.meshgrid(*self.axes, indexing="ij", copy=False)
+        return np.stack(mesh, axis=-1).reshape(-1, self.dim)
+
+    @cached_property
+    def locator(self) -> GridLocator:
+        """Interpolates between the nodes: ``locator.interpolate(values, points)``."""
+        return GridLocator(self)
+
+    @cached_property
+    def mesh(self) -> SimplexMesh:
+        """The same nodes, numbered as ``points``, as a conforming mesh of simplices.
+
+        Boxes are cut into 2 triangles or 6 tetrahedra (Kuhn's), mirrored from box to box,
+        positively oriented; with ``active``, only boxes of which all nodes are active.  Kept
+        once made: 100 bytes per node in 3-D.
+
+        Raises
+        ------
+        ValueError
+            If no box has active nodes only.
+        """
+        cells = simplices_of_boxes(self.shape)
+        if self.active is not None:
+            cells = cells[whole_boxes(self.active)]
+        if cells.size == 0:
+            raise ValueError("active must leave at least one box with all its nodes, got none")
+        return SimplexMesh(self.points, cells.reshape(-1, self.dim + 1))
+
+    def with_active(self, active: npt.ArrayLike | None) -> CartesianGrid:
+        """Return the same grid with other active nodes (None: all)."""
+        return replace(self, active=active)  # type: ignore[arg-type]
+
+    def sample(self, function: Callable[[FloatArray], npt.ArrayLike]) -> FloatArray:
+        """Return the values of a function at the nodes.
+
+        Parameters
+        ----------
+        function : callable
+            Takes points, float64[n, dim], and gives n numbers; called for up to a million
+            nodes at a time, so that few points are in memory.
+
+        Returns
+        -------
+        ndarray of float64, of the grid's shape
+
+        Raises
+        ------
+        ValueError
+            If the function gives another number of values.
+        """
+        per_slab = max(1, _POINTS_AT_ONCE // math.prod(self.shape[1:]))
+        values = np.empty(self.shape)
+        for first in range(0, self.shape[0], per_slab):
+            slab = values[first : first + per_slab]
+            axes = (self.axes[0][first : first + per_slab], *self.axes[1:])
+            points = np.stack(np.meshgrid(*axes, indexing="ij", copy=False), axis=-1)
+            given = function(points.reshape(-1, self.dim))
+            slab[...] = as_float_array("function(points)", given, (slab.size,)).reshape(slab.shape)
+        return values
+
+
+def _set(grid: CartesianGrid, name: str, value: object) -> None:
+    object.__setattr__(grid, name, value)  # the way in for a frozen dataclass
+
+
+def _locked(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    array.flags.writeable = False
+    return array
+
+
+def _as_shape(value: Sequence[int]) -> tuple[int, ...]:
+    raw = np.asarray(value)
+    if raw.ndim != 1 or not 1 <= len(raw) <= 3 or raw.dtype.kind not in "iu":
+        raise ValueError(f"shape must be 1, 2 or 3 integers, got {describe(value)}")
+    shape = tuple(int(n) for n in raw)
+    refuse_where("shape", raw < 2, raw, "must be at least 2")
+    if math.prod(shape) > _MOST_NODES:
+        raise ValueError(f"shape must give at most {_MOST_NODES} nodes, got {shape}")
+    return shape
+
+
+def _as_spacing(value: npt.ArrayLike, dim: int) -> FloatArray:
+    spacing = as_float_array("spacing", value)
+    if spacing.ndim == 0:
+        spacing = np.full(dim, spacing)
+    if spacing.shape != (dim,):
+        raise ValueError(f"spacing must be a number or have shape {(dim,)}, got {spacing.shape}")
+    good = np.isfinite(spacing) & (spacing > 0.0)
+    refuse_where("spacing", ~good, spacing, "must be finite and > 0")
+    return spacing.copy()
+
+
+def _check_resolution(origin: FloatArray, spacing: FloatArray, shape: tuple[int, ...]) -> None:
+    """Refuse grids whose coordinates overflow or do not tell neighbouring nodes apart."""
+    with np.errstate(over="ignore"):
+        upper = origin + spacing * (np.array(shape) - 1)
+    refuse_where("spacing", ~np.isfinite(upper), spacing, "must keep the coordinates finite")
+    farthest = np.maximum(np.abs(origin), np.abs(upper))
+    lost = spacing < 1e3 * np.finfo(float).eps * farthest
+    refuse_where("spacing", lost, spacing, "must be well above the rounding of the coordinates")
+
+
+def _as_active(value: npt.ArrayLike, shape: tuple[int, ...]) -> BoolArray:
+    active = np.array(value, order="C")
+    if active.dtype != np.bool_ or active.shape != shape:
+        raise ValueError(
+            f"active must be booleans of shape {shape}, got {active.dtype} of {active.shape}"
+        )
+    if not active.any():
+        raise ValueError("active must mark at least one node, got none")
+    return active

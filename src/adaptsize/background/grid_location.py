@@ -1,0 +1,103 @@
+"""Interpolation between the nodes of a Cartesian grid."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_points
+from adaptsize._kernels.interpolate_grid import interpolate_grid
+from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from adaptsize.background.grid import CartesianGrid
+
+# A compiled loop cannot be interrupted; one call of it over so many points takes 0.1 s or less.
+_POINTS_PER_CALL = 500_000
+# Rounding of a coordinate and of its place along an axis, in units of its last place.
+_ROUNDINGS = 4.0
+
+
+class GridLocator:
+    """Interpolates between the nodes of a Cartesian grid; ``grid.locator`` keeps one.
+
+    Parameters
+    ----------
+    grid : CartesianGrid
+
+    Notes
+    -----
+    A few operations per point, whatever the number of nodes: nothing is searched and
+    nothing is built beforehand.
+
+    Examples
+    --------
+    >>> from adaptsize import CartesianGrid
+    >>> grid = CartesianGrid([0.0, 0.0], 1.0, (2, 2))
+    >>> values, distances = grid.locator.interpolate([[0, 1], [2, 3]], [[0.5, 0.25], [1.0, 3.0]])
+    >>> values, distances
+    (array([1.25, 3.  ]), array([0., 2.]))
+    """
+
+    def __init__(self, grid: CartesianGrid) -> None:
+        self._shape = grid.shape
+        self._dim = grid.dim
+        self._lower = _in_space(grid.lower, 0.0)
+        self._spacing = _in_space(grid.spacing, 1.0)
+        self._nodes = _in_space(np.array(grid.shape), 1)
+        farthest = np.maximum(np.abs(grid.lower), np.abs(grid.upper)) / grid.spacing
+        self._snap = _in_space(_ROUNDINGS * np.finfo(float).eps * farthest, 0.0)
+        none = np.empty(0, np.bool_)
+        self._active = _read_only(none if grid.active is None else grid.active.reshape(-1))
+
+    def interpolate(
+        self, values: npt.ArrayLike, points: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return nodal values, interpolated multilinearly, at the closest points of the box.
+
+        Parameters
+        ----------
+        values : array_like of float, of the grid's shape
+            Nodal values, finite or +inf.
+        points : array_like of float, shape (n, dim)
+            Any n, also 0.
+
+        Returns
+        -------
+        values : ndarray of float64, shape (n,)
+            inf where a corner of positive weight is inf, between the values of the corners
+            of positive weight otherwise.  Corners that are not active are left out; inf
+            where no other corner of positive weight is left.
+        distances : ndarray of float64, shape (n,)
+            Distance of each point from the box of the grid.
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong or a coordinate is not finite.
+        """
+        nodal = _read_only(as_float_array("values", values, self._shape).reshape(-1))
+        where = _read_only(as_points("points", points, self._dim))
+        n = len(where)
+        result, distances = np.empty(n), np.empty(n)
+        axes = (self._lower, self._spacing, self._nodes, self._snap)
+        for first in range(0, n, _POINTS_PER_CALL):
+            last = min(first + _POINTS_PER_CALL, n)
+            interpolate_grid(*axes, nodal, self._active, where, first, last, result, distances)
+        return result, distances
+
+
+def _in_space(per_axis: npt.NDArray[Any], missing: float) -> npt.NDArray[Any]:
+    """Return three entries, ``missing`` for the axes that a grid lacks; same type."""
+    padded = np.full(3, missing, per_axis.dtype)
+    padded[: len(per_axis)] = per_axis
+    return padded
+
+
+def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a read-only view; a kernel is compiled once more for arrays that are not."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

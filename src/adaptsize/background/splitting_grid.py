@@ -1,0 +1,58 @@
+"""Boxes of a Cartesian grid cut into simplices."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+
+import numpy as np
+
+from adaptsize.typing import BoolArray, IntArray
+
+
+def simplices_of_boxes(shape: tuple[int, ...]) -> IntArray:
+    """Cut each box of a grid into its Kuhn simplices, mirrored from box to box.
+
+    A Kuhn simplex follows the axes, in one of the ``dim!`` orders, from one corner of the
+    box to the opposite one.  The first corner is the one of even indices, so that
+    neighbouring boxes are mirror images and cut the face between them alike.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Nodes per axis, the last axis fastest.
+
+    Returns
+    -------
+    int32[n_boxes along each axis ..., dim!, dim + 1]
+        Nodes of the simplices, all of positive orientation.
+    """
+    dim = len(shape)
+    strides = [int(np.prod(shape[d + 1 :], dtype=np.int64)) for d in range(dim)]
+    number = np.arange(np.prod(shape, dtype=np.int64), dtype=np.int32).reshape(shape)
+    first = number[(slice(-1),) * dim]
+    orders = list(permutations(range(dim)))
+    cells = np.empty((*first.shape, len(orders), dim + 1), np.int32)
+    for odd in product((0, 1), repeat=dim):
+        boxes = tuple(slice(is_odd, None, 2) for is_odd in odd)
+        start = sum(stride for stride, is_odd in zip(strides, odd, strict=True) if is_odd)
+        for m, order in enumerate(orders):
+            steps = [strides[d] * (1 - 2 * odd[d]) for d in order]
+            path = start + np.concatenate([[0], np.cumsum(steps)]).astype(np.int32)
+            if (_is_odd(order) + sum(odd)) % 2 == 1:
+                path[[-2, -1]] = path[[-1, -2]]
+            cells[..., m, :][boxes] = first[boxes][..., None] + path
+    return cells
+
+
+def whole_boxes(active: BoolArray) -> BoolArray:
+    """Return which boxes of a grid have active corners only."""
+    whole = np.ones([n - 1 for n in active.shape], np.bool_)
+    for corner in product((slice(None, -1), slice(1, None)), repeat=active.ndim):
+        whole &= active[corner]
+    return whole
+
+
+def _is_odd(order: tuple[int, ...]) -> int:
+    """Return 1 for an odd permutation, 0 for an even one."""
+    pairs = [(a, b) for i, a in enumerate(order) for b in order[i + 1 :]]
+    return sum(a > b for a, b in pairs) % 2
