@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, one_of
+from adaptsize.background import CartesianGrid
 from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
 
@@ -52,14 +53,15 @@ class LocatableBackground(Background, Protocol):
 class SizeFunction:
     """Wanted edge lengths on a background, defined everywhere.
 
-    Between the nodes the sizes are interpolated linearly.  Called with points of shape
-    (n, dim) it returns n sizes, as mesh generators that take a plain function want it.
+    Between the nodes the sizes are interpolated: linearly on simplices (an octree is cut
+    into simplices), multilinearly on grids.  Called with points of shape (n, dim) it
+    returns n sizes, as mesh generators that take a plain function want it.
 
     Parameters
     ----------
-    background : SimplexMesh
+    background : SimplexMesh, CartesianGrid or Octree
         Carries the nodes.
-    values : array_like of float, shape (n_points,)
+    values : array_like of float, of ``background.nodal_shape``
         Wanted edge length at each node, in the unit of the coordinates: positive, inf
         where nothing is asked.  Copied and read-only.
     outside : {"nearest", "error"}
@@ -76,9 +78,11 @@ class SizeFunction:
     Notes
     -----
     A point strictly between a node that is inf and one that is not gets inf.  A node of
-    weight zero does not count, so a finite node keeps its finite value.
+    weight zero does not count, so a finite node keeps its finite value.  Nodes of a grid
+    that are not active do not count; inf where no active one is left.
 
-    Location costs O(log n) per point in the background; see `SimplexLocator`.
+    Location costs O(log n) per point in meshes and octrees; see `SimplexLocator`.  On grids
+    it costs a few operations per point.
 
     Examples
     --------
@@ -89,6 +93,13 @@ class SizeFunction:
     array([0.2 , 0.15, 0.2 ])
     >>> size.clip(hmax=0.15).values
     array([0.1 , 0.15, 0.15, 0.15])
+
+    On a grid the values have its shape:
+
+    >>> from adaptsize import CartesianGrid
+    >>> grid = CartesianGrid([0, 0], spacing=1.0, shape=(2, 2))
+    >>> SizeFunction(grid, [[0.1, 0.2], [0.2, 0.5]])([[0.5, 0.5]])
+    array([0.25])
     """
 
     background: LocatableBackground
@@ -171,7 +182,7 @@ class SizeFunction:
         """
         values = other.values
         if other.background is not self.background:
-            values = other(self.background.points).reshape(self.background.nodal_shape)
+            values = _at_nodes(other, self.background)
         return replace(self, values=np.minimum(self.values, values))
 
     def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
@@ -204,9 +215,15 @@ class SizeFunction:
 
         Parameters
         ----------
-        background : SimplexMesh
+        background : SimplexMesh, CartesianGrid or Octree
             Of the same dimension.  Nodes outside this background are treated by
             ``outside``.
         """
-        values = self(background.points).reshape(background.nodal_shape)
-        return replace(self, background=background, values=values)
+        return replace(self, background=background, values=_at_nodes(self, background))
+
+
+def _at_nodes(size: SizeFunction, background: LocatableBackground) -> FloatArray:
+    """Return sizes at the nodes of a background, in its nodal shape."""
+    if isinstance(background, CartesianGrid):  # whose nodes may not fit into memory at once
+        return background.sample(size)
+    return size(background.points).reshape(background.nodal_shape)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -201,8 +201,7 @@ class CartesianGrid:
 
         Made anew at each use, not kept: of a grid of 256**3 nodes they take 400 MB.
         """
-        mesh = np.meshgrid(*self.axes, indexing="ij", copy=False)
-        return np.stack(mesh, axis=-1).reshape(-1, self.dim)
+        return _points_of(*self.axes)
 
     @cached_property
     def locator(self) -> GridLocator:
@@ -234,7 +233,7 @@ class CartesianGrid:
         return replace(self, active=active)  # type: ignore[arg-type]
 
     def sample(self, function: Callable[[FloatArray], npt.ArrayLike]) -> FloatArray:
-        """Return the values of a function at the nodes.
+        """Return the values of a function at the nodes, active or not.
 
         Parameters
         ----------
@@ -251,15 +250,33 @@ class CartesianGrid:
         ValueError
             If the function gives another number of values.
         """
-        per_slab = max(1, _POINTS_AT_ONCE // math.prod(self.shape[1:]))
         values = np.empty(self.shape)
-        for first in range(0, self.shape[0], per_slab):
-            slab = values[first : first + per_slab]
-            axes = (self.axes[0][first : first + per_slab], *self.axes[1:])
-            points = np.stack(np.meshgrid(*axes, indexing="ij", copy=False), axis=-1)
-            given = function(points.reshape(-1, self.dim))
-            slab[...] = as_float_array("function(points)", given, (slab.size,)).reshape(slab.shape)
+        for slab, points in self.slabs():
+            part = values[slab]
+            given = as_float_array("function(points)", function(points), (part.size,))
+            part[...] = given.reshape(part.shape)
         return values
+
+    def slabs(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the nodes by parts along the first axis, about a million at a time.
+
+        Yields
+        ------
+        slab : slice
+            ``values[slab]`` are the nodal values of the part.
+        points : ndarray of float64, shape (n, dim)
+            Its nodes, in the order of ``values[slab].ravel()``.
+        """
+        per_slab = max(1, _POINTS_AT_ONCE // math.prod(self.shape[1:]))
+        for first in range(0, self.shape[0], per_slab):
+            slab = slice(first, min(first + per_slab, self.shape[0]))
+            yield slab, _points_of(self.axes[0][slab], *self.axes[1:])
+
+
+def _points_of(*axes: FloatArray) -> FloatArray:
+    """Return all combinations of coordinates, float64[n, dim], the last axis fastest."""
+    mesh = np.meshgrid(*axes, indexing="ij", copy=False)
+    return np.stack(mesh, axis=-1).reshape(-1, len(axes))
 
 
 def _set(grid: CartesianGrid, name: str, value: object) -> None:

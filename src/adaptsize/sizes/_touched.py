@@ -98,6 +98,15 @@ def cells_with_edge_in_ball(mesh: SimplexMesh, centre: FloatArray, radius: float
     return np.flatnonzero(meets).astype(np.int32)
 
 
+def box_edges(lower: FloatArray, upper: FloatArray) -> SimplexMesh:
+    """Return the 2, 4 or 12 edges of a box as segments."""
+    dim = len(lower)
+    corner = np.arange(2**dim)
+    points = np.where((corner[:, None] >> np.arange(dim)) & 1, upper, lower)
+    edges = [(i, i | 1 << d) for i in corner for d in range(dim) if not i >> d & 1]
+    return SimplexMesh(points, edges)
+
+
 def _edges_of_cells(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield the first node and the vector of the edges of all cells, one per cell at a time."""
     corners = mesh.points[mesh.cells]

@@ -4,25 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import NoReturn, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
-from adaptsize.background import SimplexMesh
-from adaptsize.sizes import _touched
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.sizes import _on_grid, _touched
+from adaptsize.typing import Background, FloatArray, IntArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 
+class HasMesh(Background, Protocol):
+    """A background, as an octree, whose nodes are those of a mesh in the same order."""
+
+    @property
+    def mesh(self) -> SimplexMesh:
+        """The mesh."""
+        ...
+
+
 @runtime_checkable
 class Source(Protocol):
-    """Something that asks for sizes at some nodes of a mesh."""
+    """Something that asks for sizes at some nodes of a mesh or grid."""
 
-    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
-        """Lower the nodal sizes ``h0`` (In/Out) to what the source asks for."""
+    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
+        """Lower the nodal sizes ``h0`` (In/Out) to what the source asks for.
+
+        ``h0`` has the nodal shape of ``mesh``; an octree comes as its mesh.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +54,13 @@ class PointSource:
     points: npt.ArrayLike
     size: npt.ArrayLike
 
-    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells around the points."""
         points = as_points("points", np.atleast_2d(as_float_array("points", self.points)), mesh.dim)
         size = _sizes_per_row(self.size, len(points))
+        if isinstance(mesh, CartesianGrid):
+            _on_grid.lower_at_points(mesh, points, size, g, h0)
+            return
         _lower_around(mesh, mesh.locator.nearest(points)[0], points, size, g, h0)
 
 
@@ -68,10 +83,13 @@ class CurveSource:
     curve: SimplexMesh | npt.ArrayLike
     size: npt.ArrayLike
 
-    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
         curve = _as_curve(self.curve, mesh.dim)
         size = _sizes_per_row(self.size, curve.n_points)
+        if isinstance(mesh, CartesianGrid):
+            _on_grid.lower_along(mesh, curve, size, g, h0)
+            return
         cells, segments, along, _ = _touched.cells_along(mesh, curve)
         a, b = curve.cells[segments].T
         points = (1.0 - along)[:, None] * curve.points[a] + along[:, None] * curve.points[b]
@@ -89,20 +107,29 @@ class CurveSource:
 class BoundarySource:
     """A size on the boundary of the mesh, or on tagged facets.
 
+    The boundary of a grid is that of its active part: the active nodes next to the outside
+    or to a node that is not active, diagonally as well.
+
     Parameters
     ----------
     size : float
         Positive.
     tags : int or sequence of int, optional
-        Tags in ``facet_tags``; all of the boundary by default.
+        Tags in ``facet_tags``, which grids have not; all of the boundary by default.
     """
 
     size: float
     tags: int | Sequence[int] | None = None
 
-    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the facets."""
         size = _one_size(self.size)
+        if isinstance(mesh, CartesianGrid):
+            if self.tags is not None:
+                _refuse_tags(mesh)
+            on_boundary = _on_grid.boundary_nodes(mesh)
+            h0[on_boundary] = np.minimum(h0[on_boundary], size)
+            return
         if self.tags is None:
             nodes = mesh.boundary().nodes
         else:
@@ -114,7 +141,7 @@ class BoundarySource:
 
 @dataclass(frozen=True, eq=False)
 class RegionSource:
-    """A size in all cells with a tag.
+    """A size in all cells with a tag; not for grids, which have none.
 
     Parameters
     ----------
@@ -127,9 +154,11 @@ class RegionSource:
     tags: int | Sequence[int]
     size: float
 
-    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells."""
         size = _one_size(self.size)
+        if isinstance(mesh, CartesianGrid):
+            _refuse_tags(mesh)
         nodes = np.unique(mesh.cells[_has_tag(self.tags, mesh.cell_tags, "cell_tags")])
         h0[nodes] = np.minimum(h0[nodes], size)
 
@@ -153,17 +182,20 @@ class BoxSource:
     upper: npt.ArrayLike
     size: float
 
-    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the box."""
         size = _one_size(self.size)
         lower = _one_point("lower", self.lower, mesh.dim)
         upper = _one_point("upper", self.upper, mesh.dim)
         if (lower > upper).any():
             raise ValueError(f"lower must be at most upper = {upper}, got {lower}")
+        if isinstance(mesh, CartesianGrid):
+            _on_grid.lower_in_box(mesh, lower, upper, size, g, h0)
+            return
         touched = (
             _touched.cells_with_edge_in_box(mesh, lower, upper),
             _touched.cell_inside(mesh, 0.5 * (lower + upper)),
-            _touched.cells_within(mesh, _box_edges(lower, upper)),
+            _touched.cells_within(mesh, _touched.box_edges(lower, upper)),
         )
         nodes = np.unique(mesh.cells[np.concatenate(touched)])
         points = mesh.points[nodes]
@@ -191,11 +223,14 @@ class BallSource:
     radius: float
     size: float
 
-    def lower_sizes(self, mesh: SimplexMesh, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the ball."""
         size = _one_size(self.size)
         centre = _one_point("centre", self.centre, mesh.dim)
         radius = as_number("radius", self.radius, lower=0.0)
+        if isinstance(mesh, CartesianGrid):
+            _on_grid.lower_in_ball(mesh, centre, radius, size, g, h0)
+            return
         touched = (
             _touched.cells_with_edge_in_ball(mesh, centre, radius),
             _touched.cell_inside(mesh, centre),
@@ -206,7 +241,7 @@ class BallSource:
 
 
 def size_from_sources(
-    background: SimplexMesh,
+    background: SimplexMesh | CartesianGrid | HasMesh,
     sources: Source | SizeOfPoint | Iterable[Source | SizeOfPoint],
     *,
     g: float = 0.25,
@@ -222,7 +257,8 @@ def size_from_sources(
 
     Parameters
     ----------
-    background : SimplexMesh
+    background : SimplexMesh, CartesianGrid or Octree
+        Cells of a grid are its boxes, those of an octree the simplices of ``octree.mesh``.
     sources : source, callable, or several of them
         `PointSource`, `CurveSource`, `BoundarySource`, `RegionSource`, `BoxSource`, `BallSource`,
         or functions that take points, float64[n, dim], and give n sizes (``inf``: none).
@@ -233,14 +269,16 @@ def size_from_sources(
 
     Returns
     -------
-    ndarray of float64, shape (n_points,)
-        Sizes; ``inf`` at nodes that no source touches.
+    ndarray of float64, of ``background.nodal_shape``
+        Sizes; ``inf`` at nodes that no source touches, and at nodes of a grid that are not
+        active.
 
     Raises
     ------
     ValueError
-        If a size is not positive, a point has another dimension than the mesh, a tag
-        does not occur (the message lists those that do), or ``g`` is negative.
+        If a size is not positive, a point has another dimension than the background, a tag
+        does not occur (the message lists those that do) or is asked of a grid, or ``g`` is
+        negative.
 
     See Also
     --------
@@ -253,6 +291,11 @@ def size_from_sources(
     costs O(log n) per cell that it passes.  Cells that a curve only clips at a corner may be
     passed over; their neighbours along the curve are not.
 
+    On a grid nothing is searched: O(1) per point, per box that a curve passes (of which none
+    is passed over) and per node of a box or ball; functions are called for active nodes
+    only, up to a million at a time.  A point or curve where no node is active acts on the
+    nearest active node.
+
     Examples
     --------
     A point that is 0.5 away from two nodes, and a size at the boundary on the left:
@@ -264,16 +307,30 @@ def size_from_sources(
     >>> size_from_sources(mesh, [PointSource([0.5, 0.0], 0.01), BoundarySource(0.1, tags=7)],
     ...                   g=0.2).round(3)
     array([0.1  , 0.11 , 0.234, 0.1  ])
+
+    On a grid the result has its shape:
+
+    >>> grid = CartesianGrid([0.0, 0.0], spacing=1.0, shape=(3, 2))
+    >>> size_from_sources(grid, PointSource([0.5, 0.0], 0.01), g=0.2).round(3)
+    array([[0.11 , 0.234],
+           [0.11 , 0.234],
+           [  inf,   inf]])
     """
     slope = as_number("g", g, lower=0.0)
     several = sources if isinstance(sources, Iterable) else [sources]
-    h0 = np.full(background.n_points, np.inf)
+    on = background if isinstance(background, SimplexMesh | CartesianGrid) else background.mesh
+    h0 = np.full(background.nodal_shape, np.inf)
     for number, source in enumerate(several):
         if isinstance(source, Source):
-            source.lower_sizes(background, slope, h0)
+            source.lower_sizes(on, slope, h0)
         elif callable(source):
-            asked = as_sizes(f"sources[{number}](points)", source(background.points), h0.shape)
-            np.minimum(h0, asked, out=h0)
+            name = f"sources[{number}](points)"
+            given: npt.ArrayLike
+            if isinstance(on, CartesianGrid):
+                given = _on_grid.at_active_nodes(on, source, name)
+            else:
+                given = source(on.points)
+            np.minimum(h0, as_sizes(name, given, h0.shape), out=h0)
         else:
             raise ValueError(
                 f"sources[{number}] must be a source or a function, got {describe(source)}"
@@ -293,6 +350,10 @@ def _lower_around(
     nodes = mesh.cells[cells]
     distance = np.linalg.norm(mesh.points[nodes] - points[:, None, :], axis=2)
     np.minimum.at(h0, nodes, size[:, None] + g * distance)
+
+
+def _refuse_tags(grid: CartesianGrid) -> NoReturn:
+    raise ValueError(f"tags need a SimplexMesh, a grid has none; got {grid!r}")
 
 
 def _one_point(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
@@ -336,12 +397,3 @@ def _has_tag(
         listed = ", ".join(str(tag) for tag in np.unique(present))
         raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
     return np.isin(present, wanted)
-
-
-def _box_edges(lower: FloatArray, upper: FloatArray) -> SimplexMesh:
-    """Return the 2, 4 or 12 edges of a box as segments."""
-    dim = len(lower)
-    corner = np.arange(2**dim)
-    points = np.where((corner[:, None] >> np.arange(dim)) & 1, upper, lower)
-    edges = [(i, i | 1 << d) for i in corner for d in range(dim) if not i >> d & 1]
-    return SimplexMesh(points, edges)
