@@ -12,6 +12,9 @@ __version__ = "0.1.0"
 _HOMES = {
     "SimplexMesh": "background",
     "CartesianGrid": "background",
+    "Octree": "background",
+    "refine_at_boundary": "background",
+    "refine_to_size": "background",
     "SizeFunction": "size_function",
     "size_from_curvature": "sizes",
     "size_from_sources": "sizes",

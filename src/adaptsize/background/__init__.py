@@ -1,6 +1,15 @@
 """Where nodal values live."""
 
 from adaptsize.background.grid import CartesianGrid
+from adaptsize.background.octree import Octree
+from adaptsize.background.refinement import refine_at_boundary, refine_to_size
 from adaptsize.background.simplex import Boundary, SimplexMesh
 
-__all__ = ["Boundary", "CartesianGrid", "SimplexMesh"]
+__all__ = [
+    "Boundary",
+    "CartesianGrid",
+    "Octree",
+    "SimplexMesh",
+    "refine_at_boundary",
+    "refine_to_size",
+]

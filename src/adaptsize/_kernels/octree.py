@@ -1,0 +1,422 @@
+"""Octrees and quadtrees: places along the Z curve, numbering of nodes, cutting into simplices.
+
+A place in the tree is a *code*: the number of the root cell, row by row, followed by
+``dim`` bits per level, axis 0 first.  A node is a *key*: the scalar product of its integer
+coordinates on the lattice of the smallest leaves and the strides of that lattice, so that
+a step along an axis is one addition.  Nodes are found by key in hash tables (open
+addressing, linear probing, -1: free).
+
+Finest leaves have no hanging node, so every centre that is needed lies on that lattice too.
+"""
+
+import numpy as np
+from numba import njit
+
+# A square leaves at most three of its quarters behind per level, of which there are 62 at most.
+_STACK = 192
+
+
+@njit(cache=True, nogil=True)
+def encode(indices, level, root_shape, codes):
+    """Fill the codes of cells.
+
+    Parameters
+    ----------
+    indices : int64[n, dim]
+        Integer coordinates of the cells among those of their level.
+    level : int
+    root_shape : int64[dim]
+    codes : int64[n]
+        Out.
+    """
+    dim = indices.shape[1]
+    for c in range(indices.shape[0]):
+        code = 0
+        for d in range(dim):
+            code = code * root_shape[d] + (indices[c, d] >> level)
+        for bit in range(level - 1, -1, -1):
+            for d in range(dim):
+                code = (code << 1) | ((indices[c, d] >> bit) & 1)
+        codes[c] = code
+
+
+@njit(cache=True, nogil=True)
+def decode(codes, level, root_shape, indices):
+    """Fill the integer coordinates of cells among those of their level; inverse of `encode`.
+
+    Parameters
+    ----------
+    codes : int64[n]
+    level : int
+    root_shape : int64[dim]
+    indices : int64[n, dim]
+        Out.
+    """
+    dim = indices.shape[1]
+    for c in range(codes.shape[0]):
+        root = codes[c] >> (dim * level)
+        for d in range(dim - 1, -1, -1):
+            indices[c, d] = root % root_shape[d]
+            root //= root_shape[d]
+        for bit in range(level - 1, -1, -1):
+            digit = codes[c] >> (dim * bit)
+            for d in range(dim):
+                indices[c, d] = (indices[c, d] << 1) | ((digit >> (dim - 1 - d)) & 1)
+
+
+@njit(cache=True, nogil=True)
+def coordinate(index, count, lower, upper):
+    """Return the coordinate of a lattice plane, exactly `lower` and `upper` at the ends."""
+    share = index / count
+    return lower * (1.0 - share) + upper * share
+
+
+@njit(cache=True, nogil=True)
+def fill_coordinates(keys, strides, counts, lower, upper, points):
+    """Fill the points of lattice nodes.
+
+    Parameters
+    ----------
+    keys : int64[n]
+    strides, counts : int64[dim]
+        Of the lattice: step of the key, and number of intervals, along each axis.
+    lower, upper : float64[dim]
+    points : float64[n, dim]
+        Out.
+    """
+    for i in range(keys.shape[0]):
+        rest = keys[i]
+        for d in range(points.shape[1]):
+            index = rest // strides[d]
+            rest -= index * strides[d]
+            points[i, d] = coordinate(index, counts[d], lower[d], upper[d])
+
+
+@njit(cache=True, nogil=True)
+def find_node(keys, numbers, key):
+    """Return the number of a key in a hash table, -1 if it is not there."""
+    mask = keys.shape[0] - 1
+    slot = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & mask
+    while keys[slot] != key:
+        if keys[slot] < 0:
+            return -1
+        slot = (slot + 1) & mask
+    return numbers[slot]
+
+
+@njit(cache=True, nogil=True)
+def _find_or_add(keys, numbers, key, number):
+    """Return the number of a key in a hash table; a new key gets ``number``."""
+    mask = keys.shape[0] - 1
+    slot = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & mask
+    while keys[slot] != key:
+        if keys[slot] < 0:
+            keys[slot] = key
+            numbers[slot] = number
+            return number
+        slot = (slot + 1) & mask
+    return numbers[slot]
+
+
+@njit(cache=True, nogil=True)
+def number_corners(indices, levels, strides, keys, numbers, corners, node_keys):
+    """Give numbers to the different corners of the leaves, in the order in which they are met.
+
+    Parameters
+    ----------
+    indices : int64[n_leaves, dim]
+        Lower corners on the lattice of the smallest leaves.
+    levels : int8[n_leaves]
+        Counted from the finest: edges are ``1 << levels`` lattice intervals long.
+    strides : int64[dim]
+    keys, numbers : int64[2**k], int32[2**k]
+        In/Out: empty hash table.
+    corners : int32[n_leaves, 2**dim]
+        Out: corner j lies at the upper end of axis d where bit ``dim - 1 - d`` of j is 1.
+    node_keys : int64[bound]
+        Out: as many as there are corners.
+
+    Returns
+    -------
+    int
+        Number of different corners.
+    """
+    n_points = 0
+    dim = indices.shape[1]
+    for leaf in range(indices.shape[0]):
+        size = 1 << levels[leaf]
+        for j in range(corners.shape[1]):
+            key = 0
+            for d in range(dim):
+                key += (indices[leaf, d] + size * ((j >> (dim - 1 - d)) & 1)) * strides[d]
+            node = _find_or_add(keys, numbers, key, n_points)
+            corners[leaf, j] = node
+            if node == n_points:
+                node_keys[n_points] = key
+                n_points += 1
+    return n_points
+
+
+@njit(cache=True, nogil=True)
+def mark_hanging(indices, levels, strides, keys, numbers, hanging):
+    """Mark the leaves that have a node other than their corners on their boundary.
+
+    A finer neighbour at a face or an edge has been halved at least once, so the middle of
+    an edge of the leaf is a node then.
+
+    Parameters
+    ----------
+    indices, levels, strides, keys, numbers
+        As in and from `number_corners`.
+    hanging : bool[n_leaves]
+        Out.
+
+    Returns
+    -------
+    int
+        Number of leaves marked.
+    """
+    dim = indices.shape[1]
+    count = 0
+    for leaf in range(indices.shape[0]):
+        hanging[leaf] = False
+        size = 1 << levels[leaf]
+        if size == 1:
+            continue
+        base = 0
+        for d in range(dim):
+            base += indices[leaf, d] * strides[d]
+        for axis in range(dim):
+            for j in range(1 << dim):
+                key = base + (size >> 1) * strides[axis]
+                for d in range(dim):
+                    key += size * ((j >> d) & 1) * strides[d]
+                # Corners j above the leaf along the axis would repeat edges of others.
+                if (j >> axis) & 1 == 0 and find_node(keys, numbers, key) >= 0:
+                    hanging[leaf] = True
+        count += hanging[leaf]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _store(cells, place, p, q, r, apex, flip):
+    """Write one simplex, if there is an array to write to; return the next place."""
+    if cells.shape[0] > 0:
+        cells[place, 0] = p
+        cells[place, 1] = r if flip else q
+        cells[place, 2] = q if flip else r
+        if cells.shape[1] == 4:
+            cells[place, 3] = apex
+    return place + 1
+
+
+@njit(cache=True, nogil=True)
+def has_halved_edge(keys, numbers, base, a, b, size):
+    """Tell whether the middle of an edge of the square ``base + [0, size]^2`` is a node.
+
+    ``a`` and ``b`` are the strides of the two axes of the square.
+    """
+    if size == 1:
+        return False
+    half = size >> 1
+    return (
+        find_node(keys, numbers, base + half * a) >= 0
+        or find_node(keys, numbers, base + half * b) >= 0
+        or find_node(keys, numbers, base + half * a + size * b) >= 0
+        or find_node(keys, numbers, base + half * b + size * a) >= 0
+    )
+
+
+@njit(cache=True, nogil=True)
+def _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place):
+    """Cut a square into triangles between its centre and the pieces of its edges.
+
+    Pieces between nodes are dyadic; one that starts at ``at`` is no longer than the lowest
+    bit of ``at``.
+
+    Parameters as in `_cut_square`; ``centre`` is the number of the node there.
+    """
+    start = base
+    for side in range(4):
+        step = a if side % 2 == 0 else b
+        if side >= 2:
+            step = -step
+        at = 0
+        p = find_node(keys, numbers, start)
+        while at < size:
+            length = at & -at if at > 0 else size
+            while length > 1 and find_node(keys, numbers, start + (at + length // 2) * step) >= 0:
+                length //= 2
+            at += length
+            q = find_node(keys, numbers, start + at * step)
+            place = _store(cells, place, p, q, centre, apex, flip)
+            p = q
+        start += size * step
+    return place
+
+
+@njit(cache=True, nogil=True)
+def _cut_square(
+    tables, base, a, b, size, odd, apex, flip, n_points, node_keys, stack, cells, place
+):
+    """Cut a square (a leaf of a quadtree, or a face of a leaf) into triangles.
+
+    The result depends on the nodes in the square and on its place alone, so that both
+    leaves at a face find the same triangles.  Where its centre is a corner of leaves it is
+    cut into quarters; where only edges are halved, into triangles around a new centre; else
+    along the diagonal from the corner of even indices to that of odd ones.
+
+    Parameters
+    ----------
+    tables : (int64[2**k], int32[2**k], int64[2**l], int32[2**l])
+        Hash tables of the corners, and (In/Out) of the centres of squares.
+    base, a, b, size : int
+        Key of the lower corner, strides of its two axes, edge in lattice intervals.
+    odd : bool
+        Whether the sum of the two indices of the square, on its level, is odd.
+    apex : int
+        Node that triangles are joined with, to tetrahedra, if ``cells`` has four columns.
+    flip : bool
+        Whether to turn triangles over.
+    n_points : int
+        Number of nodes so far.
+    node_keys : int64[bound]
+        In/Out: the keys of new centres are added.
+    stack : int64[192, 3]
+        Scratch.
+    cells : int32[m, 3 or 4]
+        Out from row ``place`` on; may have no rows: then simplices are counted only.
+    place : int
+
+    Returns
+    -------
+    n_points, place : int
+        The numbers after.
+    """
+    keys, numbers, centre_keys, centre_numbers = tables
+    stack[0, 0], stack[0, 1], stack[0, 2] = base, size, odd
+    top = 1
+    while top > 0:
+        top -= 1
+        base, size, odd = stack[top, 0], stack[top, 1], stack[top, 2] != 0
+        half = size >> 1
+        middle = base + half * (a + b)
+        if half > 0 and find_node(keys, numbers, middle) >= 0:
+            for quarter in range(4):
+                u, v = quarter >> 1, quarter & 1
+                stack[top, 0] = base + half * (u * a + v * b)
+                stack[top, 1] = half
+                stack[top, 2] = u ^ v
+                top += 1
+        elif has_halved_edge(keys, numbers, base, a, b, size):
+            centre = _find_or_add(centre_keys, centre_numbers, middle, n_points)
+            if centre == n_points:
+                node_keys[n_points] = middle
+                n_points += 1
+            place = _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place)
+        else:
+            p = find_node(keys, numbers, base)
+            q = find_node(keys, numbers, base + size * a)
+            r = find_node(keys, numbers, base + size * (a + b))
+            s = find_node(keys, numbers, base + size * b)
+            if odd:
+                place = _store(cells, place, p, q, s, apex, flip)
+                place = _store(cells, place, q, r, s, apex, flip)
+            else:
+                place = _store(cells, place, p, q, r, apex, flip)
+                place = _store(cells, place, p, r, s, apex, flip)
+    return n_points, place
+
+
+@njit(cache=True, nogil=True)
+def _cut_along_diagonals(corners, leaf, even, cells, place):
+    """Cut a leaf without hanging nodes as Kuhn does, from corner ``even`` to the opposite one.
+
+    One simplex per order of the axes: the path from corner to corner along them.
+
+    Returns the next place in ``cells``, which are left alone if there are none.
+    """
+    dim = cells.shape[1] - 1
+    mirrored = ((even >> 2) ^ (even >> 1) ^ even) & 1
+    for first in range(dim):
+        for turn in range(dim - 1):
+            if cells.shape[0] > 0:
+                one = even ^ (1 << (dim - 1 - first))
+                two = one ^ (1 << (dim - 1 - (first + 1 + turn) % dim))
+                # Odd orders of the axes and mirrored axes turn a simplex over.
+                flip = (mirrored == 1) ^ (first + turn > 0 if dim == 2 else turn == 1)
+                cells[place, 0] = corners[leaf, even]
+                cells[place, 1] = corners[leaf, two if flip else one]
+                cells[place, 2] = corners[leaf, one if flip else two]
+                if dim == 3:
+                    cells[place, 3] = corners[leaf, 7 ^ even]
+            place += 1
+    return place
+
+
+@njit(cache=True, nogil=True)
+def cut_leaves(
+    indices, levels, strides, corners, hanging, n_corners, tables, node_keys, leaf_centres, cells
+):
+    """Cut all leaves into simplices that fit together; number the centres that this needs.
+
+    A leaf without hanging nodes is cut along diagonals.  Of the others, a square is cut by
+    `_cut_square`; the faces of a cube are, and their triangles are joined with its centre.
+
+    To be called twice: with no cells, to count them, and again to have them filled.
+
+    Parameters
+    ----------
+    indices, levels, strides, corners
+        As in and from `number_corners`.
+    hanging : bool[n_leaves]
+        From `mark_hanging`.
+    n_corners : int
+        Number of corners.
+    tables : (int64[2**k], int32[2**k], int64[2**l], int32[2**l])
+        Hash tables of corners and, In/Out, of centres of squares.
+    node_keys : int64[bound]
+        In/Out: keys of the centres are written behind those of the corners.
+    leaf_centres : int32[n_leaves]
+        Out: node at the centre of each cube with hanging nodes; others are left alone.
+    cells : int32[m, dim + 1]
+        Out: positively oriented; or no rows.
+
+    Returns
+    -------
+    n_points, n_cells : int
+    """
+    dim = indices.shape[1]
+    stack = np.empty((_STACK, 3), np.int64)
+    n_points = n_corners
+    place = 0
+    for leaf in range(indices.shape[0]):
+        size = 1 << levels[leaf]
+        base = 0
+        even = 0  # the corner whose indices on this level are all even
+        for d in range(dim):
+            base += indices[leaf, d] * strides[d]
+            even = (even << 1) | ((indices[leaf, d] >> levels[leaf]) & 1)
+        if not hanging[leaf]:
+            place = _cut_along_diagonals(corners, leaf, even, cells, place)
+            continue
+        if dim == 2:
+            odd = ((even >> 1) ^ even) & 1 == 1
+            n_points, place = _cut_square(
+                tables, base, strides[0], strides[1], size, odd, 0, False,
+                n_points, node_keys, stack, cells, place,
+            )  # fmt: skip
+            continue
+        apex = n_points
+        node_keys[apex] = base + (size >> 1) * (strides[0] + strides[1] + strides[2])
+        leaf_centres[leaf] = apex
+        n_points += 1
+        for axis in range(3):
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            odd = ((even >> (2 - i)) ^ (even >> (2 - j))) & 1 == 1
+            for side in range(2):
+                n_points, place = _cut_square(
+                    tables, base + side * size * strides[axis], strides[i], strides[j], size,
+                    odd, apex, side == 1, n_points, node_keys, stack, cells, place,
+                )  # fmt: skip
+    return n_points, place

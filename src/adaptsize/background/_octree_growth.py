@@ -1,0 +1,126 @@
+"""How an octree comes about: refinement level by level, and 2:1 balance.
+
+Cells are codes here (see `adaptsize._kernels.octree`), sorted, one array per level.  A tree
+is given by the cells that are refined on each level.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._kernels.octree import decode, encode
+from adaptsize.background.refinement import NeedsRefinement
+from adaptsize.typing import BoolArray, FloatArray
+
+CodeArray = npt.NDArray[np.int64]
+
+
+def indices_of(codes: CodeArray, level: int, root_shape: tuple[int, ...]) -> CodeArray:
+    """Return the integer coordinates of cells among those of their level, int64[n, dim]."""
+    indices = np.zeros((len(codes), len(root_shape)), np.int64)
+    decode(codes, level, np.array(root_shape, np.int64), indices)
+    return indices
+
+
+def codes_of(indices: CodeArray, level: int, root_shape: tuple[int, ...]) -> CodeArray:
+    """Return the codes of cells; inverse of `indices_of`."""
+    codes = np.empty(len(indices), np.int64)
+    encode(indices, level, np.array(root_shape, np.int64), codes)
+    return codes
+
+
+def refine(
+    lower: FloatArray,
+    upper: FloatArray,
+    root_shape: tuple[int, ...],
+    needs_refinement: NeedsRefinement,
+    max_level: int,
+    max_leaves: int,
+) -> list[CodeArray]:
+    """Return the cells of each level that the criterion wants refined."""
+    dim = len(root_shape)
+    cells = np.arange(np.prod(root_shape), dtype=np.int64)
+    n_leaves = len(cells)
+    refined: list[CodeArray] = []
+    for level in range(max_level):
+        counts = np.array(root_shape) << level
+        share = (indices_of(cells, level, root_shape) + 0.5) / counts
+        centres = lower * (1.0 - share) + upper * share
+        sizes = np.broadcast_to((upper - lower) / counts, centres.shape)
+        parents = cells[_answer(needs_refinement, centres, sizes)]
+        if len(parents) == 0:
+            break
+        n_leaves += (2**dim - 1) * len(parents)
+        refuse_too_many(n_leaves, level + 1, max_leaves)
+        refined.append(parents)
+        cells = _children(parents, dim)
+    return refined
+
+
+def refuse_too_many(n_leaves: int, level: int, max_leaves: int) -> None:
+    """Raise a ValueError if there are more leaves than allowed."""
+    if n_leaves > max_leaves:
+        raise ValueError(
+            f"max_leaves = {max_leaves} is not enough: the octree has {n_leaves} leaves "
+            f"when it is refined to level {level}"
+        )
+
+
+def balance(refined: list[CodeArray], root_shape: tuple[int, ...]) -> list[CodeArray]:
+    """Return the cells to refine so that leaves that touch differ by one level at most.
+
+    From the finest level upward: every neighbour of a refined cell, at faces, edges and
+    corners, must exist, so the parents of its neighbours must be refined.
+    """
+    balanced = list(refined)
+    for level in range(len(refined) - 1, 0, -1):
+        indices = indices_of(balanced[level], level, root_shape)
+        # The neighbour on the side of its parent on which the cell lies is the one that
+        # may have another parent.
+        toward = np.where(indices % 2 == 0, -1, 1)
+        counts = np.array(root_shape) << (level - 1)
+        wanted = [balanced[level - 1]]
+        for step in product((0, 1), repeat=len(root_shape)):
+            parents = indices // 2 + np.array(step) * toward
+            inside = ((parents >= 0) & (parents < counts)).all(axis=1)
+            wanted.append(np.unique(codes_of(parents[inside], level - 1, root_shape)))
+        balanced[level - 1] = np.unique(np.concatenate(wanted))
+    return balanced
+
+
+def leaf_levels(refined: list[CodeArray], root_shape: tuple[int, ...]) -> npt.NDArray[np.int8]:
+    """Return the levels of the leaves along the Z curve, given the refined cells."""
+    dim, depth = len(root_shape), len(refined)
+    cells = np.arange(np.prod(root_shape), dtype=np.int64)
+    starts, levels = [], []
+    for level in range(depth + 1):
+        is_leaf = np.ones(len(cells), bool)
+        if level < depth:
+            is_leaf[np.searchsorted(cells, refined[level])] = False
+        leaves = cells[is_leaf]
+        starts.append(leaves << (dim * (depth - level)))
+        levels.append(np.full(len(leaves), level, np.int8))
+        if level < depth:
+            cells = _children(refined[level], dim)
+    # Sorted runs, one per level: a stable sort merges them.
+    order = np.argsort(np.concatenate(starts), kind="stable")
+    return np.concatenate(levels)[order]
+
+
+def _children(parents: CodeArray, dim: int) -> CodeArray:
+    """Return the codes of all children, sorted if the parents are."""
+    children: CodeArray = (parents[:, None] << dim) | np.arange(2**dim)
+    return children.ravel()
+
+
+def _answer(needs_refinement: NeedsRefinement, centres: FloatArray, sizes: FloatArray) -> BoolArray:
+    answer = np.asarray(needs_refinement(centres, sizes))
+    if answer.dtype != np.bool_ or answer.shape != (len(centres),):
+        raise ValueError(
+            f"needs_refinement must return bool of shape {(len(centres),)}, one per cell, "
+            f"got {answer.dtype} of shape {answer.shape}"
+        )
+    return answer

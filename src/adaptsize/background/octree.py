@@ -1,0 +1,349 @@
+"""Octrees, which are quadtrees in the plane."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize._kernels.octree import fill_coordinates
+from adaptsize.background import _octree_growth as growth
+from adaptsize.background._octree_nodes import Lattice, Parts, cut, lattice_of, number_nodes
+from adaptsize.background.octree_location import OctreeLocator
+from adaptsize.background.refinement import NeedsRefinement
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.typing import FloatArray, IntArray
+
+# Edges of the smallest cells must be so many spacings of float64 long.
+_LEAST_STEPS = 64
+
+
+@dataclass(init=False, frozen=True, eq=False, repr=False)
+class Octree:
+    """A box cut into cells that are halved along each axis where smaller ones are wanted.
+
+    Nodes are the corners of the leaves, hanging ones included, and after them centres of
+    some leaves and faces.  On these nodes ``mesh`` is a mesh of triangles or tetrahedra that
+    fit together, however much neighbouring leaves differ: no balance is needed.  Sizes on
+    the octree are sizes on that mesh, and `limit_gradient` works on it.
+
+    Use `Octree.build` to make one.  The constructor makes one from the levels of its leaves,
+    which, in their order, are all there is to know, one byte per leaf.
+
+    Parameters
+    ----------
+    lower, upper : array_like of float, shape (dim,)
+        Corners of the box, dim 2 or 3, finite, ``lower < upper``.
+    root_shape : sequence of int, shape (dim,)
+        Number of cells of level 0 along each axis.
+    levels : array_like of int, shape (n_leaves,)
+        Level of each leaf, in the order of the leaves: cells of level 0 row by row, the last
+        axis fastest, and the parts of a halved cell in the same way.
+
+    Raises
+    ------
+    ValueError
+        If the box is empty, a number is out of range, the smallest cells would be too small
+        for float64, or the leaves do not fill the box.
+
+    Examples
+    --------
+    >>> tree = Octree([0, 0], [1, 1], (1, 1), [1, 1, 1, 2, 2, 2, 2])
+    >>> tree
+    Octree(7 leaves of level 1 to 2, 2-D)
+    >>> tree.leaf_centres[:4].tolist()
+    [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.625, 0.625]]
+
+    Two leaves have a hanging node, and a centre as a further node therefore:
+
+    >>> tree.n_points, tree.mesh
+    (16, SimplexMesh(16 points in 2-D, 20 triangles))
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    root_shape: tuple[int, ...]
+    levels: npt.NDArray[np.int8]
+
+    def __init__(
+        self,
+        lower: npt.ArrayLike,
+        upper: npt.ArrayLike,
+        root_shape: npt.ArrayLike,
+        levels: npt.ArrayLike,
+    ) -> None:
+        lower, upper = _as_box(lower, upper)
+        shape = _as_root_shape(root_shape, lower, upper)
+        given = np.asarray(levels)
+        if given.ndim != 1 or given.size == 0 or given.dtype.kind not in "iu":
+            raise ValueError(
+                f"levels must be integers of shape (n_leaves,), got {given.dtype} of shape "
+                f"{given.shape}"
+            )
+        _refuse_level("levels", int(given.max()), lower, upper, shape)
+        refuse_where("levels", given < 0, given, "must be at least 0")
+        own = given.astype(np.int8)
+        _refuse_gaps(own, shape)
+        for name, value in (("lower", lower), ("upper", upper), ("levels", own)):
+            object.__setattr__(self, name, _read_only(value))  # the way in: it is frozen
+        object.__setattr__(self, "root_shape", shape)
+
+    @classmethod
+    def build(
+        cls,
+        lower: npt.ArrayLike,
+        upper: npt.ArrayLike,
+        needs_refinement: NeedsRefinement,
+        *,
+        max_level: int,
+        balanced: bool = False,
+        root_shape: npt.ArrayLike | None = None,
+        max_leaves: int = 20_000_000,
+    ) -> Octree:
+        """Return an octree that is refined wherever a criterion asks for it.
+
+        Parameters
+        ----------
+        lower, upper : array_like of float, shape (dim,)
+            Corners of the box, dim 2 or 3, finite, ``lower < upper``.
+        needs_refinement : callable
+            Takes the centres and the edge lengths of the m cells of one level,
+            float64[m, dim] both, and returns bool[m]: which ones to halve along each axis.
+            `refine_at_boundary` and `refine_to_size` make such callables.  It is called
+            once per level, and sees all cells of that level.
+        max_level : int
+            Cells of this level are not refined, >= 0.  At most 20 in 3-D and 31 in 2-D, less
+            with many root cells.
+        balanced : bool
+            Whether to refine further until leaves that touch, at faces, edges or corners,
+            differ by one level at most.
+        root_shape : sequence of int, shape (dim,), optional
+            Number of cells of level 0 along each axis.  By default one along the shortest
+            side, and as many along the others as make cells nearest to cubes.
+        max_leaves : int
+            Bound on the number of leaves, so that a criterion that never says no is found
+            out before the memory is full.
+
+        Returns
+        -------
+        Octree
+
+        Raises
+        ------
+        ValueError
+            If the box is empty, ``max_level`` is out of range or makes cells too small for
+            float64, the criterion returns something else than bool[m], or there are more
+            leaves than ``max_leaves``.
+
+        Notes
+        -----
+        Time and memory are proportional to the number of leaves, and the criterion is asked
+        about little more cells than there are leaves.
+
+        Examples
+        --------
+        A quadtree that is fine at a point:
+
+        >>> import numpy as np
+        >>> def near(centres, sizes):
+        ...     return (np.abs(centres - 0.3) <= 0.5 * sizes).all(axis=1)
+        >>> tree = Octree.build([0, 0], [2, 1], near, max_level=5)
+        >>> tree
+        Octree(17 leaves of level 0 to 5, 2-D)
+        >>> Octree.build([0, 0], [2, 1], near, max_level=5, balanced=True)
+        Octree(47 leaves of level 1 to 5, 2-D)
+        """
+        lower, upper = _as_box(lower, upper)
+        if root_shape is None:
+            lengths = upper - lower
+            root_shape = np.maximum(np.rint(lengths / lengths.min()), 1.0)
+        max_leaves = _as_int("max_leaves", max_leaves, 1)
+        shape = _as_root_shape(root_shape, lower, upper)
+        growth.refuse_too_many(math.prod(shape), 0, max_leaves)
+        max_level = _as_int("max_level", max_level, 0)
+        _refuse_level("max_level", max_level, lower, upper, shape)
+        refined = growth.refine(lower, upper, shape, needs_refinement, max_level, max_leaves)
+        if balanced:
+            refined = growth.balance(refined, shape)
+            n_leaves = math.prod(shape) + (2 ** len(shape) - 1) * sum(map(len, refined))
+            growth.refuse_too_many(n_leaves, len(refined), max_leaves)
+        return cls(lower, upper, shape, growth.leaf_levels(refined, shape))
+
+    def __repr__(self) -> str:
+        """Say how many leaves of which levels."""
+        coarsest, finest = int(self.levels.min()), int(self.levels.max())
+        return f"Octree({self.n_leaves} leaves of level {coarsest} to {finest}, {self.dim}-D)"
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a point: 2 (a quadtree) or 3."""
+        return len(self.root_shape)
+
+    @property
+    def n_leaves(self) -> int:
+        """Number of leaves."""
+        return len(self.levels)
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return int(self._parts.n_points)
+
+    @property
+    def nodal_shape(self) -> tuple[int, ...]:
+        """Shape of an array of nodal values, ``(n_points,)``."""
+        return (self.n_points,)
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the diagonal of the box."""
+        return math.dist(self.lower, self.upper)
+
+    @cached_property
+    def leaf_lower(self) -> FloatArray:
+        """Lower corner of each leaf, float64[n_leaves, dim]."""
+        return self._planes(self._lattice.indices)
+
+    @cached_property
+    def leaf_centres(self) -> FloatArray:
+        """Centre of each leaf, float64[n_leaves, dim]."""
+        edges = np.int64(1) << (self._lattice.depth - self.levels.astype(np.int64))
+        return self._planes(self._lattice.indices + 0.5 * edges[:, None])
+
+    @cached_property
+    def leaf_sizes(self) -> FloatArray:
+        """Edge lengths of each leaf, float64[n_leaves, dim]."""
+        roots = (self.upper - self.lower) / np.array(self.root_shape)
+        return _read_only(np.ldexp(roots, -self.levels[:, None].astype(np.int32)))
+
+    @cached_property
+    def leaf_corners(self) -> IntArray:
+        """Nodes at the corners of each leaf, int32[n_leaves, 2**dim].
+
+        Corner j lies at the upper end of axis d where bit ``dim - 1 - d`` of j is 1: the
+        corners stand row by row, the last axis fastest.
+        """
+        return _read_only(self._parts.corners)
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Nodes, float64[n_points, dim].
+
+        Corners of leaves first, then the centres of leaves and faces that ``mesh`` needs.
+        """
+        points = np.empty((self.n_points, self.dim))
+        keys = self._parts.node_keys[: self.n_points]
+        lattice = self._lattice
+        fill_coordinates(keys, lattice.strides, lattice.counts, self.lower, self.upper, points)
+        return _read_only(points)
+
+    @cached_property
+    def mesh(self) -> SimplexMesh:
+        """Triangles or tetrahedra that fit together, on the same nodes in the same order.
+
+        A leaf whose only nodes are its corners is cut along diagonals, into 2 triangles or 6
+        tetrahedra; their direction alternates from cell to cell.  Any other leaf is cut into
+        triangles, or tetrahedra, between its centre and the pieces of its boundary.  A face
+        is cut in the same manner, by its own nodes alone, so that neighbours agree.
+
+        Cells are in the order of the leaves, positively oriented, and at worst half as good
+        as those of the diagonals where leaves are balanced; where they are not, flat
+        ones stand on small pieces of the boundary of large leaves.
+        """
+        return SimplexMesh(self.points, _read_only(cut(self._parts)))
+
+    @cached_property
+    def locator(self) -> OctreeLocator:
+        """Finds leaves and interpolates: ``locator.interpolate(values, points)``."""
+        return OctreeLocator(self)
+
+    @cached_property
+    def _lattice(self) -> Lattice:
+        return lattice_of(self.levels, self.root_shape)
+
+    @cached_property
+    def _parts(self) -> Parts:
+        return number_nodes(self.levels, self._lattice)
+
+    def _planes(self, indices: npt.NDArray[Any]) -> FloatArray:
+        """Return the coordinates of lattice indices, as the nodes have them."""
+        share = indices / self._lattice.counts
+        return _read_only(self.lower * (1.0 - share) + self.upper * share)
+
+
+def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    array.flags.writeable = False
+    return array
+
+
+def _as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of a box as arrays of their own, after a look at them."""
+    low, high = as_float_array("lower", lower).copy(), as_float_array("upper", upper).copy()
+    if low.shape not in {(2,), (3,)}:
+        raise ValueError(f"lower must have shape (2,) or (3,), got {low.shape}")
+    if high.shape != low.shape:
+        raise ValueError(f"upper must have the shape of lower, {low.shape}, got {high.shape}")
+    for name, corner in (("lower", low), ("upper", high)):
+        refuse_where(name, ~np.isfinite(corner), corner, "must be finite")
+    refuse_where("upper", high <= low, high, f"must be greater than lower = {low.tolist()}")
+    with np.errstate(over="ignore"):
+        refuse_where("upper - lower", ~np.isfinite(high - low), high - low, "must be finite")
+    return low, high
+
+
+def _as_int(name: str, value: Any, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"{name} must be an integer >= {least}, got {describe(value)}")
+    return int(value)
+
+
+def _as_root_shape(value: npt.ArrayLike, lower: FloatArray, upper: FloatArray) -> tuple[int, ...]:
+    """Return the number of root cells along each axis, after a look at it."""
+    shape = as_float_array("root_shape", value, lower.shape)
+    refuse_where(
+        "root_shape", ~((shape >= 1.0) & (shape == np.floor(shape))), shape, "must be integers >= 1"
+    )
+    refuse_where("root_shape", shape > 2.0**31, shape, "must be at most 2**31")
+    return tuple(int(n) for n in shape)
+
+
+def _refuse_level(
+    name: str, level: int, lower: FloatArray, upper: FloatArray, root_shape: tuple[int, ...]
+) -> None:
+    """Raise a ValueError if a level is too deep for 64-bit keys or for float64."""
+    most = 0
+    while math.prod((n << (most + 1)) + 1 for n in root_shape) < 2**63:
+        most += 1
+    if level > most:
+        raise ValueError(
+            f"{name} must be at most {most} for {root_shape} root cells, so that nodes can be "
+            f"numbered in 64 bits, got {level}"
+        )
+    edges = (upper - lower) / np.array(root_shape) * 2.0**-level
+    rounding = np.spacing(np.maximum(np.abs(lower), np.abs(upper)))
+    if (edges < _LEAST_STEPS * rounding).any():
+        raise ValueError(
+            f"{name} = {level} makes cells with edges {edges.tolist()}, too small for float64 "
+            f"in the box from {lower.tolist()} to {upper.tolist()}"
+        )
+
+
+def _refuse_gaps(levels: npt.NDArray[np.int8], root_shape: tuple[int, ...]) -> None:
+    """Raise a ValueError if leaves of these levels do not fill the box one after the other."""
+    dim, depth = len(root_shape), int(levels.max())
+    sizes = np.int64(1) << (dim * (depth - levels.astype(np.int64)))
+    ends = np.cumsum(sizes)
+    # A sum that overflows shows as an end that is negative.
+    astray = (((ends - sizes) & (sizes - 1)) != 0) | (ends < sizes)
+    refuse_where("levels", astray, levels, "must be those of leaves along the Z curve")
+    whole = math.prod(root_shape) << (dim * depth)
+    if int(ends[-1]) != whole:
+        raise ValueError(
+            f"levels must be those of leaves that fill the box, got leaves that fill "
+            f"{int(ends[-1]) / whole:.6g} of it"
+        )

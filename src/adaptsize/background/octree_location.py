@@ -1,0 +1,138 @@
+"""Where points lie in an octree, and linear interpolation there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_points
+from adaptsize._kernels.interpolate import interpolate
+from adaptsize._kernels.octree_location import fill_places, fill_weights, find_leaves
+from adaptsize.typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from adaptsize.background.octree import Octree
+
+
+class OctreeLocator:
+    """Finds points in an octree; ``octree.locator`` keeps one per octree.
+
+    Interpolation is that of ``octree.mesh``, so it is continuous, but it needs no mesh to
+    be built: the leaf is found by bisection among the leaves along the Z curve, and the
+    simplex in it by going down through its face.
+
+    Parameters
+    ----------
+    octree : Octree
+
+    Notes
+    -----
+    A point costs O(log n) in any tree.
+
+    Examples
+    --------
+    >>> from adaptsize import Octree, refine_at_boundary
+    >>> tree = Octree.build([0, 0], [1, 1], refine_at_boundary(lambda x: x[:, 0]), max_level=2)
+    >>> tree.locator.leaf([[0.1, 0.1], [0.9, 0.1]])
+    array([0, 8], dtype=int32)
+    >>> values, distances = tree.locator.interpolate(tree.points[:, 1], [[0.3, 0.2], [2, 0.5]])
+    >>> values, distances
+    (array([0.2, 0.5]), array([0., 1.]))
+    """
+
+    def __init__(self, octree: Octree) -> None:
+        self._octree = octree
+
+    def leaf(self, points: npt.ArrayLike) -> IntArray:
+        """Return the leaf that holds (the closest point of the box to) each point.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+            Any n, also 0.
+
+        Returns
+        -------
+        ndarray of int32, shape (n,)
+            Of the leaves that share a face, points on it belong to the upper one.
+
+        Raises
+        ------
+        ValueError
+            If ``points`` has another shape or a coordinate is not finite.
+        """
+        return self._find(points)[0]
+
+    def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the nodes of the simplex that holds each point, and the weight of each.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+            Any n, also 0.
+
+        Returns
+        -------
+        nodes : ndarray of int32, shape (n, dim + 1)
+            Of a cell of ``octree.mesh``; where the weight is 0, any node.
+        weights : ndarray of float64, shape (n, dim + 1)
+            Barycentric coordinates of the closest point of the box, >= 0, of sum 1 to
+            rounding.  At a node of the octree its weight is 1, exactly.
+        distances : ndarray of float64, shape (n,)
+            Distance of each point to the box, 0 inside.
+
+        Raises
+        ------
+        ValueError
+            If ``points`` has another shape or a coordinate is not finite.
+        """
+        tree = self._octree
+        leaves, places, distances = self._find(points)
+        nodes = np.empty((len(leaves), tree.dim + 1), np.int32)
+        weights = np.empty((len(leaves), tree.dim + 1))
+        parts = tree._parts
+        fill_weights(
+            places, leaves, parts.indices, parts.levels, parts.strides, parts.corners,
+            parts.hanging, parts.leaf_centres, parts.tables, nodes, weights,
+        )  # fmt: skip
+        return nodes, weights, distances
+
+    def interpolate(
+        self, values: npt.ArrayLike, points: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return nodal values, linearly interpolated, at the closest point of each point.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n_points,)
+            Nodal values, finite or +inf.
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        values : ndarray of float64, shape (n,)
+            inf where a node of positive weight is inf; between the values of the nodes of
+            positive weight otherwise.
+        distances : ndarray of float64, shape (n,)
+            Distance of each point to the box.
+        """
+        nodal = as_float_array("values", values, self._octree.nodal_shape)
+        nodes, weights, distances = self.weights(points)
+        result = np.empty(len(nodes))
+        interpolate(nodes, nodal, np.arange(len(nodes), dtype=np.int32), weights, result)
+        return result, distances
+
+    def _find(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return leaves, lattice coordinates and distances of points."""
+        tree = self._octree
+        queries = as_points("points", points, tree.dim)
+        places = np.empty_like(queries)
+        distances = np.empty(len(queries))
+        lattice = tree._lattice
+        fill_places(queries, tree.lower, tree.upper, lattice.counts, places, distances)
+        leaves = np.empty(len(queries), np.int32)
+        roots = np.array(tree.root_shape, np.int64)
+        find_leaves(places, roots, lattice.depth, lattice.starts, leaves)
+        return leaves, places, distances
