@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, one_of
-from adaptsize.background import SimplexMesh
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import PlotError
 from adaptsize.plot import with_matplotlib, with_vtk
+from adaptsize.plot.boxes import scene_of_grid, scene_of_octree
 from adaptsize.plot.scene import Scene, make_scene
 from adaptsize.size_function import SizeFunction
 from adaptsize.typing import FloatArray
@@ -26,7 +27,7 @@ _SMALLEST, _LARGEST = 64, 10_000
 
 
 def plot_size(
-    mesh: SimplexMesh | SizeFunction,
+    mesh: SimplexMesh | CartesianGrid | Octree | SizeFunction,
     size: Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike | None = None,
     *,
     path: str | os.PathLike[str] | None = None,
@@ -34,7 +35,7 @@ def plot_size(
     label: str = "mesh size h",
     width: int = 1600,
 ) -> Image:
-    """Draw nodal sizes over a mesh, off-screen.
+    """Draw nodal sizes over a mesh, grid or octree, off-screen.
 
     Plane meshes are seen from above, surfaces and tetrahedra in an isometric view.
     Colours are logarithmic when the sizes span more than a factor of ten; edges are
@@ -42,16 +43,18 @@ def plot_size(
 
     Parameters
     ----------
-    mesh : SimplexMesh or SizeFunction
-        A size function is drawn on its background.
-    size : array_like of float, shape (n_points,), SizeFunction or callable, optional
+    mesh : SimplexMesh, CartesianGrid, Octree or SizeFunction
+        A size function is drawn on its background.  Grids and octrees are drawn as their
+        boxes and leaves; of a grid with ``active``, the boxes of which all nodes are.
+    size : array_like of float, of the nodal shape, SizeFunction or callable, optional
         Sizes at the nodes, or what gives them there.  Without it, the nodal field
-        ``h`` of ``mesh`` is drawn.
+        ``h`` of a mesh is drawn.
     path : str or path, optional
         File to write (.png, .jpg, .tif or .bmp), whole or not at all.
     clip : {"auto", "x", "y", "z"} or None
         Axis across whose middle the mesh is cut, so that one sees the whole cells
-        behind it.  ``"auto"`` cuts tetrahedra, to show the longest section.
+        behind it.  ``"auto"`` cuts tetrahedra and boxes in space, to show the longest
+        section.
     label : str
         Text at the colour bar.
     width : int
@@ -77,6 +80,9 @@ def plot_size(
     process, because VTK may crash where there is none.  Elsewhere matplotlib draws
     triangle by triangle from back to front, with one colour each.
 
+    A grid of more than 512 nodes along an axis, 256 in 3-D, is drawn by so many of them,
+    evenly chosen; no tetrahedra are made.
+
     Examples
     --------
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -84,18 +90,10 @@ def plot_size(
     (252, 320, 3)
     """
     _check_output(path, width)
+    background: object = mesh
     if isinstance(mesh, SizeFunction):
-        size = mesh if size is None else size
-        mesh = _simplex_background(mesh)
-    if size is None:
-        if "h" not in mesh.point_data:
-            fields = ", ".join(mesh.point_data) or "none"
-            raise ValueError(f"size must be given: the mesh has no nodal field 'h' ({fields})")
-        size = mesh.point_data["h"]
-    given = size(mesh.points) if callable(size) else size
-    values = as_float_array("size", given, mesh.nodal_shape)
-    scene = make_scene(mesh, values, label=label, clip=clip, on_nodes=True)
-    return _draw(scene, path, width)
+        background, size = mesh.background, mesh if size is None else size
+    return _draw(_scene_of_sizes(background, size, label, clip), path, width)
 
 
 def plot_mesh(
@@ -162,10 +160,40 @@ def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bo
     return values, on_nodes
 
 
-def _simplex_background(size: SizeFunction) -> SimplexMesh:
-    if not isinstance(size.background, SimplexMesh):
-        raise ValueError(f"mesh must be a SimplexMesh or live on one, got {size.background!r}")
-    return size.background
+def _scene_of_sizes(
+    background: object,
+    size: Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike | None,
+    label: str,
+    clip: str | None,
+) -> Scene:
+    if isinstance(background, CartesianGrid) and background.dim == 1:
+        background = background.mesh
+    if isinstance(background, CartesianGrid):
+        given = background.sample(size) if callable(size) else size
+        values = as_float_array("size", _not_missing(given), background.shape)
+        return scene_of_grid(background, values, label=label, clip=clip)
+    if not isinstance(background, SimplexMesh | Octree):
+        raise ValueError(f"mesh must be a mesh, grid or octree, or live on one, got {background!r}")
+    if size is None and isinstance(background, SimplexMesh):
+        size = _field_h(background)
+    given = size(background.points) if callable(size) else size
+    values = as_float_array("size", _not_missing(given), background.nodal_shape)
+    if isinstance(background, Octree):
+        return scene_of_octree(background, values, label=label, clip=clip)
+    return make_scene(background, values, label=label, clip=clip, on_nodes=True)
+
+
+def _field_h(mesh: SimplexMesh) -> npt.NDArray[Any]:
+    if "h" not in mesh.point_data:
+        fields = ", ".join(mesh.point_data) or "none"
+        raise ValueError(f"size must be given: the mesh has no nodal field 'h' ({fields})")
+    return mesh.point_data["h"]
+
+
+def _not_missing(size: npt.ArrayLike | None) -> npt.ArrayLike:
+    if size is None:
+        raise ValueError("size must be given: grids and octrees carry no fields")
+    return size
 
 
 def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:

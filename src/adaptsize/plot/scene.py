@@ -25,12 +25,12 @@ _LINEAR_RANGE = 10.0
 
 @dataclass(frozen=True)
 class Scene:
-    """Triangles or segments in space with one value per node or per cell.
+    """Triangles, quadrilaterals or segments in space with one value per node or per cell.
 
     Attributes
     ----------
     points : float64[n, 3]
-    cells : int32[m, 3] or int32[m, 2]
+    cells : int32[m, 3], int32[m, 4] or int32[m, 2]
     values : float64[n] or float64[m]
         Not finite where there is nothing to show.
     on_nodes : bool
@@ -108,10 +108,12 @@ def make_scene(
     classes: bool = False,
 ) -> Scene:
     """Return what is seen of ``mesh``; of tetrahedra the outer faces, after the clip."""
-    clip = _clip_axis(mesh, clip)
+    extents = np.ptp(mesh.points[np.unique(mesh.cells)], axis=0)
+    clip = clip_axis(clip, mesh.dim, extents, solid=mesh.cell_dim == 3)
     cells, values = mesh.cells, np.asarray(values, dtype=np.float64)
     if clip is not None:
-        kept = _behind_the_cut(mesh, _AXES.index(clip))
+        axis = _AXES.index(clip)
+        kept = behind_the_cut(mesh.points[mesh.cells, axis].mean(axis=1), axis)
         cells = cells[kept]
         values = values if on_nodes else values[kept]
     points = np.zeros((mesh.n_points, 3))
@@ -120,9 +122,31 @@ def make_scene(
         skin = SimplexMesh(mesh.points, cells).boundary()
         cells, points = skin.mesh.cells, skin.mesh.points
         values = values[skin.nodes] if on_nodes else values[skin.cells]
+    return scene_of_cells(
+        points,
+        cells,
+        values,
+        label=label,
+        on_nodes=on_nodes,
+        classes=classes,
+        flat=mesh.dim < 3,
+    )
+
+
+def scene_of_cells(
+    points: FloatArray,
+    cells: IntArray,
+    values: FloatArray,
+    *,
+    label: str,
+    flat: bool,
+    on_nodes: bool = True,
+    classes: bool = False,
+) -> Scene:
+    """Return a scene in which nodal values that are not finite are left out of the cells."""
     if on_nodes and not np.isfinite(values).all():
         values, on_nodes = _means_of_finite(values[cells]), False
-    return Scene(points, cells, values, on_nodes, label, classes, flat=mesh.dim < 3)
+    return Scene(points, cells, values, on_nodes, label, classes, flat)
 
 
 def _means_of_finite(corners: FloatArray) -> FloatArray:
@@ -132,23 +156,21 @@ def _means_of_finite(corners: FloatArray) -> FloatArray:
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
-def _clip_axis(mesh: SimplexMesh, clip: str | None) -> str | None:
-    """Return the axis across which the mesh is cut, None if it is not."""
+def clip_axis(clip: str | None, dim: int, extents: FloatArray, *, solid: bool) -> str | None:
+    """Return the axis across which to cut what has these extents, None if it is not cut."""
     if clip is None:
         return None
-    one_of("clip", clip, ("auto", *_AXES[: mesh.dim]))
+    one_of("clip", clip, ("auto", *_AXES[:dim]))
     if clip != "auto":
         return clip
-    if mesh.cell_dim < 3:
+    if not solid:
         return None
-    extents = np.ptp(mesh.points[np.unique(mesh.cells)], axis=0)
     # Not across the longest side, to show a long section; of equal sides rather y than z.
     return _AXES[int(np.argsort(extents * (1.0, 1.0 + 1e-6, 1.0 - 1e-6))[1])]
 
 
-def _behind_the_cut(mesh: SimplexMesh, axis: int) -> npt.NDArray[np.bool_]:
+def behind_the_cut(middles: FloatArray, axis: int) -> npt.NDArray[np.bool_]:
     """Mark the whole cells that stay when the half towards the eye is taken away."""
-    middle = mesh.points[mesh.cells, axis].mean(axis=1)
-    cut = 0.5 * (middle.min() + middle.max())
-    kept: npt.NDArray[np.bool_] = (middle - cut) * _EYE[axis] <= 0.0
+    cut = 0.5 * (middles.min() + middles.max())
+    kept: npt.NDArray[np.bool_] = (middles - cut) * _EYE[axis] <= 0.0
     return kept

@@ -91,9 +91,9 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     import pyvista
 
     rows = np.insert(scene.cells, 0, scene.cells.shape[1], axis=1).ravel()
-    triangles = scene.cells.shape[1] == 3
+    lines = scene.cells.shape[1] == 2
     drawn = pyvista.PolyData(
-        scene.points, faces=rows if triangles else None, lines=None if triangles else rows
+        scene.points, faces=None if lines else rows, lines=rows if lines else None
     )
     values = np.where(np.isfinite(scene.values), scene.values, np.nan)
     if scene.classes:

@@ -10,20 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.sizes import _on_grid, _touched
-from adaptsize.typing import Background, FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
-
-
-class HasMesh(Background, Protocol):
-    """A background, as an octree, whose nodes are those of a mesh in the same order."""
-
-    @property
-    def mesh(self) -> SimplexMesh:
-        """The mesh."""
-        ...
 
 
 @runtime_checkable
@@ -241,7 +232,7 @@ class BallSource:
 
 
 def size_from_sources(
-    background: SimplexMesh | CartesianGrid | HasMesh,
+    background: SimplexMesh | CartesianGrid | Octree,
     sources: Source | SizeOfPoint | Iterable[Source | SizeOfPoint],
     *,
     g: float = 0.25,
@@ -318,7 +309,7 @@ def size_from_sources(
     """
     slope = as_number("g", g, lower=0.0)
     several = sources if isinstance(sources, Iterable) else [sources]
-    on = background if isinstance(background, SimplexMesh | CartesianGrid) else background.mesh
+    on = background.mesh if isinstance(background, Octree) else background
     h0 = np.full(background.nodal_shape, np.inf)
     for number, source in enumerate(several):
         if isinstance(source, Source):
