@@ -30,6 +30,7 @@ _HOMES = {
     "remesh": "remeshing",
     "size_conformity": "quality",
     "read": "io",
+    "read_size": "io",
     "write": "io",
 }
 

@@ -6,7 +6,8 @@ import os
 import secrets
 import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,44 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import one_of
-from adaptsize._formats import readers, writers
-from adaptsize._formats.blocks import (
-    KINDS,
-    RawMesh,
-    Simplices,
-    dimension_of,
-    gather,
-    plural,
-    simplices_of,
-)
-from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import facets_of, unique_rows
+from adaptsize._formats import assembly, image, readers, writers
+from adaptsize._formats.blocks import KINDS
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import MeshFileError, MeshRepairWarning
 from adaptsize.size_function import SizeFunction
-
-# Names under which programs keep the region of a cell, the likeliest first.
-_TAG_NAMES = (
-    "cell_tags",
-    "gmsh:physical",
-    "medit:ref",
-    "region",
-    "regions",
-    "material",
-    "materialids",
-    "avsucd:material",
-    "tetgen:ref",
-    "nastran:ref",
-    "su2:tag",
-    "netgen:index",
-    "tag",
-    "tags",
-    "cell_markers",
-    "facet_tags",
-    "boundary",
-    "ref",
-    "attribute",
-    "gmsh:geometrical",
-)
 
 
 def read(
@@ -132,7 +100,7 @@ def read(
     try:
         raw = readers.load(file)
         notes.extend(raw.notes)
-        mesh = _build(raw, _wanted_dimension(raw, kind), kind, flatten, notes)
+        mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
     except (ValueError, MemoryError) as error:
         raise MeshFileError(f"{file}: {error}") from error
     if notes:
@@ -142,12 +110,12 @@ def read(
 
 def write(
     path: str | os.PathLike[str],
-    obj: SimplexMesh | SizeFunction,
+    obj: SimplexMesh | CartesianGrid | Octree | SizeFunction,
     *,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     file_format: str | None = None,
 ) -> None:
-    """Write a mesh, or a size function, to a file.
+    """Write a mesh, grid, octree or size function to a file.
 
     The file is written whole or not at all: under a temporary name in the same
     directory, then renamed.  If anything fails, a file of that name stays as it was.
@@ -156,16 +124,17 @@ def write(
     ----------
     path : path-like
         The file; its suffix tells the format.
-    obj : SimplexMesh or SizeFunction
-        A size function is written as its mesh with the nodal field ``h``.
+    obj : SimplexMesh, CartesianGrid, Octree or SizeFunction
+        A size function is written as its background with the nodal field ``h``, an octree
+        as its ``mesh``; so is a grid, but to ``.vti``.
     fields : mapping of str to array_like, optional
-        Nodal fields, one row per node, to write besides those of the mesh, or in place
-        of those of the same name.
+        Nodal fields, one row per node (of a grid: of its shape), to write besides those of
+        the mesh, or in place of those of the same name.
     file_format : str, optional
-        ``"vtu"``, ``"vtk"``, ``"xdmf"`` (text, self-contained), ``"gmsh"`` (version 2.2),
-        ``"medit"``, ``"ply"``, ``"stl"`` (binary), ``"obj"``, ``"off"``; for the sizes ``h``
-        alone ``"gmsh-view"`` (``.pos``), ``"medit-sol"`` (``.sol``, for mmg) and
-        ``"jigsaw"`` (``.jig.msh``, as ``.msh`` is Gmsh's).
+        ``"vti"`` (grids only), ``"vtu"``, ``"vtk"``, ``"xdmf"`` (text, self-contained),
+        ``"gmsh"`` (version 2.2), ``"medit"``, ``"ply"``, ``"stl"`` (binary), ``"obj"``,
+        ``"off"``; for the sizes ``h`` alone ``"gmsh-view"`` (``.pos``), ``"medit-sol"``
+        (``.sol``, for mmg) and ``"jigsaw"`` (``.jig.msh``, as ``.msh`` is Gmsh's).
 
     Raises
     ------
@@ -188,12 +157,16 @@ def write(
     and PLY hold triangles only, without tags: of tetrahedra the boundary is written.  STL
     rounds to float32.  All but XDMF and Medit have z = 0 for 2-D meshes.
 
+    VTI is VTK's image data: numbers of full precision, 8 bytes each, and no cells.  Nodes
+    that are not active are marked by ``vtkGhostType``, so that ParaView hides them.
+
     A Gmsh view says sizes on the cells, nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.
     """
     target = Path(os.path.realpath(path))
     chosen = writers.format_of(Path(path), file_format)
-    mesh, needed = _as_mesh(obj, fields)
+    background, nodal = _parts_of(obj, fields)
+    needed = list(nodal)
     if needed and not chosen.holds_fields:
         raise ValueError(
             f"{Path(path).name} cannot hold nodal fields, got {', '.join(needed)}; "
@@ -205,14 +178,73 @@ def write(
             f"{Path(path).name} holds sizes only, as the field 'h', got {', '.join(others)}"
         )
     try:
-        _write_whole(target, mesh, chosen)
+        _write_whole(target, _writing(background, nodal, chosen))
     except MeshFileError as error:
         raise MeshFileError(f"{path}: {error}") from error
     except OSError as error:
         raise MeshFileError(f"{path}: {error.strerror or error}") from error
 
 
-def _write_whole(target: Path, mesh: SimplexMesh, chosen: writers.Format) -> None:
+def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
+    """Return the size function in a file: a nodal field on a grid or on a mesh.
+
+    Parameters
+    ----------
+    path : path-like
+        A ``.vti`` file (VTK image data, as of `write`, ParaView or pyvista) gives a size
+        function on a CartesianGrid, any other that `read` takes one on a SimplexMesh.
+    name : str, default "h"
+        The nodal field.
+
+    Returns
+    -------
+    SizeFunction
+        What `write` has written to ``.vti`` comes back to the last bit.
+
+    Raises
+    ------
+    MeshFileError
+        As `read` does; also if there is no such field (the message lists those that there
+        are), or its values are no sizes.
+
+    Notes
+    -----
+    Image data may be text or binary, inline or appended, packed by zlib or LZMA.  Nodes that
+    ``vtkGhostType`` hides are not active.  An image of one plane at z = 0 is a 2-D grid.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> grid = CartesianGrid([0.0, 0.0], spacing=0.5, shape=(3, 3))
+    >>> size = SizeFunction(grid, grid.sample(lambda x: 0.1 + x[:, 0]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "size.vti")
+    ...     write(file, size)
+    ...     read_size(file)
+    SizeFunction(sizes 0.1 to 1.1, on CartesianGrid(3 x 3 nodes, (0, 0) to (1, 1)))
+    """
+    file = Path(path)
+    background: SimplexMesh | CartesianGrid
+    fields: Mapping[str, npt.NDArray[Any]]
+    if file.suffix.lower() == ".vti":
+        _check_readable(file)
+        try:
+            background, fields = image.read(file)
+        except (ValueError, MemoryError) as error:
+            raise MeshFileError(f"{file}: {error}") from error
+    else:
+        background = read(file)
+        fields = background.point_data
+    if name not in fields:
+        listed = ", ".join(fields) or "none"
+        raise MeshFileError(f"{file}: has no nodal field {name!r} (found: {listed})")
+    try:
+        return SizeFunction(background, fields[name])
+    except ValueError as error:
+        raise MeshFileError(f"{file}: {name}: {error}") from error
+
+
+def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
     """Write under a temporary name in the same directory and rename; raises OSError."""
     if target.is_dir():
         raise MeshFileError("is a directory")
@@ -221,7 +253,7 @@ def _write_whole(target: Path, mesh: SimplexMesh, chosen: writers.Format) -> Non
     # Not tempfile: its files are private to the user, and the suffix must stay.
     temporary = target.with_name(f".adaptsize-{secrets.token_hex(8)}{target.suffix}")
     try:
-        chosen.write(temporary, mesh)
+        write_to(temporary)
         if target.exists():
             shutil.copymode(target, temporary)
         os.replace(temporary, target)
@@ -229,19 +261,44 @@ def _write_whole(target: Path, mesh: SimplexMesh, chosen: writers.Format) -> Non
         temporary.unlink(missing_ok=True)
 
 
-def _as_mesh(
-    obj: SimplexMesh | SizeFunction, fields: Mapping[str, npt.ArrayLike] | None
-) -> tuple[SimplexMesh, list[str]]:
-    """Return the mesh with all its fields, and the names of those that must be written."""
+def _parts_of(
+    obj: object, fields: Mapping[str, npt.ArrayLike] | None
+) -> tuple[SimplexMesh | CartesianGrid, dict[str, npt.ArrayLike]]:
+    """Return the mesh or grid, and the nodal fields that must be written."""
     nodal: dict[str, npt.ArrayLike] = {}
-    mesh: object = obj
+    background = obj
     if isinstance(obj, SizeFunction):
-        mesh = obj.background
+        background = obj.background
         nodal["h"] = obj.values
-    if not isinstance(mesh, SimplexMesh):
-        raise ValueError(f"obj must be a SimplexMesh or a SizeFunction on one, got {mesh!r}")
+    if isinstance(background, Octree):
+        background = background.mesh
+    if not isinstance(background, SimplexMesh | CartesianGrid):
+        raise ValueError(
+            "obj must be a SimplexMesh, CartesianGrid, Octree or a SizeFunction on one, "
+            f"got {background!r}"
+        )
     nodal.update(fields or {})
-    return mesh.with_data(point_data=nodal), list(nodal)
+    return background, nodal
+
+
+def _writing(
+    background: SimplexMesh | CartesianGrid,
+    nodal: Mapping[str, npt.ArrayLike],
+    chosen: writers.Format,
+) -> Callable[[Path], None]:
+    """Return what writes a mesh or grid with fields to a path."""
+    if isinstance(background, SimplexMesh):
+        return partial(chosen.write, mesh=background.with_data(point_data=nodal))
+    arrays = {name: np.asarray(values) for name, values in nodal.items()}
+    for name, values in arrays.items():
+        if values.shape != background.shape:
+            raise ValueError(
+                f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
+            )
+    if chosen.holds_grids:
+        return partial(image.write, grid=background, fields=arrays)
+    at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
+    return partial(chosen.write, mesh=background.mesh.with_data(point_data=at_nodes))
 
 
 def _check_readable(file: Path) -> None:
@@ -254,138 +311,3 @@ def _check_readable(file: Path) -> None:
         raise MeshFileError(f"{file}: {error.strerror or error}") from error
     if empty:
         raise MeshFileError(f"{file}: is empty")
-
-
-def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
-    present = {dimension_of(cell_type) for cell_type, cells in raw.blocks if len(cells)}
-    dim = max(present) if kind is None else KINDS[kind]
-    if dim not in present or dim == 0:
-        found = ", ".join(f"{len(c)} {plural(t)}" for t, c in raw.blocks if len(c))
-        raise MeshFileError(f"holds no {kind or 'cells but points'} (found {found})")
-    return dim
-
-
-def _build(
-    raw: RawMesh, dim: int, kind: str | None, flatten: bool, notes: list[str]
-) -> SimplexMesh:
-    """Return the simplices of dimension ``dim`` with their tags and fields."""
-    simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
-    tag_name, cell_tags = _tags(raw, simplices)
-    facets, facet_tags = _facets(raw, simplices, notes)
-    cell_data = _cell_fields(raw, simplices, tag_name)
-    cells = simplices.cells
-    keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
-    if not keep.all():
-        number = np.cumsum(keep) - 1
-        cells = number[cells]
-        facets = None if facets is None else number[facets]
-    points = raw.points[keep]
-    if flatten and dim < 3 and points.shape[1] == 3 and not points[:, 2].any():
-        points = points[:, :2]
-    return SimplexMesh(
-        points,
-        cells,
-        cell_tags=cell_tags,
-        tagged_facets=facets,
-        facet_tags=facet_tags,
-        point_data={name: values[keep] for name, values in _nodal_fields(raw).items()},
-        cell_data=cell_data,
-    )
-
-
-def _without_repeated_nodes(simplices: Simplices, notes: list[str]) -> Simplices:
-    """Drop cells that name a node twice; ``notes`` gets all that was done to the cells."""
-    ordered = np.sort(simplices.cells, axis=1)
-    good = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
-    cells, block, row, own_notes = simplices
-    if not good.any():
-        raise MeshFileError("holds only cells that name a node twice")
-    if not good.all():
-        own_notes = [*own_notes, f"{np.count_nonzero(~good)} cells that name a node twice dropped"]
-        cells, block, row = cells[good], block[good], row[good]
-    notes.extend(own_notes)
-    return Simplices(cells, block, row, own_notes)
-
-
-def _kept_nodes(raw: RawMesh, cells: npt.NDArray[Any], *, reduced: bool) -> npt.NDArray[np.bool_]:
-    """Tell the nodes to keep: all, but for those that only cells left out belong to."""
-    keep = np.ones(len(raw.points), bool)
-    if reduced:
-        for _, found in raw.blocks:
-            if found.dtype != object:
-                keep[found] = False
-        keep[cells] = True
-    return keep
-
-
-def _cell_fields(
-    raw: RawMesh, simplices: Simplices, tag_name: str | None
-) -> dict[str, npt.NDArray[Any]]:
-    """Return the cell data that are numbers, but for the tags and tags that are all 0."""
-    fields = {}
-    for name, blocks in raw.cell_data.items():
-        values = gather(blocks, simplices)
-        if name in (tag_name, "obj:group_ids") or values is None:
-            continue
-        if values.dtype.kind in "biuf" and (name.lower() not in _TAG_NAMES or values.any()):
-            fields[name] = _native(values)
-    return fields
-
-
-def _nodal_fields(raw: RawMesh) -> dict[str, npt.NDArray[Any]]:
-    """Return the point data that are numbers, one row per node, and say something."""
-    fields = {}
-    for name, values in raw.point_data.items():
-        array = np.asarray(values)
-        fits = array.ndim > 0 and len(array) == len(raw.points) and array.dtype.kind in "biuf"
-        # Gmsh's entity numbers, and the references 0 that each Medit file has.
-        empty = name == "gmsh:dim_tags" or (name == "medit:ref" and not array.any())
-        if fits and not empty:
-            fields[name] = _native(array)
-    return fields
-
-
-def _native(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the array in the byte order of the machine; legacy VTK files have the other."""
-    return array.astype(array.dtype.newbyteorder("="), copy=False)
-
-
-def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[np.int32] | None]:
-    """Return the likeliest tags of the simplices and the name they had."""
-    by_name = {name.lower(): name for name in raw.cell_data}
-    for wanted in _TAG_NAMES:
-        if wanted not in by_name or not len(simplices.cells):
-            continue
-        values = gather(raw.cell_data[by_name[wanted]], simplices)
-        if values is None or values.size != len(values) or values.dtype.kind not in "iuf":
-            continue
-        values = values.reshape(-1)
-        integer = np.isfinite(values).all() and (values == np.floor(values)).all()
-        if integer and values.any() and np.abs(values).max() < 2**31:
-            return by_name[wanted], values.astype(np.int32)
-    return None, None
-
-
-def _facets(
-    raw: RawMesh, simplices: Simplices, notes: list[str]
-) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None]:
-    """Return the tagged cells of one dimension less that are facets of the simplices."""
-    dim = simplices.cells.shape[1] - 1
-    if not any(dimension_of(t) == dim - 1 and len(c) for t, c in raw.blocks) or dim == 1:
-        return None, None
-    found = simplices_of(raw, dim - 1)
-    _, tags = _tags(raw, found)
-    if tags is None:
-        return None, None
-    n_points = len(raw.points)
-    facets = facets_of(simplices.cells.astype(np.int32), n_points)[0]
-    rows = np.concatenate([facets, found.cells.astype(np.int32)])
-    number = unique_rows(rows, n_points)[1]
-    known = np.zeros(int(number.max()) + 1, bool)
-    known[number[: len(facets)]] = True
-    good = known[number[len(facets) :]]
-    if not good.all():
-        notes.append(f"{np.count_nonzero(~good)} tagged facets that bound no cell dropped")
-    if not good.any():
-        return None, None
-    return found.cells[good], tags[good]

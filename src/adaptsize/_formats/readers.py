@@ -56,6 +56,8 @@ _FIRST_FORMAT = {".msh": ("gmsh", "ansys")}
 def load(path: Path) -> RawMesh:
     """Return the content of a mesh file, checked; every failure is a MeshFileError without path."""
     suffix = path.suffix.lower()
+    if suffix == ".vti":
+        raise MeshFileError("holds a grid, not a mesh; read_size takes it")
     loaders: list[Callable[[Path], RawMesh]] = []
     if suffix in (".stl", ".stla", ".stlb"):
         loaders = [_load_stl]

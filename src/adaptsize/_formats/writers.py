@@ -25,9 +25,12 @@ class Format:
     """A format that can be written."""
 
     suffixes: tuple[str, ...]
-    write: Callable[[Path, SimplexMesh], None]
+    write: Callable[..., None]
+    """Takes the path and ``mesh``, a SimplexMesh."""
     holds_fields: bool = True
     """Whether nodal fields go into the file."""
+    holds_grids: bool = False
+    """Whether the file holds Cartesian grids, and no meshes."""
     only_sizes: bool = False
     """Whether the file is nothing but nodal sizes for a mesh generator."""
 
@@ -182,15 +185,24 @@ def _write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
     sizes.write_jigsaw(path, mesh, sizes_of(mesh, "JIGSAW"))
 
 
+def _refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
+    raise ValueError(f"obj must be a CartesianGrid for {path.suffix}, got {mesh!r}; write .vtu")
+
+
 #: In the order in which suffixes are tried: the longer name of JIGSAW's before Gmsh's.
 FORMATS: dict[str, Format] = {
     "jigsaw": Format((".jig.msh",), _write_jigsaw, only_sizes=True),
     "gmsh-view": Format(
-        (".pos",), lambda p, m: sizes.write_gmsh_view(p, m, sizes_of(m, "Gmsh")), only_sizes=True
+        (".pos",),
+        lambda p, mesh: sizes.write_gmsh_view(p, mesh, sizes_of(mesh, "Gmsh")),
+        only_sizes=True,
     ),
     "medit-sol": Format(
-        (".sol",), lambda p, m: sizes.write_medit_sol(p, m, sizes_of(m, "mmg")), only_sizes=True
+        (".sol",),
+        lambda p, mesh: sizes.write_medit_sol(p, mesh, sizes_of(mesh, "mmg")),
+        only_sizes=True,
     ),
+    "vti": Format((".vti",), _refuse_mesh, holds_grids=True),
     "vtu": Format((".vtu",), _write_vtu),
     "vtk": Format((".vtk",), _write_vtk),
     "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
@@ -198,8 +210,12 @@ FORMATS: dict[str, Format] = {
     "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
     "ply": Format((".ply",), _write_ply),
     "stl": Format((".stl",), _write_stl, holds_fields=False),
-    "obj": Format((".obj",), lambda p, m: _write_bare_surface(p, m, "obj"), holds_fields=False),
-    "off": Format((".off",), lambda p, m: _write_bare_surface(p, m, "off"), holds_fields=False),
+    "obj": Format(
+        (".obj",), lambda p, mesh: _write_bare_surface(p, mesh, "obj"), holds_fields=False
+    ),
+    "off": Format(
+        (".off",), lambda p, mesh: _write_bare_surface(p, mesh, "off"), holds_fields=False
+    ),
 }
 
 

@@ -1,0 +1,190 @@
+"""A SimplexMesh from the content of a file: which cells, which tags, which fields."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._formats.blocks import (
+    KINDS,
+    RawMesh,
+    Simplices,
+    dimension_of,
+    gather,
+    plural,
+    simplices_of,
+)
+from adaptsize.background import SimplexMesh
+from adaptsize.background.topology import facets_of, unique_rows
+from adaptsize.errors import MeshFileError
+
+# Names under which programs keep the region of a cell, the likeliest first.
+_TAG_NAMES = (
+    "cell_tags",
+    "gmsh:physical",
+    "medit:ref",
+    "region",
+    "regions",
+    "material",
+    "materialids",
+    "avsucd:material",
+    "tetgen:ref",
+    "nastran:ref",
+    "su2:tag",
+    "netgen:index",
+    "tag",
+    "tags",
+    "cell_markers",
+    "facet_tags",
+    "boundary",
+    "ref",
+    "attribute",
+    "gmsh:geometrical",
+)
+
+
+def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
+    present = {dimension_of(cell_type) for cell_type, cells in raw.blocks if len(cells)}
+    dim = max(present) if kind is None else KINDS[kind]
+    if dim not in present or dim == 0:
+        found = ", ".join(f"{len(c)} {plural(t)}" for t, c in raw.blocks if len(c))
+        raise MeshFileError(f"holds no {kind or 'cells but points'} (found {found})")
+    return dim
+
+
+def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) -> SimplexMesh:
+    """Return the simplices with their tags and fields; ``notes`` gets what was mended.
+
+    Parameters
+    ----------
+    raw : RawMesh
+    kind : {"tetrahedra", "triangles", "segments"} or None
+        Which cells to take; None: those of the highest dimension.
+    flatten : bool
+        Whether triangles and segments with z = 0 become a mesh in the plane.
+    notes : list of str
+        In/Out.
+    """
+    dim = _wanted_dimension(raw, kind)
+    simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
+    tag_name, cell_tags = _tags(raw, simplices)
+    facets, facet_tags = _facets(raw, simplices, notes)
+    cell_data = _cell_fields(raw, simplices, tag_name)
+    cells = simplices.cells
+    keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
+    if not keep.all():
+        number = np.cumsum(keep) - 1
+        cells = number[cells]
+        facets = None if facets is None else number[facets]
+    points = raw.points[keep]
+    if flatten and dim < 3 and points.shape[1] == 3 and not points[:, 2].any():
+        points = points[:, :2]
+    return SimplexMesh(
+        points,
+        cells,
+        cell_tags=cell_tags,
+        tagged_facets=facets,
+        facet_tags=facet_tags,
+        point_data={name: values[keep] for name, values in _nodal_fields(raw).items()},
+        cell_data=cell_data,
+    )
+
+
+def _without_repeated_nodes(simplices: Simplices, notes: list[str]) -> Simplices:
+    """Drop cells that name a node twice; ``notes`` gets all that was done to the cells."""
+    ordered = np.sort(simplices.cells, axis=1)
+    good = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
+    cells, block, row, own_notes = simplices
+    if not good.any():
+        raise MeshFileError("holds only cells that name a node twice")
+    if not good.all():
+        own_notes = [*own_notes, f"{np.count_nonzero(~good)} cells that name a node twice dropped"]
+        cells, block, row = cells[good], block[good], row[good]
+    notes.extend(own_notes)
+    return Simplices(cells, block, row, own_notes)
+
+
+def _kept_nodes(raw: RawMesh, cells: npt.NDArray[Any], *, reduced: bool) -> npt.NDArray[np.bool_]:
+    """Tell the nodes to keep: all, but for those that only cells left out belong to."""
+    keep = np.ones(len(raw.points), bool)
+    if reduced:
+        for _, found in raw.blocks:
+            if found.dtype != object:
+                keep[found] = False
+        keep[cells] = True
+    return keep
+
+
+def _cell_fields(
+    raw: RawMesh, simplices: Simplices, tag_name: str | None
+) -> dict[str, npt.NDArray[Any]]:
+    """Return the cell data that are numbers, but for the tags and tags that are all 0."""
+    fields = {}
+    for name, blocks in raw.cell_data.items():
+        values = gather(blocks, simplices)
+        if name in (tag_name, "obj:group_ids") or values is None:
+            continue
+        if values.dtype.kind in "biuf" and (name.lower() not in _TAG_NAMES or values.any()):
+            fields[name] = _native(values)
+    return fields
+
+
+def _nodal_fields(raw: RawMesh) -> dict[str, npt.NDArray[Any]]:
+    """Return the point data that are numbers, one row per node, and say something."""
+    fields = {}
+    for name, values in raw.point_data.items():
+        array = np.asarray(values)
+        fits = array.ndim > 0 and len(array) == len(raw.points) and array.dtype.kind in "biuf"
+        # Gmsh's entity numbers, and the references 0 that each Medit file has.
+        empty = name == "gmsh:dim_tags" or (name == "medit:ref" and not array.any())
+        if fits and not empty:
+            fields[name] = _native(array)
+    return fields
+
+
+def _native(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the array in the byte order of the machine; legacy VTK files have the other."""
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
+
+
+def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[np.int32] | None]:
+    """Return the likeliest tags of the simplices and the name they had."""
+    by_name = {name.lower(): name for name in raw.cell_data}
+    for wanted in _TAG_NAMES:
+        if wanted not in by_name or not len(simplices.cells):
+            continue
+        values = gather(raw.cell_data[by_name[wanted]], simplices)
+        if values is None or values.size != len(values) or values.dtype.kind not in "iuf":
+            continue
+        values = values.reshape(-1)
+        integer = np.isfinite(values).all() and (values == np.floor(values)).all()
+        if integer and values.any() and np.abs(values).max() < 2**31:
+            return by_name[wanted], values.astype(np.int32)
+    return None, None
+
+
+def _facets(
+    raw: RawMesh, simplices: Simplices, notes: list[str]
+) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None]:
+    """Return the tagged cells of one dimension less that are facets of the simplices."""
+    dim = simplices.cells.shape[1] - 1
+    if not any(dimension_of(t) == dim - 1 and len(c) for t, c in raw.blocks) or dim == 1:
+        return None, None
+    found = simplices_of(raw, dim - 1)
+    _, tags = _tags(raw, found)
+    if tags is None:
+        return None, None
+    n_points = len(raw.points)
+    facets = facets_of(simplices.cells.astype(np.int32), n_points)[0]
+    rows = np.concatenate([facets, found.cells.astype(np.int32)])
+    number = unique_rows(rows, n_points)[1]
+    known = np.zeros(int(number.max()) + 1, bool)
+    known[number[: len(facets)]] = True
+    good = known[number[len(facets) :]]
+    if not good.all():
+        notes.append(f"{np.count_nonzero(~good)} tagged facets that bound no cell dropped")
+    if not good.any():
+        return None, None
+    return found.cells[good], tags[good]
