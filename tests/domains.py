@@ -1,0 +1,244 @@
+"""Meshes of flat domains that are not convex, and the exact polygons of these domains.
+
+Every function takes about how many nodes the mesh is to have, and a seed; it returns the
+mesh and the rings of the domain as `geodesics` wants them.  Nodes: evenly
+spaced ones on the boundary, corners included, and a jittered hexagonal lattice inside.
+Their Delaunay triangulation has every piece of the boundary as an edge, because no
+other node lies in the circle on that piece: inner nodes keep off by half a
+piece, and the pieces at a corner are equally long (then that holds for any angle).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import Delaunay, cKDTree
+
+from adaptsize import SimplexMesh
+from geodesics import area, contains, perimeter
+
+HALF_WIDTH = 50.0
+
+
+def slit_square(n, *, width=1.0, tip=-20.0, seed=1001):
+    """The square (-50, 50)^2 with a slit |x| < width/2 from the top down to y = tip.
+
+    Both faces of the slit are rows of nodes; at most meshes they are closer to each
+    other than the nodes of a row are.
+    """
+    rings = (slit_polygon(width, tip),)
+    return _triangulated(rings, n, seed), rings
+
+
+def slit_polygon(width, tip):
+    """Return the ring of the slit square, float64[8, 2]."""
+    w, h = HALF_WIDTH, 0.5 * width
+    return np.array(
+        [[-w, -w], [w, -w], [w, w], [h, w], [h, tip], [-h, tip], [-h, w], [-w, w]], float
+    )
+
+
+def star_holes(n, *, seed=1002):
+    """The square with three stars of 7, 6 and 9 tips cut out: 22 reflex corners."""
+    rings = (
+        _box(-HALF_WIDTH, HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH),
+        _star((-20.0, 18.0), 17.0, 7.0, 7, 0.3),
+        _star((22.0, 14.0), 16.0, 6.0, 6, 0.1),
+        _star((2.0, -24.0), 18.0, 8.0, 9, 0.7),
+    )
+    return _triangulated(rings, n, seed), rings
+
+
+def maze(n, *, seed=1003):
+    """The square with four walls, 2 thick, from top and bottom in turn, and three islands."""
+    w = HALF_WIDTH
+    outer = [[-w, -w]]
+    for x in (-10.0, 30.0):  # from the bottom
+        outer += [[x - 1.0, -w], [x - 1.0, 30.0], [x + 1.0, 30.0], [x + 1.0, -w]]
+    outer += [[w, -w], [w, w]]
+    for x in (10.0, -30.0):  # from the top
+        outer += [[x + 1.0, w], [x + 1.0, -30.0], [x - 1.0, -30.0], [x - 1.0, w]]
+    outer += [[-w, w]]
+    bar = _box(-46.0, -34.0, -1.0, 1.0)[::-1]
+    letter_t = [[-6, 9], [-6, 11], [5, 11], [5, 9], [1, 9], [1, -15], [-1, -15], [-1, 9]]
+    letter_l = [[35, -1], [35, 14], [37, 14], [37, 1], [46, 1], [46, -1]]
+    rings = (np.array(outer), bar, np.array(letter_t, float), np.array(letter_l, float))
+    return _triangulated(rings, n, seed), rings
+
+
+def round_holes(n, *, seed=1004):
+    """The square with five holes of 40 corners each, all reflex: shortest paths wind around."""
+    holes = [(-25, 20, 12), (20, 25, 10), (0, -5, 11), (-22, -28, 9), (27, -22, 13)]
+    rings = (
+        _box(-HALF_WIDTH, HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH),
+        *(_regular((x, y), radius, 40)[::-1].copy() for x, y, radius in holes),
+    )
+    return _triangulated(rings, n, seed), rings
+
+
+def disc(n, *, radius=50.0, seed=1005):
+    """A disc; the domain is the convex polygon of its boundary nodes, which are on the circle."""
+    # A provisional polygon tells the spacing, the spacing how many corners the real one has.
+    spacing = _spacing((_regular((0.0, 0.0), radius, 1000),), n)
+    rings = (_regular((0.0, 0.0), radius, round(2.0 * np.pi * radius / spacing)),)
+    return _triangulated(rings, n, seed), rings
+
+
+def disc_data(theta):
+    """Return sizes for the boundary of the disc: 5 + 4 sin(3 theta)."""
+    return 5.0 + 4.0 * np.sin(3.0 * theta)
+
+
+def leaking_slit(n, *, width=0.5, tip=-20.0, seed=1006):
+    """The slit square with h0 = 1 on the left face of the slit and 8 on the right one.
+
+    Returns mesh, rings, h0 (inf elsewhere), and the exact sources of that: the two faces,
+    float64[2, 2, 2], with their sizes, float64[2, 2].  The bottom of the slit, on which
+    linear data rise by 7 within 0.5, adds nothing for g < 14.
+    """
+    mesh, rings = slit_square(n, width=width, tip=tip, seed=seed)
+    x, y = mesh.points.T
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[(x == -0.5 * width) & (y >= tip)] = 1.0
+    h0[(x == 0.5 * width) & (y >= tip)] = 8.0
+    faces = np.array([[[side, tip], [side, HALF_WIDTH]] for side in (-0.5 * width, 0.5 * width)])
+    return mesh, rings, h0, faces, np.array([[1.0, 1.0], [8.0, 8.0]])
+
+
+def wall_box(n, *, width=2.0, tip=0.0, seed=1007):
+    """The box (-50, 50)^3 with a wall |x| < width/2, y > tip: a slit square times an interval.
+
+    The wall reaches the three sides y = 50, z = -50 and z = 50; its end, two reflex edges
+    along z, leaves an opening.  Returns tetrahedra and the rings of the section z = const.
+
+    The faces of the wall are grids of nodes; inner nodes keep farther off than the
+    circles around the rectangles of these grids reach, so that Delaunay cells respect them.
+    The wall is to be thinner than the spacing.
+    """
+    spacing = ((2.0 * HALF_WIDTH) ** 3 / n) ** (1.0 / 3.0) * 1.03  # hull nodes count for less
+    rng = np.random.default_rng(seed)
+    beyond = _even(0.5 * width, HALF_WIDTH, spacing)
+    y = np.concatenate([_even(-HALF_WIDTH, tip, spacing), _even(tip, HALF_WIDTH, spacing)[1:]])
+    z = _even(-HALF_WIDTH, HALF_WIDTH, spacing)
+    aside = _grid(np.concatenate([-beyond[:0:-1], beyond[1:]]), y, z)
+    opening = _grid(np.zeros(1), y[y < tip], z)
+    faces = _grid(np.array([-0.5 * width, 0.5 * width]), y[y >= tip], z)
+    free = np.concatenate([aside, opening])
+    # Nodes on the hull slide in it: rectangles of nodes that cut off its edges would hold
+    # flat cells, which could not be left out without a crack.
+    move = rng.uniform(-0.25, 0.25, free.shape) * spacing
+    free += np.where(np.abs(free) < HALF_WIDTH, move, 0.0)
+    points = np.concatenate([free, faces])
+    cells = Delaunay(points).simplices
+    x, y, _ = points[cells].mean(axis=1).T
+    cells = cells[~((np.abs(x) < 0.5 * width) & (y > tip))]
+    # Delaunay leaves flat cells on planes full of nodes; they lie on the boundary.
+    mesh = SimplexMesh(points, cells)
+    mesh = SimplexMesh(points, cells[mesh.measures > 1e-9 * spacing**3])
+    return mesh, (slit_polygon(width, tip),)
+
+
+class Case(NamedTuple):
+    """A domain with point sources."""
+
+    make: Any
+    """Function of the number of nodes (and ``seed``); gives the mesh and the rings."""
+    places: list[tuple[float, ...]]
+    """Where the sources are to be; the nearest nodes take their part."""
+    sizes: tuple[float, ...]
+
+
+#: Sources so placed that paths bend, and that the regions of the sources meet.
+CASES = {
+    "slit": Case(slit_square, [(-20.0, 30.0), (30.0, -10.0)], (1.0, 5.0)),
+    "star holes": Case(star_holes, [(-45.0, 40.0), (30.0, -10.0)], (1.0, 5.0)),
+    "maze": Case(maze, [(-40.0, 40.0), (40.0, -30.0)], (1.0, 5.0)),
+    "round holes": Case(round_holes, [(-45.0, 10.0), (10.0, -35.0)], (1.0, 5.0)),
+    "wall": Case(wall_box, [(-20.0, 30.0, 10.0), (30.0, -10.0, -20.0)], (1.0, 5.0)),
+}
+
+
+def point_sources(mesh, places, sizes):
+    """Return h0 (inf but at the nodes nearest to the places) and these nodes, int[k]."""
+    nodes = cKDTree(mesh.points).query(np.asarray(places, float))[1]
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[nodes] = sizes
+    return h0, nodes
+
+
+def _box(x0, x1, y0, y1):
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
+
+
+def _regular(centre, radius, n):
+    angle = 2.0 * np.pi * np.arange(n) / n
+    return np.asarray(centre) + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _star(centre, outer, inner, n_tips, turn):
+    """Return a star as a hole, clockwise; all its edges are equally long."""
+    angle = turn - np.pi * np.arange(2 * n_tips) / n_tips
+    radius = np.where(np.arange(2 * n_tips) % 2 == 0, outer, inner)
+    return np.asarray(centre) + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _spacing(rings, n):
+    """Return the spacing s for n nodes: A / (sqrt(3)/2 s^2) of them inside, P / 2s at the edge.
+
+    Along the boundary s P of the area belongs half to the boundary's own nodes.
+    """
+    a, b, c = n, -0.5 * perimeter(rings), -area(rings) / (0.5 * np.sqrt(3.0))
+    return (-b + np.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
+
+
+def _triangulated(rings, n, seed):
+    """Return a Delaunay mesh of the domain of about n nodes."""
+    spacing = _spacing(rings, n)
+    edge_points, middles = _boundary_points(rings, spacing)
+    rng = np.random.default_rng(seed)
+    inner = _lattice(rings[0], spacing, rng)
+    # Nodes and middles half a spacing apart: at 0.56 from each, 0.5 from the line.
+    marks = cKDTree(np.concatenate([edge_points, middles]))
+    inner = inner[marks.query(inner, distance_upper_bound=0.56 * spacing)[0] == np.inf]
+    inner = inner[contains(rings, inner)]
+    points = np.concatenate([edge_points, inner])
+    cells = Delaunay(points).simplices
+    doubtful = cells.max(axis=1) < len(edge_points)  # the others have an inner node
+    is_kept = ~doubtful
+    is_kept[doubtful] = contains(rings, points[cells[doubtful]].mean(axis=1))
+    cells = cells[is_kept]
+    # Delaunay may leave flat cells on straight sides of the hull.
+    mesh = SimplexMesh(points, cells)
+    return SimplexMesh(points, cells[mesh.measures > 1e-9 * spacing**2])
+
+
+def _boundary_points(rings, spacing):
+    """Return evenly spaced points on all edges, corners included, and the middles between them."""
+    nodes, middles = [], []
+    for ring in rings:
+        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            n = max(1, round(float(np.linalg.norm(b - a)) / spacing))
+            share = np.arange(n)[:, None] / n
+            nodes.append(a + share * (b - a))
+            middles.append(a + (share + 0.5 / n) * (b - a))
+    return np.concatenate(nodes), np.concatenate(middles)
+
+
+def _lattice(ring, spacing, rng):
+    """Return a hexagonal lattice over the ring's box, each point moved by up to a quarter."""
+    lower, upper = ring.min(axis=0), ring.max(axis=0)
+    row = 0.5 * np.sqrt(3.0) * spacing
+    start = lower + rng.uniform(0.0, 1.0, 2) * spacing
+    y, x = np.meshgrid(
+        np.arange(start[1], upper[1], row), np.arange(start[0], upper[0], spacing), indexing="ij"
+    )
+    x[1::2] += 0.5 * spacing
+    points = np.column_stack([x.ravel(), y.ravel()])
+    return points + rng.uniform(-0.25, 0.25, points.shape) * spacing
+
+
+def _even(lower, upper, spacing):
+    return np.linspace(lower, upper, 1 + max(1, round((upper - lower) / spacing)))
+
+
+def _grid(*axes):
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))

@@ -1,0 +1,365 @@
+"""Exact limited sizes in flat domains that need not be convex: references for the limiter.
+
+Nothing here knows of meshes or of adaptsize.  A polygonal domain is a tuple of rings,
+float64[n, 2] each, first the outer one counterclockwise, then the holes clockwise, so
+that the domain lies to the left of every edge.  The domain includes its boundary.
+
+The limited size is min over sources s of ``U_s + g d(s, x)`` with d the length of the
+shortest path in the domain.  Such a path is straight except at reflex corners (Lozano-Perez
+and Wesley 1979), so a graph of what sees what gives it to rounding.  A segment
+that carries linear data is a source as well: where x does not see the minimum over
+the whole segment, the minimum over what it does see lies on a ray that touches a corner, and
+the path through that corner is no longer.
+"""
+
+import numpy as np
+from numba import njit
+
+#: Depth, relative to the domain's extent, to which a path may enter the outside.  A chord that
+#: passes a corner at this depth is shorter than the path around it by its square only.
+_RELATIVE_DEPTH = 1e-11
+
+
+def limited_sizes(rings, points, g, *, sources=None, sizes=None, segments=None, segment_sizes=None):
+    """Return min over sources of size + g * geodesic distance, float64[n].
+
+    Parameters
+    ----------
+    rings : tuple of float64[m, 2]
+        The domain; the holes may not touch each other.
+    points : float64[n, 2]
+        Where to evaluate; in the domain or on its boundary.
+    g : float
+        Gradient limit, > 0.
+    sources, sizes : float64[k, 2], float64[k], optional
+        Points of the domain and their sizes (any sign).
+    segments, segment_sizes : float64[m, 2, 2], float64[m, 2], optional
+        Segments in the domain, and the sizes at their ends, linear in between.
+
+    Notes
+    -----
+    Exact to about 1e-12 of the extent.  Cost: n times (sources + corners), and for the
+    few candidates tried per point a pass over all edges of the rings.  +inf if nothing reaches x.
+    """
+    starts, start_sizes = _as_segments(sources, sizes, segments, segment_sizes)
+    walls, depth = _walls(rings)
+    corners = reflex_corners(rings)
+    corner_sizes = np.full(len(corners), np.inf)
+    if len(corners):
+        direct = np.empty(len(corners))
+        none = np.empty((0, 2))
+        _fill_sizes(corners, walls, depth, g, starts, start_sizes, none, np.empty(0), direct)
+        corner_sizes = _relaxed(direct, g * _visible_lengths(corners, walls, depth))
+    points = np.ascontiguousarray(points, float)
+    result = np.empty(len(points))
+    _fill_sizes(points, walls, depth, g, starts, start_sizes, corners, corner_sizes, result)
+    return result
+
+
+def distances(rings, source, points):
+    """Return the length of the shortest path in the domain from ``source`` to each point."""
+    return limited_sizes(rings, points, 1.0, sources=np.reshape(source, (1, 2)), sizes=[0.0])
+
+
+def prism_sizes(rings, points, g, sources, sizes):
+    """Return the exact limited sizes in the prism (polygonal domain) x (interval of z).
+
+    ``points`` float64[n, 3], ``sources`` float64[k, 3].  The prism is a product, and so
+    is its inner metric: ``d^2 = d_polygon^2 + (z - z_s)^2``; unfolding the walls along
+    the reflex edges, which run along z, says the same.  The interval's ends never matter.
+    """
+    result = np.full(len(points), np.inf)
+    for source, size in zip(np.asarray(sources, float), sizes, strict=True):
+        flat = distances(rings, source[:2], points[:, :2])
+        result = np.minimum(result, size + g * np.hypot(flat, points[:, 2] - source[2]))
+    return result
+
+
+def curve_sizes(curve, sizes, interval, points, g, *, n_samples=720):
+    """Return min over s in an interval of ``sizes(s) + g |x - curve(s)|``, float64[n].
+
+    For smooth data on a smooth curve in a convex domain: ``curve(s)`` gives float64[len(s), dim],
+    ``sizes(s)`` float64[len(s)].  Samples find the valleys, golden sections their ground.
+    With ``curve = lambda s: s[:, None]`` the limit of a function of one variable.
+
+    Every valley of the samples is searched whose samples are within reach of the
+    lowest: its ground is at most half a step of Lipschitz growth below them.
+    """
+    s = np.linspace(*interval, n_samples)
+    places, values = curve(s), sizes(s)
+    speed = np.linalg.norm(np.diff(places, axis=0), axis=1).max()
+    reach = g * speed + np.abs(np.diff(values)).max()
+    result = np.empty(len(points))
+    for first in range(0, len(points), 4096):  # 4096 x 720 x 8 bytes = 24 MB
+        some = points[first : first + 4096]
+        all_values = values + g * _lengths_between(some, places)
+        padded = np.pad(all_values, ((0, 0), (1, 1)), constant_values=np.inf)
+        is_valley = (all_values <= padded[:, :-2]) & (all_values <= padded[:, 2:])
+        lowest = all_values.min(axis=1)
+        point, sample = np.nonzero(is_valley & (all_values <= lowest[:, None] + reach))
+        left, right = s[np.maximum(sample - 1, 0)], s[np.minimum(sample + 1, n_samples - 1)]
+        ground = _golden_minimum(
+            lambda t, x=some[point]: sizes(t) + g * np.linalg.norm(x - curve(t), axis=1),
+            left,
+            right,
+        )
+        np.minimum.at(lowest, point, ground)
+        result[first : first + 4096] = lowest
+    return result
+
+
+def _lengths_between(points, places):
+    squares = sum((points[:, a, None] - places[:, a]) ** 2 for a in range(points.shape[1]))
+    return np.sqrt(squares)
+
+
+def _golden_minimum(f, left, right):
+    """Return the least value of f seen in each interval; the bracket shrinks to rounding."""
+    ratio = (np.sqrt(5.0) - 1.0) / 2.0
+    a, b = right - ratio * (right - left), left + ratio * (right - left)
+    f_a, f_b = f(a), f(b)
+    least = np.minimum(f_a, f_b)
+    for _ in range(60):  # 0.618^60 = 3e-13
+        lower = f_a < f_b
+        left, right = np.where(lower, left, a), np.where(lower, b, right)
+        new = np.where(lower, right - ratio * (right - left), left + ratio * (right - left))
+        f_new = f(new)
+        a, b, f_a, f_b = (
+            np.where(lower, new, b),
+            np.where(lower, a, new),
+            np.where(lower, f_new, f_b),
+            np.where(lower, f_a, f_new),
+        )
+        least = np.minimum(least, f_new)
+    return least
+
+
+def reflex_corners(rings):
+    """Return the corners where the domain's angle exceeds 180 degrees, float64[k, 2]."""
+    found = []
+    for ring in rings:
+        before = ring - np.roll(ring, 1, axis=0)
+        after = np.roll(ring, -1, axis=0) - ring
+        turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        length = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+        found.append(ring[turn < -1e-12 * length])
+    return np.concatenate(found)
+
+
+def contains(rings, points):
+    """Tell which points lie in the domain or on its boundary, bool[n]."""
+    result = np.empty(len(points), bool)
+    _fill_inside(np.ascontiguousarray(points, float), *_walls(rings), result)
+    return result
+
+
+def sees(rings, a, b):
+    """Tell for which i the segment from a[i] to b[i] stays in the domain, bool[n].
+
+    Running along the boundary and touching corners is allowed.  a, b: float64[n, 2], in the domain.
+    """
+    result = np.empty(len(a), bool)
+    walls, depth = _walls(rings)
+    _fill_visible(
+        np.ascontiguousarray(a, float), np.ascontiguousarray(b, float), walls, depth, result
+    )
+    return result
+
+
+def area(rings):
+    """Return the area of the domain: outer ring less holes."""
+    return 0.5 * sum(
+        float(np.sum(r[:, 0] * np.roll(r[:, 1], -1) - r[:, 1] * np.roll(r[:, 0], -1)))
+        for r in rings
+    )
+
+
+def perimeter(rings):
+    """Return the length of the boundary, holes included."""
+    return sum(float(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum()) for r in rings)
+
+
+def _as_segments(sources, sizes, segments, segment_sizes):
+    """Return all sources as segments, a point as one of no length."""
+    starts, start_sizes = [np.empty((0, 2, 2))], [np.empty((0, 2))]
+    if sources is not None:
+        starts.append(np.repeat(np.asarray(sources, float)[:, None, :], 2, axis=1))
+        start_sizes.append(np.repeat(np.asarray(sizes, float)[:, None], 2, axis=1))
+    if segments is not None:
+        starts.append(np.asarray(segments, float))
+        start_sizes.append(np.asarray(segment_sizes, float))
+    return np.concatenate(starts), np.concatenate(start_sizes)
+
+
+def _walls(rings):
+    """Return the edges of all rings, float64[m, 4] (both ends), and the depth allowed."""
+    walls = np.concatenate([np.hstack([r, np.roll(r, -1, axis=0)]) for r in rings])
+    return walls, _RELATIVE_DEPTH * float(np.ptp(rings[0], axis=0).max())
+
+
+def _visible_lengths(corners, walls, depth):
+    """Return the distances between corners that see each other, else inf, float64[k, k]."""
+    k = len(corners)
+    i, j = np.triu_indices(k, 1)
+    visible = np.empty(len(i), bool)
+    _fill_visible(corners[i], corners[j], walls, depth, visible)
+    lengths = np.full((k, k), np.inf)
+    straight = np.linalg.norm(corners[i] - corners[j], axis=1)
+    lengths[i, j] = lengths[j, i] = np.where(visible, straight, np.inf)
+    return lengths
+
+
+def _relaxed(values, weights):
+    """Return the smallest sums of a value and the weights of a path (Bellman and Ford)."""
+    while True:
+        lower = np.minimum(values, (values[:, None] + weights).min(axis=0))
+        if (lower == values).all():
+            return values
+        values = lower
+
+
+@njit(cache=True, nogil=True)
+def _fill_sizes(points, walls, depth, g, starts, start_sizes, corners, corner_sizes, out):
+    """Fill out[n]: of the candidates straight from starts and corners, the least one seen."""
+    n_starts = len(starts)
+    n = n_starts + len(corners)
+    value = np.empty(n)
+    foot = np.empty((n, 2))
+    cuts = np.empty(3 * len(walls) + 2)
+    for c in range(len(corners)):
+        foot[n_starts + c, 0], foot[n_starts + c, 1] = corners[c, 0], corners[c, 1]
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        for s in range(n_starts):
+            ax, ay = starts[s, 0, 0], starts[s, 0, 1]
+            ex, ey = starts[s, 1, 0] - ax, starts[s, 1, 1] - ay
+            share = _lowest_share(x - ax, y - ay, ex, ey, start_sizes[s, 1] - start_sizes[s, 0], g)
+            foot[s, 0], foot[s, 1] = ax + share * ex, ay + share * ey
+            start = start_sizes[s, 0] + share * (start_sizes[s, 1] - start_sizes[s, 0])
+            value[s] = start + g * np.sqrt((x - foot[s, 0]) ** 2 + (y - foot[s, 1]) ** 2)
+        for c in range(len(corners)):
+            away = np.sqrt((x - corners[c, 0]) ** 2 + (y - corners[c, 1]) ** 2)
+            value[n_starts + c] = corner_sizes[c] + g * away
+        out[i] = np.inf
+        while True:
+            best = -1
+            for s in range(n):
+                if value[s] < np.inf and (best < 0 or value[s] < value[best]):
+                    best = s
+            if best < 0:
+                break
+            if _is_visible(x, y, foot[best, 0], foot[best, 1], walls, depth, cuts):
+                out[i] = value[best]
+                break
+            value[best] = np.inf
+
+
+@njit(cache=True, nogil=True)
+def _lowest_share(wx, wy, ex, ey, rise, g):
+    """Return where on the segment e = b - a, as a share, ``rise * share + g |w - share e|`` is
+    least: along the segment the slope of the distance is (s - t)/sqrt((s - t)^2 + D^2), with
+    t the foot of the perpendicular and D its length; it is to balance the slope of the data.
+    """
+    length = np.hypot(ex, ey)
+    if length == 0.0:
+        return 0.0
+    slope = rise / (g * length)
+    if slope >= 1.0:
+        return 0.0
+    if slope <= -1.0:
+        return 1.0
+    along = (wx * ex + wy * ey) / length
+    height = abs(wx * ey - wy * ex) / length
+    shift = height * slope / np.sqrt((1.0 - slope) * (1.0 + slope))
+    return min(1.0, max(0.0, (along - shift) / length))
+
+
+@njit(cache=True, nogil=True)
+def _fill_visible(a, b, walls, depth, out):
+    cuts = np.empty(3 * len(walls) + 2)
+    for i in range(len(a)):
+        out[i] = _is_visible(a[i, 0], a[i, 1], b[i, 0], b[i, 1], walls, depth, cuts)
+
+
+@njit(cache=True, nogil=True)
+def _fill_inside(points, walls, depth, out):
+    for i in range(len(points)):
+        out[i] = _is_inside(points[i, 0], points[i, 1], walls, depth)
+
+
+@njit(cache=True, nogil=True)
+def _is_visible(px, py, qx, qy, walls, depth, cuts):
+    """Tell whether the segment pq of points of the domain stays in it.
+
+    A wall crossed clearly, all four ends farther than ``depth`` from the other line, hides q.
+    Where the segment touches walls it is cut, and the middle of each piece decides.
+    Scratch: cuts[>= 3 len(walls) + 2].
+    """
+    dx, dy = qx - px, qy - py
+    length = np.hypot(dx, dy)
+    if length <= depth:
+        return True
+    dx, dy = dx / length, dy / length
+    cuts[0], cuts[1] = 0.0, length
+    n = 2
+    touches = False
+    for w in range(len(walls)):
+        ax, ay = walls[w, 0] - px, walls[w, 1] - py
+        bx, by = walls[w, 2] - px, walls[w, 3] - py
+        off_a, off_b = dx * ay - dy * ax, dx * by - dy * bx
+        if (off_a > depth and off_b > depth) or (off_a < -depth and off_b < -depth):
+            continue
+        ex, ey = bx - ax, by - ay
+        wall = np.hypot(ex, ey)
+        off_p = (ey * ax - ex * ay) / wall
+        off_q = off_p + length * (ex * dy - ey * dx) / wall
+        if (off_p > depth and off_q > depth) or (off_p < -depth and off_q < -depth):
+            continue
+        if min(abs(off_a), abs(off_b), abs(off_p), abs(off_q)) > depth:
+            return False
+        touches = True
+        if abs(off_a) <= depth:
+            n = _insert(ax * dx + ay * dy, cuts, n)
+        if abs(off_b) <= depth:
+            n = _insert(bx * dx + by * dy, cuts, n)
+        if off_p != off_q:
+            n = _insert(length * off_p / (off_p - off_q), cuts, n)
+    if not touches:
+        return True
+    for c in range(n - 1):
+        if cuts[c + 1] - cuts[c] > depth:
+            middle = 0.5 * (cuts[c] + cuts[c + 1])
+            if not _is_inside(px + middle * dx, py + middle * dy, walls, 4.0 * depth):
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _insert(cut, cuts, n):
+    """Put a cut into the ascending cuts[:n] if it lies between the first and the last."""
+    if not cuts[0] < cut < cuts[n - 1]:
+        return n
+    c = n
+    while cuts[c - 1] > cut:
+        cuts[c] = cuts[c - 1]
+        c -= 1
+    cuts[c] = cut
+    return n + 1
+
+
+@njit(cache=True, nogil=True)
+def _is_inside(x, y, walls, depth):
+    """Tell whether a ray to the right crosses an odd number of walls, or a wall is here."""
+    inside = False
+    for w in range(len(walls)):
+        ax, ay, bx, by = walls[w, 0], walls[w, 1], walls[w, 2], walls[w, 3]
+        if min(ay, by) > y + depth or max(ay, by) < y - depth or max(ax, bx) < x - depth:
+            continue
+        ex, ey = bx - ax, by - ay
+        share = ((x - ax) * ex + (y - ay) * ey) / (ex * ex + ey * ey)
+        share = min(1.0, max(0.0, share))
+        if np.hypot(x - ax - share * ex, y - ay - share * ey) <= depth:
+            return True
+        if (ay > y) != (by > y) and x < ax + (y - ay) * ex / ey:
+            inside = not inside
+    return inside
