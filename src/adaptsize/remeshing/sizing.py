@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, refuse_where
-from adaptsize.background import SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.size_function import SizeFunction
 from adaptsize.typing import FloatArray, IntArray
 
@@ -77,11 +77,30 @@ def extend_inwards(
 
 
 def known_points(size: SizeLike, dim: int) -> FloatArray:
-    """Return where the size is given as numbers: the nodes of its background, if it has any."""
-    points = getattr(getattr(size, "background", None), "points", None)
+    """Return where the size is given as numbers: the nodes of its background, if it has any.
+
+    Grids have many nodes that say nothing: only those that are smaller than their neighbours
+    along an axis are returned, where a coarser sampling would lose something.
+    """
+    background = getattr(size, "background", None)
+    if isinstance(size, SizeFunction) and isinstance(background, CartesianGrid):
+        return _valleys(background, size.values) if background.dim == dim else np.empty((0, dim))
+    points = getattr(background, "points", None)
     if points is None or np.shape(points)[1] != dim:
         return np.empty((0, dim))
     return np.asarray(points)
+
+
+def _valleys(grid: CartesianGrid, values: FloatArray) -> FloatArray:
+    """Return the active nodes whose value is least of three along some axis, float64[n, dim]."""
+    valley = np.zeros(grid.shape, np.bool_)
+    for d in range(grid.dim):
+        h, low = np.moveaxis(values, d, 0), np.moveaxis(valley, d, 0)
+        least = np.minimum(h[2:], h[:-2]) >= h[1:-1]
+        low[1:-1] |= least & (np.maximum(h[2:], h[:-2]) > h[1:-1])
+    if grid.active is not None:
+        valley &= grid.active
+    return grid.origin + grid.spacing * np.argwhere(valley)
 
 
 def sample_in_box(

@@ -1,0 +1,321 @@
+"""Cartesian grids: what they hold, how they refuse, their simplices, sizes between nodes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import CartesianGrid, SimplexMesh, SizeFunction
+from adaptsize.background import grid as grid_module
+from adaptsize.errors import OutsideError
+
+INF = np.inf
+SHAPES = [(7,), (5, 4), (4, 5, 3)]
+
+
+def random_grid(shape, seed, *, share_active=1.0):
+    rng = np.random.default_rng(seed)
+    dim = len(shape)
+    active = rng.random(shape) < share_active if share_active < 1.0 else None
+    return CartesianGrid(rng.normal(size=dim), rng.uniform(0.1, 2.0, dim), shape, active=active)
+
+
+def hat_functions(grid, points):
+    """Weight of each node at each point of the box, float64[n, n_points]: products of hats."""
+    along = (points - grid.lower) / grid.spacing
+    index = np.indices(grid.shape).reshape(grid.dim, -1).T
+    return np.maximum(1.0 - np.abs(along[:, None] - index), 0.0).prod(axis=2)
+
+
+# --- what a grid is ----------------------------------------------------------------
+
+
+def test_attributes_by_hand():
+    grid = CartesianGrid([1.0, -1.0], [0.5, 2.0], (3, 2))
+    assert (grid.dim, grid.n_points, grid.n_cells, grid.nodal_shape) == (2, 6, 2, (3, 2))
+    assert_array_equal(grid.lower, [1.0, -1.0])
+    assert_array_equal(grid.upper, [2.0, 1.0])
+    assert grid.diagonal == np.hypot(1.0, 2.0)
+    assert_array_equal(grid.axes[0], [1.0, 1.5, 2.0])
+    assert_array_equal(grid.points[[0, 1, 4]], [[1.0, -1.0], [1.0, 1.0], [2.0, -1.0]])
+    assert grid.active is None
+
+
+def test_one_spacing_serves_all_axes():
+    assert_array_equal(CartesianGrid([0, 0, 0], 0.5, [2, 3, 4]).spacing, [0.5, 0.5, 0.5])
+
+
+def test_points_stand_in_the_order_of_nodal_values():
+    grid = random_grid((4, 5, 3), 71)
+    function = grid.sample(lambda x: x @ [1.0, 10.0, 100.0])
+    i, j, k = 3, 1, 2
+    where = grid.origin + grid.spacing * (i, j, k)
+    assert_allclose(function[i, j, k], where @ [1.0, 10.0, 100.0], rtol=1e-14)
+    assert_allclose(grid.points.reshape(4, 5, 3, 3)[i, j, k], where, rtol=1e-14)
+
+
+def test_sampling_by_parts_is_sampling_at_once(monkeypatch):
+    monkeypatch.setattr(grid_module, "_POINTS_AT_ONCE", 7)
+    grid = random_grid((5, 3, 2), 73)
+    asked = []
+
+    def function(points):
+        asked.append(len(points))
+        return points[:, 0] - points[:, 2]
+
+    expected = function(grid.points).reshape(grid.shape)
+    assert_array_equal(grid.sample(function), expected)
+    assert asked == [30, 6, 6, 6, 6, 6]
+    with pytest.raises(ValueError, match=r"function\(points\) must have shape \(6,\)"):
+        grid.sample(lambda points: points)
+
+
+def test_arrays_are_read_only_and_no_one_elses():
+    origin, spacing, active = np.zeros(2), np.ones(2), np.ones((2, 2), bool)
+    grid = CartesianGrid(origin, spacing, (2, 2), active=active)
+    origin[:], spacing[:], active[:] = 5.0, 5.0, False
+    assert_array_equal(grid.points[-1], [1.0, 1.0])
+    assert grid.active.all()
+    for array in (grid.origin, grid.spacing, grid.active, grid.upper, *grid.axes):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    with pytest.raises(AttributeError):
+        grid.shape = (3, 3)
+
+
+def test_active_nodes_can_be_exchanged():
+    grid = CartesianGrid([0, 0], 1.0, (3, 3))
+    corner_off = np.ones((3, 3), bool)
+    corner_off[0, 0] = False
+    some = grid.with_active(corner_off)
+    assert (grid.n_cells, some.n_cells, some.n_points) == (4, 3, 9)
+    assert repr(some) == "CartesianGrid(3 x 3 nodes, 8 active, (0, 0) to (2, 2))"
+    assert some.with_active(None).active is None
+
+
+def test_bad_arguments_are_named():
+    ones = np.ones((2, 2), bool)
+    cases = [
+        (([0], 1.0, (2, 2)), {}, r"origin must have shape \(2,\), got \(1,\)"),
+        (([0, np.inf], 1.0, (2, 2)), {}, r"origin must be finite, got origin\[1\] = inf"),
+        (([0, 0], 0.0, (2, 2)), {}, r"spacing must be finite and > 0, got spacing\[0\] = 0.0"),
+        (([0, 0], [1, -1], (2, 2)), {}, r"spacing must be finite and > 0, got spacing\[1\]"),
+        (([0, 0], np.nan, (2, 2)), {}, "spacing must be finite and > 0"),
+        (([0, 0], [1, 1, 1], (2, 2)), {}, r"spacing must be a number or have shape \(2,\)"),
+        (([0, 1e17], 1.0, (2, 2)), {}, r"spacing must be well above the rounding .*spacing\[1\]"),
+        (([0], 1e308, (9,)), {}, "spacing must keep the coordinates finite"),
+        (([0, 0], 1.0, (2, 1)), {}, r"shape must be at least 2, got shape\[1\] = 1"),
+        (([0, 0], 1.0, (2.0, 2)), {}, "shape must be 1, 2 or 3 integers"),
+        (([0, 0], 1.0, 4), {}, "shape must be 1, 2 or 3 integers, got 4"),
+        (([0] * 4, 1.0, (2,) * 4), {}, "shape must be 1, 2 or 3 integers"),
+        (([0, 0], 1.0, (2**16, 2**15)), {}, "shape must give at most 2147483647 nodes"),
+        (([0, 0, 0], 1.0, (2**40,) * 3), {}, "shape must give at most 2147483647 nodes"),
+        (([0, 0], 1.0, (2, 3)), {"active": ones}, r"active must be booleans of shape \(2, 3\)"),
+        (([0, 0], 1.0, (2, 2)), {"active": ones * 1}, "active must be booleans .*got int64"),
+        (([0, 0], 1.0, (2, 2)), {"active": ~ones}, "active must mark at least one node"),
+    ]
+    for arguments, keywords, message in cases:
+        with pytest.raises(ValueError, match=message):
+            CartesianGrid(*arguments, **keywords)
+
+
+# --- around points ------------------------------------------------------------------
+
+
+def test_grid_around_points_by_hand():
+    grid = CartesianGrid.around([[0.0, 0.0], [1.0, 0.3]], 0.25, margin=0.5)
+    assert grid.shape == (9, 7)  # 2 is 8 spacings; 1.3 needs 6, 0.2 too much
+    assert_allclose(grid.lower, [-0.5, -0.6], rtol=1e-14)
+    assert_allclose(grid.upper, [1.5, 0.9], rtol=1e-14)
+    assert CartesianGrid.around([[3.0]], 1.0).shape == (2,)
+
+
+def test_a_whole_number_of_spacings_needs_no_more():
+    for n in range(1, 60):
+        assert CartesianGrid.around([[0.0], [0.1 * n]], 0.1).shape == (n + 1,)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.floats(0.0, 3.0))
+def test_grid_around_points_covers_them_and_no_more_than_a_spacing(seed, dim, margin):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(rng.integers(1, 5), dim)) * 10.0
+    spacing = rng.uniform(0.2, 5.0, dim)
+    grid = CartesianGrid.around(points, spacing, margin=margin)
+    below = points.min(axis=0) - margin - grid.lower
+    above = grid.upper - points.max(axis=0) - margin
+    assert_allclose(below, above, atol=1e-12)
+    assert (below > -1e-8 * spacing).all()
+    assert (below <= 0.5 * spacing * (1.0 + 1e-9)).all()
+    assert_array_equal(grid.spacing, spacing)
+
+
+def test_bad_arguments_around_points_are_named():
+    cases = [
+        (([], 1.0), r"points must have shape \(n, dim\)"),
+        ((np.empty((0, 2)), 1.0), "points must hold at least one point"),
+        (([[0.0, np.nan]], 1.0), "points must be finite"),
+        (([[0.0, 0.0]], [1.0, 0.0]), "spacing must be finite and > 0"),
+        (([[0.0], [1.0]], 1e-300), "spacing must leave at most 2147483647 nodes"),
+        (([[0.0, 0.0], [1e5, 1e5]], 1.0), "shape must give at most 2147483647 nodes"),
+        (([[0.0]], 1.0, -1.0), "margin must be finite and >= 0"),
+    ]
+    for arguments, message in cases:
+        with pytest.raises(ValueError, match=message):
+            CartesianGrid.around(*arguments)
+
+
+# --- simplices -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_mesh_of_a_grid_fills_it_and_fits_together(shape):
+    grid = random_grid(shape, 79)
+    mesh = grid.mesh
+    per_box = {1: 1, 2: 2, 3: 6}[grid.dim]
+    assert mesh.n_cells == per_box * grid.n_cells
+    assert_array_equal(mesh.points, grid.points)
+    box = grid.spacing.prod()
+    assert_allclose(mesh.signed_measures, box / per_box, rtol=1e-12)
+    assert mesh.facet_cell_counts.max() == 2
+    # Facets of one cell only lie on the faces of the box.
+    outer = mesh.points[mesh.facets[mesh.facet_cell_counts == 1]]
+    on_face = np.isclose(outer, grid.lower) | np.isclose(outer, grid.upper)
+    assert on_face.all(axis=1).any(axis=1).all()
+
+
+def test_diagonals_of_a_plane_grid_alternate():
+    mesh = CartesianGrid([0, 0], 1.0, (3, 3)).mesh
+    edges = {tuple(edge) for edge in mesh.edges.tolist()}
+    assert {(0, 4), (2, 4), (4, 6), (4, 8)} <= edges  # all four meet in the middle
+
+
+def test_mesh_of_active_nodes_has_whole_boxes_only():
+    active = np.ones((3, 3, 3), bool)
+    active[0, 0, 0] = False
+    mesh = CartesianGrid([0, 0, 0], 1.0, (3, 3, 3), active=active).mesh
+    assert (mesh.n_points, mesh.n_cells) == (27, 6 * 7)
+    assert 0 not in mesh.cells
+    assert_allclose(mesh.measures.sum(), 7.0)
+    alone = np.zeros((2, 2), bool)
+    alone[0, 0] = True
+    with pytest.raises(ValueError, match="active must leave at least one box"):
+        _ = CartesianGrid([0, 0], 1.0, (2, 2), active=alone).mesh
+
+
+# --- between the nodes ---------------------------------------------------------------
+
+
+@given(st.sampled_from(SHAPES), st.integers(0, 2**32 - 1))
+@settings(deadline=None)
+def test_interpolation_is_the_sum_of_products_of_hats(shape, seed):
+    rng = np.random.default_rng(seed)
+    grid = random_grid(shape, seed)
+    values = rng.uniform(0.1, 1.0, shape)
+    points = rng.uniform(grid.lower - 1.0, grid.upper + 1.0, (20, grid.dim))
+    inside = np.clip(points, grid.lower, grid.upper)
+    expected = hat_functions(grid, inside) @ values.ravel()
+    result, distances = grid.locator.interpolate(values, points)
+    assert_allclose(result, expected, rtol=1e-12)
+    assert_allclose(distances, np.linalg.norm(points - inside, axis=1), atol=1e-12)
+
+
+@given(st.sampled_from(SHAPES), st.integers(0, 2**32 - 1))
+@settings(deadline=None)
+def test_at_nodes_the_values_are_exact_whatever_the_neighbours(shape, seed):
+    grid = random_grid(shape, seed)
+    rng = np.random.default_rng(seed)
+    values = np.where(rng.random(shape) < 0.5, INF, rng.uniform(0.1, 1.0, shape))
+    size = SizeFunction(grid, values)
+    assert_array_equal(size(grid.points), values.ravel())
+    nudged = grid.points * (1.0 + np.finfo(float).eps)
+    finite = np.isfinite(values.ravel())
+    assert_allclose(size(nudged)[finite], values.ravel()[finite], rtol=1e-12)
+
+
+def test_a_point_between_a_free_node_and_another_is_free():
+    size = SizeFunction(CartesianGrid([0, 0], 1.0, (2, 2)), [[1.0, 3.0], [INF, INF]])
+    assert_array_equal(size([[1e-6, 0.5], [0.0, 0.5], [0.5, 0.0]]), [INF, 2.0, INF])
+
+
+@given(st.sampled_from(SHAPES), st.integers(0, 2**32 - 1))
+@settings(deadline=None)
+def test_nodes_that_are_not_active_do_not_count(shape, seed):
+    rng = np.random.default_rng(seed)
+    active = rng.random(shape) < 0.6
+    active.flat[0] = True
+    grid = random_grid(shape, seed).with_active(active)
+    values = rng.uniform(0.1, 1.0, shape)
+    points = rng.uniform(grid.lower, grid.upper, (20, grid.dim))
+    weights = hat_functions(grid, points) * active.ravel()
+    total = weights.sum(axis=1)
+    expected = np.full(20, INF)
+    np.divide(weights @ values.ravel(), total, out=expected, where=total > 0.0)
+    result = SizeFunction(grid, values)(points)
+    assert_allclose(result, expected, rtol=1e-9)  # total may be small
+    # Whatever is written there, it is not seen.
+    assert_array_equal(SizeFunction(grid, np.where(active, values, 1e9))(points), result)
+
+
+def test_interpolation_reproduces_multilinear_functions():
+    grid = random_grid((4, 5, 3), 83)
+    x = np.random.default_rng(84).uniform(grid.lower, grid.upper, (100, 3))
+
+    def function(p):
+        return 50.0 + p[:, 0] - 2.0 * p[:, 1] * p[:, 2] + p.prod(axis=1)
+
+    assert_allclose(SizeFunction(grid, grid.sample(function))(x), function(x), rtol=1e-12)
+
+
+def test_far_and_huge_coordinates():
+    grid = CartesianGrid([1e9, -1e9], 1.0, (3, 3))
+    size = SizeFunction(grid, [[1.0, 2.0, 3.0]] * 3)
+    assert_allclose(size([[1e300, -1e9 + 0.5], [-1e300, 1e300]]), [1.5, 3.0])
+    assert grid.locator.interpolate(size.values, [[1e9, 1e300]])[1][0] == 1e300
+
+
+def test_no_points_give_no_sizes():
+    assert SizeFunction(CartesianGrid([0], 1.0, (2,)), [1, 2])(np.empty((0, 1))).shape == (0,)
+
+
+def test_calls_by_parts_give_the_same(monkeypatch):
+    from adaptsize.background import grid_location
+
+    grid = random_grid((5, 4), 87)
+    points = np.random.default_rng(88).normal(size=(10, 2))
+    values = np.random.default_rng(89).uniform(0.1, 1.0, grid.shape)
+    at_once = grid.locator.interpolate(values, points)
+    monkeypatch.setattr(grid_location, "_POINTS_PER_CALL", 3)
+    assert_array_equal(grid.locator.interpolate(values, points), at_once)
+
+
+# --- size functions -------------------------------------------------------------------
+
+
+def test_points_outside_are_refused_on_request():
+    grid = CartesianGrid([0, 0], 1.0, (2, 2))
+    size = SizeFunction(grid, np.ones((2, 2)), outside="error")
+    assert_array_equal(size([[1.0, 1.0 + 1e-10]]), [1.0])
+    with pytest.raises(OutsideError, match=r"points\[0\] = \(0.5, 3\) at a distance of 2"):
+        size([[0.5, 3.0]])
+
+
+def test_values_must_have_the_shape_of_the_grid():
+    grid = CartesianGrid([0, 0], 1.0, (2, 3))
+    with pytest.raises(ValueError, match=r"values must have shape \(2, 3\), got \(6,\)"):
+        SizeFunction(grid, np.ones(6))
+
+
+def test_sizes_move_between_grids_and_meshes():
+    grid = CartesianGrid([0, 0], 0.5, (3, 3))
+    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    on_grid = SizeFunction(grid, grid.sample(lambda x: 1.0 + x[:, 0]))
+    on_mesh = on_grid.on(mesh)
+    assert_allclose(on_mesh.values, [1.0, 2.0, 2.0, 1.0])
+    back = on_mesh.on(grid)
+    assert back.values.shape == (3, 3)
+    assert_allclose(back.values, on_grid.values)
+    smaller = on_grid.minimum(SizeFunction(mesh, [1.25, 1.25, 1.25, 1.25]))
+    assert_allclose(smaller.values, np.minimum(on_grid.values, 1.25))
+    assert smaller.clip(hmax=1.1).values.shape == (3, 3)
+    assert_allclose(on_mesh.minimum(on_grid.clip(hmax=1.5)).values, [1.0, 1.5, 1.5, 1.0])
