@@ -88,6 +88,12 @@ def disc_data(theta):
     return 5.0 + 4.0 * np.sin(3.0 * theta)
 
 
+def disc_field(radius):
+    """Return smooth sizes for all nodes of the disc: rings, of slopes up to 0.59."""
+    wave_number = 4.0 * np.pi / HALF_WIDTH
+    return 6.0 + 0.59 / wave_number * np.cos(wave_number * radius)
+
+
 def leaking_slit(n, *, width=0.5, tip=-20.0, seed=1006):
     """The slit square with h0 = 1 on the left face of the slit and 8 on the right one.
 

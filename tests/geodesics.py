@@ -108,6 +108,15 @@ def curve_sizes(curve, sizes, interval, points, g, *, n_samples=720):
     return result
 
 
+def radial_sizes(sizes, radius, points, g):
+    """Return the limit of ``sizes(|x|)``, given everywhere in the disc or ball, float64[n].
+
+    The nearest point at another radius is on the same ray, so this is a problem on [0, radius].
+    """
+    r = np.linalg.norm(points, axis=1)[:, None]
+    return curve_sizes(lambda s: s[:, None], sizes, (0.0, radius), r, g)
+
+
 def _lengths_between(points, places):
     squares = sum((points[:, a, None] - places[:, a]) ** 2 for a in range(points.shape[1]))
     return np.sqrt(squares)

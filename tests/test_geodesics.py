@@ -17,6 +17,7 @@ from geodesics import (
     limited_sizes,
     perimeter,
     prism_sizes,
+    radial_sizes,
     reflex_corners,
     sees,
 )
@@ -306,6 +307,22 @@ def test_of_many_valleys_the_deepest_is_found():
     places, values = circle(30.0)(s), 1.0 + np.cos(8.0 * s)
     brute = [(values + 0.01 * np.linalg.norm(p - places, axis=1)).min() for p in x]
     assert_allclose(h, brute, atol=4e-8)  # (2 pi/2e5)^2 times a curvature of 64, halved: 3.2e-8
+
+
+def test_rings_are_limited_by_the_points_of_their_disc():
+    mesh, _ = domains.disc(3000)
+    x, r = mesh.points, np.linalg.norm(mesh.points, axis=1)
+    exact = radial_sizes(domains.disc_field, 50.0, x, G)
+    assert 0.5 < (exact < domains.disc_field(r) - 1e-12).mean() < 0.95
+    rng = np.random.default_rng(65)
+    y = 50.0 * np.sqrt(rng.random(200_000))[:, None] * circle(1.0)(rng.uniform(0, 7, 200_000))
+    field = domains.disc_field(np.linalg.norm(y, axis=1))
+    for place, size in zip(x[::150], exact[::150], strict=True):
+        brute = (field + G * np.linalg.norm(place - y, axis=1)).min()
+        # The nearest of 25 random points per unit of area is hardly farther than 0.5.
+        assert size <= brute < size + 0.59 * 0.5
+    h = limit_gradient(mesh, domains.disc_field(r), G, method="fast-marching")
+    assert np.abs(h - exact).max() < 0.25
 
 
 # ---------------------------------------------------------------- space
