@@ -1,0 +1,34 @@
+"""Meshes made to sizes that live on a Cartesian grid."""
+
+import numpy as np
+import pytest
+from shapes import block, two_region_rectangle
+
+from adaptsize import CartesianGrid, SizeFunction, remesh, size_conformity
+from adaptsize.remeshing.sizing import known_points
+
+
+@pytest.mark.parametrize("mesh", [two_region_rectangle(4), block(2)], ids=["plane", "space"])
+def test_mmg_meets_a_size_function_on_a_grid(mesh):
+    pytest.importorskip("mmgpy")
+    grid = CartesianGrid.around(mesh.points, 0.1, margin=0.05)
+    size = SizeFunction(grid, grid.sample(lambda x: 0.2 + 0.2 * x[:, 0]))
+    conformity = size_conformity(remesh(mesh, size, backend="mmg"), size)
+    assert conformity.share_in_band >= 0.85, conformity  # as in test_contract.py
+    assert conformity.edges.q50 == pytest.approx(1.0, rel=0.15)
+
+
+def test_of_a_grid_only_nodes_that_say_something_are_handed_on():
+    grid = CartesianGrid([0.0, 0.0, 0.0], 1.0, (9, 8, 7))
+    cone = SizeFunction(grid, grid.sample(lambda x: 1.0 + np.linalg.norm(x - [4, 3, 2], axis=1)))
+    known = {tuple(p) for p in known_points(cone, 3).tolist()}
+    # A cone is least of three along an axis in the planes through its tip only.
+    assert known == {tuple(p) for p in grid.points.tolist() if p[0] == 4 or p[1] == 3 or p[2] == 2
+                     if any(0 < p[d] < grid.shape[d] - 1 and p[d] == (4, 3, 2)[d]
+                            for d in range(3))}  # fmt: skip
+    active = grid.points[:, 0].reshape(grid.shape) != 4
+    some = SizeFunction(grid.with_active(active), cone.values)
+    assert {tuple(p) for p in known_points(some, 3).tolist()} == {p for p in known if p[0] != 4}
+    flat = SizeFunction(grid, np.ones(grid.shape))
+    assert known_points(flat, 3).shape == (0, 3)
+    assert known_points(flat, 2).shape == (0, 2)
