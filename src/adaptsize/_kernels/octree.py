@@ -65,34 +65,6 @@ def decode(codes, level, root_shape, indices):
 
 
 @njit(cache=True, nogil=True)
-def coordinate(index, count, lower, upper):
-    """Return the coordinate of a lattice plane, exactly `lower` and `upper` at the ends."""
-    share = index / count
-    return lower * (1.0 - share) + upper * share
-
-
-@njit(cache=True, nogil=True)
-def fill_coordinates(keys, strides, counts, lower, upper, points):
-    """Fill the points of lattice nodes.
-
-    Parameters
-    ----------
-    keys : int64[n]
-    strides, counts : int64[dim]
-        Of the lattice: step of the key, and number of intervals, along each axis.
-    lower, upper : float64[dim]
-    points : float64[n, dim]
-        Out.
-    """
-    for i in range(keys.shape[0]):
-        rest = keys[i]
-        for d in range(points.shape[1]):
-            index = rest // strides[d]
-            rest -= index * strides[d]
-            points[i, d] = coordinate(index, counts[d], lower[d], upper[d])
-
-
-@njit(cache=True, nogil=True)
 def find_node(keys, numbers, key):
     """Return the number of a key in a hash table, -1 if it is not there."""
     mask = keys.shape[0] - 1
@@ -141,12 +113,12 @@ def number_corners(indices, levels, strides, keys, numbers, corners, node_keys):
     int
         Number of different corners.
     """
-    n_points = 0
+    n_points = np.int64(0)
     dim = indices.shape[1]
     for leaf in range(indices.shape[0]):
         size = 1 << levels[leaf]
         for j in range(corners.shape[1]):
-            key = 0
+            key = np.int64(0)
             for d in range(dim):
                 key += (indices[leaf, d] + size * ((j >> (dim - 1 - d)) & 1)) * strides[d]
             node = _find_or_add(keys, numbers, key, n_points)
@@ -216,15 +188,12 @@ def has_halved_edge(keys, numbers, base, a, b, size):
 
     ``a`` and ``b`` are the strides of the two axes of the square.
     """
-    if size == 1:
-        return False
-    half = size >> 1
-    return (
-        find_node(keys, numbers, base + half * a) >= 0
-        or find_node(keys, numbers, base + half * b) >= 0
-        or find_node(keys, numbers, base + half * a + size * b) >= 0
-        or find_node(keys, numbers, base + half * b + size * a) >= 0
-    )
+    for side in range(4):
+        key = base + (size >> 1) * (a if side % 2 == 0 else b)
+        key += size * (b if side % 2 == 0 else a) * (side >> 1)
+        if size > 1 and find_node(keys, numbers, key) >= 0:
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -237,12 +206,10 @@ def _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place):
     Parameters as in `_cut_square`; ``centre`` is the number of the node there.
     """
     start = base
+    p = find_node(keys, numbers, start)
     for side in range(4):
-        step = a if side % 2 == 0 else b
-        if side >= 2:
-            step = -step
-        at = 0
-        p = find_node(keys, numbers, start)
+        step = (a if side % 2 == 0 else b) * (1 if side < 2 else -1)
+        at = np.int64(0)
         while at < size:
             length = at & -at if at > 0 else size
             while length > 1 and find_node(keys, numbers, start + (at + length // 2) * step) >= 0:
@@ -272,8 +239,8 @@ def _cut_square(
         Hash tables of the corners, and (In/Out) of the centres of squares.
     base, a, b, size : int
         Key of the lower corner, strides of its two axes, edge in lattice intervals.
-    odd : bool
-        Whether the sum of the two indices of the square, on its level, is odd.
+    odd : int
+        1 if the sum of the two indices of the square, on its level, is odd, else 0.
     apex : int
         Node that triangles are joined with, to tetrahedra, if ``cells`` has four columns.
     flip : bool
@@ -298,33 +265,31 @@ def _cut_square(
     top = 1
     while top > 0:
         top -= 1
-        base, size, odd = stack[top, 0], stack[top, 1], stack[top, 2] != 0
-        half = size >> 1
-        middle = base + half * (a + b)
+        low, edge, is_odd = stack[top, 0], stack[top, 1], stack[top, 2]
+        half = edge >> 1
+        middle = low + half * (a + b)
         if half > 0 and find_node(keys, numbers, middle) >= 0:
             for quarter in range(4):
                 u, v = quarter >> 1, quarter & 1
-                stack[top, 0] = base + half * (u * a + v * b)
+                stack[top, 0] = low + half * (u * a + v * b)
                 stack[top, 1] = half
                 stack[top, 2] = u ^ v
                 top += 1
-        elif has_halved_edge(keys, numbers, base, a, b, size):
+        elif has_halved_edge(keys, numbers, low, a, b, edge):
             centre = _find_or_add(centre_keys, centre_numbers, middle, n_points)
             if centre == n_points:
                 node_keys[n_points] = middle
                 n_points += 1
-            place = _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place)
+            place = _fan(keys, numbers, low, a, b, edge, centre, apex, flip, cells, place)
         else:
-            p = find_node(keys, numbers, base)
-            q = find_node(keys, numbers, base + size * a)
-            r = find_node(keys, numbers, base + size * (a + b))
-            s = find_node(keys, numbers, base + size * b)
-            if odd:
-                place = _store(cells, place, p, q, s, apex, flip)
-                place = _store(cells, place, q, r, s, apex, flip)
-            else:
-                place = _store(cells, place, p, q, r, apex, flip)
-                place = _store(cells, place, p, r, s, apex, flip)
+            # Round the square from the end of a diagonal that both triangles have.
+            turn = 1 if is_odd else 0
+            p = find_node(keys, numbers, low + edge * (turn * a))
+            q = find_node(keys, numbers, low + edge * (a + turn * b))
+            r = find_node(keys, numbers, low + edge * ((1 - turn) * a + b))
+            s = find_node(keys, numbers, low + edge * ((1 - turn) * b))
+            place = _store(cells, place, p, q, r, apex, flip)
+            place = _store(cells, place, p, r, s, apex, flip)
     return n_points, place
 
 
@@ -386,37 +351,33 @@ def cut_leaves(
     -------
     n_points, n_cells : int
     """
+    # Explicit types keep the compiler from trying others, which takes it seconds.
     dim = indices.shape[1]
     stack = np.empty((_STACK, 3), np.int64)
-    n_points = n_corners
-    place = 0
+    n_points = np.int64(n_corners)
+    place = np.int64(0)
     for leaf in range(indices.shape[0]):
-        size = 1 << levels[leaf]
-        base = 0
-        even = 0  # the corner whose indices on this level are all even
+        size = np.int64(1) << levels[leaf]
+        base = np.int64(0)
+        even = np.int64(0)  # the corner whose indices on this level are all even
         for d in range(dim):
             base += indices[leaf, d] * strides[d]
             even = (even << 1) | ((indices[leaf, d] >> levels[leaf]) & 1)
         if not hanging[leaf]:
             place = _cut_along_diagonals(corners, leaf, even, cells, place)
             continue
-        if dim == 2:
-            odd = ((even >> 1) ^ even) & 1 == 1
-            n_points, place = _cut_square(
-                tables, base, strides[0], strides[1], size, odd, 0, False,
-                n_points, node_keys, stack, cells, place,
-            )  # fmt: skip
-            continue
-        apex = n_points
-        node_keys[apex] = base + (size >> 1) * (strides[0] + strides[1] + strides[2])
-        leaf_centres[leaf] = apex
-        n_points += 1
-        for axis in range(3):
+        if dim == 3:
+            leaf_centres[leaf] = n_points
+            node_keys[n_points] = base + (size >> 1) * (strides[0] + strides[1] + strides[2])
+            n_points += 1
+        # A quadtree's leaf counts as the lower face along a third axis.
+        for face in range(6 if dim == 3 else 1):
+            axis, side = (face >> 1, face & 1) if dim == 3 else (2, 0)
             i, j = (axis + 1) % 3, (axis + 2) % 3
-            odd = ((even >> (2 - i)) ^ (even >> (2 - j))) & 1 == 1
-            for side in range(2):
-                n_points, place = _cut_square(
-                    tables, base + side * size * strides[axis], strides[i], strides[j], size,
-                    odd, apex, side == 1, n_points, node_keys, stack, cells, place,
-                )  # fmt: skip
+            odd = ((even >> (dim - 1 - i)) ^ (even >> (dim - 1 - j))) & 1
+            start = base + (side * size * strides[axis] if dim == 3 else 0)
+            n_points, place = _cut_square(
+                tables, start, strides[i], strides[j], size, odd, leaf_centres[leaf],
+                side == 1, n_points, node_keys, stack, cells, place,
+            )  # fmt: skip
     return n_points, place

@@ -5,50 +5,21 @@ import math
 import numpy as np
 from numba import njit
 
-from adaptsize._kernels.octree import coordinate, find_node, has_halved_edge
+from adaptsize._kernels.octree import find_node, has_halved_edge
 
 
 @njit(cache=True, nogil=True)
-def find_leaves(places, root_shape, depth, starts, leaves):
-    """Fill the leaf that holds each place.
-
-    Parameters
-    ----------
-    places : float64[n, dim]
-        Lattice coordinates, from 0 to ``root_shape << depth``.
-    root_shape : int64[dim]
-    depth : int
-        Finest level.
-    starts : int64[n_leaves]
-        Code of the first smallest cell in each leaf, ascending.
-    leaves : int32[n]
-        Out.  Places on a face belong to the leaf above it, at the upper end to the last.
-    """
-    dim = places.shape[1]
-    for q in range(places.shape[0]):
-        code = 0
-        for d in range(dim):
-            index = min(np.int64(places[q, d]), (root_shape[d] << depth) - 1)
-            code = code * root_shape[d] + (index >> depth)
-        for bit in range(depth - 1, -1, -1):
-            for d in range(dim):
-                index = min(np.int64(places[q, d]), (root_shape[d] << depth) - 1)
-                code = (code << 1) | ((index >> bit) & 1)
-        low, high = 0, starts.shape[0]
-        while high - low > 1:
-            middle = (low + high) >> 1
-            if starts[middle] <= code:
-                low = middle
-            else:
-                high = middle
-        leaves[q] = low
+def _coordinate(index, count, lower, upper):
+    """Return the coordinate of a lattice plane, by the very operations of `Octree.points`."""
+    share = index / count
+    return lower * (1.0 - share) + upper * share
 
 
 @njit(cache=True, nogil=True)
 def fill_places(points, lower, upper, counts, places, distances):
     """Fill lattice coordinates of the closest points of the box, and the distances to them.
 
-    Coordinates of lattice planes, as `coordinate` gives them, become whole numbers, so that
+    Coordinates of lattice planes, as `_coordinate` gives them, become whole numbers, so that
     a point on a face or at a node lies there exactly.
 
     Parameters
@@ -70,7 +41,7 @@ def fill_places(points, lower, upper, counts, places, distances):
             distance = math.hypot(distance, points[q, d] - x)
             place = (x - lower[d]) / (upper[d] - lower[d]) * counts[d]
             nearest = np.int64(place + 0.5)
-            if coordinate(nearest, counts[d], lower[d], upper[d]) == x:
+            if _coordinate(nearest, counts[d], lower[d], upper[d]) == x:
                 place = np.float64(nearest)
             places[q, d] = min(place, np.float64(counts[d]))
         distances[q] = distance
@@ -106,7 +77,7 @@ def _in_square(tables, base, a, b, size, odd, u, v):
         if up:
             v -= half
             base += half * b
-        odd = right != up
+        odd = 1 if right != up else 0
         size = half
         half >>= 1
     if has_halved_edge(keys, numbers, base, a, b, size):
@@ -117,12 +88,12 @@ def _in_square(tables, base, a, b, size, odd, u, v):
             return centre, centre, centre, 1.0, 0.0, 0.0
         # From the centre through the place to the edge.
         out = far / half
-        if abs(du) >= abs(dv):
-            edge = base + (size * a if du > 0.0 else 0)
-            p, q, w_p, w_q = _on_edge(keys, numbers, edge, b, size, dv / out + half)
-        else:
-            edge = base + (size * b if dv > 0.0 else 0)
-            p, q, w_p, w_q = _on_edge(keys, numbers, edge, a, size, du / out + half)
+        across_a = abs(du) >= abs(dv)
+        step = b if across_a else a
+        if (du if across_a else dv) > 0.0:
+            base += size * (a if across_a else b)
+        along = (dv if across_a else du) / out + half
+        p, q, w_p, w_q = _on_edge(keys, numbers, base, step, size, along)
         out = min(out, 1.0)
         return centre, p, q, 1.0 - out, w_p * out, w_q * out
     # In coordinates from the even corner, the diagonal is u == v.
@@ -132,22 +103,20 @@ def _in_square(tables, base, a, b, size, odd, u, v):
         base += size * a
         a = -a
     first = find_node(keys, numbers, base)
+    side = find_node(keys, numbers, base + size * (a if u >= v else b))
     last = find_node(keys, numbers, base + size * (a + b))
-    if u >= v:
-        side = find_node(keys, numbers, base + size * a)
-        return first, side, last, 1.0 - u, u - v, v
-    side = find_node(keys, numbers, base + size * b)
-    return first, side, last, 1.0 - v, v - u, u
+    u, v = max(u, v), min(u, v)
+    return first, side, last, 1.0 - u, u - v, v
 
 
 @njit(cache=True, nogil=True)
 def _in_plain_leaf(corners, leaf, even, u, nodes, weights, q):
     """Fill nodes and weights in a leaf cut as by `_cut_along_diagonals`.
 
-    The place ``u`` (float64[dim], 0 to 1, measured from corner ``even``; scratch) is sorted:
+    The place ``u`` (float64[3], 0 to 1, measured from corner ``even``; scratch) is sorted:
     the path from corner to corner takes the axis of the largest coordinate first.
     """
-    dim = u.shape[0]
+    dim = nodes.shape[1] - 1
     corner = even
     nodes[q, 0] = corners[leaf, corner]
     before = 1.0
@@ -175,7 +144,7 @@ def fill_weights(
     places : float64[n, dim]
         Lattice coordinates.
     leaves : int32[n]
-        From `find_leaves`.
+        Leaf that holds each place.
     indices, levels, strides, corners, hanging, tables
         As in `adaptsize._kernels.octree.cut_leaves`.
     leaf_centres : int32[n_leaves]
@@ -186,12 +155,12 @@ def fill_weights(
         Out: >= 0.
     """
     dim = places.shape[1]
-    u = np.empty(dim)
+    u = np.empty(3)
     for q in range(places.shape[0]):
         leaf = leaves[q]
-        size = 1 << levels[leaf]
-        base = 0
-        even = 0
+        size = np.int64(1) << levels[leaf]
+        base = np.int64(0)
+        even = np.int64(0)
         for d in range(dim):
             base += indices[leaf, d] * strides[d]
             even = (even << 1) | ((indices[leaf, d] >> levels[leaf]) & 1)
@@ -203,31 +172,26 @@ def fill_weights(
                     u[d] = 1.0 - u[d]
             _in_plain_leaf(corners, leaf, even, u, nodes, weights, q)
             continue
-        if dim == 2:
-            odd = ((even >> 1) ^ even) & 1 == 1
-            n_0, n_1, n_2, w_0, w_1, w_2 = _in_square(
-                tables, base, strides[0], strides[1], size, odd, u[0], u[1]
-            )
-        else:
+        axis = 2  # a quadtree's leaf counts as a face across a third axis
+        out = 1.0
+        if dim == 3:
             # From the centre through the place to a face.
             half = size >> 1
-            axis = 0
-            for d in range(1, 3):
+            for d in range(2):
                 if abs(u[d] - half) > abs(u[axis] - half):
                     axis = d
             out = min(abs(u[axis] - half) / half, 1.0)
-            i, j = (axis + 1) % 3, (axis + 2) % 3
-            odd = ((even >> (2 - i)) ^ (even >> (2 - j))) & 1 == 1
             if u[axis] > half:
                 base += size * strides[axis]
-            scale = 1.0 / out if out > 0.0 else 0.0
-            n_0, n_1, n_2, w_0, w_1, w_2 = _in_square(
-                tables, base, strides[i], strides[j], size, odd,
-                min(max((u[i] - half) * scale + half, 0.0), np.float64(size)),
-                min(max((u[j] - half) * scale + half, 0.0), np.float64(size)),
-            )  # fmt: skip
-            w_0, w_1, w_2 = w_0 * out, w_1 * out, w_2 * out
+            for d in range(3):
+                place = (u[d] - half) / out + half if out > 0.0 else np.float64(half)
+                u[d] = min(max(place, 0.0), np.float64(size))
             nodes[q, 3] = leaf_centres[leaf]
             weights[q, 3] = 1.0 - out
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        odd = ((even >> (dim - 1 - i)) ^ (even >> (dim - 1 - j))) & 1
+        n_0, n_1, n_2, w_0, w_1, w_2 = _in_square(
+            tables, base, strides[i], strides[j], size, odd, u[i], u[j]
+        )
         nodes[q, 0], nodes[q, 1], nodes[q, 2] = n_0, n_1, n_2
-        weights[q, 0], weights[q, 1], weights[q, 2] = w_0, w_1, w_2
+        weights[q, 0], weights[q, 1], weights[q, 2] = w_0 * out, w_1 * out, w_2 * out

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, describe, refuse_where
-from adaptsize._kernels.octree import fill_coordinates
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._octree_nodes import Lattice, Parts, cut, lattice_of, number_nodes
 from adaptsize.background.octree_location import OctreeLocator
@@ -236,11 +235,9 @@ class Octree:
 
         Corners of leaves first, then the centres of leaves and faces that ``mesh`` needs.
         """
-        points = np.empty((self.n_points, self.dim))
         keys = self._parts.node_keys[: self.n_points]
-        lattice = self._lattice
-        fill_coordinates(keys, lattice.strides, lattice.counts, self.lower, self.upper, points)
-        return _read_only(points)
+        indices = np.unravel_index(keys, self._lattice.counts + 1)
+        return self._planes(np.stack(indices, axis=1))
 
     @cached_property
     def mesh(self) -> SimplexMesh:
@@ -251,9 +248,10 @@ class Octree:
         triangles, or tetrahedra, between its centre and the pieces of its boundary.  A face
         is cut in the same manner, by its own nodes alone, so that neighbours agree.
 
-        Cells are in the order of the leaves, positively oriented, and at worst half as good
-        as those of the diagonals where leaves are balanced; where they are not, flat
-        ones stand on small pieces of the boundary of large leaves.
+        Cells are in the order of the leaves and positively oriented.  If the leaves are cubes
+        and balanced, triangles have angles of 45 and 90 degrees only, and tetrahedra have
+        dihedral angles from 45 to 120.  If they are not balanced, flat cells stand on small
+        pieces of the boundary of large leaves.
         """
         return SimplexMesh(self.points, _read_only(cut(self._parts)))
 
@@ -271,7 +269,7 @@ class Octree:
         return number_nodes(self.levels, self._lattice)
 
     def _planes(self, indices: npt.NDArray[Any]) -> FloatArray:
-        """Return the coordinates of lattice indices, as the nodes have them."""
+        """Return the coordinates of lattice indices: exactly those of the box at its ends."""
         share = indices / self._lattice.counts
         return _read_only(self.lower * (1.0 - share) + self.upper * share)
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import interpolate
-from adaptsize._kernels.octree_location import fill_places, fill_weights, find_leaves
+from adaptsize._kernels.octree_location import fill_places, fill_weights
+from adaptsize.background._octree_growth import codes_of
 from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background.octree import Octree
+
+_Order: TypeAlias = npt.NDArray[np.intp]
+_T = TypeVar("_T", bound=np.generic)
 
 
 class OctreeLocator:
@@ -63,7 +67,8 @@ class OctreeLocator:
         ValueError
             If ``points`` has another shape or a coordinate is not finite.
         """
-        return self._find(points)[0]
+        order, _, leaves, _ = self._find(points)
+        return _put_back(order, leaves)
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the nodes of the simplex that holds each point, and the weight of each.
@@ -88,16 +93,8 @@ class OctreeLocator:
         ValueError
             If ``points`` has another shape or a coordinate is not finite.
         """
-        tree = self._octree
-        leaves, places, distances = self._find(points)
-        nodes = np.empty((len(leaves), tree.dim + 1), np.int32)
-        weights = np.empty((len(leaves), tree.dim + 1))
-        parts = tree._parts
-        fill_weights(
-            places, leaves, parts.indices, parts.levels, parts.strides, parts.corners,
-            parts.hanging, parts.leaf_centres, parts.tables, nodes, weights,
-        )  # fmt: skip
-        return nodes, weights, distances
+        order, nodes, weights, distances = self._weigh(points)
+        return _put_back(order, nodes), _put_back(order, weights), distances
 
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
@@ -109,6 +106,7 @@ class OctreeLocator:
         values : array_like of float, shape (n_points,)
             Nodal values, finite or +inf.
         points : array_like of float, shape (n, dim)
+            Any n, also 0.
 
         Returns
         -------
@@ -116,23 +114,52 @@ class OctreeLocator:
             inf where a node of positive weight is inf; between the values of the nodes of
             positive weight otherwise.
         distances : ndarray of float64, shape (n,)
-            Distance of each point to the box.
+            Distance of each point to the box, 0 inside.
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong or a coordinate is not finite.
         """
         nodal = as_float_array("values", values, self._octree.nodal_shape)
-        nodes, weights, distances = self.weights(points)
+        order, nodes, weights, distances = self._weigh(points)
         result = np.empty(len(nodes))
         interpolate(nodes, nodal, np.arange(len(nodes), dtype=np.int32), weights, result)
-        return result, distances
+        return _put_back(order, result), distances
 
-    def _find(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return leaves, lattice coordinates and distances of points."""
-        tree = self._octree
-        queries = as_points("points", points, tree.dim)
+    def _find(self, points: npt.ArrayLike) -> tuple[_Order, FloatArray, IntArray, FloatArray]:
+        """Return points as lattice coordinates, their leaves, and their distances.
+
+        Coordinates and leaves are in the order that is returned first, along the Z curve,
+        so that what is near in space is near in memory; the distances are not.
+        """
+        tree, lattice = self._octree, self._octree._lattice
+        # A copy that may be written into: kernels are compiled for one kind of array only.
+        queries = as_points("points", points, tree.dim).copy()
         places = np.empty_like(queries)
         distances = np.empty(len(queries))
-        lattice = tree._lattice
         fill_places(queries, tree.lower, tree.upper, lattice.counts, places, distances)
-        leaves = np.empty(len(queries), np.int32)
-        roots = np.array(tree.root_shape, np.int64)
-        find_leaves(places, roots, lattice.depth, lattice.starts, leaves)
-        return leaves, places, distances
+        indices = np.minimum(places.astype(np.int64), lattice.counts - 1)
+        codes = codes_of(indices, lattice.depth, tree.root_shape)
+        order = np.argsort(codes)
+        leaves = np.searchsorted(lattice.starts, codes[order], side="right") - 1
+        return order, places[order], leaves.astype(np.int32), distances
+
+    def _weigh(self, points: npt.ArrayLike) -> tuple[_Order, IntArray, FloatArray, FloatArray]:
+        """Return what `weights` does, but nodes and weights in the order returned first."""
+        parts = self._octree._parts
+        order, places, leaves, distances = self._find(points)
+        nodes = np.empty((len(leaves), self._octree.dim + 1), np.int32)
+        weights = np.empty(nodes.shape)
+        fill_weights(
+            places, leaves, parts.indices, parts.levels, parts.strides, parts.corners,
+            parts.hanging, parts.leaf_centres, parts.tables, nodes, weights,
+        )  # fmt: skip
+        return order, nodes, weights, distances
+
+
+def _put_back(order: _Order, values: npt.NDArray[_T]) -> npt.NDArray[_T]:
+    """Return rows in the order from before they were sorted."""
+    result = np.empty_like(values)
+    result[order] = values
+    return result
