@@ -2,39 +2,32 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_sizes, describe, one_of
+from adaptsize._checks import as_float_array, as_number, as_sizes, describe, one_of
 from adaptsize._progress import reporting
-from adaptsize.background import SimplexMesh
-from adaptsize.limiting import gradient_limit
-from adaptsize.limiting.exact import solve_exact
-from adaptsize.limiting.fast_marching import solve_edge_based, solve_fast_marching
-from adaptsize.limiting.gradient_limit import SizeTransform, Slope
-from adaptsize.limiting.positive_coefficient import solve_positive_coefficient
-from adaptsize.limiting.solution import LimitingInfo, Solution, describe_solution
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.limiting import gradient_limit, on_grids, on_simplices
+from adaptsize.limiting.problem import Problem
+from adaptsize.limiting.solution import LimitingInfo, describe_solution
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
-METHODS = ("auto", "fast-marching", "positive-coefficient", "edge-based", "exact")
 # Products of four lengths and two g must stay in the range of float64.
 _FARTHEST = 1e60
-_MARCHING = {
-    "fast-marching": solve_fast_marching,
-    "edge-based": solve_edge_based,
-    "exact": solve_exact,
-}
 
 
 @overload
 def limit_gradient(
-    background: SimplexMesh,
+    background: SimplexMesh | CartesianGrid | Octree,
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
     method: str = ...,
+    order: int = ...,
     floor: Literal["hopf-lax"] | None = ...,
     initial: npt.ArrayLike | None = ...,
     tol: float = ...,
@@ -44,11 +37,12 @@ def limit_gradient(
 ) -> FloatArray: ...
 @overload
 def limit_gradient(
-    background: SimplexMesh,
+    background: SimplexMesh | CartesianGrid | Octree,
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
     method: str = ...,
+    order: int = ...,
     floor: Literal["hopf-lax"] | None = ...,
     initial: npt.ArrayLike | None = ...,
     tol: float = ...,
@@ -57,11 +51,12 @@ def limit_gradient(
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[FloatArray, LimitingInfo]: ...
 def limit_gradient(
-    background: SimplexMesh,
+    background: SimplexMesh | CartesianGrid | Octree,
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
     method: str = "auto",
+    order: int = 1,
     floor: Literal["hopf-lax"] | None = "hopf-lax",
     initial: npt.ArrayLike | None = None,
     tol: float = 1e-3,
@@ -75,42 +70,47 @@ def limit_gradient(
 
     .. math:: h_t + |\nabla h| = \min(|\nabla h|, g), \qquad h(x, 0) = h_0(x),
 
-    to steady state on the nodes of the background.  Sizes travel inside the mesh
-    only: two regions separated by a slit, a hole or a gap between two sheets do not
-    see each other, however close they are.
+    to steady state on the nodes of the background.  Sizes travel inside the domain
+    only: two regions separated by a slit, a hole, inactive nodes or a gap between two
+    sheets do not see each other, however close they are.
 
     Parameters
     ----------
-    background : SimplexMesh
+    background : SimplexMesh, CartesianGrid or Octree
         Segments, triangles in the plane or in space, or tetrahedra; obtuse, sliver
-        and degenerate cells are allowed.
-    h0 : array_like of float, shape (n_points,)
+        and degenerate cells are allowed.  A grid of any spacing, its inactive nodes
+        outside the domain.  An octree stands for its conforming simplices.
+    h0 : array_like of float, of the nodal shape
         Upper bound on the size, in the unit of the coordinates.  Positive; inf
-        where nothing is asked; finite at one node at least.
+        where nothing is asked; finite at one node at least.  Inactive nodes of a grid
+        may hold anything.
     g : float, array_like, callable, or tuple (array_like, callable)
         Gradient limit (length per length), finite and >= 0; neighbouring elements
         then differ by a factor of about ``1 + g``, and 0.2 to 0.3 is usual.  One
-        number; or one per node or per cell (an array of ``n_points`` entries is per node,
-        and its mean is taken in each cell; a limit that jumps must be given per
-        cell); or ``g(h)``, which takes an array of sizes and returns positive
-        bounded limits; or ``(a, b)`` for the product a(x) b(h).
+        number; or one per node; on meshes also one per cell (an array of ``n_points``
+        entries is per node, and its mean is taken in each cell; a limit that jumps must
+        be given per cell); or ``g(h)``, which takes an array of sizes and returns
+        positive bounded limits; or ``(a, b)`` for the product a(x) b(h).
     method : str, optional
-        ``"fast-marching"`` (what ``"auto"`` takes): first order, O(n log n).
-        ``"positive-coefficient"``: the iteration of Barth and Sethian [2]_.
+        ``"fast-marching"`` (what ``"auto"`` takes): near O(n).
+        ``"positive-coefficient"``: on meshes, the iteration of Barth and Sethian [2]_.
+        ``"hamilton-jacobi"``: on grids, the upwind iteration of [1]_.
         ``"edge-based"``: shortest paths along edges; does not converge, for
         comparison only.  ``"exact"``: formula (11) of [1]_, for convex domains and
         one g or g(h); quadratic cost.
+    order : int, optional
+        1 or, on grids with fast marching or the Hamilton-Jacobi iteration, 2.
     floor : "hopf-lax" or None, optional
         Of the positive coefficient scheme: keep it above the Hopf-Lax updates, or
         leave it as published, which undershoots at point sources.
-    initial : array_like of float, shape (n_points,), optional
-        Start of the positive coefficient scheme; the fast marching solution if
-        not given.  It is lowered to ``h0`` where it is above.
+    initial : array_like of float, of the nodal shape, optional
+        Start of an iteration, the fast marching solution if not given.  Lowered to
+        ``h0`` where it is above.  The Hamilton-Jacobi iteration finds the solution from
+        any start, soonest from that of a slightly different ``h0``; the other only falls.
     tol : float, optional
-        Of the positive coefficient scheme: stop when no node changes faster than
-        ``tol * g``.
+        Of an iteration: stop when no node changes faster than ``tol * g``.
     max_iter : int, optional
-        Most steps of the positive coefficient scheme.
+        Most steps of an iteration.
     full_output : bool, optional
         Also return a `LimitingInfo`.
     progress : callable or bool, optional
@@ -119,11 +119,12 @@ def limit_gradient(
 
     Returns
     -------
-    h : ndarray of float64, shape (n_points,)
-        ``h <= h0`` everywhere.  Along every edge ``h[i] - h[j]`` is at most the
-        least g of the cells at the edge times its length, to rounding (with g(h):
-        in the variable Phi of the notes).  inf only in components of the mesh on which all of
-        ``h0`` is inf; nodes in no cell keep ``h0``.
+    h : ndarray of float64, of the nodal shape
+        ``h <= h0`` everywhere.  Along every edge ``h[i] - h[j]`` is at most g times its
+        length, to rounding (with g(h): in the variable Phi of the notes; by an iteration
+        from ``initial``: to ``tol``); g is the least one of the cells at the edge, on
+        grids the one at its larger end.  inf only in components of the domain on which
+        all of ``h0`` is inf, and at inactive nodes; nodes of a mesh in no cell keep ``h0``.
     info : LimitingInfo
         Only with ``full_output``.
 
@@ -132,12 +133,12 @@ def limit_gradient(
     ValueError
         If a shape is wrong, ``h0`` is NaN, zero, negative or inf throughout, g is
         negative, NaN or above 1e30, the largest coordinate is outside 1e-60 to 1e60, or the
-        method does not support the g or mesh given.
+        method does not support the background, order, g or option given.
 
     Warns
     -----
     ConvergenceWarning
-        If the positive coefficient scheme does not meet ``tol`` in ``max_iter`` steps.
+        If an iteration does not meet ``tol`` in ``max_iter`` steps.
 
     Notes
     -----
@@ -165,71 +166,106 @@ def limit_gradient(
     >>> h = limit_gradient(mesh, [0.1, np.inf, np.inf, np.inf], 0.3)
     >>> h.round(3)
     array([0.1  , 0.4  , 0.524, 0.4  ])
+
+    The same on a grid, in the middle of which two sizes meet:
+
+    >>> grid = CartesianGrid(origin=[0.0, 0.0], spacing=0.5, shape=(3, 3))
+    >>> h0 = np.full(grid.shape, np.inf)
+    >>> h0[0, 0], h0[2, 2] = 0.1, 0.2
+    >>> limit_gradient(grid, h0, 0.3).round(3)
+    array([[0.1  , 0.25 , 0.394],
+           [0.25 , 0.356, 0.35 ],
+           [0.394, 0.35 , 0.2  ]])
     """
-    if not isinstance(background, SimplexMesh):
-        raise ValueError(f"background must be a SimplexMesh, got {describe(background)}")
-    mesh = background
-    method = one_of("method", method, METHODS)
-    if method == "auto":
-        method = "fast-marching"
-    farthest = max(float(mesh.points.max()), -float(mesh.points.min()))
+    domain = _domain(background)
+    schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
+    method = one_of("method", method, ("auto", *schemes.METHODS))
+    bound = _as_bound("h0", h0, background)
+    if np.isinf(bound).all():
+        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
+    _refuse_idle_options(schemes, method, order, initial, max_iter)
+    slope, transform = gradient_limit.resolve(domain, g, bound)
+
+    def transformed(sizes: FloatArray) -> FloatArray:
+        return sizes if transform is None else transform.forward(sizes)
+
+    if floor not in ("hopf-lax", None):
+        raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
+    start = None if initial is None else _as_bound("initial", initial, background)
+    with reporting(progress) as report:
+        problem = Problem(
+            h0=transformed(bound),
+            slope=slope,
+            order=order,
+            floor=floor is not None,
+            # Below h0 it is within the table of the transformation.
+            initial=None if start is None else transformed(np.minimum(start, bound)),
+            tol=as_number("tol", tol, lower=0.0, strict=True),
+            max_iter=max_iter,
+            residual=full_output,
+            report=report,
+        )
+        if method == "auto":
+            method = schemes.choose_method(domain, problem)
+        solution = schemes.solve(domain, method, problem)
+    h = solution.h if transform is None else transform.backward(solution.h)
+    h = np.minimum(h, bound)  # the way back from Phi rounds
+    if not full_output:
+        return h
+    active = getattr(domain, "active", None)
+    n_inactive = 0 if active is None else int(np.count_nonzero(~active))
+    slopes = schemes.slopes(domain, solution.h, slope)
+    return h, describe_solution(method, problem.h0, solution, n_inactive, *slopes)
+
+
+def _domain(background: object) -> SimplexMesh | CartesianGrid:
+    """Return what the schemes run on; refuse coordinates out of range."""
+    if not isinstance(background, SimplexMesh | CartesianGrid | Octree):
+        raise ValueError(
+            "background must be a SimplexMesh, a CartesianGrid or an Octree, "
+            f"got {describe(background)}"
+        )
+    if isinstance(background, CartesianGrid):
+        lowest, highest = background.lower, background.upper
+    else:
+        lowest, highest = background.points.min(axis=0), background.points.max(axis=0)
+    farthest = max(float(highest.max()), -float(lowest.min()))
     if farthest != 0.0 and not 1.0 / _FARTHEST <= farthest <= _FARTHEST:
         raise ValueError(
             f"background must have coordinates of {1.0 / _FARTHEST:g} to {_FARTHEST:g} in size, "
             f"got {farthest:g} as the largest: choose another unit of length"
         )
-    bound = as_sizes("h0", h0, mesh.nodal_shape)
-    if np.isinf(bound).all():
-        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    if initial is not None and method != "positive-coefficient":
-        raise ValueError(f"initial is for method='positive-coefficient', got method={method!r}")
-    slope, transform = gradient_limit.resolve(mesh, g, bound)
-    u0 = bound if transform is None else transform.forward(bound)
-
-    with reporting(progress) as report:
-        if method == "positive-coefficient":
-            solution = _iterate(mesh, u0, slope, transform, floor, initial, tol, max_iter, report)
-        else:
-            solve = _MARCHING[method]
-            solution = solve(mesh, u0, slope, residual=full_output, report=report)
-    h = solution.h if transform is None else transform.backward(solution.h)
-    h = np.minimum(h, bound)  # the way back from Phi rounds
-    if not full_output:
-        return h
-    return h, describe_solution(mesh, method, slope, u0, solution.h, solution)
+    return background.mesh if isinstance(background, Octree) else background
 
 
-def _iterate(
-    mesh: SimplexMesh,
-    u0: FloatArray,
-    slope: Slope,
-    transform: SizeTransform | None,
-    floor: str | None,
-    initial: npt.ArrayLike | None,
-    tol: float,
-    max_iter: int | None,
-    report: ProgressCallback,
-) -> Solution:
-    """Run the positive coefficient scheme from ``initial`` or from fast marching."""
-    if floor not in ("hopf-lax", None):
-        raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
-    tol = as_number("tol", tol, lower=0.0, strict=True)
+def _as_bound(
+    name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
+) -> FloatArray:
+    """Return checked nodal sizes, inf at inactive nodes."""
+    if isinstance(background, CartesianGrid) and background.active is not None:
+        given = as_float_array(name, sizes, background.shape)
+        sizes = np.where(background.active, given, np.inf)
+    return as_sizes(name, sizes, background.nodal_shape)
+
+
+def _refuse_idle_options(
+    schemes: ModuleType,
+    method: str,
+    order: object,
+    initial: object,
+    max_iter: object,
+) -> None:
+    """Refuse options that the scheme would not look at, and orders that it has not."""
+    if order not in (1, 2):
+        raise ValueError(f"order must be 1 or 2, got {order!r}")
+    taken = "fast-marching" if method == "auto" else method
+    if order == 2 and taken not in schemes.SECOND_ORDER:
+        raise ValueError(
+            "order=2 is for method='fast-marching' or 'hamilton-jacobi' on a CartesianGrid, "
+            f"got method={method!r}"
+        )
+    if initial is not None and method not in schemes.ITERATIVE:
+        only = " or ".join(repr(name) for name in schemes.ITERATIVE)
+        raise ValueError(f"initial is for method={only}, got method={method!r}")
     if max_iter is not None and (not isinstance(max_iter, int | np.integer) or max_iter < 1):
         raise ValueError(f"max_iter must be an integer >= 1 or None, got {max_iter!r}")
-    start = solve_fast_marching(mesh, u0, slope, residual=False, report=report).h
-    if initial is not None:
-        given = as_sizes("initial", initial, mesh.nodal_shape)
-        given = np.minimum(given, u0) if transform is None else transform.forward(given)
-        if np.isinf(given[np.isfinite(start)]).any():
-            raise ValueError("initial must be finite in every component with a finite h0")
-        start = np.where(np.isinf(start), np.inf, given)
-    return solve_positive_coefficient(
-        mesh,
-        u0,
-        slope,
-        start=start,
-        floor=floor is not None,
-        tol=tol,
-        max_iter=max_iter,
-        report=report,
-    )

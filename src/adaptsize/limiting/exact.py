@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize._kernels.exact import lower_by_all_sources
+from adaptsize.background import CartesianGrid
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -16,7 +17,12 @@ if TYPE_CHECKING:
 
 
 def solve_exact(
-    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, residual: bool, report: ProgressCallback
+    background: SimplexMesh | CartesianGrid,
+    h0: FloatArray,
+    slope: Slope,
+    *,
+    residual: bool,
+    report: ProgressCallback,
 ) -> Solution:
     """Evaluate h(x) = min over nodes y of h0(y) + g |x - y|, to rounding.
 
@@ -27,19 +33,28 @@ def solve_exact(
     Raises
     ------
     ValueError
-        If g varies in space, or the mesh is a surface or curve in a larger space.
+        If g varies in space, the mesh is a surface or curve in a larger space, or the grid
+        has inactive nodes.
     """
     if slope.step:
         raise ValueError("method='exact' needs one number g or g(h), got g that varies in space")
-    if mesh.cell_dim != mesh.dim:
-        raise ValueError(f"method='exact' needs a flat domain of full dimension, got {mesh!r}")
-    sources = np.flatnonzero(np.isfinite(h0))
-    sources = sources[np.argsort(h0[sources], kind="stable")]
-    h = h0.copy()
+    if isinstance(background, CartesianGrid):
+        if background.active is not None:
+            raise ValueError(
+                f"method='exact' needs a convex domain, got inactive nodes: {background!r}"
+            )
+    elif background.cell_dim != background.dim:
+        raise ValueError(
+            f"method='exact' needs a flat domain of full dimension, got {background!r}"
+        )
+    points, bound = background.points, h0.ravel()
+    sources = np.flatnonzero(np.isfinite(bound))
+    sources = sources[np.argsort(bound[sources], kind="stable")]
+    h = bound.copy()
     g = float(slope.values[0])
     chunk = max(1, 50_000_000 // len(sources))
-    for first in range(0, mesh.n_points, chunk):
-        last = min(first + chunk, mesh.n_points)
-        lower_by_all_sources(mesh.points, (0,) * mesh.dim, sources, h0, g, first, last, h)
-        report("evaluating formula (11)", last / mesh.n_points)
-    return Solution(h, 1, 0.0)
+    for first in range(0, len(points), chunk):
+        last = min(first + chunk, len(points))
+        lower_by_all_sources(points, (0,) * points.shape[1], sources, bound, g, first, last, h)
+        report("evaluating formula (11)", last / len(points))
+    return Solution(h.reshape(h0.shape), 1, 0.0)

@@ -1,4 +1,4 @@
-"""What a user may give as ``g``, made into one slope per cell and a change of variable."""
+"""What a user may give as ``g``, made into slopes in space and a change of variable."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
+from adaptsize.background import CartesianGrid
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
 
 if TYPE_CHECKING:
@@ -30,12 +31,14 @@ class Slope:
     """The bound |grad u| <= slope that the schemes work with."""
 
     values: FloatArray
-    """One per cell, or a single one for all."""
+    """A single one for all (shape (1,)), or one per cell of a mesh, or one per node of a grid."""
+    at_nodes: FloatArray | None = None
+    """One per node of a mesh, if they were given so."""
 
     @property
     def step(self) -> int:
-        """1 if there is one value per cell, else 0: cell c has ``values[c * step]``."""
-        return 0 if len(self.values) == 1 else 1
+        """1 if there is one value per cell (node), else 0: cell c has ``values[c * step]``."""
+        return 0 if self.values.shape == (1,) else 1
 
 
 class SizeTransform:
@@ -109,9 +112,9 @@ class SizeTransform:
 
 
 def resolve(
-    mesh: SimplexMesh, g: GradientLimit, h0: FloatArray
+    background: SimplexMesh | CartesianGrid, g: GradientLimit, h0: FloatArray
 ) -> tuple[Slope, SizeTransform | None]:
-    """Return the slope per cell and, where g depends on h, the change of variable.
+    """Return the slopes in space and, where g depends on h, the change of variable.
 
     Raises
     ------
@@ -124,26 +127,35 @@ def resolve(
     elif callable(g):
         g_of_x, g_of_h = 1.0, g
     else:
-        return Slope(_per_cell(mesh, g)), None
+        return _in_space(background, g), None
     finite = h0[np.isfinite(h0)]
     transform = SizeTransform(g_of_h, float(finite.min()), float(finite.max()))
-    return Slope(_per_cell(mesh, g_of_x)), transform
+    return _in_space(background, g_of_x), transform
 
 
-def _per_cell(mesh: SimplexMesh, g: object) -> FloatArray:
-    """Return one limit for all, or one per cell: nodal limits are averaged in each cell."""
+def _in_space(background: SimplexMesh | CartesianGrid, g: object) -> Slope:
+    """Return one limit for all, one per node of a grid, or one per cell of a mesh."""
     values = as_float_array("g", g)  # type: ignore[arg-type]
     refuse_where("g", ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
     refuse_where("g", values > _STEEPEST, values, f"must be at most {_STEEPEST:g}")
     # Its square would underflow; it raises no size by more than rounding.
     values = np.where(values < 1.0 / _STEEPEST, 0.0, values)
     if values.ndim == 0:
-        return values.reshape(1)
-    if values.shape == (mesh.n_points,):
-        return np.ascontiguousarray(values[mesh.cells].mean(axis=1))
-    if values.shape == (mesh.n_cells,):
-        return values
+        return Slope(values.reshape(1))
+    if isinstance(background, CartesianGrid):
+        if values.shape == background.shape:
+            return Slope(values)
+        raise ValueError(
+            f"g must be a number, an array per node {background.shape}, or callable; "
+            f"got shape {values.shape}"
+        )
+    n_points, n_cells = background.n_points, background.n_cells
+    if values.shape == (n_points,):
+        in_cells = values[background.cells].mean(axis=1)
+        return Slope(np.ascontiguousarray(in_cells), at_nodes=values)
+    if values.shape == (n_cells,):
+        return Slope(values)
     raise ValueError(
-        f"g must be a number, an array per node {(mesh.n_points,)} or per cell {(mesh.n_cells,)}, "
+        f"g must be a number, an array per node {(n_points,)} or per cell {(n_cells,)}, "
         f"or callable; got shape {values.shape}"
     )

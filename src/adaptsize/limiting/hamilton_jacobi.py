@@ -154,7 +154,7 @@ def solve_hamilton_jacobi(
             f"residual {rate:.2g}, above tol = {tol:g}: give more steps, a start nearer to the "
             "solution, or method='fast-marching'",
             ConvergenceWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
     h = np.where(takes_part, layout.unpad(u), np.inf)
     return Solution(h, taken, rate, converged)

@@ -106,6 +106,6 @@ def solve_positive_coefficient(
         f"the positive coefficient scheme stopped after max_iter = {max_iter} steps with "
         f"residual {rate:.2g}, above tol = {tol:g}: give more steps, or method='fast-marching'",
         ConvergenceWarning,
-        stacklevel=4,
+        stacklevel=5,
     )
     return Solution(np.where(free, np.inf, u), max_iter, rate, converged=False)

@@ -1,0 +1,357 @@
+"""Marching on Cartesian grids.
+
+The grid comes as a *padded* flat array: one more layer of nodes on every side, which
+hold NaN, as inactive nodes do.  Every comparison with NaN is False, so no loop asks for
+the border or for the mask.  ``strides`` (steps in the flat array) and ``weights``
+(1 / spacing^2) are tuples with one entry per axis, which unrolls the loops over axes.
+
+Nodes are accepted bucket by bucket: each bucket holds the nodes whose sizes lie within
+half a rise over one cell, and is emptied in any order.  A node that is lowered after it
+was accepted comes back, so the result is that of a heap at a quarter of its time.
+"""
+
+import math
+
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g):
+    """Return the root h of  sum_a c_a (h - f_a)^2 = g^2  over the axes upwind of it.
+
+    Parameters
+    ----------
+    v0, v1, v2 : float
+        Smaller neighbour along each axis; inf: none.  Axes count only while h > v_a.
+    f0, f1, f2 : float
+        ``v`` at first order; extrapolated through two nodes at second.
+    c0, c1, c2 : float
+        1 / spacing^2 at first order, 9/4 of that at second.
+    g : float
+
+    Returns
+    -------
+    float
+        inf if there is no neighbour.
+    """
+    if v1 < v0:
+        f0, v0, c0, f1, v1, c1 = f1, v1, c1, f0, v0, c0
+    if v2 < v1:
+        f1, v1, c1, f2, v2, c2 = f2, v2, c2, f1, v1, c1
+        if v1 < v0:
+            f0, v0, c0, f1, v1, c1 = f1, v1, c1, f0, v0, c0
+    if math.isinf(v0):
+        return math.inf
+    value = f0 + g / math.sqrt(c0)
+    if v1 < value:
+        # In t = h - f0, so that large sizes cost no digits.
+        d = f1 - f0
+        both = c0 + c1
+        root = both * g * g - c0 * c1 * d * d
+        if root >= 0.0:
+            t = f0 + (c1 * d + math.sqrt(root)) / both
+            if t >= v1 and t >= f1:
+                value = t
+                if v2 < value:
+                    e = f2 - f0
+                    all3 = both + c2
+                    mixed = c1 * d + c2 * e
+                    root = mixed * mixed - all3 * (c1 * d * d + c2 * e * e - g * g)
+                    if root >= 0.0:
+                        t = f0 + (mixed + math.sqrt(root)) / all3
+                        if t >= v2 and t >= f2:
+                            value = t
+    return value
+
+
+@njit(cache=True, nogil=True)
+def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
+    """Fill the first-order update of every node from its neighbours, all from the same sizes.
+
+    Parameters
+    ----------
+    u : float64[n]
+        Padded sizes; inf allowed, NaN where no node is.
+    strides, weights : tuples of length dim
+    g : float64[n] or float64[1]
+        Gradient limit; node k has ``g[k * g_step]``.
+    g_step : int
+        1 or 0.
+    edges : bool
+        Along edges only, each axis by itself.
+    candidate : float64[n]
+        Out: inf where no neighbour is below; the border is left inf.
+    """
+    candidate[:] = math.inf
+    for k in range(strides[0], u.shape[0] - strides[0]):
+        u_k = u[k]
+        if not u_k > 0.0:
+            continue
+        v0 = v1 = v2 = math.inf
+        c0 = c1 = c2 = 1.0
+        for a in range(len(strides)):
+            v = u_k
+            if u[k - strides[a]] < v:
+                v = u[k - strides[a]]
+            if u[k + strides[a]] < v:
+                v = u[k + strides[a]]
+            if v < u_k:
+                if a == 0:
+                    v0 = v
+                    c0 = weights[a]
+                elif a == 1:
+                    v1 = v
+                    c1 = weights[a]
+                else:
+                    v2 = v
+                    c2 = weights[a]
+        g_k = g[k * g_step]
+        if edges:
+            along = min(v0 + g_k / math.sqrt(c0), v1 + g_k / math.sqrt(c1))
+            candidate[k] = min(along, v2 + g_k / math.sqrt(c2))
+        else:
+            candidate[k] = upwind_value(v0, v0, c0, v1, v1, c1, v2, v2, c2, g_k)
+
+
+@njit(cache=True, nogil=True)
+def march_grid(
+    u,
+    strides,
+    weights,
+    g,
+    g_step,
+    edges,
+    keep,
+    seeds,
+    origin,
+    width,
+    first,
+    following,
+    previous,
+    bucket,
+    state,
+    max_accepted,
+):
+    """Accept nodes bucket by bucket and lower their neighbours.
+
+    Parameters
+    ----------
+    u : float64[n]
+        In/Out: padded sizes, those of the seeds lowered already.
+    strides, weights, g, g_step, edges
+        As in `sweep_grid`.
+    keep : float
+        A candidate counts if it is below ``keep`` times the present size.
+    seeds : int32[s]
+        Nodes to begin with, by increasing size.
+    origin, width : float
+        Bucket b holds sizes from ``origin + b width``; no update may rise by more than
+        ``width (n_buckets - 2)``.
+    first : int32[n_buckets]
+        In/Out: first node of each bucket (a power of two, used in a circle), -1 if none.
+    following, previous : int32[n]
+        In/Out: neighbours of a node within its bucket.
+    bucket : int32[n]
+        In/Out: where a node waits, -1 if it does not.
+    state : int64[3]
+        In/Out: present bucket, number of waiting nodes, number of seeds taken.
+    max_accepted : int
+        Return after that many, so that the caller can report and be interrupted.
+
+    Returns
+    -------
+    int
+        Number of nodes accepted; less than ``max_accepted`` at the end.
+    """
+    here, waiting, taken = state
+    ring = first.shape[0] - 1
+    per_width = 1.0 / width
+    accepted = 0
+    while accepted < max_accepted:
+        if waiting == 0 and taken < seeds.shape[0]:
+            here = max(here, int((u[seeds[taken]] - origin) * per_width))
+        # Seeds join when the front reaches them: the ring is too short for all sizes.
+        while taken < seeds.shape[0]:
+            k = seeds[taken]
+            if bucket[k] < 0:
+                if int((u[k] - origin) * per_width) > here:
+                    break
+                slot = here & ring
+                bucket[k] = slot
+                previous[k] = -1
+                following[k] = first[slot]
+                if first[slot] >= 0:
+                    previous[first[slot]] = k
+                first[slot] = k
+                waiting += 1
+            taken += 1
+        if waiting == 0:
+            break
+        j = first[here & ring]
+        if j < 0:
+            here += 1
+            continue
+        first[here & ring] = following[j]
+        if following[j] >= 0:
+            previous[following[j]] = -1
+        bucket[j] = -1
+        waiting -= 1
+        accepted += 1
+
+        u_j = u[j]
+        for a in range(len(strides)):
+            for side in range(2):
+                step = strides[a] if side == 1 else -strides[a]
+                k = j + step
+                u_k = u[k]
+                # If the node beyond is smaller, it is that one which counts along the axis.
+                if not u_k > u_j or u[k + step] < u_j:
+                    continue
+                g_k = g[k * g_step]
+                v1 = v2 = math.inf
+                c1 = c2 = 1.0
+                if not edges:
+                    for b in range(len(strides)):
+                        if b != a:
+                            v = u_k
+                            if u[k - strides[b]] < v:
+                                v = u[k - strides[b]]
+                            if u[k + strides[b]] < v:
+                                v = u[k + strides[b]]
+                            if v < u_k:
+                                if math.isinf(v1):
+                                    v1 = v
+                                    c1 = weights[b]
+                                else:
+                                    v2 = v
+                                    c2 = weights[b]
+                value = upwind_value(u_j, u_j, weights[a], v1, v1, c1, v2, v2, c2, g_k)
+                if value < u_k * keep:
+                    u[k] = value
+                    slot = max(int((value - origin) * per_width), here) & ring
+                    old = bucket[k]
+                    if old == slot:
+                        continue
+                    if old >= 0:
+                        if previous[k] >= 0:
+                            following[previous[k]] = following[k]
+                        else:
+                            first[old] = following[k]
+                        if following[k] >= 0:
+                            previous[following[k]] = previous[k]
+                    else:
+                        waiting += 1
+                    bucket[k] = slot
+                    previous[k] = -1
+                    following[k] = first[slot]
+                    if first[slot] >= 0:
+                        previous[first[slot]] = k
+                    first[slot] = k
+    state[0] = here
+    state[1] = waiting
+    state[2] = taken
+    return accepted
+
+
+@njit(cache=True, nogil=True)
+def order_by_size(u, u0, lowest, highest, start, order):
+    """List the nodes that were lowered, by increasing size.
+
+    Parameters
+    ----------
+    u, u0 : float64[n]
+        Padded sizes, and their bounds.
+    lowest, highest : float
+        Range of the finite entries of ``u``.
+    start : int32[n_bins + 1]
+        Scratch.
+    order : int32[n]
+        Out: the nodes first, the rest unused.
+
+    Returns
+    -------
+    int
+        Number of nodes; -1 if the sizes crowd in few bins and another sort is better.
+    """
+    n_bins = start.shape[0] - 1
+    per_bin = n_bins / (highest - lowest) if highest > lowest else 0.0
+    start[:] = 0
+    for k in range(u.shape[0]):
+        if u[k] < u0[k]:
+            start[min(int((u[k] - lowest) * per_bin), n_bins - 1) + 1] += 1
+    for b in range(n_bins):
+        if start[b + 1] > 64:
+            return -1
+        start[b + 1] += start[b]
+    for k in range(u.shape[0]):
+        if u[k] < u0[k]:
+            b = min(int((u[k] - lowest) * per_bin), n_bins - 1)
+            order[start[b]] = k
+            start[b] += 1
+    count = start[n_bins]
+    for here in range(1, count):  # sorted but for the few nodes within each bin
+        k = order[here]
+        there = here
+        while there > 0 and u[order[there - 1]] > u[k]:
+            order[there] = order[there - 1]
+            there -= 1
+        order[there] = k
+    return count
+
+
+@njit(cache=True, nogil=True)
+def refine_in_order(order, u1, u0, strides, weights, spacing, g, g_step, u):
+    """Recompute sizes with one-sided second differences, upwind ones first.
+
+    Parameters
+    ----------
+    order : int32[m]
+        Nodes by increasing first-order size.
+    u1 : float64[n]
+        First-order sizes; they tell which neighbours are upwind of a node.
+    u0 : float64[n]
+        Upper bounds.
+    strides, weights, spacing : tuples of length dim
+    g, g_step
+        As in `sweep_grid`.
+    u : float64[n]
+        In/Out: ``u0``, lowered in the end.
+
+    Notes
+    -----
+    The second difference reaches through a neighbour only if that one was lowered
+    itself: behind a node that keeps its bound the field has a kink.
+    """
+    for here in range(order.shape[0]):
+        k = order[here]
+        own = u1[k]
+        g_k = g[k * g_step]
+        f0 = f1 = f2 = v0 = v1 = v2 = most = math.inf
+        c0 = c1 = c2 = 1.0
+        for a in range(len(strides)):
+            v = math.inf
+            step = 0
+            if u1[k - strides[a]] < own:
+                v = u[k - strides[a]]
+                step = -strides[a]
+            if u1[k + strides[a]] < own and u[k + strides[a]] < v:
+                v = u[k + strides[a]]
+                step = strides[a]
+            if step == 0:
+                continue
+            f = v
+            c = weights[a]
+            most = min(most, v + g_k * spacing[a])
+            if v < u0[k + step] and u1[k + step + step] < own:
+                beyond = u[k + step + step]
+                if beyond <= v:
+                    f = v + (v - beyond) / 3.0
+                    c = 2.25 * c
+            if a == 0:
+                f0, v0, c0 = f, v, c
+            elif a == 1:
+                f1, v1, c1 = f, v, c
+            else:
+                f2, v2, c2 = f, v, c
+        value = upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g_k)
+        u[k] = min(u0[k], value, most)

@@ -1,0 +1,74 @@
+"""The schemes for simplex meshes (and for octrees, by their conforming mesh)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from adaptsize._kernels.march import largest_edge_slope
+from adaptsize._kernels.simplex import fill_gradient_norms
+from adaptsize.limiting.exact import solve_exact
+from adaptsize.limiting.fast_marching import solve_edge_based, solve_fast_marching
+from adaptsize.limiting.positive_coefficient import solve_positive_coefficient
+from adaptsize.limiting.solution import Solution
+from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+    from adaptsize.limiting.gradient_limit import Slope
+    from adaptsize.limiting.problem import Problem
+
+METHODS = ("fast-marching", "positive-coefficient", "edge-based", "exact")
+ITERATIVE = ("positive-coefficient",)
+SECOND_ORDER: tuple[str, ...] = ()
+_DIRECT = {
+    "fast-marching": solve_fast_marching,
+    "edge-based": solve_edge_based,
+    "exact": solve_exact,
+}
+
+
+def choose_method(mesh: SimplexMesh, problem: Problem) -> str:
+    """Return what ``method="auto"`` takes."""
+    return "fast-marching"
+
+
+def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
+    """Run one of METHODS."""
+    if method == "positive-coefficient":
+        return _iterate(mesh, problem)
+    return _DIRECT[method](
+        mesh, problem.h0, problem.slope, residual=problem.residual, report=problem.report
+    )
+
+
+def _iterate(mesh: SimplexMesh, problem: Problem) -> Solution:
+    """Run the positive coefficient scheme from ``initial`` or from fast marching."""
+    h0, slope = problem.h0, problem.slope
+    start = solve_fast_marching(mesh, h0, slope, residual=False, report=problem.report).h
+    if problem.initial is not None:
+        if np.isinf(problem.initial[np.isfinite(start)]).any():
+            raise ValueError("initial must be finite in every component with a finite h0")
+        start = np.where(np.isinf(start), np.inf, np.minimum(problem.initial, h0))
+    return solve_positive_coefficient(
+        mesh,
+        h0,
+        slope,
+        start=start,
+        floor=problem.floor,
+        tol=problem.tol,
+        max_iter=problem.max_iter,
+        report=problem.report,
+    )
+
+
+def slopes(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
+    """Return the steepest edge and |grad u| in each cell with a volume, as multiples of g."""
+    axes = (0,) * mesh.dim
+    steepest = largest_edge_slope(mesh.points, axes, mesh.cells, u, slope.values, slope.step)
+    norms = np.empty(mesh.n_cells)
+    fill_gradient_norms(mesh.points, mesh.cells, u, norms)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(norms > 0.0, norms / slope.values, 0.0)[mesh.measures > 0.0]
+    return float(steepest), ratio

@@ -1,0 +1,25 @@
+"""What `limit_gradient` hands to the schemes of a kind of background."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.typing import FloatArray, ProgressCallback
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Checked arguments; sizes are transformed where g depends on them (see `SizeTransform`)."""
+
+    h0: FloatArray
+    slope: Slope
+    order: int
+    floor: bool
+    initial: FloatArray | None
+    """Start of an iteration, transformed like ``h0``."""
+    tol: float
+    max_iter: int | None
+    residual: bool
+    """Whether to measure the residual."""
+    report: ProgressCallback
