@@ -5,7 +5,7 @@ import pytest
 from shapes import block, two_region_rectangle
 
 from adaptsize import CartesianGrid, SizeFunction, remesh, size_conformity
-from adaptsize.remeshing.sizing import known_points
+from adaptsize.remeshing.sizing import as_size, known_points
 
 
 @pytest.mark.parametrize("mesh", [two_region_rectangle(4), block(2)], ids=["plane", "space"])
@@ -16,6 +16,16 @@ def test_mmg_meets_a_size_function_on_a_grid(mesh):
     conformity = size_conformity(remesh(mesh, size, backend="mmg"), size)
     assert conformity.share_in_band >= 0.85, conformity  # as in test_contract.py
     assert conformity.edges.q50 == pytest.approx(1.0, rel=0.15)
+
+
+def test_beside_the_active_nodes_the_size_of_the_nearest_one_holds():
+    active = np.zeros((4, 3), bool)
+    active[0, :], active[1, 0] = True, True
+    grid = CartesianGrid([0.0, 0.0], [1.0, 10.0], (4, 3), active=active)
+    size = as_size(
+        SizeFunction(grid, np.where(active, 1.0 + np.arange(12).reshape(4, 3), np.inf)), None
+    )
+    np.testing.assert_array_equal(size(grid.points), [1, 2, 3, 4, 2, 3, 4, 2, 3, 4, 2, 3])
 
 
 def test_of_a_grid_only_nodes_that_say_something_are_handed_on():

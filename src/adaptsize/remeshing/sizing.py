@@ -42,6 +42,8 @@ def as_size(size: SizeLike, mesh: SimplexMesh, *, hmax: float = np.inf) -> Size:
         If a size is not finite and positive, or the shape is wrong; also later,
         from the function returned.
     """
+    if isinstance(size, SizeFunction):
+        size = _beyond_active(size)
     if callable(size):
         return _checked(size, hmax)
     values = as_float_array("size", size)
@@ -143,6 +145,23 @@ def sample_in_box(
         points = np.concatenate([points, centers[off]])
         sizes = np.concatenate([sizes, there[off]])
     return points[: cells.max() + 1], cells, sizes[: cells.max() + 1]
+
+
+def _beyond_active(size: SizeFunction) -> SizeFunction:
+    """Give nodes of a grid that are not active the size of the nearest active one.
+
+    Generators ask for sizes beside the part too, where the grid has none.
+    """
+    grid = size.background
+    if not isinstance(grid, CartesianGrid) or grid.active is None:
+        return size
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(
+        ~grid.active, sampling=grid.spacing, return_distances=False, return_indices=True
+    )
+    full = grid.with_active(None)
+    return SizeFunction(full, size.values[tuple(nearest)], outside=size.outside)
 
 
 def _checked(function: Callable[[FloatArray], Any], hmax: float) -> Size:
