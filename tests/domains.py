@@ -8,13 +8,16 @@ other node lies in the circle on that piece: inner nodes keep off by half a
 piece, and the pieces at a corner are equally long (then that holds for any angle).
 """
 
+from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from adaptsize import SimplexMesh
-from geodesics import area, contains, perimeter
+from adaptsize.typing import FloatArray
+from geodesics import area, contains, limited_sizes, perimeter, prism_sizes, window_sizes
 
 HALF_WIDTH = 50.0
 
@@ -115,51 +118,53 @@ def wall_box(n, *, width=2.0, tip=0.0, seed=1007):
 
     The wall reaches the three sides y = 50, z = -50 and z = 50; its end, two reflex edges
     along z, leaves an opening.  Returns tetrahedra and the rings of the section z = const.
-
-    The faces of the wall are grids of nodes; inner nodes keep farther off than the
-    circles around the rectangles of these grids reach, so that Delaunay cells respect them.
     The wall is to be thinner than the spacing.
     """
-    spacing = ((2.0 * HALF_WIDTH) ** 3 / n) ** (1.0 / 3.0) * 1.03  # hull nodes count for less
-    rng = np.random.default_rng(seed)
-    beyond = _even(0.5 * width, HALF_WIDTH, spacing)
-    y = np.concatenate([_even(-HALF_WIDTH, tip, spacing), _even(tip, HALF_WIDTH, spacing)[1:]])
-    z = _even(-HALF_WIDTH, HALF_WIDTH, spacing)
-    aside = _grid(np.concatenate([-beyond[:0:-1], beyond[1:]]), y, z)
-    opening = _grid(np.zeros(1), y[y < tip], z)
-    faces = _grid(np.array([-0.5 * width, 0.5 * width]), y[y >= tip], z)
-    free = np.concatenate([aside, opening])
-    # Nodes on the hull slide in it: rectangles of nodes that cut off its edges would hold
-    # flat cells, which could not be left out without a crack.
-    move = rng.uniform(-0.25, 0.25, free.shape) * spacing
-    free += np.where(np.abs(free) < HALF_WIDTH, move, 0.0)
-    points = np.concatenate([free, faces])
-    cells = Delaunay(points).simplices
-    x, y, _ = points[cells].mean(axis=1).T
-    cells = cells[~((np.abs(x) < 0.5 * width) & (y > tip))]
-    # Delaunay leaves flat cells on planes full of nodes; they lie on the boundary.
-    mesh = SimplexMesh(points, cells)
-    mesh = SimplexMesh(points, cells[mesh.measures > 1e-9 * spacing**3])
+    mesh = _walled_box(
+        n,
+        width,
+        (-HALF_WIDTH, tip, HALF_WIDTH),
+        (-HALF_WIDTH, HALF_WIDTH),
+        lambda y, z: y < tip,
+        seed,
+    )
     return mesh, (slit_polygon(width, tip),)
 
 
-class Case(NamedTuple):
-    """A domain with point sources."""
+def window_box(n, *, width=2.0, lower=(-20.0, -8.0), upper=(10.0, 16.0), seed=1008):
+    """The box with a wall |x| < width/2 that has a window, lower < (y, z) < upper.
 
-    make: Any
-    """Function of the number of nodes (and ``seed``); gives the mesh and the rings."""
+    Eight reflex edges, which meet in eight corners.  Returns tetrahedra, and the arguments
+    (width, lower, upper) that `geodesics.window_sizes` takes for the domain.
+    """
+
+    def is_open(y, z):
+        return (y > lower[0]) & (y < upper[0]) & (z > lower[1]) & (z < upper[1])
+
+    y, z = ((-HALF_WIDTH, lower[a], upper[a], HALF_WIDTH) for a in range(2))
+    return _walled_box(n, width, y, z, is_open, seed), (width, lower, upper)
+
+
+class Case(NamedTuple):
+    """A domain with point sources, and what gives the exact sizes."""
+
+    make: Callable[..., tuple[SimplexMesh, Any]]
+    """``make(n, seed=...)`` gives the mesh, of about n nodes, and the domain."""
     places: list[tuple[float, ...]]
     """Where the sources are to be; the nearest nodes take their part."""
     sizes: tuple[float, ...]
+    exact: Callable[..., FloatArray]
+    """``exact(domain, points, g, sources, sizes)``."""
 
 
 #: Sources so placed that paths bend, and that the regions of the sources meet.
 CASES = {
-    "slit": Case(slit_square, [(-20.0, 30.0), (30.0, -10.0)], (1.0, 5.0)),
-    "star holes": Case(star_holes, [(-45.0, 40.0), (30.0, -10.0)], (1.0, 5.0)),
-    "maze": Case(maze, [(-40.0, 40.0), (40.0, -30.0)], (1.0, 5.0)),
-    "round holes": Case(round_holes, [(-45.0, 10.0), (10.0, -35.0)], (1.0, 5.0)),
-    "wall": Case(wall_box, [(-20.0, 30.0, 10.0), (30.0, -10.0, -20.0)], (1.0, 5.0)),
+    "slit": Case(slit_square, [(-20, 30), (30, -10)], (1.0, 5.0), limited_sizes),
+    "star holes": Case(star_holes, [(-45, 40), (30, -10)], (1.0, 5.0), limited_sizes),
+    "maze": Case(maze, [(-40, 40), (40, -30)], (1.0, 5.0), limited_sizes),
+    "round holes": Case(round_holes, [(-45, 10), (10, -35)], (1.0, 5.0), limited_sizes),
+    "wall": Case(wall_box, [(-20, 30, 10), (30, -10, -20)], (1.0, 5.0), prism_sizes),
+    "window": Case(window_box, [(-20, 30, 30), (30, -30, -20)], (1.0, 5.0), window_sizes),
 }
 
 
@@ -242,9 +247,50 @@ def _lattice(ring, spacing, rng):
     return points + rng.uniform(-0.25, 0.25, points.shape) * spacing
 
 
-def _even(lower, upper, spacing):
-    return np.linspace(lower, upper, 1 + max(1, round((upper - lower) / spacing)))
+def _even(marks, spacing):
+    """Return the marks of an axis and evenly spaced values between them."""
+    pieces = [
+        np.linspace(a, b, 1 + max(1, round((b - a) / spacing)))[:-1] for a, b in pairwise(marks)
+    ]
+    return np.concatenate([*pieces, marks[-1:]])
 
 
 def _grid(*axes):
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def _walled_box(n, width, y_marks, z_marks, is_open, seed):
+    """Return tetrahedra of the box (-50, 50)^3 without |x| < width/2 where (y, z) is not open.
+
+    The marks split the axes into pieces of evenly spaced nodes.  The faces of the wall are
+    grids of nodes; inner nodes keep farther off than the circles around the rectangles of
+    these grids reach, so that Delaunay cells respect them.
+    """
+    spacing = 1.03 * 2.0 * HALF_WIDTH / n ** (1.0 / 3.0)  # nodes of the hull count for less
+    rng = np.random.default_rng(seed)
+    beyond = _even((0.5 * width, HALF_WIDTH), spacing)
+    y = _even(y_marks, spacing)
+    z = _even(z_marks, spacing)
+    aside = _grid(np.concatenate([-beyond[:0:-1], beyond[1:]]), y, z)
+    middle, faces = _grid(np.zeros(1), y, z), _grid(np.array([-0.5, 0.5]) * width, y, z)
+    faces = faces[~is_open(*faces.T[1:])]
+    free = np.concatenate([aside, middle[is_open(*middle.T[1:])]])
+    # Nodes on the hull slide in it: rectangles of nodes that cut off its edges would hold
+    # flat cells, which could not be left out without a crack.
+    move = rng.uniform(-0.25, 0.25, free.shape) * spacing
+    free += np.where(np.abs(free) < HALF_WIDTH, move, 0.0)
+    # The same where two sides of a window meet.  Along its rim nodes slide by so little that
+    # those of the other face, at a distance of width, stay out of the circles of this one.
+    beside = 1e-6 * spacing
+    for along, shift in ((2, (beside, 0.0)), (1, (0.0, beside))):
+        slides = np.abs(faces[:, along]) < HALF_WIDTH
+        slides &= is_open(*(faces[:, 1:] + shift).T) | is_open(*(faces[:, 1:] - shift).T)
+        slide = rng.uniform(-0.25, 0.25, len(faces)) * width**2 / spacing
+        faces[:, along] += np.where(slides, slide, 0.0)
+    points = np.concatenate([free, faces])
+    cells = Delaunay(points).simplices
+    x, y, z = points[cells].mean(axis=1).T
+    cells = cells[(np.abs(x) >= 0.5 * width) | is_open(y, z)]
+    # Delaunay leaves flat cells on planes full of nodes; they lie on the boundary.
+    mesh = SimplexMesh(points, cells)
+    return SimplexMesh(points, cells[mesh.measures > 1e-9 * spacing**3])

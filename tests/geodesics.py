@@ -20,7 +20,7 @@ from numba import njit
 _RELATIVE_DEPTH = 1e-11
 
 
-def limited_sizes(rings, points, g, *, sources=None, sizes=None, segments=None, segment_sizes=None):
+def limited_sizes(rings, points, g, sources=None, sizes=None, *, segments=None, segment_sizes=None):
     """Return min over sources of size + g * geodesic distance, float64[n].
 
     Parameters
@@ -73,6 +73,75 @@ def prism_sizes(rings, points, g, sources, sizes):
         flat = distances(rings, source[:2], points[:, :2])
         result = np.minimum(result, size + g * np.hypot(flat, points[:, 2] - source[2]))
     return result
+
+
+def window_sizes(window, points, g, sources, sizes):
+    """Return the exact limited sizes in space, less a wall with a rectangular window.
+
+    ``window`` is (width, lower, upper): the wall fills ``|x| < width/2`` but for
+    ``lower < (y, z) < upper``.  Sources float64[k, 3] lie beside the wall.
+
+    The domain is two half-spaces and the box of the window, all convex, so a path from one
+    side to the other is ``|a - p| + |p - q| + |q - b|``, p and q in the two rectangles that end
+    the window: a convex function, smooth since ``|p - q| >= width``.  Minimising it over p
+    and q in turn, each in closed form, therefore converges to its minimum.
+    """
+    width, lower, upper = window
+    result = np.full(len(points), np.inf)
+    for source, size in zip(np.asarray(sources, float), sizes, strict=True):
+        mirror = np.array([-1.0 if source[0] > 0.0 else 1.0, 1.0, 1.0])
+        a, b = source * mirror, points * mirror
+        length = np.linalg.norm(b - a, axis=1)
+        near, far = ((x, np.asarray(lower), np.asarray(upper)) for x in (-0.5 * width, 0.5 * width))
+        inside = np.flatnonzero((b[:, 0] > near[0]) & (b[:, 0] < far[0]))
+        length[inside] = _bent_in_rectangle(a, b[inside], near)[1]
+        beyond = np.flatnonzero(b[:, 0] >= far[0])
+        length[beyond] = _twice_bent(a, b[beyond], near, far)
+        result = np.minimum(result, size + g * length)
+    return result
+
+
+def _twice_bent(a, b, near, far):
+    """Return the least length from a to the points b, through both rectangles, float64[n]."""
+    length = np.full(len(b), np.inf)
+    q = _bent_in_rectangle(a, b, far)[0]
+    active = np.arange(len(b))
+    while len(active):
+        p = _bent_in_rectangle(a, q[active], near)[0]
+        q[active], rest = _bent_in_rectangle(p, b[active], far)
+        new = np.linalg.norm(p - a, axis=1) + rest
+        # A round leaves the share 1/((1 + w/|a - p|)(1 + w/|q - b|)) of the excess or less,
+        # w = |p - q|: what is left at the end is some 1e-14.
+        going = new < length[active] * (1.0 - 1e-15)
+        length[active] = new
+        active = active[going]
+    return length
+
+
+def _bent_in_rectangle(a, b, rectangle):
+    """Return p in the rectangle of least ``|a - p| + |p - b|``, float64[n, 3], and that sum.
+
+    Where the line does not go through, p is on an edge: turned about the edge into one plane,
+    the path is straight, or goes to an end of the edge.
+    """
+    x, lower, upper = rectangle
+    a = np.broadcast_to(a, b.shape)
+    share = (x - a[:, :1]) / (b[:, :1] - a[:, :1])
+    p = a + share * (b - a)
+    p[:, 0] = x
+    goes_through = ((p[:, 1:] >= lower) & (p[:, 1:] <= upper)).all(axis=1)
+    length = np.where(goes_through, np.linalg.norm(b - a, axis=1), np.inf)
+    for across, along in ((1, 2), (2, 1)):
+        for bound in (lower[across - 1], upper[across - 1]):
+            edge = np.empty_like(p)
+            off_a, off_b = (np.hypot(e[:, 0] - x, e[:, across] - bound) for e in (a, b))
+            edge[:, 0], edge[:, across] = x, bound
+            mean = (a[:, along] * off_b + b[:, along] * off_a) / (off_a + off_b)
+            edge[:, along] = np.clip(mean, lower[along - 1], upper[along - 1])
+            bent = np.linalg.norm(a - edge, axis=1) + np.linalg.norm(b - edge, axis=1)
+            shorter = bent < length
+            length[shorter], p[shorter] = bent[shorter], edge[shorter]
+    return p, length
 
 
 def curve_sizes(curve, sizes, interval, points, g, *, n_samples=720):
