@@ -15,9 +15,11 @@ from adaptsize import (
     PointSource,
     RegionSource,
     SimplexMesh,
+    size_from_curvature,
     size_from_sources,
 )
 from adaptsize.background import Octree
+from adaptsize.sizes._on_grid import nodes_near
 
 INF = np.inf
 SHAPES = [(9,), (7, 6), (5, 6, 4)]
@@ -254,3 +256,45 @@ def test_an_octree_is_served_by_its_mesh():
     h0 = size_from_sources(tree, sources)
     assert h0.shape == tree.nodal_shape
     assert_array_equal(h0, size_from_sources(SimplexMesh(tree.points, tree.mesh.cells), sources))
+
+
+# --- curvature of a boundary beside the nodes -----------------------------------------------
+
+
+def circle(n, radius):
+    angle = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    points = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    return SimplexMesh(points, np.column_stack([np.arange(n), np.roll(np.arange(n), -1)]))
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_nodes_near_a_mesh_are_found_by_halving(masked):
+    rng = np.random.default_rng(107)
+    grid = CartesianGrid([-1.0, -0.7], [0.03, 0.05], (61, 37))
+    if masked:
+        grid = grid.with_active(rng.random(grid.shape) < 0.5)
+    curve = circle(5, 0.6)
+    for within in (0.0, 0.02, 0.3):
+        near = curve.locator.nearest(grid.points)[2] <= within
+        expected = np.argwhere(near.reshape(grid.shape) & (not masked or grid.active))
+        found = nodes_near(grid, curve, within)
+        assert_array_equal(found[np.lexsort(found.T[::-1])], expected)
+
+
+def test_curvature_of_a_circle_shows_at_the_boxes_that_it_passes():
+    # Radius 2 and 4 elements per radian: 0.5.
+    boundary = circle(200, 2.0)
+    grid = CartesianGrid.around(boundary.points, 0.2, margin=0.5)
+    tree = Octree([-4, -4], [4, 4], (16, 16), np.zeros(256, int))
+    for background, spacing in ((grid, 0.2), (tree, 0.5)):
+        h0 = size_from_curvature(background, boundary)
+        assert h0.shape == background.nodal_shape
+        beside = np.abs(np.linalg.norm(background.points, axis=1) - 2.0) < np.sqrt(2.0) * spacing
+        assert_allclose(h0.ravel(), np.where(beside, 0.5, INF), rtol=1e-3)
+        with pytest.raises(ValueError, match="boundary must be given, as there is none in"):
+            size_from_curvature(background)
+    away = CartesianGrid([9.0, 9.0], 0.2, (4, 4))
+    with pytest.raises(ValueError, match="boundary must pass through nodes of the background"):
+        size_from_curvature(away, boundary)
+    with pytest.raises(ValueError, match="boundary must consist of segments in 2-D"):
+        size_from_curvature(grid, grid.mesh)

@@ -99,6 +99,32 @@ def at_active_nodes(
     return values
 
 
+def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> _Indices:
+    """Return the active nodes up to a distance from a mesh, int64[n, dim].
+
+    Blocks of nodes are halved along each axis while they may hold such nodes.
+    """
+    shape = np.array(grid.shape)
+    edge = 1
+    while (shape > 8 * edge).any():
+        edge *= 2
+    corners = np.array(list(product((0, 1), repeat=grid.dim)))
+    blocks = np.argwhere(np.ones(-(-shape // edge), np.bool_))
+    while True:
+        first, last = edge * blocks, np.minimum(edge * (blocks + 1), shape) - 1
+        distance = mesh.locator.nearest(grid.origin + grid.spacing * 0.5 * (first + last))[2]
+        reach = 0.5 * np.linalg.norm(grid.spacing * (last - first), axis=1)
+        blocks = blocks[distance <= within + reach * (1.0 + 1e-9)]
+        if edge == 1:
+            break
+        edge //= 2
+        blocks = (2 * blocks[:, None] + corners).reshape(-1, grid.dim)
+        blocks = blocks[(edge * blocks < shape).all(axis=1)]
+    if grid.active is not None:
+        blocks = blocks[grid.active[tuple(blocks.T)]]
+    return np.asarray(blocks)
+
+
 def boundary_nodes(grid: CartesianGrid) -> BoolArray:
     """Return which nodes are active but not all of their neighbours, diagonal ones included."""
     active = np.ones(grid.shape, np.bool_) if grid.active is None else grid.active

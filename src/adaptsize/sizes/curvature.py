@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._checks import as_number
-from adaptsize.background import SimplexMesh
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
     crease_curvature,
@@ -13,6 +16,7 @@ from adaptsize.geometry.curvature import (
     polyline_curvature,
     surface_curvature,
 )
+from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import FloatArray, IntArray
 
@@ -23,7 +27,7 @@ _TOLERANCE_SHARE = 1e-3
 
 
 def size_from_curvature(
-    background: SimplexMesh,
+    background: SimplexMesh | CartesianGrid | Octree,
     boundary: SimplexMesh | None = None,
     *,
     elements_per_radian: float = 4.0,
@@ -43,13 +47,14 @@ def size_from_curvature(
 
     Parameters
     ----------
-    background : SimplexMesh
+    background : SimplexMesh, CartesianGrid or Octree
         Tetrahedra or triangles in the plane: their boundary counts.  Triangles in
         space: they count themselves, and so do their boundary and sharp edges.
-        Segments: they count themselves.
+        Segments: they count themselves.  Grids and octrees need ``boundary``.
     boundary : SimplexMesh, optional
         Triangles in space, or segments in the plane or in space, whose curvature counts
         instead; nodes of ``background`` that lie on it get the value of the closest point.
+        Nodes of a grid or octree lie beside it; see ``tolerance``.
     elements_per_radian : float, default 4
         K > 0.  In terms of the angle :math:`\theta` that an edge spans,
         :math:`1 / K = 2 \sin(\theta / 2)`.
@@ -61,13 +66,15 @@ def size_from_curvature(
         surfaces.
     tolerance : float, optional
         Distance up to which a node counts as lying on ``boundary``, in the unit of the
-        coordinates; 0.001 of the diagonal of ``boundary`` by default.
+        coordinates; 0.001 of the diagonal of ``boundary`` by default.  On a grid, the
+        diagonal of a box, of an octree that of its smallest leaf: all corners of the boxes
+        that the boundary passes.
     hmin, hmax : float, optional
         Limits of the size, as in `minimum`.
 
     Returns
     -------
-    ndarray of float64, shape (n_points,)
+    ndarray of float64, of ``background.nodal_shape``
         Sizes; ``inf`` off the boundary and where it is flat, unless ``hmax`` is given.
         Never below 1e-6 of the diagonal of the boundary, whatever the curvature.
 
@@ -75,7 +82,7 @@ def size_from_curvature(
     ------
     ValueError
         If an option is out of range, the background is 1-D, ``boundary`` is of another
-        kind, or no node of the background lies on ``boundary``.
+        kind or missing on a grid or octree, or no node of the background lies on ``boundary``.
 
     See Also
     --------
@@ -105,16 +112,19 @@ def size_from_curvature(
     """
     per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)
     kappa = np.zeros(background.n_points)
+    nodes: npt.NDArray[np.integer[Any]]
     if boundary is None:
+        if not isinstance(background, SimplexMesh):
+            raise ValueError(f"boundary must be given, as there is none in {background!r}")
         source, nodes = _own_boundary(background)
         kappa[nodes] = _nodal_curvature(source, crease_angle=crease_angle, smoothing=smoothing)
     else:
         source = boundary
         _refuse_other_boundary(boundary, background)
-        nodes, within = _nodes_on(boundary, background, tolerance)
+        nodes, points, within = _nodes_on(boundary, background, tolerance)
         kappa[nodes] = _curvature_at(
             boundary,
-            background.points[nodes],
+            points,
             within,
             crease_angle=crease_angle,
             smoothing=smoothing,
@@ -122,7 +132,7 @@ def size_from_curvature(
     with np.errstate(divide="ignore"):
         h0 = 1.0 / (per_radian * kappa)
     h0 = np.maximum(h0, _SMALLEST_SHARE * source.diagonal)
-    return minimum(h0, hmin=hmin, hmax=hmax)
+    return minimum(h0.reshape(background.nodal_shape), hmin=hmin, hmax=hmax)
 
 
 def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
@@ -143,28 +153,44 @@ def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) 
     return np.maximum(surface, crease_curvature(mesh, crease_angle=crease_angle))
 
 
-def _refuse_other_boundary(boundary: SimplexMesh, background: SimplexMesh) -> None:
+def _refuse_other_boundary(
+    boundary: SimplexMesh, background: SimplexMesh | CartesianGrid | Octree
+) -> None:
     dim = background.dim
-    if boundary.dim != dim or dim == 1 or boundary.cell_dim > min(dim - 1, background.cell_dim):
-        kind = "segments" if min(dim - 1, background.cell_dim) == 1 else "segments or triangles"
+    cell_dim = background.cell_dim if isinstance(background, SimplexMesh) else dim
+    if boundary.dim != dim or dim == 1 or boundary.cell_dim > min(dim - 1, cell_dim):
+        kind = "segments" if min(dim - 1, cell_dim) == 1 else "segments or triangles"
         raise ValueError(f"boundary must consist of {kind} in {dim}-D, got {boundary!r}")
 
 
 def _nodes_on(
-    boundary: SimplexMesh, background: SimplexMesh, tolerance: float | None
-) -> tuple[IntArray, float]:
-    """Return the nodes of the background that lie on the boundary, and the tolerance."""
-    within = _TOLERANCE_SHARE * boundary.diagonal
+    boundary: SimplexMesh,
+    background: SimplexMesh | CartesianGrid | Octree,
+    tolerance: float | None,
+) -> tuple[npt.NDArray[np.integer[Any]], FloatArray, float]:
+    """Return the nodes of the background that lie on the boundary, where, and the tolerance."""
     if tolerance is not None:
         within = as_number("tolerance", tolerance, lower=0.0)
-    distances = boundary.locator.nearest(background.points)[2]
-    nodes = np.flatnonzero(distances <= within).astype(np.int32)
+    elif isinstance(background, CartesianGrid):
+        within = float(np.linalg.norm(background.spacing))
+    elif isinstance(background, Octree):
+        within = float(np.linalg.norm(background.leaf_sizes, axis=1).min())
+    else:
+        within = _TOLERANCE_SHARE * boundary.diagonal
+    if isinstance(background, CartesianGrid):
+        indices = nodes_near(background, boundary, within)
+        nodes = np.ravel_multi_index(tuple(indices.T), background.shape)
+        points, closest = background.origin + background.spacing * indices, ""
+    else:
+        distances = boundary.locator.nearest(background.points)[2]
+        nodes = np.flatnonzero(distances <= within)
+        points, closest = background.points[nodes], f" (the closest is {distances.min():g} away)"
     if len(nodes) == 0:
         raise ValueError(
             f"boundary must pass through nodes of the background, got none within "
-            f"tolerance {within:g} (the closest is {distances.min():g} away)"
+            f"tolerance {within:g}{closest}"
         )
-    return nodes, within
+    return nodes, points, within
 
 
 def _curvature_at(
