@@ -360,9 +360,9 @@ def test_size_functions_work_on_octrees():
 
 
 def test_limited_sizes_converge_at_first_order():
-    # Two sources (Persson 2006, section 6.2) on quadtrees graded around them, four times
-    # finer along the axis between, so that leaves differ by several levels.  Exact values
-    # within 10 of the sources take out the logarithm of the cone tips.
+    # Two sources (Persson 2006, section 6.2) on quadtrees graded around them, and eight times
+    # finer on one side of the axis, so that leaves that touch differ by three levels.  Exact
+    # values within 10 of the sources take out the logarithm of the cone tips.
     sources, sizes, g = np.array([[-10.0, 0.0], [10.0, 0.0]]), np.array([1.0, 5.0]), 0.3
 
     def distances(x):
@@ -371,9 +371,8 @@ def test_limited_sizes_converge_at_first_order():
     def error(spacing):
         def needs_refinement(centres, edges):
             near = np.maximum(distances(centres).min(axis=1) / 10.0, 1.0)
-            on_axis = np.abs(centres[:, 1]) <= 0.5 * edges[:, 1]
-            wanted = np.where(on_axis, 0.25 * spacing, spacing * near)
-            return edges[:, 0] > wanted
+            above_axis = np.abs(centres[:, 1] - 0.001) <= 0.5 * edges[:, 1]
+            return edges[:, 0] > np.where(above_axis, spacing / 8.0, spacing * near)
 
         tree = Octree.build([-50, -50], [50, 50], needs_refinement, max_level=12)
         exact = (sizes + g * distances(tree.points)).min(axis=1)

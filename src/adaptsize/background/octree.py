@@ -235,9 +235,12 @@ class Octree:
 
         Corners of leaves first, then the centres of leaves and faces that ``mesh`` needs.
         """
-        keys = self._parts.node_keys[: self.n_points]
-        indices = np.unravel_index(keys, self._lattice.counts + 1)
-        return self._planes(np.stack(indices, axis=1))
+        points = np.empty((self.n_points, self.dim))
+        rest = self._parts.node_keys[: self.n_points]
+        for d, stride in enumerate(self._lattice.strides):
+            index, rest = np.divmod(rest, stride)
+            points[:, d] = self._coordinates(index, d)
+        return _read_only(points)
 
     @cached_property
     def mesh(self) -> SimplexMesh:
@@ -269,9 +272,18 @@ class Octree:
         return number_nodes(self.levels, self._lattice)
 
     def _planes(self, indices: npt.NDArray[Any]) -> FloatArray:
-        """Return the coordinates of lattice indices: exactly those of the box at its ends."""
-        share = indices / self._lattice.counts
-        return _read_only(self.lower * (1.0 - share) + self.upper * share)
+        """Return the points with given coordinates on the lattice."""
+        columns = [self._coordinates(indices[:, d], d) for d in range(self.dim)]
+        return _read_only(np.stack(columns, axis=1))
+
+    def _coordinates(self, index: npt.NDArray[Any], d: int) -> FloatArray:
+        """Return coordinates of lattice planes: exactly those of the box at its ends.
+
+        The locator finds nodes by the same operations.
+        """
+        share = index / self._lattice.counts[d]
+        coordinates: FloatArray = self.lower[d] * (1.0 - share) + self.upper[d] * share
+        return coordinates
 
 
 def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
