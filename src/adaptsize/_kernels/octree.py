@@ -12,8 +12,8 @@ Finest leaves have no hanging node, so every centre that is needed lies on that 
 import numpy as np
 from numba import njit
 
-# A square leaves at most three of its quarters behind per level, of which there are 62 at most.
-_STACK = 192
+# A square leaves three of its quarters behind per level; keys of 64 bits allow 20 in 3-D.
+_STACK = 64
 
 
 @njit(cache=True, nogil=True)
@@ -249,7 +249,7 @@ def _cut_square(
         Number of nodes so far.
     node_keys : int64[bound]
         In/Out: the keys of new centres are added.
-    stack : int64[192, 3]
+    stack : int64[64, 3]
         Scratch.
     cells : int32[m, 3 or 4]
         Out from row ``place`` on; may have no rows: then simplices are counted only.

@@ -106,9 +106,10 @@ def refine_to_size(
 
     Notes
     -----
-    With ``g`` leaves come out smaller than need be: their diagonal may be as long as twice
-    the distance to the place that the bound allows for.  A leaf that is refined has edges
-    longer than ``factor * size / (1 + factor * g * sqrt(dim) / 2)``, size at its centre.
+    With ``g`` leaves may come out smaller than need be, for the size is taken to fall from
+    the centre to a corner as fast as it may: a cube is refined if its edge is longer than
+    ``factor * size / (1 + factor * g * sqrt(dim) / 2)``, size at its centre.  The gradient
+    of a `SizeFunction` may exceed the limit that its nodal values obey, in some cells.
 
     Examples
     --------
