@@ -35,7 +35,7 @@ def check_conforming(tree):
 
 
 @given(octrees())
-@settings(max_examples=40)
+@settings(max_examples=30)
 def test_any_tree_is_cut_into_simplices_that_fit_together(tree):
     check_conforming(tree)
 

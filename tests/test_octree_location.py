@@ -12,7 +12,7 @@ from trees import at_point, at_random, octrees, random_points
 
 
 def check_interpolation(tree, seed):
-    x = random_points(tree, 200, seed)
+    x = random_points(tree, 120, seed)
     nodes, weights, distances = tree.locator.weights(x)
     assert_array_equal(distances, 0.0)
     assert (weights >= 0.0).all()
@@ -28,7 +28,7 @@ def check_interpolation(tree, seed):
 
 
 @given(octrees(), st.integers(0, 2**32 - 1))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_interpolation_is_that_of_the_mesh(tree, seed):
     check_interpolation(tree, seed)
 

@@ -287,8 +287,10 @@ class Octree:
 
 
 def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    array.flags.writeable = False
-    return array
+    """Return a read-only view; kernels are compiled for arrays that may be written into."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def _as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
