@@ -136,6 +136,9 @@ def resolve(
 def _in_space(background: SimplexMesh | CartesianGrid, g: object) -> Slope:
     """Return one limit for all, one per node of a grid, or one per cell of a mesh."""
     values = as_float_array("g", g)  # type: ignore[arg-type]
+    if isinstance(background, CartesianGrid) and values.shape == background.shape:
+        # Inactive nodes may hold anything.
+        values = values if background.active is None else np.where(background.active, values, 0.0)
     refuse_where("g", ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
     refuse_where("g", values > _STEEPEST, values, f"must be at most {_STEEPEST:g}")
     # Its square would underflow; it raises no size by more than rounding.
