@@ -1,4 +1,4 @@
-"""Cases with a known limited size."""
+"""Cases with a known limited size, on meshes (those of all backgrounds stand beside this file)."""
 
 import numpy as np
 import pytest
@@ -7,70 +7,11 @@ from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize._kernels.march import sweep_cells
-from meshes import jittered_cube, jittered_square, random_sphere, random_square, structured_square
+from backgrounds import CASES, cases, two_sources
+from meshes import jittered_square, random_sphere, random_square, structured_square
 
-MARCHING = ("fast-marching", "positive-coefficient")
+MARCHING = ("fast-marching", "positive-coefficient")  # the same equations
 G = 0.3
-
-
-def two_sources(mesh):
-    """Section 6.2 of the paper, its sources moved to the nearest nodes: bounds and result."""
-    nodes, sizes = [], (1.0, 5.0)
-    for x in (-10.0, 10.0):
-        place = np.zeros(mesh.dim)
-        place[0] = x
-        nodes.append(int(np.argmin(np.linalg.norm(mesh.points - place, axis=1))))
-    h0 = np.full(mesh.n_points, np.inf)
-    h0[nodes] = sizes
-    cones = [
-        size + G * np.linalg.norm(mesh.points - mesh.points[node], axis=1)
-        for node, size in zip(nodes, sizes, strict=True)
-    ]
-    return h0, np.minimum(*cones)
-
-
-def test_edges_miss_the_paper_problem_by_7_79():
-    # Persson, Fig. 11: 7.79 on 100 x 100 cells, at the corner (-50, 50), where a path
-    # along the axes is 90 long and the straight line 64.0: 0.3 (90 - 64.03) = 7.79.
-    mesh = structured_square(100)
-    h0, exact = two_sources(mesh)
-    h = limit_gradient(mesh, h0, G, method="edge-based")
-    assert (h - exact).max() == pytest.approx(0.3 * (90.0 - np.hypot(40.0, 50.0)), rel=1e-12)
-
-
-@pytest.mark.parametrize("method", MARCHING)
-def test_paper_problem_is_met_to_first_order(method):
-    # Persson, Fig. 11: 0.38 for first order on 100 x 100 cells.
-    mesh = structured_square(100)
-    h0, exact = two_sources(mesh)
-    error = limit_gradient(mesh, h0, G, method=method) - exact
-    assert error.max() < 0.38
-    assert error.min() > -0.01  # linear interpolation where the two fronts meet
-
-
-def test_formula_11_is_the_paper_problem():
-    mesh = jittered_square(31, seed=21)
-    h0, exact = two_sources(mesh)
-    assert_allclose(limit_gradient(mesh, h0, G, method="exact"), exact, rtol=1e-14)
-
-
-@pytest.mark.parametrize("method", MARCHING)
-@pytest.mark.parametrize("make", [lambda: random_square(500, 22), lambda: jittered_cube(8, 23)])
-@pytest.mark.parametrize("steepness", [0.5, 1.0])
-def test_linear_sizes_within_the_limit_stay(make, method, steepness):
-    mesh = make()
-    direction = np.ones(mesh.dim) / np.sqrt(mesh.dim)
-    h0 = 200.0 + steepness * G * mesh.points @ direction
-    assert_allclose(limit_gradient(mesh, h0, G, method=method), h0, rtol=1e-14)
-
-
-@pytest.mark.parametrize("method", MARCHING)
-@pytest.mark.parametrize("make", [lambda: jittered_square(31, 24), lambda: jittered_cube(9, 25)])
-def test_plane_wave_from_one_side_is_exact(make, method):
-    mesh = make()
-    x = mesh.points[:, 0] + 50.0
-    h = limit_gradient(mesh, np.where(x == 0.0, 1.0, np.inf), G, method=method)
-    assert_allclose(h, 1.0 + G * x, rtol=1e-13)
 
 
 @pytest.mark.parametrize("method", MARCHING)
@@ -121,7 +62,8 @@ def slit_distance(points, source):
     return np.where(hidden, around, straight)
 
 
-def test_sizes_go_around_a_slit():
+@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
+def test_sizes_go_around_a_slit(case):
     # Fig. 6: the right of the slit learns of the left only around the tip.
     errors = []
     for n_side in (41, 81):
@@ -129,7 +71,7 @@ def test_sizes_go_around_a_slit():
         source = np.array([-20.0, 30.0])
         exact = 1.0 + G * slit_distance(mesh.points, source)
         near = np.linalg.norm(mesh.points - source, axis=1) < 10.0
-        h = limit_gradient(mesh, np.where(near, exact, np.inf), G)
+        h = case.limit(mesh, np.where(near, exact, np.inf), G)
         errors.append(np.abs(h - exact).max())
         straight = 1.0 + G * np.linalg.norm(mesh.points - source, axis=1)
         right = (mesh.points[:, 0] > 0.0) & (mesh.points[:, 1] > 30.0)
@@ -140,7 +82,8 @@ def test_sizes_go_around_a_slit():
     assert errors[1] < 0.75 * errors[0], errors
 
 
-def test_folding_a_sheet_changes_nothing():
+@pytest.mark.parametrize("case", cases("simplices", "surface"), ids=str)
+def test_folding_a_sheet_changes_nothing(case):
     # An accordion of panels 10 wide: bending along lines of the mesh keeps all lengths
     # within the sheet, while neighbouring panels come as near as 1.7 to each other.
     flat = structured_square(40)
@@ -149,13 +92,14 @@ def test_folding_a_sheet_changes_nothing():
     slant = np.radians(85.0)
     folded = np.column_stack([along * np.cos(slant), y, zigzag * np.sin(slant)])
     h0, _ = two_sources(flat)
-    h = limit_gradient(SimplexMesh(folded, flat.cells), h0, G)
-    assert_allclose(h, limit_gradient(flat, h0, G), rtol=1e-12)
+    h = case.limit(SimplexMesh(folded, flat.cells), h0, G)
+    assert_allclose(h, case.limit(flat, h0, G), rtol=1e-12)
     assert np.ptp(folded[:, 0]) < 10.0  # a straight-line rule would give at most 1 + 0.3 * 100.9
     assert h.max() > 18.0
 
 
-def test_sizes_follow_great_circles():
+@pytest.mark.parametrize("case", cases("simplices", "surface"), ids=str)
+def test_sizes_follow_great_circles(case):
     # First order: errors of the geodesic distance on a unit sphere of n random points.
     errors = []
     for n in (2500, 10_000):
@@ -164,12 +108,13 @@ def test_sizes_follow_great_circles():
         angle = np.arccos(np.clip(mesh.points @ mesh.points[pole], -1.0, 1.0))
         h0 = np.full(n, np.inf)
         h0[pole] = 1e-9
-        errors.append(np.abs(limit_gradient(mesh, h0, 1.0) - angle).max())
+        errors.append(np.abs(case.limit(mesh, h0, 1.0) - angle).max())
     assert errors[0] < 0.06
     assert errors[1] < 0.7 * errors[0], errors
 
 
-def test_two_sheets_do_not_see_each_other_across_their_gap():
+@pytest.mark.parametrize("case", cases("simplices", "surface"), ids=str)
+def test_two_sheets_do_not_see_each_other_across_their_gap(case):
     sheet = structured_square(10, half_width=1.0)
     n = sheet.n_points
     lower = np.column_stack([sheet.points, np.zeros(n)])
@@ -179,12 +124,15 @@ def test_two_sheets_do_not_see_each_other_across_their_gap():
     )
     h0 = np.full(2 * n, 5.0)
     h0[0] = 0.01
-    h = limit_gradient(mesh, h0, G)
+    h = case.limit(mesh, h0, G)
     assert h[:n].max() < 1.0
     assert (h[n:] == 5.0).all()
 
 
-def test_g_of_each_segment_adds_up_along_a_line():
+@pytest.mark.parametrize(
+    "case", [c for c in CASES if "segments" in c.all_kinds and "cells" in c.all_limits], ids=str
+)
+def test_g_of_each_segment_adds_up_along_a_line(case):
     rng = np.random.default_rng(30)
     x = np.cumsum(rng.uniform(0.1, 1.0, 30))
     g = rng.uniform(0.1, 1.0, 29)
@@ -192,34 +140,27 @@ def test_g_of_each_segment_adds_up_along_a_line():
     h0 = np.full(30, np.inf)
     h0[0] = 2.0
     exact = 2.0 + np.concatenate([[0.0], np.cumsum(g * np.diff(x))])
-    for method in (*MARCHING, "edge-based"):
-        assert_allclose(limit_gradient(mesh, h0, g, method=method), exact, rtol=1e-13)
+    assert_allclose(case.limit(mesh, h0, g), exact, rtol=1e-13)
 
 
-def test_nodal_g_is_the_mean_in_each_cell():
+@pytest.mark.parametrize("case", cases("simplices", "plane", "cells"), ids=str)
+def test_nodal_g_is_the_mean_in_each_cell(case):
     mesh = random_square(300, 31)
     g = np.random.default_rng(32).uniform(0.1, 0.5, 300)
     h0 = np.full(300, np.inf)
     h0[7] = 0.1
-    per_cell = limit_gradient(mesh, h0, g[mesh.cells].mean(axis=1))
-    assert (limit_gradient(mesh, h0, g) == per_cell).all()
+    per_cell = case.limit(mesh, h0, g[mesh.cells].mean(axis=1))
+    assert (case.limit(mesh, h0, g) == per_cell).all()
 
 
-def test_jump_of_g_bends_the_front_at_the_interface():
+@pytest.mark.parametrize("case", cases("simplices", "plane", "cells"), ids=str)
+def test_jump_of_g_bends_the_front_at_the_interface(case):
     # g is 0.1 for x < 0 and 0.4 for x > 0; a plane wave from the left meets the jump head-on.
     mesh = structured_square(50)
     g = np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.0, 0.1, 0.4)
     x = mesh.points[:, 0]
-    h = limit_gradient(mesh, np.where(x == -50.0, 1.0, np.inf), g)
+    h = case.limit(mesh, np.where(x == -50.0, 1.0, np.inf), g)
     assert_allclose(h, np.where(x < 0.0, 1.0 + 0.1 * (x + 50.0), 6.0 + 0.4 * x), rtol=1e-12)
-
-
-def test_g_proportional_to_h_grows_exponentially():
-    # dh/ds = 0.05 h: h = exp(0.05 s), from one side of the square.
-    mesh = jittered_square(31, seed=33)
-    x = mesh.points[:, 0] + 50.0
-    h = limit_gradient(mesh, np.where(x == 0.0, 1.0, np.inf), lambda h: 0.05 * h)
-    assert_allclose(h, np.exp(0.05 * x), rtol=1e-8)
 
 
 def smooth_g(h):
@@ -227,7 +168,8 @@ def smooth_g(h):
     return 0.4 - 0.2 * np.tanh((h - 6.0) / 2.0)
 
 
-def test_g_of_h_with_two_sources_is_the_transformed_closed_form():
+@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
+def test_g_of_h_with_two_sources_is_the_transformed_closed_form(case):
     # Phi is known here: 1/g = 1/(0.4 - 0.2 tanh u), integrated by scipy as the twin.
     from scipy.integrate import solve_ivp
 
@@ -248,12 +190,13 @@ def test_g_of_h_with_two_sources_is_the_transformed_closed_form():
         )
         exact[order] = np.minimum(exact[order], path.y[0])
     assert_allclose(limit_gradient(mesh, h0, smooth_g, method="exact"), exact, rtol=1e-7)
-    error = limit_gradient(mesh, h0, smooth_g) - exact
+    error = case.limit(mesh, h0, smooth_g) - exact
     assert error.max() < 0.5
     assert error.min() > -0.02
 
 
-def test_g_of_h_that_jumps_and_is_not_monotone_is_still_unique():
+@pytest.mark.parametrize("case", cases("simplices", "segments"), ids=str)
+def test_g_of_h_that_jumps_and_is_not_monotone_is_still_unique(case):
     def g(h):
         return np.where((h > 2.0) & (h < 3.0), 0.1, 0.5)
 
@@ -264,30 +207,26 @@ def test_g_of_h_that_jumps_and_is_not_monotone_is_still_unique():
     # 1 -> 2 takes 2, 2 -> 3 takes 10, then slope 0.5 again.
     exact = np.interp(x, [0.0, 2.0, 12.0, 30.0], [1.0, 2.0, 3.0, 12.0])
     # The table has 8192 intervals per factor e: the jumps are met to h / 8192.
-    assert_allclose(limit_gradient(mesh, h0, g), exact, rtol=3e-4)
+    assert_allclose(case.limit(mesh, h0, g), exact, rtol=3e-4)
 
 
-def test_product_of_g_of_x_and_g_of_h():
+@pytest.mark.parametrize("case", cases("simplices", "plane", "cells"), ids=str)
+def test_product_of_g_of_x_and_g_of_h(case):
     # a = 1 for x < 0, 2 beyond; b = 0.02 h: exp(0.02 s) with s counted double beyond 0.
     mesh = structured_square(50)
     x = mesh.points[:, 0]
     a = np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.0, 1.0, 2.0)
-    h = limit_gradient(mesh, np.where(x == -50.0, 1.0, np.inf), (a, lambda h: 0.02 * h))
+    h = case.limit(mesh, np.where(x == -50.0, 1.0, np.inf), (a, lambda h: 0.02 * h))
     path = np.where(x < 0.0, x + 50.0, 50.0 + 2.0 * x)
     assert_allclose(h, np.exp(0.02 * path), rtol=1e-8)
 
 
-def test_constant_g_of_h_is_the_number():
+@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
+def test_constant_g_of_h_is_the_number(case):
     mesh = random_square(300, 35)
     h0 = np.where(np.arange(300) % 17 == 0, 0.05, np.inf)
-    h = limit_gradient(mesh, h0, lambda h: np.full_like(h, 0.3))
-    assert_allclose(h, limit_gradient(mesh, h0, 0.3), rtol=1e-12)
-
-
-def test_zero_g_spreads_the_least_size_over_its_component():
-    mesh = random_square(200, 36)
-    h0 = np.random.default_rng(37).uniform(1.0, 2.0, 200)
-    assert (limit_gradient(mesh, h0, 0.0) == h0.min()).all()
+    h = case.limit(mesh, h0, lambda h: np.full_like(h, 0.3))
+    assert_allclose(h, case.limit(mesh, h0, 0.3), rtol=1e-12)
 
 
 def test_published_positive_coefficient_scheme_undershoots_at_sources():
