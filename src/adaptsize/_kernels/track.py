@@ -1,0 +1,349 @@
+"""Source tracking on simplices: sizes straight from where they come from.
+
+Every node carries its *source*, the vertex, edge or triangle of the mesh that bounds
+its size (see source.py), and hands it on along the edges of the mesh.  The candidate of the
+receiving node is the Hopf-Lax value of the source itself, however far away that is, so that no
+error adds up on the way.
+
+``axes`` and ``others`` are tuples of which only the length counts (embedding dimension;
+nodes of a cell less one), see local.py.
+"""
+
+import math
+
+from numba import njit
+
+from adaptsize._kernels.heap import pop, push_or_decrease
+from adaptsize._kernels.local import distance, minimum_on_edge
+from adaptsize._kernels.march import minimum_in_cell
+from adaptsize._kernels.polish import BETTER, polish
+from adaptsize._kernels.source import (
+    BEND,
+    ascending,
+    drop_zero_weights,
+    has_own_bound,
+    put_foot,
+    set_source,
+    sizes_of,
+    source_of,
+    value_from,
+)
+from adaptsize._kernels.visibility import is_visible
+
+
+@njit(cache=True, nogil=True)
+def compact_neighbours(others, star_ptr, star, mark, nbr_ptr):
+    """Turn the stars of the nodes into lists of different neighbours, in place.
+
+    Parameters
+    ----------
+    others : tuple of length k - 1
+    star_ptr : int64[n + 1]
+        Stars (see `adaptsize._kernels.march.fill_stars`).
+    star : int32[m * k * (k - 1)]
+        In/Out: the star, flat; the neighbours of i are then
+        ``star[nbr_ptr[i]:nbr_ptr[i + 1]]``.
+    mark : int32[n]
+        In/Out: work space, anything negative.
+    nbr_ptr : int64[n + 1]
+        Out.
+    """
+    width = len(others)
+    free = 0
+    for i in range(star_ptr.shape[0] - 1):
+        nbr_ptr[i] = free
+        for place in range(star_ptr[i] * width, star_ptr[i + 1] * width):
+            j = star[place]
+            if mark[j] != i:
+                mark[j] = i
+                star[free] = j  # never ahead of what is still to be read
+                free += 1
+    nbr_ptr[star_ptr.shape[0] - 1] = free
+
+
+@njit(cache=True, nogil=True)
+def start_from_cells(points, axes, cells, h0, g, faces, keep, state, source):
+    """Give every node the best source among the vertices and faces of its cells.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    cells : int32[m, k]
+    h0 : float64[n]
+        Bounds, inf allowed.
+    g : float64
+    faces : bool
+        Whether edges and triangles are sources too, or nodes only.
+    keep : float64
+        A candidate counts if it is below ``keep`` times the present size.
+    state, source
+        In/Out: sizes h0 and sources themselves; then lowered.
+
+    Returns
+    -------
+    bool
+        Whether two neighbours have finite bounds: if not, polishing has nothing to try.
+    """
+    dim = len(axes)
+    dense = False
+    for c in range(cells.shape[0]):
+        least = math.inf
+        finite = 0
+        for v in range(cells.shape[1]):
+            if h0[cells[c, v]] < math.inf:
+                finite += 1
+                least = min(least, h0[cells[c, v]])
+        if finite == 0:
+            continue
+        dense = dense or finite > 1
+        for v in range(cells.shape[1]):
+            k = cells[c, v]
+            if h0[k] <= least:
+                continue
+            if not faces or finite == 1 or dim == 1:
+                for w in range(cells.shape[1]):
+                    j = cells[c, w]
+                    if h0[j] < state[k, dim]:
+                        value = h0[j] + g * distance(points, axes, k, j)
+                        if value < state[k, dim] * keep:
+                            state[k, dim] = value
+                            source[k, 0] = j
+                continue
+            value, i0, i1, i2, l1, l2 = minimum_in_cell(points, axes, cells, c, k, h0, g)
+            if value < state[k, dim] * keep:
+                state[k, dim] = value
+                i0, i1, i2, l1, l2 = drop_zero_weights(i0, i1, i2, l1, l2)
+                i0, i1, i2 = ascending(i0, i1, i2)
+                set_source(source, k, i0, i1, i2)
+    return dense
+
+
+@njit(cache=True, nogil=True)
+def push_lowered(state, h0, key, node, place, size):
+    """Put the nodes whose size is below ``h0`` into the heap (see heap.py)."""
+    dim = state.shape[1] - 1
+    for k in range(h0.shape[0]):
+        if state[k, dim] < h0[k]:
+            push_or_decrease(key, node, place, size, k, state[k, dim])
+
+
+@njit(cache=True, nogil=True)
+def _sees(state, axes, near, h0, sources, k, p, q, r, l1, l2):
+    """Tell whether node k sees the point of weights l1, l2 of a source; remember if not."""
+    dim = len(axes)
+    refused = sources.refused
+    if refused[k, 0] == p and refused[k, 1] == q and (dim < 3 or refused[k, 2] == r):
+        return False
+    put_foot(state, axes, p, q, r, l1, l2)
+    a, b, c, l1, l2 = drop_zero_weights(p, q, r, l1, l2)
+    most = 64 + 16 * int(near.cells.shape[0] ** (1.0 / dim))  # several times across the mesh
+    seen = is_visible(state, axes, near, h0, sources.nodes, k, a, b, c, p, q, r, most)
+    if not seen:
+        set_source(refused, k, p, q, r)
+    return seen
+
+
+@njit(cache=True, nogil=True)
+def _take(sources, k, p, q, r, u_p, u_q):
+    """Make (p, q, r) the source of node k."""
+    set_source(sources.nodes, k, p, q, r)
+    if r == BEND:
+        sources.bent[k, 0] = u_p
+        sources.bent[k, 1] = u_q
+
+
+@njit(cache=True, nogil=True)
+def track(
+    state, axes, near, h0, g, sources, heap, contested, hidden, straight, moves, keep, max_pops
+):
+    """Hand sources on along the edges of the mesh, in order of size; at most ``max_pops`` nodes.
+
+    Parameters
+    ----------
+    state : float64[n + 1, dim + 1]
+        In/Out (see source.py).
+    axes : tuple of length dim
+    near : Surroundings
+    h0 : float64[n]
+    g : float64
+    sources : Sources
+        In/Out.
+    heap : tuple (key, node, place, size)
+        In/Out (see heap.py).
+    contested : uint8[n]
+        In/Out: set for nodes that refused a source because theirs is better.
+    hidden : bool
+        Whether straight lines may leave the mesh.
+    straight : bool
+        False hands on no sources: sizes along edges only.
+    moves : int
+        Most moves in polishing; 0 leaves it out.
+    keep : float64
+        A candidate counts if it is below ``keep`` times the present size.
+    max_pops : int
+
+    Returns
+    -------
+    int
+        Number of nodes taken; less than ``max_pops`` if the heap is empty.
+    """
+    dim = len(axes)
+    key, node, place, size = heap
+    nbr_ptr, nbr = near.nbr_ptr, near.nbr
+    pops = 0
+    while size[0] > 0 and pops < max_pops:
+        j = pop(key, node, place, size)
+        pops += 1
+        if moves > 0:
+            _polish_node(state, axes, near, h0, g, sources, j, hidden, moves)
+        h_j = state[j, dim]
+        p, q, r = source_of(sources, axes, j)
+        if not straight:
+            p, q, r = j, -1, -1
+        u_p, u_q, u_r = sizes_of(state, axes, h0, sources, j, p, q, r)
+        # A node below h_j may still be lowered by the source of j, but hardly ever: for
+        # one node it is cheap to try, for an edge it is not.
+        least = u_p if q < 0 else h_j
+        for entry in range(nbr_ptr[j], nbr_ptr[j + 1]):
+            k = nbr[entry]
+            h_k = state[k, dim]
+            if h_k <= least:
+                continue
+            l1 = l2 = 0.0
+            if q < 0:
+                value = u_p + g * distance(state, axes, k, p)
+            else:
+                value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
+            if value >= h_k * keep:
+                if value > h_k:
+                    contested[k] = 1
+                continue
+            if (
+                hidden
+                and (p != j or q >= 0)
+                and not _sees(state, axes, near, h0, sources, k, p, q, r, l1, l2)
+            ):
+                value = _bend(state, axes, near, h0, g, sources, j, k, p, q, r, keep)
+                if value >= h_k * keep:
+                    continue
+            else:
+                _take(sources, k, p, q, r, u_p, u_q)
+            state[k, dim] = value
+            push_or_decrease(key, node, place, size, k, value)
+    return pops
+
+
+@njit(cache=True, nogil=True)
+def _bend(state, axes, near, h0, g, sources, j, k, p, q, r, keep):
+    """Give node k, which does not see the source of j, a source at j: the node, or a crease.
+
+    The size along a crease is convex for one source, so that its linear interpolant is
+    not below it.  Returns the size; the source of k is set if that lowers k.
+    """
+    dim = len(axes)
+    best = state[j, dim] + g * distance(state, axes, k, j)
+    if best < state[k, dim] * keep:
+        set_source(sources.nodes, k, j, -1, -1)
+    if dim < 3:
+        return best
+    u_p, u_q, u_r = sizes_of(state, axes, h0, sources, j, p, q, r)
+    for place in range(near.crease_ptr[j], near.crease_ptr[j + 1]):
+        i = near.crease[place]
+        u_i, l1, l2 = value_from(state, axes, g, i, p, q, r, u_p, u_q, u_r)
+        value, t = minimum_on_edge(state, axes, k, j, i, state[j, dim], u_i, g)
+        if value >= best or value >= state[k, dim] * keep:
+            continue
+        s0, s1, s2 = source_of(sources, axes, i)
+        if not (s0 == p and s1 == q and s2 == r) and not _sees(
+            state, axes, near, h0, sources, i, p, q, r, l1, l2
+        ):
+            continue
+        if _sees(state, axes, near, h0, sources, k, j, i, -1, t, 0.0):
+            best = value
+            if i < j:
+                _take(sources, k, i, j, BEND, u_i, state[j, dim])
+            else:
+                _take(sources, k, j, i, BEND, state[j, dim], u_i)
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _polish_node(state, axes, near, h0, g, sources, j, hidden, moves):
+    """Give node j the polished source, if it is better and in sight."""
+    p, q, r = source_of(sources, axes, j)
+    if r != -1 or not has_own_bound(state, axes, h0, p):
+        return
+    if q >= 0 and not has_own_bound(state, axes, h0, q):
+        return
+    h_j = state[j, len(axes)]
+    value, p, q, r, l1, l2 = polish(state, axes, near, h0, g, j, p, q, r, h_j, moves)
+    if value < h_j * BETTER and (
+        not hidden or _sees(state, axes, near, h0, sources, j, p, q, r, l1, l2)
+    ):
+        state[j, len(axes)] = value
+        p, q, r = ascending(p, q, r)
+        set_source(sources.nodes, j, p, q, r)
+
+
+@njit(cache=True, nogil=True)
+def offer_once_more(state, axes, near, h0, g, sources, heap, contested, hidden, keep):
+    """Offer the sources that a node refused to the nodes behind it.
+
+    The nodes served by a source need not be connected by edges: a node in between may
+    belong to another source.  So the neighbours of every contested node are offered the
+    sources of all its neighbours.  Those that are lowered go into the heap.
+
+    Parameters
+    ----------
+    As for `track`; ``contested`` is cleared.
+
+    Returns
+    -------
+    int
+        Number of times that a node was lowered.
+    """
+    dim = len(axes)
+    key, node, place, size = heap
+    nbr_ptr, nbr = near.nbr_ptr, near.nbr
+    lowered = 0
+    for i in range(contested.shape[0]):
+        if contested[i] == 0:
+            continue
+        contested[i] = 0
+        own = source_of(sources, axes, i)
+        for entry in range(nbr_ptr[i], nbr_ptr[i + 1]):
+            j = nbr[entry]
+            p, q, r = source_of(sources, axes, j)
+            if p == own[0] and q == own[1] and r == own[2]:
+                continue
+            u_p, u_q, u_r = sizes_of(state, axes, h0, sources, j, p, q, r)
+            for other in range(nbr_ptr[i], nbr_ptr[i + 1]):
+                k = nbr[other]
+                value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
+                if value >= state[k, dim] * keep:
+                    continue
+                if not hidden or _sees(state, axes, near, h0, sources, k, p, q, r, l1, l2):
+                    _take(sources, k, p, q, r, u_p, u_q)
+                    state[k, dim] = value
+                    push_or_decrease(key, node, place, size, k, value)
+                    lowered += 1
+    return lowered
+
+
+@njit(cache=True, nogil=True)
+def largest_edge_excess(state, axes, near, g):
+    """Return by how much a size is above what its neighbours allow, relative to it, at most."""
+    dim = len(axes)
+    nbr_ptr, nbr = near.nbr_ptr, near.nbr
+    largest = 0.0
+    for i in range(state.shape[0] - 1):
+        h_i = state[i, dim]
+        for entry in range(nbr_ptr[i], nbr_ptr[i + 1]):
+            j = nbr[entry]
+            if state[j, dim] < h_i:
+                if math.isinf(h_i):
+                    return math.inf
+                excess = h_i - state[j, dim] - g * distance(state, axes, i, j)
+                largest = max(largest, excess / h_i)
+    return largest

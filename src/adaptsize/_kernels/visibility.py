@@ -1,0 +1,227 @@
+"""Whether the straight line from a node to a source stays inside a flat mesh.
+
+The line is followed from cell to cell (a walk) until it reaches a cell of the source.
+Most walks end before, on the certificate of a facet that the line crosses.
+
+* All nodes of the facet have the source.  They see it, so the sides of the hull of facet
+  and source lie in the mesh; only a hole that fits into that hull as a whole, and so is
+  narrower than the facet, can be overlooked.
+* The sources of the nodes of the facet are nodes that keep their own bound, lie on the
+  same piece of boundary (cut where that turns inwards by more than 30 degrees), and within
+  3 lengths of the facet from the end of the line.
+
+Positions are told by barycentric coordinates: that of vertex v is negative beyond the
+facet opposite to v.  ``axes`` is a tuple of which only the length counts.
+"""
+
+import math
+
+from numba import njit
+
+# Beyond a facet by less than this share of the height of the cell is not beyond it.
+GRAZING = 1e-10
+
+# Relative error allowed in finding the cell into which a line leaves its node.
+_CONE = -1e-9
+
+# Relative distance of a line from the sides of a cone that makes looking at others needless.
+_CLEARLY = 1e-6
+
+# Reach of the second certificate, in lengths of the facet.
+_NEAR = 3.0
+
+
+@njit(cache=True, nogil=True)
+def _has_node(cells, c, i):
+    found = False
+    for v in range(cells.shape[1]):
+        found = found or cells[c, v] == i
+    return found
+
+
+@njit(cache=True, nogil=True)
+def coordinates_of_two(points, axes, cells, c, v, i, j):
+    """Return the barycentric coordinates of nodes i and j for vertex v of cell c.
+
+    -inf, twice, if the cell is degenerate.
+    """
+    k = len(axes) + 1
+    top = cells[c, v]
+    a = cells[c, (v + 1) % k]
+    b = cells[c, (v + 2) % k]
+    ux = points[b, 0] - points[a, 0]
+    uy = points[b, 1] - points[a, 1]
+    if len(axes) == 2:
+        nx, ny, nz = -uy, ux, 0.0
+    else:
+        d = cells[c, (v + 3) % k]
+        uz = points[b, 2] - points[a, 2]
+        wx = points[d, 0] - points[a, 0]
+        wy = points[d, 1] - points[a, 1]
+        wz = points[d, 2] - points[a, 2]
+        nx = uy * wz - uz * wy
+        ny = uz * wx - ux * wz
+        nz = ux * wy - uy * wx
+    height = nx * (points[top, 0] - points[a, 0]) + ny * (points[top, 1] - points[a, 1])
+    at_i = nx * (points[i, 0] - points[a, 0]) + ny * (points[i, 1] - points[a, 1])
+    at_j = nx * (points[j, 0] - points[a, 0]) + ny * (points[j, 1] - points[a, 1])
+    if len(axes) == 3:
+        height += nz * (points[top, 2] - points[a, 2])
+        at_i += nz * (points[i, 2] - points[a, 2])
+        at_j += nz * (points[j, 2] - points[a, 2])
+    if height == 0.0:
+        return -math.inf, -math.inf
+    return at_i / height, at_j / height
+
+
+@njit(cache=True, nogil=True)
+def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
+    """Return the cell across the facet of cell c opposite to its vertex v.
+
+    -1 if there is not exactly one, or if it does not lie on the other side: a fold.
+    """
+    k = cells.shape[1]
+    a = cells[c, (v + 1) % k]
+    b = cells[c, (v + 2) % k]
+    d = cells[c, (v + k - 1) % k]  # b again for triangles
+    found = -1
+    for place in range(ring_ptr[a], ring_ptr[a + 1]):
+        here = ring[place]
+        if here != c and _has_node(cells, here, b) and (d == b or _has_node(cells, here, d)):
+            if found >= 0:
+                return -1
+            found = here
+    if found < 0:
+        return -1
+    i = -1
+    for w in range(k):
+        if not _has_node(cells, c, cells[found, w]):
+            i = cells[found, w]
+    if i < 0:
+        return -1
+    ahead = coordinates_of_two(points, axes, cells, c, v, i, i)[0]
+    if ahead >= 0.0 or ahead == -math.inf:
+        return -1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _holds(cells, c, p, q, r):
+    """Tell whether cell c has all nodes of the source (-1: none)."""
+    return (
+        _has_node(cells, c, p)
+        and (q < 0 or _has_node(cells, c, q))
+        and (r < 0 or _has_node(cells, c, r))
+    )
+
+
+@njit(cache=True, nogil=True)
+def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
+    """Tell whether the facet of cell c opposite to v shows that the line through it arrives."""
+    dim = len(axes)
+    same = True
+    for w in range(dim + 1):
+        if w != v:
+            i = cells[c, w]
+            same = same and source[i, 0] == p
+            same = same and (dim < 2 or source[i, 1] == q)
+            same = same and (dim < 3 or source[i, 2] == r)
+    if same:
+        return True
+    here = patch[p]
+    if here < 0 or points[p, dim] < h0[p]:
+        return False
+    # All from one smooth piece of the boundary, and from near the same place of it.
+    longest = 0.0
+    farthest = 0.0
+    first = cells[c, (v + 1) % (dim + 1)]
+    for w in range(dim + 1):
+        if w == v:
+            continue
+        i = cells[c, w]
+        s = source[i, 0]
+        if patch[s] != here or points[s, dim] < h0[s]:
+            return False
+        length = 0.0
+        reach = 0.0
+        for d in range(dim):
+            length += (points[i, d] - points[first, d]) ** 2
+            reach += (points[s, d] - points[y, d]) ** 2
+        longest = max(longest, length)
+        farthest = max(farthest, reach)
+    return farthest <= _NEAR * _NEAR * longest
+
+
+@njit(cache=True, nogil=True)
+def is_visible(points, axes, near, h0, source, k, p, q, r, s0, s1, s2, max_steps):
+    """Tell whether the straight line from node k to a point of a source lies in the mesh.
+
+    Parameters
+    ----------
+    points : float64[n + 1, dim + 1]
+        Coordinates and sizes; the last row is the point.
+    axes : tuple of length dim
+    near : Surroundings
+        See source.py; all but neighbours and creases are used.
+    h0 : float64[n]
+    source : int32[n, dim]
+        Sources of the nodes.
+    k : int
+    p, q, r : int
+        The nodes between which the point lies, -1 where there are fewer.
+    s0, s1, s2 : int
+        The source offered, as in ``source``.
+    max_steps : int
+        Refuse after so many cells.
+    """
+    cells, ring_ptr, ring, patch = near.cells, near.ring_ptr, near.ring, near.patch
+    y = points.shape[0] - 1
+    # The cell into which the line leaves k: where it is most clearly inside the cone at k.
+    c = entry = -1
+    best = _CONE
+    for place in range(ring_ptr[k], ring_ptr[k + 1]):
+        here = ring[place]
+        if _holds(cells, here, p, q, r):
+            return True
+        least = math.inf
+        total = 0.0
+        at_k = 0
+        for v in range(cells.shape[1]):
+            if cells[here, v] == k:
+                at_k = v
+                continue
+            share = coordinates_of_two(points, axes, cells, here, v, y, y)[0]
+            total += abs(share)
+            least = min(least, share)
+        if total > 0.0 and total < math.inf and least > best * total:
+            best = least / total
+            c = here
+            entry = at_k
+            if best > _CLEARLY:
+                break
+    if c < 0:
+        return False
+    way_out = entry
+    for _ in range(max_steps):
+        if _is_certified(points, axes, cells, c, way_out, source, h0, patch, y, s0, s1, s2):
+            return True
+        beyond = _cell_beyond(points, axes, cells, ring_ptr, ring, c, way_out)
+        if beyond < 0:
+            return False
+        if _holds(cells, beyond, p, q, r):
+            return True
+        way_out = -1
+        nearest = math.inf
+        for v in range(cells.shape[1]):
+            if not _has_node(cells, c, cells[beyond, v]):
+                continue  # the facet that it came through
+            at_k, at_y = coordinates_of_two(points, axes, cells, beyond, v, k, y)
+            if at_y < -GRAZING:
+                t = at_k / (at_k - at_y)
+                if t < nearest:
+                    nearest = t
+                    way_out = v
+        if way_out < 0:
+            return False  # ends in a cell that has not got the source: another sheet
+        c = beyond
+    return False

@@ -1,0 +1,235 @@
+"""Source tracking: the limited size straight from where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._kernels import track as kernels
+from adaptsize._kernels.march import fill_stars
+from adaptsize._kernels.source import BEND, Sources, Surroundings
+from adaptsize.limiting.domain import (
+    creases_of,
+    flat_boundary,
+    is_convex,
+    pieces_of,
+    turns_of,
+)
+from adaptsize.limiting.solution import Solution
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+
+# Nodes taken between two reports, which also let Ctrl-C through.
+_CHUNK = 50_000
+
+# A candidate must be lower by more than rounding to count.
+_KEEP = 1.0 - 1e-13
+
+# Nodes taken per node before sizes go along edges only, which always comes to an end.
+_PATIENCE = 20
+
+# Rounds of second chances for nodes between two sources.
+_SECOND_CHANCES = 4
+
+
+@dataclass(frozen=True)
+class TrackedSolution(Solution):
+    """Limited sizes and, for each node, where its size comes from."""
+
+    source: IntArray | None = None
+    """int32[n, dim]: the nodes of the source, ascending, -1 where there are fewer; i itself
+    where node i keeps ``h0``."""
+    source_sizes: FloatArray | None = None
+    """float64[n, dim]: the sizes at them, inf where there are fewer."""
+    is_convex: bool = False
+    """Whether no straight line leaves the domain."""
+
+
+class _Work(NamedTuple):
+    """What `track` changes."""
+
+    axes: tuple[int, ...]
+    state: FloatArray
+    source: IntArray
+    heap: tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]
+
+
+class _Obstacles(NamedTuple):
+    """What the kernels need to know of a domain that is not convex (see `Surroundings`)."""
+
+    crease_ptr: IntArray
+    crease: IntArray
+    patch: IntArray
+
+
+_NO_OBSTACLES = _Obstacles(np.zeros(1, np.int32), np.empty(0, np.int32), np.full(1, -1, np.int32))
+
+
+def solve_source_tracking(
+    mesh: SimplexMesh,
+    h0: FloatArray,
+    slope: float,
+    *,
+    domain_is_convex: bool | Literal["auto"] = "auto",
+    polish: int = 5,
+    face_sources: bool = True,
+    residual: bool,
+    report: ProgressCallback,
+) -> TrackedSolution:
+    r"""Solve the limiting equation by tracking where sizes come from.
+
+    Every node carries a source (a node, an edge, or in space a triangle of the mesh) and hands
+    it on along edges of the mesh.  The neighbour k takes it if
+
+    .. math:: \min_{y \in S} h_0(y) + g |x_k - y|
+
+    is below its size and it sees the minimum y; the distance is exact however far away y is.
+    Where the straight line leaves the domain the path bends at the node that
+    hands on, or, in space, along a reflex edge of the boundary there.  The same
+    idea is known from vector distance transforms [1]_ and any-angle path planning [2]_.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        ``cell_dim == dim``: segments on a line, triangles in the plane, tetrahedra.
+    h0 : float64[n]
+        Bounds, inf allowed, finite at one node at least.
+    slope : float
+        The gradient limit, one number >= 0.
+    domain_is_convex : bool or "auto", optional
+        True trusts the caller and looks for no obstacles; then sizes of a domain that is
+        not convex come out too small.  False looks for obstacles in any case.
+    polish : int, optional
+        Most moves over neighbouring edges and triangles in search of a better
+        source each time a node is taken; 0: none.
+    face_sources : bool, optional
+        Whether ``h0`` counts as linear on edges and triangles, or as given at the
+        nodes only.
+    residual : bool
+        Whether to spend one more sweep on the residual (0 is told otherwise).
+    report : callable
+
+    Returns
+    -------
+    TrackedSolution
+        ``residual`` is the largest (h_i - h_j - g |x_i - x_j|) / h_i over the edges.
+
+    Notes
+    -----
+    *Convex domain.*  Every candidate is admissible, so that no size is below the exact
+    one by more than rounding; sizes are exact for sources at nodes, but for rare nodes
+    (none in two-source problems on Delaunay meshes of up to 640k random points; a few
+    in 100 000 with thousands of sources) whose source is handed on by no neighbour.
+
+    *Other domains.*  Sizes are lengths of paths inside the domain, exact
+    in the plane, and to second order beyond reflex edges in space.  Sight is cut short by
+    certificates (see visibility.py), which may overlook a hole that lies between two
+    neighbouring nodes and their common source, narrower than the edge a that joins them:
+    sizes behind it are then too small by the detour, of the order of g a^2 / R at distance R.
+
+    *Everywhere.*  Along every edge h_i - h_j <= g |x_i - x_j| to rounding.  Cells without measure,
+    folds and facets of three cells are obstacles to sight, not to paths along edges.
+    Limiting the result again changes nothing with ``face_sources=False``; otherwise
+    kinks of the limited size count as linear data the second time, and it changes by O(g a).
+
+    O(n log n) time; about 60 bytes per node and ``4 k (k - 1)`` per cell of k nodes, 4 k more
+    where sight is limited.
+
+    References
+    ----------
+    .. [1] P.-E. Danielsson, "Euclidean distance mapping", Comput. Graph. Image
+       Process. 14 (1980) 227-248.
+    .. [2] K. Daniel, A. Nash, S. Koenig, A. Felner, "Theta*: Any-angle path planning
+       on grids", J. Artif. Intell. Res. 39 (2010) 533-579.
+    """
+    n = mesh.n_points
+    work = _begin(mesh, h0)
+    dense = kernels.start_from_cells(
+        mesh.points, work.axes, mesh.cells, h0, slope, face_sources, _KEEP, work.state, work.source
+    )
+    kernels.push_lowered(work.state, h0, *work.heap)
+    taken, convex = 0, True
+    bent = np.empty((1, 2))
+    if work.heap[3][0] > 0:
+        convex, sight = _shape(mesh, domain_is_convex)
+        moves = polish if dense and face_sources and mesh.dim > 1 else 0
+        near = _surroundings(mesh, not convex or (mesh.dim == 3 and moves > 0), sight)
+        sources = _sources(work.source, convex)
+        contested = np.zeros(n, np.uint8)
+        problem = (work.state, work.axes, near, h0, slope, sources, work.heap, contested)
+        chances = _SECOND_CHANCES
+        while work.heap[3][0] > 0:
+            straight = mesh.dim > 1 and taken < _PATIENCE * n
+            taken += kernels.track(*problem, not convex, straight, moves, _KEEP, _CHUNK)
+            report("limiting the gradient", min(taken / n, 1.0))
+            if work.heap[3][0] == 0 and straight and chances > 0:
+                chances -= 1
+                kernels.offer_once_more(*problem, not convex, _KEEP)
+        bent = sources.bent
+    excess = 0.0
+    if residual:
+        near = _surroundings(mesh, False, _NO_OBSTACLES)
+        excess = kernels.largest_edge_excess(work.state, work.axes, near, slope)
+    h = work.state[:n, mesh.dim].copy()
+    sizes = _source_sizes(h, h0, work.source, bent)
+    return TrackedSolution(h, taken, excess, True, work.source, sizes, convex)
+
+
+def _begin(mesh: SimplexMesh, h0: FloatArray) -> _Work:
+    """Return sizes h0, every node its own source, and an empty heap."""
+    n = mesh.n_points
+    state = np.empty((n + 1, mesh.dim + 1))  # the last row is work space of the kernels
+    state[:n, : mesh.dim] = mesh.points
+    state[:n, mesh.dim] = h0
+    source = np.full((n, mesh.dim), -1, np.int32)
+    source[:, 0] = np.arange(n)
+    heap = (np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64))
+    return _Work((0,) * mesh.dim, state, source, heap)
+
+
+def _source_sizes(h: FloatArray, h0: FloatArray, source: IntArray, bent: FloatArray) -> FloatArray:
+    """Return the sizes at the nodes of each source; creases in ``source`` become plain edges."""
+    sizes = np.where(source < 0, np.inf, h0[source])
+    alone = np.ones(len(source), bool) if source.shape[1] == 1 else source[:, 1] < 0
+    sizes[alone, 0] = h[source[alone, 0]]
+    along_crease = np.flatnonzero(source[:, -1] == BEND)
+    sizes[along_crease, :2] = bent[along_crease]
+    source[along_crease, -1] = -1
+    return sizes
+
+
+def _shape(mesh: SimplexMesh, domain_is_convex: bool | Literal["auto"]) -> tuple[bool, _Obstacles]:
+    """Return whether the domain is convex, and if not where straight lines are in danger."""
+    if mesh.dim == 1 or domain_is_convex is True:
+        return True, _NO_OBSTACLES
+    boundary = flat_boundary(mesh)
+    turns = turns_of(mesh.points, boundary)
+    if domain_is_convex == "auto" and is_convex(mesh.points, boundary, turns):
+        return True, _NO_OBSTACLES
+    pieces = pieces_of(mesh.n_points, boundary, turns)
+    return False, _Obstacles(*creases_of(mesh.n_points, turns), pieces)
+
+
+def _surroundings(mesh: SimplexMesh, need_rings: bool, obstacles: _Obstacles) -> Surroundings:
+    """Return the neighbours of the nodes, and the cells around them if needed."""
+    n = mesh.n_points
+    ring_ptr = np.empty(n + 1, np.int64)
+    star = np.empty((mesh.cells.size, mesh.dim), np.int32)
+    ring = np.empty(mesh.cells.size if need_rings else 0, np.int32)
+    fill_stars(mesh.cells, ring_ptr, star, ring)
+    nbr = star.reshape(-1)
+    nbr_ptr = np.empty(n + 1, np.int64)
+    kernels.compact_neighbours((0,) * mesh.dim, ring_ptr, nbr, np.full(n, -1, np.int32), nbr_ptr)
+    return Surroundings(nbr_ptr, nbr, mesh.cells, ring_ptr, ring, *obstacles)
+
+
+def _sources(own: IntArray, convex: bool) -> Sources:
+    """Return what the nodes know of sources; in a convex domain none is ever refused or bent."""
+    n, dim = own.shape
+    refused = np.full((1 if convex else n, dim), -1, np.int32)
+    return Sources(own, refused, np.empty((n if dim == 3 and not convex else 1, 2)))
