@@ -1,15 +1,21 @@
 """What the examples share: where the files are, a plain mesh, and pictures side by side."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 DATA = Path(__file__).parent.parent / "data"
 OUTPUT = Path(__file__).parent / "output"
@@ -77,3 +83,22 @@ def save_panels(
         sheet.paste(Pillow.fromarray(image), (left, top + head))
         pen.multiline_text((left + size, top + size // 4), title, fill="black", font=font)
     sheet.save(path)
+
+
+def drawing(
+    columns: int, rows: int, width: int, *, shape: float = 0.8
+) -> tuple[Figure, list[Axes]]:
+    """Return an empty figure and its axes, row by row, each ``width`` pixels wide.
+
+    ``shape`` is the height of a panel over its width.
+    """
+    from matplotlib.figure import Figure
+
+    # Fonts are set in points: 480 pixels are 4.8 inches, and other widths are scaled.
+    figure = Figure((4.8 * columns, 4.8 * shape * rows), dpi=width / 4.8, layout="constrained")
+    return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
+
+
+def save_drawing(path: Path, figure: Figure) -> None:
+    """Write a figure without the date, so that the same drawing is the same file."""
+    figure.savefig(path, metadata={"Software": None})

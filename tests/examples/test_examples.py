@@ -29,7 +29,7 @@ def load(name):
 def test_every_example_is_tested():
     text = Path(__file__).read_text(encoding="utf-8")
     names = [path.stem for path in EXAMPLES.glob("[!_]*.py")]
-    assert len(names) == 8
+    assert len(names) == 13
     assert [name for name in names if f'"{name}"' not in text] == []
 
 
@@ -90,6 +90,56 @@ def test_g_of_h_solves_the_differential_equation_along_rays(run):
     assert fine["max error"] < 0.5 * coarse["max error"]
     assert fine["max error"] < 0.01 * fine["largest size"]
     assert fine["largest with g = 0.2"] < fine["largest size"] < fine["largest with g = 0.6"]
+
+
+def test_in_one_dimension_the_grid_has_the_sizes_of_formula_11(run):
+    found = run("plot_one_dimension", n_nodes=201)
+    limits = ("4", "2", "1", "0.5")
+    # Sizes up to 1, sums of 200 rises.
+    assert max(found[f"difference from formula (11), g = {g}"] for g in limits) < 1e-13
+    steepest = [found[f"steepest slope over g, g = {g}"] for g in limits]
+    assert steepest == pytest.approx([1.0] * 4, abs=1e-12)
+    lowered = [found[f"share lowered, g = {g}"] for g in limits]
+    assert lowered == sorted(lowered)
+
+
+def test_errors_on_a_grid_of_100_x_100_are_those_of_the_paper(run, tmp_path):
+    found = run("plot_grid_schemes")
+    # At (50, 50): 40 + 50 along the edges from the source on the right, sqrt(40^2 + 50^2) straight.
+    assert found["max error edge-based"] == pytest.approx(0.3 * (90.0 - 4100.0**0.5), rel=1e-12)
+    assert round(found["max error first order"], 2) <= 0.38
+    assert round(found["max error second order"], 2) == 0.10
+    assert (tmp_path / "grid_schemes.png").stat().st_size > 10_000
+
+
+def test_one_problem_on_three_backgrounds_converges_to_one_solution(run):
+    coarse, fine = (run("plot_backgrounds", n_cells=n) for n in (64, 256))
+    for name in ("grid", "quadtree", "triangles"):
+        # First order with the logarithm of a point source: 4 times finer gains 2 and more.
+        assert fine[f"max error, {name}"] < 0.5 * coarse[f"max error, {name}"]
+        # 1.5 % of the largest size.
+        assert fine[f"max error, {name}"] < 0.015 * 0.23
+
+
+def test_leaves_grow_in_number_like_the_boundary_and_follow_the_sizes(run):
+    found = run("plot_octree", level=6)
+    # 8 for leaves 8 times smaller, and 64 if they filled the area; straight sides of the plate
+    # meet one row of leaves or two, as it happens.
+    assert 4.0 < found["times as many leaves, 8 times finer"] < 16.0
+    # First order: two leaves of 1 / 64 at the holes, larger ones away from them.
+    assert found["largest error"] < 0.3 * 2.0 / 16.0
+    # No leaf is larger than the smallest size in it.
+    assert found["largest leaf over the size at its centre"] < 1.0
+
+
+def test_limits_that_vary_on_a_domain_hold_everywhere(run):
+    found = run("plot_g_on_a_domain", n_nodes=161)
+    assert found["largest slope over g, g(x)"] < 1.0 + 1e-12
+    assert found["largest slope over g, g(h)"] < 1.0 + 1e-12
+    # The limit is twice as large on the left, and the hole is on the right.
+    assert found["mean size on the left, g(x)"] > 1.5 * found["mean size on the right, g(x)"]
+    # On the right g(h) is nowhere below g(x) = 0.2.
+    assert found["mean size on the right, g(h)"] > found["mean size on the right, g(x)"]
 
 
 def test_a_part_becomes_graded_tetrahedra(run, tmp_path):

@@ -1,0 +1,54 @@
+"""The schemes on a Cartesian grid, by their contours.
+
+Figure 11 of Persson's paper: two point sources, 1 at (-10, 0) and 5 at (10, 0), in the
+square (-50, 50)^2 of 100 x 100 squares, g = 0.3.  Along the edges only, circles become
+diamonds, at every spacing; fast marching of first order is too large by a little, that of
+second order by a quarter of it.
+
+    python examples/plot_grid_schemes.py [DIRECTORY]
+"""
+
+from pathlib import Path
+
+import numpy as np
+from _gallery import drawing, run, save_drawing
+
+import adaptsize as ads
+
+G = 0.3
+SCHEMES = {
+    "edge-based": {"method": "edge-based"},
+    "first order": {"method": "fast-marching"},
+    "second order": {"method": "fast-marching", "order": 2},
+}
+
+
+def main(output_dir: Path, *, n_cells: int = 100, width: int = 480) -> dict[str, float]:
+    grid = ads.CartesianGrid([-50.0, -50.0], 100.0 / n_cells, (n_cells + 1, n_cells + 1))
+    h0 = np.full(grid.shape, np.inf)
+    h0[2 * n_cells // 5, n_cells // 2] = 1.0
+    h0[3 * n_cells // 5, n_cells // 2] = 5.0
+    exact = ads.limit_gradient(grid, h0, G, method="exact")
+    titles, fields, found = ["true solution, formula (11)"], [exact], {}
+    for name, options in SCHEMES.items():
+        h = ads.limit_gradient(grid, h0, G, **options)
+        found[f"max error {name}"] = float(np.abs(h - exact).max())
+        titles.append(f"{name}, largest error {np.abs(h - exact).max():.2f}")
+        fields.append(h)
+
+    figure, panels = drawing(-(-len(fields) // 2), 2, width, shape=0.9)
+    levels = np.arange(0.0, exact.max() + 3.0, 2.0)
+    for panel in panels[len(fields) :]:
+        panel.set_axis_off()
+    for title, h, panel in zip(titles, fields, panels, strict=False):
+        filled = panel.contourf(*grid.axes, h.T, levels, cmap="viridis", extend="max")
+        panel.contour(*grid.axes, h.T, levels, colors="black", linewidths=0.5)
+        panel.plot([-10, 10], [0, 0], "r.", markersize=4)
+        panel.set(title=title, xlabel="x", ylabel="y", aspect="equal")
+    figure.colorbar(filled, ax=panels, label="mesh size h", shrink=0.6)
+    save_drawing(output_dir / "grid_schemes.png", figure)
+    return found
+
+
+if __name__ == "__main__":
+    run(main)
