@@ -168,6 +168,7 @@ def march_higher(
     bends,
     reach,
     limits,
+    floor,
     h,
     gradient,
     source,
@@ -196,6 +197,8 @@ def march_higher(
         NEXT, BEHIND or BEYOND; see above.
     limits : tuple
         See `minimum_from_source`.
+    floor : float
+        Least size of all: slopes that contradict each other could lead below it.
     h : float64[n]
         In/Out.
     gradient, source
@@ -318,7 +321,7 @@ def march_higher(
                             found = between
                             t = t_b
                             z = -1
-                    if found < value:
+                    if floor <= found < value:
                         value = found
                         s = t
                 if value >= h_k * (1.0 - _ROUNDING):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import headings, march_higher
-from adaptsize._kernels.march import fill_stars
+from adaptsize._kernels.march import fill_stars, largest_edge_slope
 from adaptsize._kernels.march_higher import ONE_LIMIT, PER_CELL, PER_NODE
 from adaptsize.limiting.domain import flat_boundary, is_convex, turns_of
 from adaptsize.limiting.solution import Solution
@@ -144,7 +144,7 @@ def march_with_gradients(
     h = h0.copy()
     heap = _heap_of(h)
     stars = (star_ptr, star, owner, twin, heading)
-    way = (bends, reach, _limits(mesh, g, mode, factored))
+    way = (bends, reach, _limits(mesh, g, mode, factored), float(h0.min()))
     state = (h, np.zeros((n, 2)), np.arange(n, dtype=np.int32), np.zeros(n, np.uint8))
     accepted = 0
     while heap[3][0] > 0:
@@ -180,14 +180,11 @@ def _limits(
 ) -> tuple[float, float, float]:
     """Return least and largest g, and the largest slope of a smooth one (inf if not needed)."""
     steepest = 0.0
-    if mode == PER_NODE and not factored:
+    if mode == PER_NODE:
+        axes = (0,) * mesh.dim
         steepest = np.inf
-    elif mode == PER_NODE:
-        for v in range(3):
-            i, j = mesh.cells[:, v], mesh.cells[:, (v + 1) % 3]
-            length = np.linalg.norm(mesh.points[i] - mesh.points[j], axis=1)
-            rise = np.abs(g[i] - g[j])[length > 0.0]
-            steepest = max(steepest, float((rise / length[length > 0.0]).max(initial=0.0)))
+        if factored:
+            steepest = largest_edge_slope(mesh.points, axes, mesh.cells, g, np.ones(1), 0)
     return float(g.min()), float(g.max()), steepest
 
 
