@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, on
 from adaptsize.background import CartesianGrid
 from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
+
+if TYPE_CHECKING:
+    from adaptsize.limiting import SizeSources
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
@@ -68,12 +71,17 @@ class SizeFunction:
         What to do with points outside the background: take the value of the closest
         point of the background, or raise an OutsideError.  Points within 1e-9 times the
         diagonal count as inside.
+    sources : SizeSources, optional
+        ``info.sources`` of the `limit_gradient` that made ``values``: points inside then get
+        their size straight from the sources, without an error of interpolation.  Size
+        functions made from this one, by `clip`, `minimum` or `on`, interpolate again.
 
     Raises
     ------
     ValueError
         If ``values`` has another shape, or a value is not positive or is NaN (the message
-        names the first one), or ``outside`` is another word.
+        names the first one), ``outside`` is another word, or ``sources`` are of another
+        background.
 
     Notes
     -----
@@ -106,12 +114,18 @@ class SizeFunction:
     values: FloatArray
     _: KW_ONLY
     outside: Literal["nearest", "error"] = "nearest"
+    sources: SizeSources | None = None
 
     def __post_init__(self) -> None:
         values = as_sizes("values", self.values, self.background.nodal_shape).copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)  # the way in for a frozen dataclass
         one_of("outside", self.outside, ("nearest", "error"))
+        if self.sources is not None and self.sources.background is not self.background:
+            raise ValueError(
+                f"sources must be those of the background, {self.background!r}, "
+                f"got {self.sources!r} on {self.sources.background!r}"
+            )
 
     def __repr__(self) -> str:
         """Say where and between which sizes."""
@@ -153,6 +167,9 @@ class SizeFunction:
         sizes, distances = self.background.locator.interpolate(self.values, where)
         if self.outside == "error":
             self._refuse_outside(where, distances)
+        if self.sources is not None:
+            inside = distances <= _TOLERANCE * self.background.diagonal
+            sizes[inside] = self.sources.evaluate(where[inside])
         return sizes
 
     def _refuse_outside(self, points: FloatArray, distances: FloatArray) -> None:
@@ -183,7 +200,7 @@ class SizeFunction:
         values = other.values
         if other.background is not self.background:
             values = _at_nodes(other, self.background)
-        return replace(self, values=np.minimum(self.values, values))
+        return replace(self, values=np.minimum(self.values, values), sources=None)
 
     def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
         """Return the size function with its nodal values kept between two bounds.
@@ -208,7 +225,7 @@ class SizeFunction:
             upper = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
         if lower > upper:
             raise ValueError(f"hmin must be at most hmax, got {lower:g} > {upper:g}")
-        return replace(self, values=np.clip(self.values, lower, upper))
+        return replace(self, values=np.clip(self.values, lower, upper), sources=None)
 
     def on(self, background: LocatableBackground) -> SizeFunction:
         """Return the size function sampled at the nodes of another background.
@@ -219,7 +236,8 @@ class SizeFunction:
             Of the same dimension.  Nodes outside this background are treated by
             ``outside``.
         """
-        return replace(self, background=background, values=_at_nodes(self, background))
+        values = _at_nodes(self, background)
+        return replace(self, background=background, values=values, sources=None)
 
 
 def _at_nodes(size: SizeFunction, background: LocatableBackground) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate_grid import interpolate_grid
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background.grid import CartesianGrid
@@ -87,6 +87,43 @@ class GridLocator:
             last = min(first + _POINTS_PER_CALL, n)
             interpolate_grid(*axes, nodal, self._active, where, first, last, result, distances)
         return result, distances
+
+    def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the corners of the box that holds (the closest point to) each point.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        nodes : ndarray of int32, shape (n, 2**dim)
+            Numbers of the nodes.
+        weights : ndarray of float64, shape (n, 2**dim)
+            Multilinear weights, 0 at inactive nodes; of sum 1 to rounding, or 0 where no
+            corner that counts is active.
+        distances : ndarray of float64, shape (n,)
+            Distance of each point from the box of the grid.
+        """
+        where = as_points("points", points, self._dim)
+        axes = slice(None, self._dim)
+        lower, spacing, snap = self._lower[axes], self._spacing[axes], self._snap[axes]
+        end = self._nodes[axes] - 1
+        along = (where - lower) / spacing
+        inside = np.clip(along, 0.0, end)
+        distances = np.linalg.norm((along - inside) * spacing, axis=1)
+        lowest = np.minimum(inside.astype(np.int64), end - 1)
+        share = inside - lowest
+        share = np.where(share <= snap, 0.0, np.where(share >= 1.0 - snap, 1.0, share))
+        corners = np.array(list(np.ndindex(*[2] * self._dim)))
+        index = lowest[:, None, :] + corners
+        nodes = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), self._shape)
+        weights = np.where(corners == 1, share[:, None, :], 1.0 - share[:, None, :]).prod(axis=2)
+        if self._active.size:
+            weights *= self._active[nodes]
+            total = weights.sum(axis=1, keepdims=True)
+            weights = np.divide(weights, total, out=weights, where=total > 0.0)
+        return nodes.astype(np.int32), weights, distances
 
 
 def _in_space(per_axis: npt.NDArray[Any], missing: float) -> npt.NDArray[Any]:

@@ -142,6 +142,22 @@ class SimplexLocator:
             first = last
         return self._cell_of_place[found], weights, distances / self._scale
 
+    def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the nodes of the cell that `nearest` finds, their weights, and the distance.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        nodes : ndarray of int32, shape (n, cell_dim + 1)
+        weights : ndarray of float64, shape (n, cell_dim + 1)
+        distances : ndarray of float64, shape (n,)
+        """
+        cells, weights, distances = self.nearest(points)
+        return self._mesh_cells[cells], weights, distances
+
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
     ) -> tuple[FloatArray, FloatArray]:

@@ -2,5 +2,6 @@
 
 from adaptsize.limiting.api import limit_gradient
 from adaptsize.limiting.solution import LimitingInfo
+from adaptsize.limiting.sources import SizeSources
 
-__all__ = ["LimitingInfo", "limit_gradient"]
+__all__ = ["LimitingInfo", "SizeSources", "limit_gradient"]

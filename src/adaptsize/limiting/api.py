@@ -14,6 +14,8 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
 from adaptsize.limiting.problem import Problem
 from adaptsize.limiting.solution import LimitingInfo, describe_solution
+from adaptsize.limiting.source_tracking import TrackedSolution
+from adaptsize.limiting.sources import SizeSources
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 # Products of four lengths and two g must stay in the range of float64.
@@ -32,6 +34,7 @@ def limit_gradient(
     initial: npt.ArrayLike | None = ...,
     tol: float = ...,
     max_iter: int | None = ...,
+    face_sources: bool = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> FloatArray: ...
@@ -47,6 +50,7 @@ def limit_gradient(
     initial: npt.ArrayLike | None = ...,
     tol: float = ...,
     max_iter: int | None = ...,
+    face_sources: bool = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[FloatArray, LimitingInfo]: ...
@@ -61,6 +65,7 @@ def limit_gradient(
     initial: npt.ArrayLike | None = None,
     tol: float = 1e-3,
     max_iter: int | None = None,
+    face_sources: bool = True,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray | tuple[FloatArray, LimitingInfo]:
@@ -92,7 +97,10 @@ def limit_gradient(
         be given per cell); or ``g(h)``, which takes an array of sizes and returns
         positive bounded limits; or ``(a, b)`` for the product a(x) b(h).
     method : str, optional
-        ``"fast-marching"`` (what ``"auto"`` takes): near O(n).
+        ``"source-tracking"``: straight from where sizes come from, exact for sizes from
+        points and of second order for others; one g or g(h), flat domains.
+        ``"fast-marching"``: of first order, monotone, on everything.
+        ``"auto"`` takes the first where it applies and else the second.
         ``"positive-coefficient"``: on meshes, the iteration of Barth and Sethian [2]_.
         ``"hamilton-jacobi"``: on grids, the upwind iteration of [1]_.
         ``"edge-based"``: shortest paths along edges; does not converge, for
@@ -111,6 +119,9 @@ def limit_gradient(
         Of an iteration: stop when no node changes faster than ``tol * g``.
     max_iter : int, optional
         Most steps of an iteration.
+    face_sources : bool, optional
+        Of source tracking: whether ``h0`` bounds the size along edges and faces too, where it
+        counts as linear, or at the nodes only.  With nodes only the result is idempotent.
     full_output : bool, optional
         Also return a `LimitingInfo`.
     progress : callable or bool, optional
@@ -202,6 +213,7 @@ def limit_gradient(
             initial=None if start is None else transformed(np.minimum(start, bound)),
             tol=as_number("tol", tol, lower=0.0, strict=True),
             max_iter=max_iter,
+            face_sources=bool(face_sources),
             residual=full_output,
             report=report,
         )
@@ -214,8 +226,20 @@ def limit_gradient(
         return h
     active = getattr(domain, "active", None)
     n_inactive = 0 if active is None else int(np.count_nonzero(~active))
-    slopes = schemes.slopes(domain, solution.h, slope)
-    return h, describe_solution(method, problem.h0, solution, n_inactive, *slopes)
+    steepest, ratio = schemes.slopes(domain, solution.h, slope)
+    sources = None
+    if isinstance(solution, TrackedSolution):
+        sources = SizeSources(
+            background=background,
+            nodes=solution.source,
+            sizes=solution.source_sizes,
+            bound=problem.h0.ravel(),
+            limited=solution.h.ravel(),
+            g=float(slope.values[0]),
+            convex=solution.is_convex,
+            transform=transform,
+        )
+    return h, describe_solution(method, problem.h0, solution, n_inactive, steepest, ratio, sources)
 
 
 def _domain(background: object) -> SimplexMesh | CartesianGrid:

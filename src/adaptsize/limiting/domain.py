@@ -173,8 +173,9 @@ def _turns_in_space(points: FloatArray, facets: IntArray) -> Turns:
     second = np.zeros(len(edges), np.int64)
     first[number[forward]] = np.flatnonzero(forward)
     second[number[~forward]] = np.flatnonzero(~forward)
-    normal = normals[owner[first]] / np.maximum(areas, np.finfo(float).tiny)[owner[first], None]
-    other = normals[owner[second]] / np.maximum(areas, np.finfo(float).tiny)[owner[second], None]
+    has_area = (areas > 0.0)[:, None]
+    units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
+    normal, other = units[owner[first]], units[owner[second]]
     rise = np.einsum("ij,ij->i", normal, points[apex[second]] - points[edges[:, 0]])
     sine: npt.NDArray[np.float64] = np.linalg.norm(np.cross(normal, other), axis=1)
     angles = np.arctan2(sine, np.einsum("ij,ij->i", normal, other))

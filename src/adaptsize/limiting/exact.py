@@ -36,8 +36,7 @@ def solve_exact(
         If g varies in space, the mesh is a surface or curve in a larger space, or the grid
         has inactive nodes.
     """
-    if slope.step:
-        raise ValueError("method='exact' needs one number g or g(h), got g that varies in space")
+    g = slope.number("exact")
     if isinstance(background, CartesianGrid):
         if background.active is not None:
             raise ValueError(
@@ -51,7 +50,6 @@ def solve_exact(
     sources = np.flatnonzero(np.isfinite(bound))
     sources = sources[np.argsort(bound[sources], kind="stable")]
     h = bound.copy()
-    g = float(slope.values[0])
     chunk = max(1, 50_000_000 // len(sources))
     for first in range(0, len(points), chunk):
         last = min(first + chunk, len(points))

@@ -40,6 +40,14 @@ class Slope:
         """1 if there is one value per cell (node), else 0: cell c has ``values[c * step]``."""
         return 0 if self.values.shape == (1,) else 1
 
+    def number(self, method: str) -> float:
+        """Return the one limit; raise a ValueError in the name of the method if it varies."""
+        if self.step:
+            raise ValueError(
+                f"method={method!r} needs one number g or g(h), got g that varies in space"
+            )
+        return float(self.values[0])
+
 
 class SizeTransform:
     r"""The change of variable that turns g(h) into a constant.

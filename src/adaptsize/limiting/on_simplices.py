@@ -12,6 +12,7 @@ from adaptsize.limiting.exact import solve_exact
 from adaptsize.limiting.fast_marching import solve_edge_based, solve_fast_marching
 from adaptsize.limiting.positive_coefficient import solve_positive_coefficient
 from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.source_tracking import solve_source_tracking
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from adaptsize.limiting.gradient_limit import Slope
     from adaptsize.limiting.problem import Problem
 
-METHODS = ("fast-marching", "positive-coefficient", "edge-based", "exact")
+METHODS = ("source-tracking", "fast-marching", "positive-coefficient", "edge-based", "exact")
 ITERATIVE = ("positive-coefficient",)
 SECOND_ORDER: tuple[str, ...] = ()
 _DIRECT = {
@@ -31,15 +32,33 @@ _DIRECT = {
 
 def choose_method(mesh: SimplexMesh, problem: Problem) -> str:
     """Return what ``method="auto"`` takes."""
-    return "fast-marching"
+    is_flat = mesh.cell_dim == mesh.dim
+    return "source-tracking" if is_flat and not problem.slope.step else "fast-marching"
 
 
 def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
     """Run one of METHODS."""
     if method == "positive-coefficient":
         return _iterate(mesh, problem)
+    if method == "source-tracking":
+        return _track(mesh, problem)
     return _DIRECT[method](
         mesh, problem.h0, problem.slope, residual=problem.residual, report=problem.report
+    )
+
+
+def _track(mesh: SimplexMesh, problem: Problem) -> Solution:
+    if mesh.cell_dim != mesh.dim:
+        raise ValueError(
+            f"method='source-tracking' needs a flat domain of full dimension, got {mesh!r}"
+        )
+    return solve_source_tracking(
+        mesh,
+        problem.h0,
+        problem.slope.number("source-tracking"),
+        face_sources=problem.face_sources,
+        residual=problem.residual,
+        report=problem.report,
     )
 
 

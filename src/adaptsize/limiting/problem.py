@@ -20,6 +20,7 @@ class Problem:
     """Start of an iteration, transformed like ``h0``."""
     tol: float
     max_iter: int | None
+    face_sources: bool
     residual: bool
     """Whether to measure the residual."""
     report: ProgressCallback

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adaptsize.limiting.sources import SizeSources
 from adaptsize.typing import FloatArray
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
@@ -47,9 +48,11 @@ class LimitingInfo:
     """Nodes accepted while marching, or steps of an iteration."""
     residual: float
     """What the scheme's own equation is missed by, relative to the largest finite size
-    (marching) or to g (iterations)."""
+    (marching) or to g (iterations); of source tracking, by how much the bound along edges is."""
     converged: bool
     """Whether the tolerance was met within ``max_iter``."""
+    sources: SizeSources | None = None
+    """Where each size comes from; only of source tracking."""
 
 
 def describe_solution(
@@ -59,6 +62,7 @@ def describe_solution(
     n_inactive: int,
     steepest: float,
     ratio: FloatArray,
+    sources: SizeSources | None,
 ) -> LimitingInfo:
     """Tell of a solution of bound ``h0``; both transformed or both not.
 
@@ -77,4 +81,5 @@ def describe_solution(
         iterations=solution.iterations,
         residual=solution.residual,
         converged=solution.converged,
+        sources=sources,
     )

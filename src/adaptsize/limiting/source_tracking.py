@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels import track as kernels
 from adaptsize._kernels.march import fill_stars
-from adaptsize._kernels.source import BEND, Sources, Surroundings
+from adaptsize._kernels.source import BEND
 from adaptsize.limiting.domain import (
     creases_of,
     flat_boundary,
@@ -37,14 +37,14 @@ _PATIENCE = 20
 _SECOND_CHANCES = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrackedSolution(Solution):
     """Limited sizes and, for each node, where its size comes from."""
 
-    source: IntArray | None = None
+    source: IntArray
     """int32[n, dim]: the nodes of the source, ascending, -1 where there are fewer; i itself
     where node i keeps ``h0``."""
-    source_sizes: FloatArray | None = None
+    source_sizes: FloatArray
     """float64[n, dim]: the sizes at them, inf where there are fewer."""
     is_convex: bool = False
     """Whether no straight line leaves the domain."""
@@ -59,8 +59,21 @@ class _Work(NamedTuple):
     heap: tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]
 
 
+class _Surroundings(NamedTuple):
+    """What is around each node (see `track`)."""
+
+    nbr_ptr: npt.NDArray[np.int64]
+    nbr: IntArray
+    cells: IntArray
+    ring_ptr: npt.NDArray[np.int64]
+    ring: IntArray
+    crease_ptr: IntArray
+    crease: IntArray
+    patch: IntArray
+
+
 class _Obstacles(NamedTuple):
-    """What the kernels need to know of a domain that is not convex (see `Surroundings`)."""
+    """What the kernels need to know of a domain that is not convex (see `_Surroundings`)."""
 
     crease_ptr: IntArray
     crease: IntArray
@@ -159,9 +172,12 @@ def solve_source_tracking(
         convex, sight = _shape(mesh, domain_is_convex)
         moves = polish if dense and face_sources and mesh.dim > 1 else 0
         near = _surroundings(mesh, not convex or (mesh.dim == 3 and moves > 0), sight)
-        sources = _sources(work.source, convex)
+        refused = np.full((1 if convex else n, mesh.dim), -1, np.int32)
+        if mesh.dim == 3 and not convex:
+            bent = np.empty((n, 2))
+        known = (work.source, refused, bent)
         contested = np.zeros(n, np.uint8)
-        problem = (work.state, work.axes, near, h0, slope, sources, work.heap, contested)
+        problem = (work.state, work.axes, *near, h0, slope, *known, *work.heap, contested)
         chances = _SECOND_CHANCES
         while work.heap[3][0] > 0:
             straight = mesh.dim > 1 and taken < _PATIENCE * n
@@ -170,14 +186,15 @@ def solve_source_tracking(
             if work.heap[3][0] == 0 and straight and chances > 0:
                 chances -= 1
                 kernels.offer_once_more(*problem, not convex, _KEEP)
-        bent = sources.bent
     excess = 0.0
     if residual:
         near = _surroundings(mesh, False, _NO_OBSTACLES)
-        excess = kernels.largest_edge_excess(work.state, work.axes, near, slope)
+        excess = kernels.largest_edge_excess(work.state, work.axes, *near[:2], slope)
     h = work.state[:n, mesh.dim].copy()
     sizes = _source_sizes(h, h0, work.source, bent)
-    return TrackedSolution(h, taken, excess, True, work.source, sizes, convex)
+    return TrackedSolution(
+        h, taken, excess, source=work.source, source_sizes=sizes, is_convex=convex
+    )
 
 
 def _begin(mesh: SimplexMesh, h0: FloatArray) -> _Work:
@@ -195,7 +212,7 @@ def _begin(mesh: SimplexMesh, h0: FloatArray) -> _Work:
 def _source_sizes(h: FloatArray, h0: FloatArray, source: IntArray, bent: FloatArray) -> FloatArray:
     """Return the sizes at the nodes of each source; creases in ``source`` become plain edges."""
     sizes = np.where(source < 0, np.inf, h0[source])
-    alone = np.ones(len(source), bool) if source.shape[1] == 1 else source[:, 1] < 0
+    alone = np.flatnonzero((source[:, 1:] < 0).all(axis=1))
     sizes[alone, 0] = h[source[alone, 0]]
     along_crease = np.flatnonzero(source[:, -1] == BEND)
     sizes[along_crease, :2] = bent[along_crease]
@@ -215,7 +232,7 @@ def _shape(mesh: SimplexMesh, domain_is_convex: bool | Literal["auto"]) -> tuple
     return False, _Obstacles(*creases_of(mesh.n_points, turns), pieces)
 
 
-def _surroundings(mesh: SimplexMesh, need_rings: bool, obstacles: _Obstacles) -> Surroundings:
+def _surroundings(mesh: SimplexMesh, need_rings: bool, obstacles: _Obstacles) -> _Surroundings:
     """Return the neighbours of the nodes, and the cells around them if needed."""
     n = mesh.n_points
     ring_ptr = np.empty(n + 1, np.int64)
@@ -225,11 +242,4 @@ def _surroundings(mesh: SimplexMesh, need_rings: bool, obstacles: _Obstacles) ->
     nbr = star.reshape(-1)
     nbr_ptr = np.empty(n + 1, np.int64)
     kernels.compact_neighbours((0,) * mesh.dim, ring_ptr, nbr, np.full(n, -1, np.int32), nbr_ptr)
-    return Surroundings(nbr_ptr, nbr, mesh.cells, ring_ptr, ring, *obstacles)
-
-
-def _sources(own: IntArray, convex: bool) -> Sources:
-    """Return what the nodes know of sources; in a convex domain none is ever refused or bent."""
-    n, dim = own.shape
-    refused = np.full((1 if convex else n, dim), -1, np.int32)
-    return Sources(own, refused, np.empty((n if dim == 3 and not convex else 1, 2)))
+    return _Surroundings(nbr_ptr, nbr, mesh.cells, ring_ptr, ring, *obstacles)
