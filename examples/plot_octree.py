@@ -56,7 +56,8 @@ def main(output_dir: Path, *, level: int = 6, width: int = 640) -> dict[str, flo
     h = ads.limit_gradient(tree, h0, G, method="fast-marching")
     size = ads.SizeFunction(tree, h)
     fine = ads.Octree.build(*box, ads.refine_to_size(size, g=G), max_level=12)
-    fine_h = ads.limit_gradient(fine, ads.size_from_sources(fine, circles(), g=G), G)
+    fine_h0 = ads.size_from_sources(fine, circles(), g=G)
+    fine_h = ads.limit_gradient(fine, fine_h0, G, method="fast-marching")
 
     figure, panels = drawing(3, 1, width, shape=0.6)
     for panel, background, values in zip(
