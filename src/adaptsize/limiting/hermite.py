@@ -72,9 +72,10 @@ def solve_hermite(
     Solution
         ``h <= h0``, and along each edge h differs by at most its length times g (the least
         of its cells; the mean of its ends with ``nodal_g``), to rounding.  Errors are
-        of either sign; those of single points
-        on smooth surfaces and in the plane fall by 2.5 to 4 when the mesh size is halved,
-        but those on lines where fronts meet only by 2.
+        of either sign.  From point sources in the plane and on smooth surfaces the mean error
+        falls by 2.5 to 4 when the mesh size is halved, the largest one, on the lines where
+        fronts meet, by 2.  Measured, two points in a square of side 100 with g = 0.3 and
+        10 000 nodes: mean .0010, at most .029 (fast marching .136 and .206).
         ``iterations`` is the number of accepted nodes.
 
     Raises
@@ -89,7 +90,7 @@ def solve_hermite(
     gives the same to the accuracy of the scheme where fronts meet, not to rounding.
     All that `solve_fast_marching` keeps to rounding.
 
-    Time is O(n log n), 1.3 to 1.7 times that of fast marching in the plane and 2.6 to 3
+    Time is O(n log n), 1.4 to 1.7 times that of fast marching in the plane and 2.5 to 3
     times on surfaces; memory beyond that of fast marching is 21 bytes per node, and on
     surfaces 120 per cell.  A node can be lowered 40 times from edges, each time by twice as
     much, relatively, as before: so marching always ends, without
