@@ -17,7 +17,7 @@ from meshes import jittered_square, random_sphere, random_square
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 H0 = [0.1, np.inf, np.inf, np.inf]
 MARCHING = ("fast-marching", "edge-based")
-ALL = ("source-tracking", *MARCHING, "positive-coefficient", "exact")
+ALL = ("source-tracking", "factored", "hermite", *MARCHING, "positive-coefficient", "exact")
 
 
 def message(told):
@@ -111,8 +111,9 @@ def test_what_g_of_h_raises_comes_through():
 
 @pytest.mark.parametrize("method", ["fastmarching", "", "Exact"])
 def test_refuses_unknown_methods_and_lists_the_known(method):
-    told = "method must be one of 'auto', 'source-tracking', 'fast-marching', "
-    with message(told + f"'positive-coefficient', 'edge-based', 'exact', got {method!r}"):
+    told = "method must be one of 'auto', 'source-tracking', 'factored', 'hermite', "
+    told += f"'fast-marching', 'positive-coefficient', 'edge-based', 'exact', got {method!r}"
+    with message(told):
         limit_gradient(SQUARE, H0, 0.3, method=method)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from adaptsize.cli.files import check_outputs, nodal_field
-from adaptsize.cli.sources import parse_source
+from adaptsize.cli.sources import describe_roots, parse_source
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
@@ -115,8 +115,12 @@ def limit(
     gradient: Gradient,
     method: Annotated[
         str,
-        typer.Option(help="auto, fast-marching, positive-coefficient, edge-based or exact."),
+        typer.Option(help="auto, or a method of limit_gradient, such as fast-marching."),
     ] = "auto",
+    sources: Annotated[
+        Path | None,
+        typer.Option(help="Also write which node each size comes from, as the field source."),
+    ] = None,
     plot: Picture = None,
 ) -> None:
     """Limit the gradient of a nodal field; the result is added as the field h."""
@@ -124,6 +128,8 @@ def limit(
     from adaptsize.limiting import limit_gradient
 
     check_outputs(output, plot)
+    if sources is not None:
+        check_outputs(sources)
     mesh = read(file)
     h, told = limit_gradient(
         mesh, nodal_field(mesh, field), gradient, method=method, full_output=True, progress=True
@@ -135,6 +141,17 @@ def limit(
     print(f"largest slope along an edge over g: {told.largest_edge_slope:.6f}")
     print(f"gradient in the cells over g, quantiles: {levels}")
     _print_written(output, mesh)
+    if sources is not None:
+        if told.sources is None:
+            raise ValueError(
+                "--sources needs source tracking (a flat mesh, one gradient limit), "
+                f"got method {told.method!r}"
+            )
+        roots = told.sources.roots()
+        write(sources, mesh, fields={"h": h, "source": roots})
+        for line in describe_roots(mesh.points, roots):
+            print(line)
+        _print_written(sources, mesh)
 
 
 @app.command()

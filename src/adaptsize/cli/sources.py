@@ -1,8 +1,14 @@
-"""Sources as words of a command line: ``ball:0,0,0,2=0.1``."""
+"""Sources as words of a command line, ``ball:0,0,0,2=0.1``, and as lines of its output."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+_LISTED = 5
 
 _HELP = "point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h, region:tag=h"
 
@@ -44,3 +50,28 @@ def parse_source(text: str) -> Any:
     if equals and kind == "region" and n == 1:
         return sizes.RegionSource(int(numbers[0]), size)
     raise ValueError(f"--source must be one of {_HELP}; got {text!r}")
+
+
+def describe_roots(points: npt.NDArray[Any], roots: npt.NDArray[Any]) -> Iterator[str]:
+    """Tell which nodes the sizes of most nodes go back to.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    roots : int32[n]
+        As `SizeSources.roots` returns them.
+
+    Examples
+    --------
+    >>> for line in describe_roots(np.eye(3), np.array([1, 1, 0])):
+    ...     print(line)
+    sizes come from 2 nodes, most of them from
+      node 1 at (0, 1, 0): 66.7 % of the nodes
+      node 0 at (1, 0, 0): 33.3 % of the nodes
+    """
+    nodes, counts = np.unique(roots[roots >= 0], return_counts=True)
+    yield f"sizes come from {len(nodes)} nodes, most of them from"
+    for which in np.argsort(-counts, kind="stable")[:_LISTED]:
+        place = ", ".join(f"{x:.6g}" for x in points[nodes[which]])
+        share = 100.0 * counts[which] / len(roots)
+        yield f"  node {nodes[which]} at ({place}): {share:.1f} % of the nodes"

@@ -99,8 +99,11 @@ def limit_gradient(
     method : str, optional
         ``"source-tracking"``: straight from where sizes come from, exact for sizes from
         points and of second order for others; one g or g(h), flat domains.
+        ``"factored"``: triangles in the plane, g a number or one per node, smooth.
+        ``"hermite"``: triangles in the plane or in space; carries gradients.
         ``"fast-marching"``: of first order, monotone, on everything.
-        ``"auto"`` takes the first where it applies and else the second.
+        ``"auto"`` takes the first of these four that applies, where g jumps (given per
+        cell) the last.
         ``"positive-coefficient"``: on meshes, the iteration of Barth and Sethian [2]_.
         ``"hamilton-jacobi"``: on grids, the upwind iteration of [1]_.
         ``"edge-based"``: shortest paths along edges; does not converge, for

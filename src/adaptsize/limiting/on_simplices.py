@@ -9,7 +9,9 @@ import numpy as np
 from adaptsize._kernels.march import largest_edge_slope
 from adaptsize._kernels.simplex import fill_gradient_norms
 from adaptsize.limiting.exact import solve_exact
+from adaptsize.limiting.factored import solve_factored
 from adaptsize.limiting.fast_marching import solve_edge_based, solve_fast_marching
+from adaptsize.limiting.hermite import solve_hermite
 from adaptsize.limiting.positive_coefficient import solve_positive_coefficient
 from adaptsize.limiting.solution import Solution
 from adaptsize.limiting.source_tracking import solve_source_tracking
@@ -20,9 +22,18 @@ if TYPE_CHECKING:
     from adaptsize.limiting.gradient_limit import Slope
     from adaptsize.limiting.problem import Problem
 
-METHODS = ("source-tracking", "fast-marching", "positive-coefficient", "edge-based", "exact")
+METHODS = (
+    "source-tracking",
+    "factored",
+    "hermite",
+    "fast-marching",
+    "positive-coefficient",
+    "edge-based",
+    "exact",
+)
 ITERATIVE = ("positive-coefficient",)
 SECOND_ORDER: tuple[str, ...] = ()
+_WITH_GRADIENTS = {"factored": solve_factored, "hermite": solve_hermite}
 _DIRECT = {
     "fast-marching": solve_fast_marching,
     "edge-based": solve_edge_based,
@@ -31,9 +42,15 @@ _DIRECT = {
 
 
 def choose_method(mesh: SimplexMesh, problem: Problem) -> str:
-    """Return what ``method="auto"`` takes."""
+    """Return what ``method="auto"`` takes: the most accurate scheme that applies."""
+    slope = problem.slope
     is_flat = mesh.cell_dim == mesh.dim
-    return "source-tracking" if is_flat and not problem.slope.step else "fast-marching"
+    if is_flat and not slope.step:
+        return "source-tracking"
+    varies_in_cells = slope.step and slope.at_nodes is None  # may jump
+    if mesh.cell_dim != 2 or varies_in_cells:
+        return "fast-marching"
+    return "factored" if is_flat else "hermite"
 
 
 def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
@@ -42,9 +59,13 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
         return _iterate(mesh, problem)
     if method == "source-tracking":
         return _track(mesh, problem)
-    return _DIRECT[method](
-        mesh, problem.h0, problem.slope, residual=problem.residual, report=problem.report
-    )
+    h0, slope = problem.h0, problem.slope
+    residual, report = problem.residual, problem.report
+    if method in _WITH_GRADIENTS:
+        return _WITH_GRADIENTS[method](
+            mesh, h0, slope, nodal_g=slope.at_nodes, residual=residual, report=report
+        )
+    return _DIRECT[method](mesh, h0, slope, residual=residual, report=report)
 
 
 def _track(mesh: SimplexMesh, problem: Problem) -> Solution:

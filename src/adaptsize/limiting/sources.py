@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_points
-from adaptsize._kernels.sources import evaluate_sources
+from adaptsize._kernels.evaluate import evaluate_sources
 from adaptsize.background import CartesianGrid
 from adaptsize.typing import FloatArray, IntArray
 
