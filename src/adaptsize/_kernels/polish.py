@@ -1,5 +1,6 @@
 """Better sources near the one that a node has: descent over edges and triangles of the mesh."""
 
+import numpy as np
 from numba import njit
 
 from adaptsize._kernels.local import distance, minimum_on_edge, minimum_on_triangle
@@ -27,11 +28,11 @@ def _slope_towards(state, axes, h0, g, j, h_foot, w):
 
 
 @njit(cache=True, nogil=True)
-def _leave_node(state, axes, near, h0, g, j, p, value):
+def _leave_node(state, axes, nbr_ptr, nbr, h0, g, j, p, value):
     """Return the best of the edges at p for node j: value, other end or -1, its weight."""
     best, end, weight = value, -1, 0.0
-    for entry in range(near.nbr_ptr[p], near.nbr_ptr[p + 1]):
-        w = near.nbr[entry]
+    for entry in range(nbr_ptr[p], nbr_ptr[p + 1]):
+        w = np.int64(nbr[entry])
         if (
             has_own_bound(state, axes, h0, w)
             and _slope_towards(state, axes, h0, g, j, h0[p], w) < 0.0
@@ -43,7 +44,7 @@ def _leave_node(state, axes, near, h0, g, j, p, value):
 
 
 @njit(cache=True, nogil=True)
-def _leave_edge(state, axes, near, h0, g, j, p, q, t, value):
+def _leave_edge(state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, t, value):
     """Return the best of the triangles at the edge (p, q) for node j, whose foot is at t.
 
     Value, its source and weights; in the plane the minimum is on another edge of a triangle.
@@ -51,28 +52,28 @@ def _leave_edge(state, axes, near, h0, g, j, p, q, t, value):
     best, s0, s1, s2, m1, m2 = value, p, q, -1, t, 0.0
     h_foot = h0[p] + t * (h0[q] - h0[p])
     if len(axes) == 2:
-        for entry in range(near.nbr_ptr[p], near.nbr_ptr[p + 1]):
-            w = near.nbr[entry]
+        for entry in range(nbr_ptr[p], nbr_ptr[p + 1]):
+            w = np.int64(nbr[entry])
             if w == q or not has_own_bound(state, axes, h0, w):
                 continue
             if _slope_towards(state, axes, h0, g, j, h_foot, w) >= 0.0:
                 continue
-            for other in range(near.nbr_ptr[q], near.nbr_ptr[q + 1]):
-                if near.nbr[other] == w:
+            for other in range(nbr_ptr[q], nbr_ptr[q + 1]):
+                if nbr[other] == w:
                     for end in (p, q):
                         lower, m = minimum_on_edge(state, axes, j, end, w, h0[end], h0[w], g)
                         if lower < best:
                             best, s0, s1, m1 = lower, end, w, m
         return best, s0, s1, s2, m1, m2
-    for place in range(near.ring_ptr[p], near.ring_ptr[p + 1]):
-        c = near.ring[place]
+    for place in range(ring_ptr[p], ring_ptr[p + 1]):
+        c = np.int64(ring[place])
         with_q = False
-        for v in range(near.cells.shape[1]):
-            with_q = with_q or near.cells[c, v] == q
+        for v in range(cells.shape[1]):
+            with_q = with_q or cells[c, v] == q
         if not with_q:
             continue
-        for v in range(near.cells.shape[1]):
-            w = near.cells[c, v]
+        for v in range(cells.shape[1]):
+            w = np.int64(cells[c, v])
             if w in (p, q) or not has_own_bound(state, axes, h0, w):
                 continue
             if _slope_towards(state, axes, h0, g, j, h_foot, w) < 0.0:
@@ -85,7 +86,7 @@ def _leave_edge(state, axes, near, h0, g, j, p, q, t, value):
 
 
 @njit(cache=True, nogil=True)
-def polish(state, axes, near, h0, g, j, p, q, r, value, most):
+def polish(state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, r, value, most):
     """Move the source of node j over neighbouring edges and triangles while that lowers j.
 
     Only where all nodes have their own ``h0``: there the data are linear.
@@ -94,7 +95,8 @@ def polish(state, axes, near, h0, g, j, p, q, r, value, most):
     ----------
     state, axes
         See source.py.
-    near : Surroundings
+    nbr_ptr, nbr, cells, ring_ptr, ring
+        Neighbours of the nodes, and cells around them (in space only); see track.py.
     h0 : float64[n]
     g : float64
     j, p, q, r : int
@@ -121,10 +123,12 @@ def polish(state, axes, near, h0, g, j, p, q, r, value, most):
         if r >= 0 or not has_own_bound(state, axes, h0, p):
             break
         if q < 0:
-            best, end, m1 = _leave_node(state, axes, near, h0, g, j, p, value)
+            best, end, m1 = _leave_node(state, axes, nbr_ptr, nbr, h0, g, j, p, value)
             s0, s1, s2, m2 = p, end, -1, 0.0
         elif has_own_bound(state, axes, h0, q):
-            best, s0, s1, s2, m1, m2 = _leave_edge(state, axes, near, h0, g, j, p, q, l1, value)
+            best, s0, s1, s2, m1, m2 = _leave_edge(
+                state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, l1, value
+            )
         else:
             break
         if not best < value * BETTER:

@@ -10,8 +10,8 @@ for `BEND`.  Weights of a point are those of q and r.
 """
 
 import math
-from typing import Any, NamedTuple
 
+import numpy as np
 from numba import njit
 
 from adaptsize._kernels.local import distance, minimum_on_edge, minimum_on_triangle
@@ -21,39 +21,6 @@ _NO_WEIGHT = 1e-14
 
 # In place of r: an edge along which paths bend.  Its sizes are in ``bent``.
 BEND = -2
-
-
-class Surroundings(NamedTuple):
-    """What is around each node; in each, compressed rows."""
-
-    nbr_ptr: Any
-    """int64[n + 1]"""
-    nbr: Any
-    """int32[...]: neighbours along edges of the mesh."""
-    cells: Any
-    """int32[m, dim + 1]"""
-    ring_ptr: Any
-    """int64[n + 1]"""
-    ring: Any
-    """int32[m * (dim + 1)]: cells; used in space, and if something is hidden."""
-    crease_ptr: Any
-    """int32[n + 1]"""
-    crease: Any
-    """int32[...]: other ends of the reflex edges; used in space if something is hidden."""
-    patch: Any
-    """int32[n]: piece of the boundary, -1 inside and where pieces meet; used if something is
-    hidden."""
-
-
-class Sources(NamedTuple):
-    """What each node knows of sources."""
-
-    nodes: Any
-    """int32[n, dim]: its own."""
-    refused: Any
-    """int32[n, dim]: the last one that it did not see; used if something is hidden."""
-    bent: Any
-    """float64[n, 2]: sizes at the ends of an own source that is a `BEND`."""
 
 
 @njit(cache=True, nogil=True)
@@ -129,19 +96,20 @@ def has_own_bound(state, axes, h0, i):
 
 
 @njit(cache=True, nogil=True)
-def sizes_of(state, axes, h0, sources, j, p, q, r):
+def sizes_of(state, axes, h0, bent, j, p, q, r):
     """Return the sizes at the nodes of the source (p, q, r) of node j."""
     if q < 0:
         return state[p, len(axes)], 0.0, 0.0
     if r == BEND:
-        return sources.bent[j, 0], sources.bent[j, 1], 0.0
+        return bent[j, 0], bent[j, 1], 0.0
     return h0[p], h0[q], h0[r] if r >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True)
-def source_of(sources, axes, j):
+def source_of(source, axes, j):
     """Return the source of node j."""
-    p = sources.nodes[j, 0]
-    q = sources.nodes[j, 1] if len(axes) > 1 else -1
-    r = sources.nodes[j, 2] if len(axes) > 2 else -1
+    # One type of integer everywhere: each combination would be compiled anew.
+    p = np.int64(source[j, 0])
+    q = np.int64(source[j, 1])
+    r = np.int64(source[j, 2]) if len(axes) > 2 else np.int64(-1)
     return p, q, r

@@ -11,6 +11,7 @@ nodes of a cell less one), see local.py.
 
 import math
 
+import numpy as np
 from numba import njit
 
 from adaptsize._kernels.heap import pop, push_or_decrease
@@ -129,33 +130,58 @@ def push_lowered(state, h0, key, node, place, size):
 
 
 @njit(cache=True, nogil=True)
-def _sees(state, axes, near, h0, sources, k, p, q, r, l1, l2):
+def _sees(state, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, p, q, r, l1, l2):
     """Tell whether node k sees the point of weights l1, l2 of a source; remember if not."""
     dim = len(axes)
-    refused = sources.refused
     if refused[k, 0] == p and refused[k, 1] == q and (dim < 3 or refused[k, 2] == r):
         return False
     put_foot(state, axes, p, q, r, l1, l2)
     a, b, c, l1, l2 = drop_zero_weights(p, q, r, l1, l2)
-    most = 64 + 16 * int(near.cells.shape[0] ** (1.0 / dim))  # several times across the mesh
-    seen = is_visible(state, axes, near, h0, sources.nodes, k, a, b, c, p, q, r, most)
+    most = 64 + 16 * int(cells.shape[0] ** (1.0 / dim))  # several times across the mesh
+    seen = is_visible(
+        state, axes, cells, ring_ptr, ring, patch, h0, source, k, a, b, c, p, q, r, most
+    )
     if not seen:
         set_source(refused, k, p, q, r)
     return seen
 
 
 @njit(cache=True, nogil=True)
-def _take(sources, k, p, q, r, u_p, u_q):
+def _take(source, bent, k, p, q, r, u_p, u_q):
     """Make (p, q, r) the source of node k."""
-    set_source(sources.nodes, k, p, q, r)
+    set_source(source, k, p, q, r)
     if r == BEND:
-        sources.bent[k, 0] = u_p
-        sources.bent[k, 1] = u_q
+        bent[k, 0] = u_p
+        bent[k, 1] = u_q
 
 
 @njit(cache=True, nogil=True)
 def track(
-    state, axes, near, h0, g, sources, heap, contested, hidden, straight, moves, keep, max_pops
+    state,
+    axes,
+    nbr_ptr,
+    nbr,
+    cells,
+    ring_ptr,
+    ring,
+    crease_ptr,
+    crease,
+    patch,
+    h0,
+    g,
+    source,
+    refused,
+    bent,
+    key,
+    node,
+    place,
+    size,
+    contested,
+    hidden,
+    straight,
+    moves,
+    keep,
+    max_pops,
 ):
     """Hand sources on along the edges of the mesh, in order of size; at most ``max_pops`` nodes.
 
@@ -164,13 +190,27 @@ def track(
     state : float64[n + 1, dim + 1]
         In/Out (see source.py).
     axes : tuple of length dim
-    near : Surroundings
+    nbr_ptr : int64[n + 1]
+    nbr : int32[...]
+        Neighbours of the nodes (see `compact_neighbours`).
+    cells : int32[m, dim + 1]
+    ring_ptr : int64[n + 1]
+    ring : int32[m * (dim + 1)]
+        Cells around the nodes; used in space, and if something is hidden.
+    crease_ptr, crease : int32[n + 1], int32[...]
+        For each node the other ends of the reflex edges; used in space if something is hidden.
+    patch : int32[n]
+        Piece of the boundary (see visibility.py); used if something is hidden.
     h0 : float64[n]
     g : float64
-    sources : Sources
+    source : int32[n, dim]
         In/Out.
-    heap : tuple (key, node, place, size)
-        In/Out (see heap.py).
+    refused : int32[n, dim]
+        In/Out: the last source that each node did not see; used if something is hidden.
+    bent : float64[n, 2]
+        In/Out: sizes at the ends of a source that is a `BEND`; used as creases are.
+    key, node, place, size
+        In/Out: the heap (see heap.py).
     contested : uint8[n]
         In/Out: set for nodes that refused a source because theirs is better.
     hidden : bool
@@ -189,24 +229,38 @@ def track(
         Number of nodes taken; less than ``max_pops`` if the heap is empty.
     """
     dim = len(axes)
-    key, node, place, size = heap
-    nbr_ptr, nbr = near.nbr_ptr, near.nbr
     pops = 0
     while size[0] > 0 and pops < max_pops:
-        j = pop(key, node, place, size)
+        j = np.int64(pop(key, node, place, size))
         pops += 1
         if moves > 0:
-            _polish_node(state, axes, near, h0, g, sources, j, hidden, moves)
+            _polish_node(
+                state,
+                axes,
+                nbr_ptr,
+                nbr,
+                cells,
+                ring_ptr,
+                ring,
+                patch,
+                h0,
+                g,
+                source,
+                refused,
+                j,
+                hidden,
+                moves,
+            )
         h_j = state[j, dim]
-        p, q, r = source_of(sources, axes, j)
+        p, q, r = source_of(source, axes, j)
         if not straight:
-            p, q, r = j, -1, -1
-        u_p, u_q, u_r = sizes_of(state, axes, h0, sources, j, p, q, r)
+            p, q, r = j, np.int64(-1), np.int64(-1)
+        u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
         # A node below h_j may still be lowered by the source of j, but hardly ever: for
         # one node it is cheap to try, for an edge it is not.
         least = u_p if q < 0 else h_j
         for entry in range(nbr_ptr[j], nbr_ptr[j + 1]):
-            k = nbr[entry]
+            k = np.int64(nbr[entry])
             h_k = state[k, dim]
             if h_k <= least:
                 continue
@@ -222,20 +276,76 @@ def track(
             if (
                 hidden
                 and (p != j or q >= 0)
-                and not _sees(state, axes, near, h0, sources, k, p, q, r, l1, l2)
+                and not _sees(
+                    state,
+                    axes,
+                    cells,
+                    ring_ptr,
+                    ring,
+                    patch,
+                    h0,
+                    source,
+                    refused,
+                    k,
+                    p,
+                    q,
+                    r,
+                    l1,
+                    l2,
+                )
             ):
-                value = _bend(state, axes, near, h0, g, sources, j, k, p, q, r, keep)
+                value = _bend(
+                    state,
+                    axes,
+                    cells,
+                    ring_ptr,
+                    ring,
+                    patch,
+                    crease_ptr,
+                    crease,
+                    h0,
+                    g,
+                    source,
+                    refused,
+                    bent,
+                    j,
+                    k,
+                    p,
+                    q,
+                    r,
+                    keep,
+                )
                 if value >= h_k * keep:
                     continue
             else:
-                _take(sources, k, p, q, r, u_p, u_q)
+                _take(source, bent, k, p, q, r, u_p, u_q)
             state[k, dim] = value
             push_or_decrease(key, node, place, size, k, value)
     return pops
 
 
 @njit(cache=True, nogil=True)
-def _bend(state, axes, near, h0, g, sources, j, k, p, q, r, keep):
+def _bend(
+    state,
+    axes,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    crease_ptr,
+    crease,
+    h0,
+    g,
+    source,
+    refused,
+    bent,
+    j,
+    k,
+    p,
+    q,
+    r,
+    keep,
+):
     """Give node k, which does not see the source of j, a source at j: the node, or a crease.
 
     The size along a crease is convex for one source, so that its linear interpolant is
@@ -244,50 +354,94 @@ def _bend(state, axes, near, h0, g, sources, j, k, p, q, r, keep):
     dim = len(axes)
     best = state[j, dim] + g * distance(state, axes, k, j)
     if best < state[k, dim] * keep:
-        set_source(sources.nodes, k, j, -1, -1)
+        set_source(source, k, j, -1, -1)
     if dim < 3:
         return best
-    u_p, u_q, u_r = sizes_of(state, axes, h0, sources, j, p, q, r)
-    for place in range(near.crease_ptr[j], near.crease_ptr[j + 1]):
-        i = near.crease[place]
+    u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
+    for place in range(crease_ptr[j], crease_ptr[j + 1]):
+        i = np.int64(crease[place])
         u_i, l1, l2 = value_from(state, axes, g, i, p, q, r, u_p, u_q, u_r)
         value, t = minimum_on_edge(state, axes, k, j, i, state[j, dim], u_i, g)
         if value >= best or value >= state[k, dim] * keep:
             continue
-        s0, s1, s2 = source_of(sources, axes, i)
+        s0, s1, s2 = source_of(source, axes, i)
         if not (s0 == p and s1 == q and s2 == r) and not _sees(
-            state, axes, near, h0, sources, i, p, q, r, l1, l2
+            state, axes, cells, ring_ptr, ring, patch, h0, source, refused, i, p, q, r, l1, l2
         ):
             continue
-        if _sees(state, axes, near, h0, sources, k, j, i, -1, t, 0.0):
+        if _sees(
+            state, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, j, i, -1, t, 0.0
+        ):
             best = value
             if i < j:
-                _take(sources, k, i, j, BEND, u_i, state[j, dim])
+                _take(source, bent, k, i, j, BEND, u_i, state[j, dim])
             else:
-                _take(sources, k, j, i, BEND, state[j, dim], u_i)
+                _take(source, bent, k, j, i, BEND, state[j, dim], u_i)
     return best
 
 
 @njit(cache=True, nogil=True)
-def _polish_node(state, axes, near, h0, g, sources, j, hidden, moves):
+def _polish_node(
+    state,
+    axes,
+    nbr_ptr,
+    nbr,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    h0,
+    g,
+    source,
+    refused,
+    j,
+    hidden,
+    moves,
+):
     """Give node j the polished source, if it is better and in sight."""
-    p, q, r = source_of(sources, axes, j)
+    p, q, r = source_of(source, axes, j)
     if r != -1 or not has_own_bound(state, axes, h0, p):
         return
     if q >= 0 and not has_own_bound(state, axes, h0, q):
         return
     h_j = state[j, len(axes)]
-    value, p, q, r, l1, l2 = polish(state, axes, near, h0, g, j, p, q, r, h_j, moves)
+    value, p, q, r, l1, l2 = polish(
+        state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, r, h_j, moves
+    )
     if value < h_j * BETTER and (
-        not hidden or _sees(state, axes, near, h0, sources, j, p, q, r, l1, l2)
+        not hidden
+        or _sees(state, axes, cells, ring_ptr, ring, patch, h0, source, refused, j, p, q, r, l1, l2)
     ):
         state[j, len(axes)] = value
         p, q, r = ascending(p, q, r)
-        set_source(sources.nodes, j, p, q, r)
+        set_source(source, j, p, q, r)
 
 
 @njit(cache=True, nogil=True)
-def offer_once_more(state, axes, near, h0, g, sources, heap, contested, hidden, keep):
+def offer_once_more(
+    state,
+    axes,
+    nbr_ptr,
+    nbr,
+    cells,
+    ring_ptr,
+    ring,
+    crease_ptr,
+    crease,
+    patch,
+    h0,
+    g,
+    source,
+    refused,
+    bent,
+    key,
+    node,
+    place,
+    size,
+    contested,
+    hidden,
+    keep,
+):
     """Offer the sources that a node refused to the nodes behind it.
 
     The nodes served by a source need not be connected by edges: a node in between may
@@ -304,27 +458,41 @@ def offer_once_more(state, axes, near, h0, g, sources, heap, contested, hidden, 
         Number of times that a node was lowered.
     """
     dim = len(axes)
-    key, node, place, size = heap
-    nbr_ptr, nbr = near.nbr_ptr, near.nbr
     lowered = 0
     for i in range(contested.shape[0]):
         if contested[i] == 0:
             continue
         contested[i] = 0
-        own = source_of(sources, axes, i)
+        own = source_of(source, axes, i)
         for entry in range(nbr_ptr[i], nbr_ptr[i + 1]):
-            j = nbr[entry]
-            p, q, r = source_of(sources, axes, j)
+            j = np.int64(nbr[entry])
+            p, q, r = source_of(source, axes, j)
             if p == own[0] and q == own[1] and r == own[2]:
                 continue
-            u_p, u_q, u_r = sizes_of(state, axes, h0, sources, j, p, q, r)
+            u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
             for other in range(nbr_ptr[i], nbr_ptr[i + 1]):
-                k = nbr[other]
+                k = np.int64(nbr[other])
                 value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
                 if value >= state[k, dim] * keep:
                     continue
-                if not hidden or _sees(state, axes, near, h0, sources, k, p, q, r, l1, l2):
-                    _take(sources, k, p, q, r, u_p, u_q)
+                if not hidden or _sees(
+                    state,
+                    axes,
+                    cells,
+                    ring_ptr,
+                    ring,
+                    patch,
+                    h0,
+                    source,
+                    refused,
+                    k,
+                    p,
+                    q,
+                    r,
+                    l1,
+                    l2,
+                ):
+                    _take(source, bent, k, p, q, r, u_p, u_q)
                     state[k, dim] = value
                     push_or_decrease(key, node, place, size, k, value)
                     lowered += 1
@@ -332,15 +500,14 @@ def offer_once_more(state, axes, near, h0, g, sources, heap, contested, hidden, 
 
 
 @njit(cache=True, nogil=True)
-def largest_edge_excess(state, axes, near, g):
+def largest_edge_excess(state, axes, nbr_ptr, nbr, g):
     """Return by how much a size is above what its neighbours allow, relative to it, at most."""
     dim = len(axes)
-    nbr_ptr, nbr = near.nbr_ptr, near.nbr
     largest = 0.0
     for i in range(state.shape[0] - 1):
         h_i = state[i, dim]
         for entry in range(nbr_ptr[i], nbr_ptr[i + 1]):
-            j = nbr[entry]
+            j = np.int64(nbr[entry])
             if state[j, dim] < h_i:
                 if math.isinf(h_i):
                     return math.inf

@@ -16,6 +16,7 @@ facet opposite to v.  ``axes`` is a tuple of which only the length counts.
 
 import math
 
+import numpy as np
 from numba import njit
 
 # Beyond a facet by less than this share of the height of the cell is not beyond it.
@@ -81,12 +82,12 @@ def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
     -1 if there is not exactly one, or if it does not lie on the other side: a fold.
     """
     k = cells.shape[1]
-    a = cells[c, (v + 1) % k]
-    b = cells[c, (v + 2) % k]
-    d = cells[c, (v + k - 1) % k]  # b again for triangles
+    a = np.int64(cells[c, (v + 1) % k])
+    b = np.int64(cells[c, (v + 2) % k])
+    d = np.int64(cells[c, (v + k - 1) % k])  # b again for triangles
     found = -1
     for place in range(ring_ptr[a], ring_ptr[a + 1]):
-        here = ring[place]
+        here = np.int64(ring[place])
         if here != c and _has_node(cells, here, b) and (d == b or _has_node(cells, here, d)):
             if found >= 0:
                 return -1
@@ -95,8 +96,8 @@ def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
         return -1
     i = -1
     for w in range(k):
-        if not _has_node(cells, c, cells[found, w]):
-            i = cells[found, w]
+        if not _has_node(cells, c, np.int64(cells[found, w])):
+            i = np.int64(cells[found, w])
     if i < 0:
         return -1
     ahead = coordinates_of_two(points, axes, cells, c, v, i, i)[0]
@@ -153,7 +154,9 @@ def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
 
 
 @njit(cache=True, nogil=True)
-def is_visible(points, axes, near, h0, source, k, p, q, r, s0, s1, s2, max_steps):
+def is_visible(
+    points, axes, cells, ring_ptr, ring, patch, h0, source, k, p, q, r, s0, s1, s2, max_steps
+):
     """Tell whether the straight line from node k to a point of a source lies in the mesh.
 
     Parameters
@@ -161,8 +164,12 @@ def is_visible(points, axes, near, h0, source, k, p, q, r, s0, s1, s2, max_steps
     points : float64[n + 1, dim + 1]
         Coordinates and sizes; the last row is the point.
     axes : tuple of length dim
-    near : Surroundings
-        See source.py; all but neighbours and creases are used.
+    cells : int32[m, dim + 1]
+    ring_ptr : int64[n + 1]
+    ring : int32[m * (dim + 1)]
+        Cells around each node.
+    patch : int32[n]
+        Piece of the boundary to which a node belongs; -1 inside and where pieces meet.
     h0 : float64[n]
     source : int32[n, dim]
         Sources of the nodes.
@@ -174,13 +181,12 @@ def is_visible(points, axes, near, h0, source, k, p, q, r, s0, s1, s2, max_steps
     max_steps : int
         Refuse after so many cells.
     """
-    cells, ring_ptr, ring, patch = near.cells, near.ring_ptr, near.ring, near.patch
     y = points.shape[0] - 1
     # The cell into which the line leaves k: where it is most clearly inside the cone at k.
     c = entry = -1
     best = _CONE
     for place in range(ring_ptr[k], ring_ptr[k + 1]):
-        here = ring[place]
+        here = np.int64(ring[place])
         if _holds(cells, here, p, q, r):
             return True
         least = math.inf
@@ -213,7 +219,7 @@ def is_visible(points, axes, near, h0, source, k, p, q, r, s0, s1, s2, max_steps
         way_out = -1
         nearest = math.inf
         for v in range(cells.shape[1]):
-            if not _has_node(cells, c, cells[beyond, v]):
+            if not _has_node(cells, c, np.int64(cells[beyond, v])):
                 continue  # the facet that it came through
             at_k, at_y = coordinates_of_two(points, axes, cells, beyond, v, k, y)
             if at_y < -GRAZING:

@@ -18,6 +18,8 @@ from adaptsize.limiting.domain import (
     pieces_of,
     turns_of,
 )
+from adaptsize.limiting.fast_marching import solve_edge_based
+from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -160,6 +162,8 @@ def solve_source_tracking(
     .. [2] K. Daniel, A. Nash, S. Koenig, A. Felner, "Theta*: Any-angle path planning
        on grids", J. Artif. Intell. Res. 39 (2010) 533-579.
     """
+    if mesh.dim == 1:
+        return _along_line(mesh, h0, slope, residual, report)
     n = mesh.n_points
     work = _begin(mesh, h0)
     dense = kernels.start_from_cells(
@@ -170,7 +174,7 @@ def solve_source_tracking(
     bent = np.empty((1, 2))
     if work.heap[3][0] > 0:
         convex, sight = _shape(mesh, domain_is_convex)
-        moves = polish if dense and face_sources and mesh.dim > 1 else 0
+        moves = polish if dense and face_sources else 0
         near = _surroundings(mesh, not convex or (mesh.dim == 3 and moves > 0), sight)
         refused = np.full((1 if convex else n, mesh.dim), -1, np.int32)
         if mesh.dim == 3 and not convex:
@@ -180,7 +184,7 @@ def solve_source_tracking(
         problem = (work.state, work.axes, *near, h0, slope, *known, *work.heap, contested)
         chances = _SECOND_CHANCES
         while work.heap[3][0] > 0:
-            straight = mesh.dim > 1 and taken < _PATIENCE * n
+            straight = taken < _PATIENCE * n
             taken += kernels.track(*problem, not convex, straight, moves, _KEEP, _CHUNK)
             report("limiting the gradient", min(taken / n, 1.0))
             if work.heap[3][0] == 0 and straight and chances > 0:
@@ -194,6 +198,19 @@ def solve_source_tracking(
     sizes = _source_sizes(h, h0, work.source, bent)
     return TrackedSolution(
         h, taken, excess, source=work.source, source_sizes=sizes, is_convex=convex
+    )
+
+
+def _along_line(
+    mesh: SimplexMesh, h0: FloatArray, slope: float, residual: bool, report: ProgressCallback
+) -> TrackedSolution:
+    """Solve on segments of a line, where sizes along edges are exact; sources are the nodes."""
+    limit = Slope(np.array([slope]))
+    found = solve_edge_based(mesh, h0, limit, residual=residual, report=report)
+    source = np.arange(mesh.n_points, dtype=np.int32)[:, None]
+    sizes = found.h[:, None].copy()
+    return TrackedSolution(
+        found.h, found.iterations, found.residual, source=source, source_sizes=sizes
     )
 
 
@@ -222,7 +239,7 @@ def _source_sizes(h: FloatArray, h0: FloatArray, source: IntArray, bent: FloatAr
 
 def _shape(mesh: SimplexMesh, domain_is_convex: bool | Literal["auto"]) -> tuple[bool, _Obstacles]:
     """Return whether the domain is convex, and if not where straight lines are in danger."""
-    if mesh.dim == 1 or domain_is_convex is True:
+    if domain_is_convex is True:
         return True, _NO_OBSTACLES
     boundary = flat_boundary(mesh)
     turns = turns_of(mesh.points, boundary)
