@@ -27,6 +27,7 @@ _HOMES = {
     "minimum": "sizes",
     "limit_gradient": "limiting",
     "LimitingInfo": "limiting",
+    "SizeSources": "limiting",
     "remesh": "remeshing",
     "size_conformity": "quality",
     "read": "io",

@@ -87,8 +87,8 @@ def limit_gradient(
         outside the domain.  An octree stands for its conforming simplices.
     h0 : array_like of float, of the nodal shape
         Upper bound on the size, in the unit of the coordinates.  Positive; inf
-        where nothing is asked; finite at one node at least.  Inactive nodes of a grid
-        may hold anything.
+        where nothing is asked; finite at one node at least.  What inactive nodes of a
+        grid hold, here and in g, does not matter.
     g : float, array_like, callable, or tuple (array_like, callable)
         Gradient limit (length per length), finite and >= 0; neighbouring elements
         then differ by a factor of about ``1 + g``, and 0.2 to 0.3 is usual.  One

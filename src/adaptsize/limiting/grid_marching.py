@@ -78,7 +78,7 @@ def solve_grid_marching(
 
     Notes
     -----
-    O(n) time; besides ``h0`` and the result 28 bytes per node (50 at order 2), and 8 more for g
+    O(n) time; besides ``h0`` and the result 20 bytes per node (40 at order 2), and 8 more for g
     that varies.
 
     References
