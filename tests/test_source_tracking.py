@@ -112,18 +112,18 @@ def test_linear_data_on_a_boundary_are_met_by_polishing():
     assert (solve(mesh, h0, polish=0).h - exact).max() > 1e-5
 
 
-def test_smooth_full_field_is_met_to_second_order():
+def test_smooth_full_field_is_met_to_more_than_first_order():
     def bound(x, y):
         return 0.5 + 0.2 * np.sin(4.0 * x) * np.cos(3.0 * y)
 
-    axis = np.linspace(-1.0, 1.0, 801)
+    axis = np.linspace(-1.0, 1.0, 601)
     fine = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     sizes = bound(*fine.T)
     errors = []
     for n_side in (21, 41):
         mesh = jittered_square(n_side, 918, half_width=1.0)
         h = solve(mesh, bound(*mesh.points.T)).h
-        some = np.arange(0, mesh.n_points, n_side**2 // 60)
+        some = np.arange(0, mesh.n_points, n_side**2 // 150)
         exact = [(sizes + G * np.linalg.norm(fine - x, axis=1)).min() for x in mesh.points[some]]
         errors.append(np.abs(h[some] - exact).mean())
     assert errors[1] < 0.4 * errors[0], errors
