@@ -311,11 +311,12 @@ def start_grid(
     end,
     clear,
     hidden,
-    moves,
     keep,
     least_distance,
 ):
     """Give every node the best source among its neighbours, all from ``h0``.
+
+    Nodes that only a segment may lower keep their size, and get the neighbour as a hint.
 
     Parameters
     ----------
@@ -341,31 +342,14 @@ def start_grid(
                     if value < best:
                         best = value
                         p = k + steps[m]
-        q = -1
-        if p >= 0 and moves > 0 and lowest + g * least_distance < h_k:
-            best, p, q = polish(
-                u,
-                h0,
-                strides,
-                per_stride,
-                steps,
-                offsets,
-                partners,
-                spacing,
-                g,
-                clear,
-                hidden,
-                k,
-                p,
-                np.int64(-1),
-                best,
-                moves,
-            )
         if best < h_k * keep:
             u[k] = best
-            source[k] = p
-            if end.shape[0] > 1:
-                end[k] = q if q >= 0 or source[p] != p else end[p]
+        elif p < 0 or end.shape[0] == 1 or not lowest + g * least_distance < h_k:
+            continue
+        # Otherwise a segment at p may lower the node: that is seen when it is accepted.
+        source[k] = p
+        if end.shape[0] > 1:
+            end[k] = end[p] if source[p] == p else -1
 
 
 @njit(cache=True, nogil=True)
@@ -521,6 +505,12 @@ def track_grid(
                     if segments:
                         end[j] = -2
         u_j = u[j]
+        if u_j == h0[j] and p != j:  # what `start_grid` hoped for did not come true
+            source[j] = j
+            p = j
+            q = np.int64(-2)
+            if segments:
+                end[j] = -2
         u_p = u[p]
         # Nodes have the same candidate already; one at which paths bend may have been lowered.
         unchanging = q >= 0 or source[p] == p

@@ -148,7 +148,7 @@ def solve_grid_tracking(
     geometry = _geometry(grid, slope)
     u = bounds.copy()
     tracks = _begin(grid, bounds, geometry, face_sources and polish > 0)
-    _start(grid, u, bounds, geometry, tracks, polish)
+    _start(grid, u, bounds, geometry, tracks)
     accepted = _accept_all(grid, u, bounds, geometry, tracks, polish, report)
     h = _unpad(grid, u)
     source, sizes = _sources(grid, u, bounds, tracks)
@@ -239,7 +239,6 @@ def _start(
     bounds: FloatArray,
     geometry: _Geometry,
     tracks: _Tracks,
-    polish: int,
 ) -> None:
     """Lower the neighbours of all nodes with finite bounds, and of isolated ones more around."""
     strides, per_stride, *_, spacing, slope = geometry
@@ -248,10 +247,7 @@ def _start(
     reach = min(_REACH, int((offers - 1.0) / 2.0))
     if tracks.end.size > 1 or reach < 1:
         least_distance = float(1.0 / np.sqrt((1.0 / grid.spacing**2).sum()))
-        # One move tells whether a node is lowered; marching finds by how much.
-        moves = 1 if tracks.end.size > 1 else 0
-        more = (tracks.hidden, moves, _KEEP, least_distance)
-        kernels.start_grid(u, bounds, *geometry, *tracks[:3], *more)
+        kernels.start_grid(u, bounds, *geometry, *tracks, _KEEP, least_distance)
         return
     sources = sources[np.argsort(bounds[sources], kind="stable")]
     shape = grid.shape if grid.dim > 1 else (grid.shape[0], 1)
@@ -281,7 +277,7 @@ def _accept_all(
     report: ProgressCallback,
 ) -> int:
     """March from the nodes that are lowered already; return how many nodes were accepted."""
-    seeds = np.flatnonzero(u < bounds).astype(np.int32)
+    seeds = np.flatnonzero(tracks.source != np.arange(u.size)).astype(np.int32)
     if seeds.size == 0:
         return 0
     seeds = seeds[np.argsort(u[seeds], kind="stable")]
