@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize.limiting.exact import solve_exact
 from adaptsize.limiting.grid_marching import solve_grid_edges, solve_grid_marching
+from adaptsize.limiting.grid_tracking import solve_grid_tracking
 from adaptsize.limiting.hamilton_jacobi import solve_hamilton_jacobi
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray
@@ -18,14 +19,16 @@ if TYPE_CHECKING:
     from adaptsize.limiting.gradient_limit import Slope
     from adaptsize.limiting.problem import Problem
 
-METHODS = ("fast-marching", "hamilton-jacobi", "edge-based", "exact")
+METHODS = ("source-tracking", "fast-marching", "hamilton-jacobi", "edge-based", "exact")
 ITERATIVE = ("hamilton-jacobi",)
 SECOND_ORDER = ("fast-marching", "hamilton-jacobi")
 
 
 def choose_method(grid: CartesianGrid, problem: Problem) -> str:
-    """Return what ``method="auto"`` takes."""
-    return "fast-marching"
+    """Return what ``method="auto"`` takes: the most accurate scheme that applies."""
+    if problem.slope.step or problem.order == 2:
+        return "fast-marching"
+    return "source-tracking"
 
 
 def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
@@ -34,6 +37,15 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
     residual, report = problem.residual, problem.report
     if method == "hamilton-jacobi":
         return _iterate(grid, problem)
+    if method == "source-tracking":
+        return solve_grid_tracking(
+            grid,
+            h0,
+            slope.number(method),
+            face_sources=problem.face_sources,
+            residual=residual,
+            report=report,
+        )
     if method == "fast-marching":
         order = problem.order
         return solve_grid_marching(grid, h0, slope, order=order, residual=residual, report=report)
