@@ -110,7 +110,8 @@ def limit_gradient(
         comparison only.  ``"exact"``: formula (11) of [1]_, for convex domains and
         one g or g(h); quadratic cost.
     order : int, optional
-        1 or, on grids with fast marching or the Hamilton-Jacobi iteration, 2.
+        1 or, on grids with fast marching (which ``"auto"`` then takes) or the
+        Hamilton-Jacobi iteration, 2.
     floor : "hopf-lax" or None, optional
         Of the positive coefficient scheme: keep it above the Hopf-Lax updates, or
         leave it as published, which undershoots at point sources.
@@ -181,15 +182,15 @@ def limit_gradient(
     >>> h.round(3)
     array([0.1  , 0.4  , 0.524, 0.4  ])
 
-    The same on a grid, in the middle of which two sizes meet:
+    The same on a grid from two corners:
 
     >>> grid = CartesianGrid(origin=[0.0, 0.0], spacing=0.5, shape=(3, 3))
     >>> h0 = np.full(grid.shape, np.inf)
     >>> h0[0, 0], h0[2, 2] = 0.1, 0.2
     >>> limit_gradient(grid, h0, 0.3).round(3)
-    array([[0.1  , 0.25 , 0.394],
-           [0.25 , 0.356, 0.35 ],
-           [0.394, 0.35 , 0.2  ]])
+    array([[0.1  , 0.25 , 0.4  ],
+           [0.25 , 0.312, 0.35 ],
+           [0.4  , 0.35 , 0.2  ]])
     """
     domain = _domain(background)
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
