@@ -8,7 +8,8 @@ at it: the sum is 0 exactly inside, but for a chance of about 2^-60.
 """
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import inner, kernel
 
 # Odd 64-bit constants without structure (fractional parts of the golden ratio, of sqrt 2).
 _A = np.uint64(0x9E3779B97F4A7C15)
@@ -16,7 +17,7 @@ _B = np.uint64(0x6A09E667F3BCC909)
 _SHIFT = np.uint64(32)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _random(i):
     """Return 64 bits for a node number."""
     x = (np.uint64(i) + _B) * _A
@@ -24,7 +25,7 @@ def _random(i):
     return x ^ (x >> _SHIFT)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _facet(cells, c, v, dim):
     """Return the nodes of the facet opposite to v, ascending, and whether their order is odd.
 
@@ -50,7 +51,7 @@ def _facet(cells, c, v, dim):
     return a, b, d, odd
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_inverted(points, axes, cells, c):
     """Tell whether the signed measure of a cell is negative."""
     i, j, k = cells[c, 0], cells[c, 1], cells[c, 2]
@@ -70,7 +71,7 @@ def is_inverted(points, axes, cells, c):
     return nx * cx + ny * cy + nz * cz < 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sum_facets(points, axes, cells, sums):
     """Add up, at each node, signed random numbers of the facets there.
 
@@ -111,7 +112,7 @@ def sum_facets(points, axes, cells, sums):
             sums[m] += ad - ab - bd
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def list_facets(points, axes, cells, sums, facets, odd):
     """List the facets all of whose nodes are on the boundary, and so all facets of the boundary.
 

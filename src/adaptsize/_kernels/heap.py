@@ -12,10 +12,10 @@ size : int64[1]
     Number of entries.
 """
 
-from numba import njit
+from adaptsize._kernels.compiling import inner, kernel
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _rise(key, node, place, here, value, i):
     """Put node i with its key at ``here`` or above."""
     while here > 0:
@@ -31,7 +31,7 @@ def _rise(key, node, place, here, value, i):
     place[i] = here
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def push_or_decrease(key, node, place, size, i, value):
     """Insert node i, or lower its key if it is in the heap already."""
     here = place[i]
@@ -41,7 +41,7 @@ def push_or_decrease(key, node, place, size, i, value):
     _rise(key, node, place, here, value, i)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pop(key, node, place, size):
     """Take out the entry of smallest key and return its node; the heap must not be empty."""
     top = node[0]

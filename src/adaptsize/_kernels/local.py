@@ -21,10 +21,10 @@ References
 
 import math
 
-from numba import njit
+from adaptsize._kernels.compiling import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distance(points, axes, i, j):
     """Return the distance of points i and j of float64[n, dim]."""
     total = 0.0
@@ -33,7 +33,7 @@ def distance(points, axes, i, j):
     return math.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     """Return the largest size at node k allowed by linear sizes on the edge (a, b), and where.
 
@@ -88,7 +88,7 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     return h_a + foot * rise + ratio * slack2, t
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
     """Return the largest size at node k allowed by linear sizes on the triangle (a, b, c).
 

@@ -1,16 +1,24 @@
 """Better sources near the one that a node has: descent over edges and triangles of the mesh."""
 
 import numpy as np
-from numba import njit
 
-from adaptsize._kernels.local import distance, minimum_on_edge, minimum_on_triangle
-from adaptsize._kernels.source import drop_zero_weights, has_own_bound, put_foot, value_from
+from adaptsize._kernels.compiling import inner
+from adaptsize._kernels.local import distance, minimum_on_edge
+from adaptsize._kernels.source import (
+    NONE,
+    ascending,
+    drop_zero_weights,
+    has_own_bound,
+    put_foot,
+    source_of,
+    value_from,
+)
 
 # A source must be better by more than rounding.
 BETTER = 1.0 - 1e-13
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _slope_towards(state, axes, h0, g, j, h_foot, w):
     """Return the slope of the candidate of node j from the foot of its source towards node w.
 
@@ -27,66 +35,27 @@ def _slope_towards(state, axes, h0, g, j, h_foot, w):
     return h0[w] - h_foot - g * along / to_j
 
 
-@njit(cache=True, nogil=True)
-def _leave_node(state, axes, nbr_ptr, nbr, h0, g, j, p, value):
-    """Return the best of the edges at p for node j: value, other end or -1, its weight."""
-    best, end, weight = value, -1, 0.0
-    for entry in range(nbr_ptr[p], nbr_ptr[p + 1]):
-        w = np.int64(nbr[entry])
-        if (
-            has_own_bound(state, axes, h0, w)
-            and _slope_towards(state, axes, h0, g, j, h0[p], w) < 0.0
-        ):
-            lower, t = minimum_on_edge(state, axes, j, p, w, h0[p], h0[w], g)
-            if lower < best:
-                best, end, weight = lower, w, t
-    return best, end, weight
-
-
-@njit(cache=True, nogil=True)
-def _leave_edge(state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, t, value):
-    """Return the best of the triangles at the edge (p, q) for node j, whose foot is at t.
-
-    Value, its source and weights; in the plane the minimum is on another edge of a triangle.
-    """
-    best, s0, s1, s2, m1, m2 = value, p, q, -1, t, 0.0
-    h_foot = h0[p] + t * (h0[q] - h0[p])
+@inner
+def _face_with(axes, nbr_ptr, nbr, cells, ring_ptr, ring, p, q, w):
+    """Tell whether w, a neighbour of p, is one of q as well, in space in a cell of all three."""
     if len(axes) == 2:
-        for entry in range(nbr_ptr[p], nbr_ptr[p + 1]):
-            w = np.int64(nbr[entry])
-            if w == q or not has_own_bound(state, axes, h0, w):
-                continue
-            if _slope_towards(state, axes, h0, g, j, h_foot, w) >= 0.0:
-                continue
-            for other in range(nbr_ptr[q], nbr_ptr[q + 1]):
-                if nbr[other] == w:
-                    for end in (p, q):
-                        lower, m = minimum_on_edge(state, axes, j, end, w, h0[end], h0[w], g)
-                        if lower < best:
-                            best, s0, s1, m1 = lower, end, w, m
-        return best, s0, s1, s2, m1, m2
+        found = 0
+        for entry in range(nbr_ptr[q], nbr_ptr[q + 1]):
+            found += nbr[entry] == w
+        return found > 0
     for place in range(ring_ptr[p], ring_ptr[p + 1]):
         c = np.int64(ring[place])
-        with_q = False
+        found = 0
         for v in range(cells.shape[1]):
-            with_q = with_q or cells[c, v] == q
-        if not with_q:
-            continue
-        for v in range(cells.shape[1]):
-            w = np.int64(cells[c, v])
-            if w in (p, q) or not has_own_bound(state, axes, h0, w):
-                continue
-            if _slope_towards(state, axes, h0, g, j, h_foot, w) < 0.0:
-                lower, m, n = minimum_on_triangle(
-                    state, axes, j, p, q, w, h0[p], h0[q], h0[w], g, True
-                )
-                if lower < best:
-                    best, s0, s1, s2, m1, m2 = lower, p, q, w, m, n
-    return best, s0, s1, s2, m1, m2
+            if cells[c, v] == q or cells[c, v] == w:
+                found += 1
+        if found == 2:
+            return True
+    return False
 
 
-@njit(cache=True, nogil=True)
-def polish(state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, r, value, most):
+@inner
+def polish(state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, source, j, most):
     """Move the source of node j over neighbouring edges and triangles while that lowers j.
 
     Only where all nodes have their own ``h0``: there the data are linear.
@@ -99,38 +68,59 @@ def polish(state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, r, 
         Neighbours of the nodes, and cells around them (in space only); see track.py.
     h0 : float64[n]
     g : float64
-    j, p, q, r : int
-        A node and its source.
-    value : float64
-        Its size.
+    source : int32[n, dim]
+        The sources of the nodes.
+    j : int
+        A node.
     most : int
         Most moves.
 
     Returns
     -------
     value : float64
+        The size that the best source found allows.
     p, q, r : int
-        The last row of ``state`` is then the foot.
+        That source, ascending.
     l1, l2 : float64
+        Weights of q and r.
     """
+    p, q, r = source_of(source, axes, j)
+    value = state[j, len(axes)]
     l1 = l2 = 0.0
-    if q >= 0:
-        u_r = h0[r] if r >= 0 else 0.0
-        value, l1, l2 = value_from(state, axes, g, j, p, q, r, h0[p], h0[q], u_r)
+    if r != NONE:
+        return value, p, q, r, l1, l2
+    if q >= 0 and has_own_bound(state, axes, h0, q):
+        value, l1 = minimum_on_edge(state, axes, j, p, q, h0[p], h0[q], g)
     for _ in range(most):
         p, q, r, l1, l2 = drop_zero_weights(p, q, r, l1, l2)
         put_foot(state, axes, p, q, r, l1, l2)
         if r >= 0 or not has_own_bound(state, axes, h0, p):
             break
-        if q < 0:
-            best, end, m1 = _leave_node(state, axes, nbr_ptr, nbr, h0, g, j, p, value)
-            s0, s1, s2, m2 = p, end, -1, 0.0
-        elif has_own_bound(state, axes, h0, q):
-            best, s0, s1, s2, m1, m2 = _leave_edge(
-                state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, l1, value
-            )
-        else:
+        if q >= 0 and not has_own_bound(state, axes, h0, q):
             break
+        h_foot = h0[p]
+        if q >= 0:
+            h_foot += l1 * (h0[q] - h0[p])
+        best, s0, s1, s2, m1, m2 = value, p, q, r, l1, l2
+        for entry in range(nbr_ptr[p], nbr_ptr[p + 1]):
+            w = np.int64(nbr[entry])
+            if w == q or not has_own_bound(state, axes, h0, w):
+                continue
+            if _slope_towards(state, axes, h0, g, j, h_foot, w) >= 0.0:
+                continue
+            if q >= 0 and not _face_with(axes, nbr_ptr, nbr, cells, ring_ptr, ring, p, q, w):
+                continue
+            # In the plane the minimum over the triangle p, q, w is on its edges at w.
+            turns = 2 if len(axes) == 2 and q >= 0 else 1
+            for turn in range(turns):
+                a, b, d = p if turn == 0 else q, w, NONE
+                if len(axes) == 3 and q >= 0:
+                    b, d = q, w
+                a, b, d = ascending(a, b, d)
+                h_d = h0[d] if d >= 0 else 0.0
+                lower, n1, n2 = value_from(state, axes, g, j, a, b, d, h0[a], h0[b], h_d)
+                if lower < best:
+                    best, s0, s1, s2, m1, m2 = lower, a, b, d, n1, n2
         if not best < value * BETTER:
             break
         value, p, q, r, l1, l2 = best, s0, s1, s2, m1, m2

@@ -12,39 +12,42 @@ for `BEND`.  Weights of a point are those of q and r.
 import math
 
 import numpy as np
-from numba import njit
 
+from adaptsize._kernels.compiling import inner
 from adaptsize._kernels.local import distance, minimum_on_edge, minimum_on_triangle
 
 # Nodes of less weight are no part of a source: rounding.
 _NO_WEIGHT = 1e-14
 
+# No node; of the type of all node numbers, as each combination of types is compiled anew.
+NONE = np.int64(-1)
+
 # In place of r: an edge along which paths bend.  Its sizes are in ``bent``.
-BEND = -2
+BEND = np.int64(-2)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def drop_zero_weights(p, q, r, l1, l2):
     """Return those nodes of a source whose weights are positive, and the weights of q and r."""
     l0 = 1.0 - l1 - l2
     if q < 0:
-        return p, -1, -1, 0.0, 0.0
+        return p, NONE, NONE, 0.0, 0.0
     if l0 <= _NO_WEIGHT:
         if r < 0 or l2 <= _NO_WEIGHT:
-            return q, -1, -1, 0.0, 0.0
+            return q, NONE, NONE, 0.0, 0.0
         if l1 <= _NO_WEIGHT:
-            return r, -1, -1, 0.0, 0.0
-        return q, r, -1, l2 / (l1 + l2), 0.0
+            return r, NONE, NONE, 0.0, 0.0
+        return q, r, NONE, l2 / (l1 + l2), 0.0
     if l1 <= _NO_WEIGHT:
         if r < 0 or l2 <= _NO_WEIGHT:
-            return p, -1, -1, 0.0, 0.0
-        return p, r, -1, l2, 0.0
+            return p, NONE, NONE, 0.0, 0.0
+        return p, r, NONE, l2, 0.0
     if r < 0 or l2 <= _NO_WEIGHT:
-        return p, q, -1, l1, 0.0
+        return p, q, NONE, l1, 0.0
     return p, q, r, l1, l2
 
 
-@njit(cache=True, nogil=True)
+@inner
 def ascending(p, q, r):
     """Return the nodes of a source in ascending order, -1 last."""
     if q >= 0 and q < p:
@@ -56,7 +59,24 @@ def ascending(p, q, r):
     return p, q, r
 
 
-@njit(cache=True, nogil=True)
+@inner
+def others_in_cell(cells, c, k, h0):
+    """Return the nodes but k of cell c, at most three, that have a bound; ascending, -1 last."""
+    p = q = r = NONE
+    for v in range(cells.shape[1]):
+        j = np.int64(cells[c, v])
+        if j == k or h0[j] == math.inf:
+            continue
+        if p < 0:
+            p = j
+        elif q < 0:
+            q = j
+        else:
+            r = j
+    return ascending(p, q, r)
+
+
+@inner
 def set_source(source, k, p, q, r):
     source[k, 0] = p
     if source.shape[1] > 1:
@@ -65,18 +85,18 @@ def set_source(source, k, p, q, r):
         source[k, 2] = r
 
 
-@njit(cache=True, nogil=True)
+@inner
 def value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r):
     """Return the size at node k allowed by linear sizes on (p, q, r), and the weights of q, r."""
     if q < 0:
         return u_p + g * distance(state, axes, k, p), 0.0, 0.0
-    if r < 0:
+    if len(axes) < 3 or r < 0:  # spares compiling the rest for the plane
         value, t = minimum_on_edge(state, axes, k, p, q, u_p, u_q, g)
         return value, t, 0.0
     return minimum_on_triangle(state, axes, k, p, q, r, u_p, u_q, u_r, g, True)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def put_foot(state, axes, p, q, r, l1, l2):
     """Write the point of weights l1 at q and l2 at r into the last row of ``state``."""
     foot = state.shape[0] - 1
@@ -89,13 +109,13 @@ def put_foot(state, axes, p, q, r, l1, l2):
         state[foot, d] = x
 
 
-@njit(cache=True, nogil=True)
+@inner
 def has_own_bound(state, axes, h0, i):
     """Tell whether node i keeps a finite bound."""
     return h0[i] < math.inf and state[i, len(axes)] == h0[i]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def sizes_of(state, axes, h0, bent, j, p, q, r):
     """Return the sizes at the nodes of the source (p, q, r) of node j."""
     if q < 0:
@@ -105,11 +125,10 @@ def sizes_of(state, axes, h0, bent, j, p, q, r):
     return h0[p], h0[q], h0[r] if r >= 0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def source_of(source, axes, j):
     """Return the source of node j."""
-    # One type of integer everywhere: each combination would be compiled anew.
     p = np.int64(source[j, 0])
     q = np.int64(source[j, 1])
-    r = np.int64(source[j, 2]) if len(axes) > 2 else np.int64(-1)
+    r = np.int64(source[j, 2]) if len(axes) > 2 else NONE
     return p, q, r

@@ -12,27 +12,25 @@ nodes of a cell less one), see local.py.
 import math
 
 import numpy as np
-from numba import njit
 
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.heap import pop, push_or_decrease
 from adaptsize._kernels.local import distance, minimum_on_edge
-from adaptsize._kernels.march import minimum_in_cell
 from adaptsize._kernels.polish import BETTER, polish
 from adaptsize._kernels.source import (
     BEND,
-    ascending,
+    NONE,
     drop_zero_weights,
-    has_own_bound,
-    put_foot,
+    others_in_cell,
     set_source,
     sizes_of,
     source_of,
     value_from,
 )
-from adaptsize._kernels.visibility import is_visible
+from adaptsize._kernels.visibility import sees
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def compact_neighbours(others, star_ptr, star, mark, nbr_ptr):
     """Turn the stars of the nodes into lists of different neighbours, in place.
 
@@ -62,15 +60,14 @@ def compact_neighbours(others, star_ptr, star, mark, nbr_ptr):
     nbr_ptr[star_ptr.shape[0] - 1] = free
 
 
-@njit(cache=True, nogil=True)
-def start_from_cells(points, axes, cells, h0, g, faces, keep, state, source):
+@kernel
+def start_from_cells(axes, cells, h0, g, faces, keep, state, source):
     """Give every node the best source among the vertices and faces of its cells.
 
     Parameters
     ----------
-    points : float64[n, dim]
     axes : tuple of length dim
-    cells : int32[m, k]
+    cells : int32[m, dim + 1]
     h0 : float64[n]
         Bounds, inf allowed.
     g : float64
@@ -99,28 +96,30 @@ def start_from_cells(points, axes, cells, h0, g, faces, keep, state, source):
             continue
         dense = dense or finite > 1
         for v in range(cells.shape[1]):
-            k = cells[c, v]
+            k = np.int64(cells[c, v])
             if h0[k] <= least:
                 continue
-            if not faces or finite == 1 or dim == 1:
+            if not faces or finite == 1:
                 for w in range(cells.shape[1]):
-                    j = cells[c, w]
+                    j = np.int64(cells[c, w])
                     if h0[j] < state[k, dim]:
-                        value = h0[j] + g * distance(points, axes, k, j)
+                        value = h0[j] + g * distance(state, axes, k, j)
                         if value < state[k, dim] * keep:
                             state[k, dim] = value
-                            source[k, 0] = j
+                            set_source(source, k, j, NONE, NONE)
                 continue
-            value, i0, i1, i2, l1, l2 = minimum_in_cell(points, axes, cells, c, k, h0, g)
+            p, q, r = others_in_cell(cells, c, k, h0)
+            h_q = h0[q] if q >= 0 else 0.0
+            h_r = h0[r] if r >= 0 else 0.0
+            value, l1, l2 = value_from(state, axes, g, k, p, q, r, h0[p], h_q, h_r)
             if value < state[k, dim] * keep:
                 state[k, dim] = value
-                i0, i1, i2, l1, l2 = drop_zero_weights(i0, i1, i2, l1, l2)
-                i0, i1, i2 = ascending(i0, i1, i2)
-                set_source(source, k, i0, i1, i2)
+                p, q, r, l1, l2 = drop_zero_weights(p, q, r, l1, l2)
+                set_source(source, k, p, q, r)
     return dense
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def push_lowered(state, h0, key, node, place, size):
     """Put the nodes whose size is below ``h0`` into the heap (see heap.py)."""
     dim = state.shape[1] - 1
@@ -129,24 +128,7 @@ def push_lowered(state, h0, key, node, place, size):
             push_or_decrease(key, node, place, size, k, state[k, dim])
 
 
-@njit(cache=True, nogil=True)
-def _sees(state, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, p, q, r, l1, l2):
-    """Tell whether node k sees the point of weights l1, l2 of a source; remember if not."""
-    dim = len(axes)
-    if refused[k, 0] == p and refused[k, 1] == q and (dim < 3 or refused[k, 2] == r):
-        return False
-    put_foot(state, axes, p, q, r, l1, l2)
-    a, b, c, l1, l2 = drop_zero_weights(p, q, r, l1, l2)
-    most = 64 + 16 * int(cells.shape[0] ** (1.0 / dim))  # several times across the mesh
-    seen = is_visible(
-        state, axes, cells, ring_ptr, ring, patch, h0, source, k, a, b, c, p, q, r, most
-    )
-    if not seen:
-        set_source(refused, k, p, q, r)
-    return seen
-
-
-@njit(cache=True, nogil=True)
+@inner
 def _take(source, bent, k, p, q, r, u_p, u_q):
     """Make (p, q, r) the source of node k."""
     set_source(source, k, p, q, r)
@@ -155,7 +137,7 @@ def _take(source, bent, k, p, q, r, u_p, u_q):
         bent[k, 1] = u_q
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def track(
     state,
     axes,
@@ -234,27 +216,35 @@ def track(
         j = np.int64(pop(key, node, place, size))
         pops += 1
         if moves > 0:
-            _polish_node(
-                state,
-                axes,
-                nbr_ptr,
-                nbr,
-                cells,
-                ring_ptr,
-                ring,
-                patch,
-                h0,
-                g,
-                source,
-                refused,
-                j,
-                hidden,
-                moves,
+            value, p, q, r, l1, l2 = polish(
+                state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, source, j, moves
             )
+            if value < state[j, dim] * BETTER and (
+                not hidden
+                or sees(
+                    state,
+                    axes,
+                    cells,
+                    ring_ptr,
+                    ring,
+                    patch,
+                    h0,
+                    source,
+                    refused,
+                    j,
+                    p,
+                    q,
+                    r,
+                    l1,
+                    l2,
+                )
+            ):
+                state[j, dim] = value
+                set_source(source, j, p, q, r)
         h_j = state[j, dim]
         p, q, r = source_of(source, axes, j)
         if not straight:
-            p, q, r = j, np.int64(-1), np.int64(-1)
+            p, q, r = j, NONE, NONE
         u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
         # A node below h_j may still be lowered by the source of j, but hardly ever: for
         # one node it is cheap to try, for an edge it is not.
@@ -276,7 +266,7 @@ def track(
             if (
                 hidden
                 and (p != j or q >= 0)
-                and not _sees(
+                and not sees(
                     state,
                     axes,
                     cells,
@@ -324,7 +314,7 @@ def track(
     return pops
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _bend(
     state,
     axes,
@@ -354,7 +344,7 @@ def _bend(
     dim = len(axes)
     best = state[j, dim] + g * distance(state, axes, k, j)
     if best < state[k, dim] * keep:
-        set_source(source, k, j, -1, -1)
+        set_source(source, k, j, NONE, NONE)
     if dim < 3:
         return best
     u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
@@ -365,12 +355,12 @@ def _bend(
         if value >= best or value >= state[k, dim] * keep:
             continue
         s0, s1, s2 = source_of(source, axes, i)
-        if not (s0 == p and s1 == q and s2 == r) and not _sees(
+        if not (s0 == p and s1 == q and s2 == r) and not sees(
             state, axes, cells, ring_ptr, ring, patch, h0, source, refused, i, p, q, r, l1, l2
         ):
             continue
-        if _sees(
-            state, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, j, i, -1, t, 0.0
+        if sees(
+            state, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, j, i, NONE, t, 0.0
         ):
             best = value
             if i < j:
@@ -380,44 +370,7 @@ def _bend(
     return best
 
 
-@njit(cache=True, nogil=True)
-def _polish_node(
-    state,
-    axes,
-    nbr_ptr,
-    nbr,
-    cells,
-    ring_ptr,
-    ring,
-    patch,
-    h0,
-    g,
-    source,
-    refused,
-    j,
-    hidden,
-    moves,
-):
-    """Give node j the polished source, if it is better and in sight."""
-    p, q, r = source_of(source, axes, j)
-    if r != -1 or not has_own_bound(state, axes, h0, p):
-        return
-    if q >= 0 and not has_own_bound(state, axes, h0, q):
-        return
-    h_j = state[j, len(axes)]
-    value, p, q, r, l1, l2 = polish(
-        state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, j, p, q, r, h_j, moves
-    )
-    if value < h_j * BETTER and (
-        not hidden
-        or _sees(state, axes, cells, ring_ptr, ring, patch, h0, source, refused, j, p, q, r, l1, l2)
-    ):
-        state[j, len(axes)] = value
-        p, q, r = ascending(p, q, r)
-        set_source(source, j, p, q, r)
-
-
-@njit(cache=True, nogil=True)
+@kernel
 def offer_once_more(
     state,
     axes,
@@ -475,7 +428,7 @@ def offer_once_more(
                 value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
                 if value >= state[k, dim] * keep:
                     continue
-                if not hidden or _sees(
+                if not hidden or sees(
                     state,
                     axes,
                     cells,
@@ -499,7 +452,7 @@ def offer_once_more(
     return lowered
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def largest_edge_excess(state, axes, nbr_ptr, nbr, g):
     """Return by how much a size is above what its neighbours allow, relative to it, at most."""
     dim = len(axes)

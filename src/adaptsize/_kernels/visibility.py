@@ -17,7 +17,9 @@ facet opposite to v.  ``axes`` is a tuple of which only the length counts.
 import math
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import inner
+from adaptsize._kernels.source import drop_zero_weights, put_foot, set_source
 
 # Beyond a facet by less than this share of the height of the cell is not beyond it.
 GRAZING = 1e-10
@@ -32,7 +34,7 @@ _CLEARLY = 1e-6
 _NEAR = 3.0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _has_node(cells, c, i):
     found = False
     for v in range(cells.shape[1]):
@@ -40,22 +42,22 @@ def _has_node(cells, c, i):
     return found
 
 
-@njit(cache=True, nogil=True)
+@inner
 def coordinates_of_two(points, axes, cells, c, v, i, j):
     """Return the barycentric coordinates of nodes i and j for vertex v of cell c.
 
     -inf, twice, if the cell is degenerate.
     """
     k = len(axes) + 1
-    top = cells[c, v]
-    a = cells[c, (v + 1) % k]
-    b = cells[c, (v + 2) % k]
+    top = np.int64(cells[c, v])
+    a = np.int64(cells[c, (v + 1) % k])
+    b = np.int64(cells[c, (v + 2) % k])
     ux = points[b, 0] - points[a, 0]
     uy = points[b, 1] - points[a, 1]
     if len(axes) == 2:
         nx, ny, nz = -uy, ux, 0.0
     else:
-        d = cells[c, (v + 3) % k]
+        d = np.int64(cells[c, (v + 3) % k])
         uz = points[b, 2] - points[a, 2]
         wx = points[d, 0] - points[a, 0]
         wy = points[d, 1] - points[a, 1]
@@ -75,7 +77,7 @@ def coordinates_of_two(points, axes, cells, c, v, i, j):
     return at_i / height, at_j / height
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
     """Return the cell across the facet of cell c opposite to its vertex v.
 
@@ -85,7 +87,7 @@ def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
     a = np.int64(cells[c, (v + 1) % k])
     b = np.int64(cells[c, (v + 2) % k])
     d = np.int64(cells[c, (v + k - 1) % k])  # b again for triangles
-    found = -1
+    found = np.int64(-1)
     for place in range(ring_ptr[a], ring_ptr[a + 1]):
         here = np.int64(ring[place])
         if here != c and _has_node(cells, here, b) and (d == b or _has_node(cells, here, d)):
@@ -94,7 +96,7 @@ def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
             found = here
     if found < 0:
         return -1
-    i = -1
+    i = np.int64(-1)
     for w in range(k):
         if not _has_node(cells, c, np.int64(cells[found, w])):
             i = np.int64(cells[found, w])
@@ -106,7 +108,7 @@ def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
     return found
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _holds(cells, c, p, q, r):
     """Tell whether cell c has all nodes of the source (-1: none)."""
     return (
@@ -116,7 +118,7 @@ def _holds(cells, c, p, q, r):
     )
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
     """Tell whether the facet of cell c opposite to v shows that the line through it arrives."""
     dim = len(axes)
@@ -153,16 +155,14 @@ def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
     return farthest <= _NEAR * _NEAR * longest
 
 
-@njit(cache=True, nogil=True)
-def is_visible(
-    points, axes, cells, ring_ptr, ring, patch, h0, source, k, p, q, r, s0, s1, s2, max_steps
-):
+@inner
+def sees(points, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, s0, s1, s2, l1, l2):
     """Tell whether the straight line from node k to a point of a source lies in the mesh.
 
     Parameters
     ----------
     points : float64[n + 1, dim + 1]
-        Coordinates and sizes; the last row is the point.
+        In/Out: coordinates and sizes; the last row is then the point.
     axes : tuple of length dim
     cells : int32[m, dim + 1]
     ring_ptr : int64[n + 1]
@@ -173,17 +173,36 @@ def is_visible(
     h0 : float64[n]
     source : int32[n, dim]
         Sources of the nodes.
+    refused : int32[n, dim]
+        In/Out: the last source that each node did not see.
     k : int
-    p, q, r : int
-        The nodes between which the point lies, -1 where there are fewer.
     s0, s1, s2 : int
         The source offered, as in ``source``.
-    max_steps : int
-        Refuse after so many cells.
+    l1, l2 : float64
+        Weights of s1 and s2 at the point.
     """
+    dim = len(axes)
+    if refused[k, 0] == s0 and refused[k, 1] == s1 and (dim < 3 or refused[k, 2] == s2):
+        return False
+    put_foot(points, axes, s0, s1, s2, l1, l2)
+    p, q, r, l1, l2 = drop_zero_weights(s0, s1, s2, l1, l2)
+    most = 64 + 16 * int(cells.shape[0] ** (1.0 / dim))  # several times across the mesh
+    seen = _arrives(
+        points, axes, cells, ring_ptr, ring, patch, h0, source, k, p, q, r, s0, s1, s2, most
+    )
+    if not seen:
+        set_source(refused, k, s0, s1, s2)
+    return seen
+
+
+@inner
+def _arrives(
+    points, axes, cells, ring_ptr, ring, patch, h0, source, k, p, q, r, s0, s1, s2, max_steps
+):
+    """Follow the line from node k to the last row of ``points``, which lies between p, q and r."""
     y = points.shape[0] - 1
     # The cell into which the line leaves k: where it is most clearly inside the cone at k.
-    c = entry = -1
+    c = entry = np.int64(-1)
     best = _CONE
     for place in range(ring_ptr[k], ring_ptr[k + 1]):
         here = np.int64(ring[place])
@@ -216,7 +235,7 @@ def is_visible(
             return False
         if _holds(cells, beyond, p, q, r):
             return True
-        way_out = -1
+        way_out = np.int64(-1)
         nearest = math.inf
         for v in range(cells.shape[1]):
             if not _has_node(cells, c, np.int64(cells[beyond, v])):

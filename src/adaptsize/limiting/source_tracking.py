@@ -167,7 +167,7 @@ def solve_source_tracking(
     n = mesh.n_points
     work = _begin(mesh, h0)
     dense = kernels.start_from_cells(
-        mesh.points, work.axes, mesh.cells, h0, slope, face_sources, _KEEP, work.state, work.source
+        work.axes, mesh.cells, h0, slope, face_sources, _KEEP, work.state, work.source
     )
     kernels.push_lowered(work.state, h0, *work.heap)
     taken, convex = 0, True
@@ -187,7 +187,7 @@ def solve_source_tracking(
             straight = taken < _PATIENCE * n
             taken += kernels.track(*problem, not convex, straight, moves, _KEEP, _CHUNK)
             report("limiting the gradient", min(taken / n, 1.0))
-            if work.heap[3][0] == 0 and straight and chances > 0:
+            if work.heap[3][0] == 0 and straight and chances > 0 and contested.any():
                 chances -= 1
                 kernels.offer_once_more(*problem, not convex, _KEEP)
     excess = 0.0
