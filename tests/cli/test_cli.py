@@ -175,6 +175,32 @@ def test_limit_names_the_fields_there_are(capsys, square):
     assert "no nodal field 'nope'; it has: h0" in capsys.readouterr().err
 
 
+def test_limit_writes_and_lists_the_nodes_that_sizes_come_from(capsys, square):
+    # Opposite corners: the size of 0.4 reaches nothing but its own node.
+    write(square, read(square), fields={"h0": [0.1, np.inf, 0.4, np.inf]})
+    output, sources = square.with_name("limited.vtu"), square.with_name("sources.vtu")
+    words = ["--field", "h0", "-g", "0.3", "-o", output, "--sources", sources]
+    assert call("limit", square, *words) == 0
+    told = capsys.readouterr().out
+    assert "source-tracking: 2 of 4 nodes lowered" in told
+    assert "sizes come from 2 nodes, most of them from" in told
+    assert "node 0 at (0, 0" in told
+    assert "75.0 % of the nodes" in told
+    assert str(sources) in told
+    fields = read(sources).point_data
+    np.testing.assert_array_equal(fields["source"], [0, 0, 2, 0])
+    np.testing.assert_allclose(fields["h"], [0.1, 0.4, 0.4, 0.4], rtol=1e-12)
+
+
+def test_limit_tells_when_the_method_knows_no_sources(capsys, square):
+    output, sources = square.with_name("limited.vtu"), square.with_name("sources.vtu")
+    words = ["--field", "h0", "-g", "0.3", "-o", output, "--sources", sources]
+    assert call("limit", square, *words, "--method", "fast-marching") == 1
+    told = "adaptsize: error: --sources needs source tracking (a flat mesh, one gradient limit), "
+    assert capsys.readouterr().err == told + "got method 'fast-marching'\n"
+    assert not sources.exists()
+
+
 def test_check_prints_json(capsys, square):
     mesh = read(square)
     write(square, mesh, fields={"h": np.ones(4)})

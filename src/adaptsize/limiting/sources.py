@@ -48,6 +48,12 @@ class SizeSources:
     """Whether every straight line between nodes lies in the domain."""
     transform: SizeTransform | None = None
 
+    def __post_init__(self) -> None:
+        unreached = np.isinf(self.limited)  # where each node counts as its own source so far
+        if unreached.any():
+            nodes = np.where(unreached[:, None], np.int32(-1), self.nodes)
+            object.__setattr__(self, "nodes", nodes)  # the way in for a frozen dataclass
+
     def __repr__(self) -> str:
         """Say how many sources feed how many nodes."""
         used = self.nodes[self.nodes[:, 0] >= 0]
