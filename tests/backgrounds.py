@@ -48,14 +48,19 @@ class Case:
     residual: float = 1e-12
     """Bound on `LimitingInfo.residual` with ``options``."""
     convergence: float | None = 1.0
-    """Order away from the tips of cones; None: not in the order suite."""
+    """Order away from the tips of cones; None: it does not converge, or needs no order suite."""
+    is_exact: bool = False
+    """Whether it meets sizes from single points to rounding where straight lines stay inside."""
+    linear_g: bool = False
+    """Whether g of nodes is linear between them, and not its mean in each cell."""
     exempt: Mapping[str, str] = field(default_factory=dict)
     """Laws that it does not keep, by the name of the test without "test_", and why."""
     share: float = 0.5
     """Of the examples that the profile of hypothesis asks for."""
 
     def __str__(self) -> str:
-        return f"{self.background}-{self.method}" + ("-2" if self.order == 2 else "")
+        name = f"{self.background}-{self.method}" + ("-2" if self.order == 2 else "")
+        return name if self.options.get("face_sources", True) else f"{name}-of-nodes"
 
     def limit(self, background: Background, h0: Any, g: Any, **options: Any) -> Any:
         """Run the scheme with the options of the laws, or others."""
@@ -93,11 +98,50 @@ _SECOND_ORDER = {
     "difference across them, is another set the second time",
 }
 
+# Of bounds on edges and faces.  Of 160 random meshes a quarter changed, by up to 0.4 of a size.
+_ONCE = "the limited sizes, linear on edges and faces, bound more than the first ones did"
+_TRACKED: dict[str, Any] = {
+    "limits": ("number",), "convergence": 2.0, "is_exact": True,
+    "exempt": {"limiting_twice_changes_nothing": _ONCE},
+}  # fmt: skip
+_NODES_ONLY: dict[str, Any] = {
+    # Sizes of nodes say nothing between them: no waves from a side.
+    **_TRACKED, "options": {"face_sources": False}, "exempt": {}, "convergence": None,
+}  # fmt: skip
+# A node moved onto another one folds cells over others, where what is inside, and so what
+# sees what, is a matter of the numbering: tests/test_source_tracking.py and tests/test_hermite.py
+# try what still holds there.
+_UNFOLDED: dict[str, Any] = {"masks": False}
+
+# Cubics are given up for straight lines where a gradient is not known or a front bends away: as
+# soon as sizes or numbers differ, at other nodes.  Of 80 random meshes, by up to 0.1 of a size.
+_NO_LAW = "which nodes have a gradient depends on the order in which fronts come by"
+_CUBIC: dict[str, Any] = {
+    "linear_g": True,
+    "convergence": 1.7,  # of the mean error; 1.6 to 1.9 as a rule, less where fronts meet
+    "rounding": 1e-8,  # Newton's method stops at 1e-6 of an edge, where sizes are stationary
+    "exempt": {
+        "limiting_twice_changes_nothing": "sources have no gradient: the second time all nodes",
+        "lower_bounds_give_lower_sizes": _NO_LAW,
+        "larger_g_gives_larger_sizes": _NO_LAW,
+        "is_the_largest_solution_of_its_own_equations": _NO_LAW,
+        "numbering_and_orientation_do_not_matter": _NO_LAW,
+    },
+    **_UNFOLDED,
+}
+_FACTORED: dict[str, Any] = {**_CUBIC, "limits": ("number", "nodes"), "is_exact": True}
+
 CASES = (
+    Case("simplices", "source-tracking", kinds=_FLAT, **_TRACKED, **_UNFOLDED, share=0.4),
+    Case("simplices", "source-tracking", kinds=_FLAT, **_NODES_ONLY, **_UNFOLDED, share=0.4),
+    Case("simplices", "factored", kinds=("plane",), **_FACTORED, share=0.3),
+    Case("simplices", "hermite", kinds=("plane", "surface"), **_CUBIC, share=0.3),
     Case("simplices", "fast-marching", share=0.7),
     Case("simplices", "positive-coefficient", residual=1e-3, share=0.5),
     Case("simplices", "edge-based", convergence=None, share=0.3),
     Case("simplices", "exact", kinds=_FLAT, **_FORMULA, share=0.25),
+    Case("grid", "source-tracking", **_TRACKED, share=0.3),
+    Case("grid", "source-tracking", **_NODES_ONLY, share=0.3),
     Case("grid", "fast-marching", share=0.5),
     Case("grid", "fast-marching", 2, convergence=2.0, exempt=_SECOND_ORDER, share=0.5),
     Case("grid", "hamilton-jacobi", **_TIGHT, share=0.3),
@@ -105,6 +149,7 @@ CASES = (
     Case("grid", "edge-based", convergence=None, share=0.3),
     Case("grid", "exact", **_FORMULA, share=0.2),
     # The same schemes on the simplices of the leaves: fewer examples do.
+    Case("octree", "source-tracking", **_TRACKED, share=0.2),
     Case("octree", "fast-marching", share=0.2),
     Case("octree", "positive-coefficient", residual=1e-3, share=0.15),
     Case("octree", "edge-based", convergence=None, share=0.1),
@@ -243,8 +288,11 @@ class Rises(NamedTuple):
     rise: FloatArray
 
 
-def rises(background: Background, g: Any) -> Rises:
-    """Return the bound on every edge: g of the cell, on grids of the larger end, times length."""
+def rises(background: Background, g: Any, *, linear_g: bool = False) -> Rises:
+    """Return the bound on every edge: g of the cell, on grids of the larger end, times length.
+
+    g of nodes is their mean in the cell, or with ``linear_g`` that of the ends of the edge.
+    """
     if isinstance(background, CartesianGrid):
         i, j, length = _grid_edges(background)
         return Rises(i, j, np.broadcast_to(g, background.shape).ravel()[i] * length)
@@ -257,6 +305,8 @@ def rises(background: Background, g: Any) -> Rises:
     pairs = [(mesh.cells[:, v], mesh.cells[:, w]) for v in width for w in width if v != w]
     i, j = np.concatenate(pairs, axis=1)
     length = np.linalg.norm(mesh.points[i] - mesh.points[j], axis=1)
+    if linear_g and np.shape(g) == (mesh.n_points,):
+        return Rises(i, j, 0.5 * (g[i] + g[j]) * length)
     return Rises(i, j, np.tile(of_cells, len(pairs)) * length)
 
 

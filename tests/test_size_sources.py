@@ -120,7 +120,7 @@ def test_roots_of_an_edge_are_its_smaller_end_and_of_nothing_minus_1():
     square = structured_square(4, half_width=1.0)
     n = square.n_points
     apart = SimplexMesh(
-        np.concatenate([square.points, square.points + [5.0, 0.0]]),
+        np.concatenate([square.points, square.points + np.array([5.0, 0.0])]),
         np.concatenate([square.cells, square.cells + n]),
     )
     # Linear along the lower side, of a slope below g: sources are inside its edges.
