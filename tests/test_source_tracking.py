@@ -9,6 +9,7 @@ from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting.source_tracking import solve_source_tracking
+from domains import star_holes
 from meshes import jittered_square, random_square, structured_square
 
 G = 0.3
@@ -116,15 +117,21 @@ def test_smooth_full_field_is_met_to_more_than_first_order():
     def bound(x, y):
         return 0.5 + 0.2 * np.sin(4.0 * x) * np.cos(3.0 * y)
 
-    axis = np.linspace(-1.0, 1.0, 601)
-    fine = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    sizes = bound(*fine.T)
+    def limited(x):  # the best of a coarse grid, and then of a fine one around that
+        centre, half = np.zeros(2), 1.0
+        for _ in range(2):
+            axes = np.clip(np.linspace(centre - half, centre + half, 101).T, -1.0, 1.0)
+            grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+            sizes = bound(*grid.T) + G * np.linalg.norm(grid - x, axis=1)
+            centre, half = grid[np.argmin(sizes)], 0.03
+        return sizes.min()
+
     errors = []
     for n_side in (21, 41):
         mesh = jittered_square(n_side, 918, half_width=1.0)
         h = solve(mesh, bound(*mesh.points.T)).h
         some = np.arange(0, mesh.n_points, n_side**2 // 150)
-        exact = [(sizes + G * np.linalg.norm(fine - x, axis=1)).min() for x in mesh.points[some]]
+        exact = [limited(x) for x in mesh.points[some]]
         errors.append(np.abs(h[some] - exact).mean())
     assert errors[1] < 0.4 * errors[0], errors
     assert errors[1] < 1e-3
@@ -212,6 +219,18 @@ def test_sizes_beyond_reflex_edges_in_space():
         errors.append(error.max())
     assert errors[0] < 0.05
     assert errors[1] < 0.5 * errors[0], errors
+
+
+def test_lines_that_stay_clear_of_the_boundary_need_no_walk(monkeypatch):
+    mesh, _ = star_holes(3000, seed=923)
+    h0 = 6.0 + np.random.default_rng(924).uniform(0.0, 4.0, mesh.n_points)
+    h = solve(mesh, h0).h
+    assert np.mean(h < h0) > 0.5
+    monkeypatch.setattr(
+        "adaptsize.limiting.source_tracking.clearance_of",
+        lambda points, facets: np.zeros(len(points)),
+    )
+    assert (solve(mesh, h0).h == h).all()
 
 
 def test_two_components_do_not_see_each_other():

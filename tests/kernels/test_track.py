@@ -5,8 +5,16 @@ import pytest
 
 from adaptsize import SimplexMesh
 from adaptsize._kernels.boundary import sum_facets
-from adaptsize.limiting.domain import creases_of, flat_boundary, is_convex, pieces_of, turns_of
+from adaptsize.limiting.domain import (
+    clearance_of,
+    creases_of,
+    flat_boundary,
+    is_convex,
+    pieces_of,
+    turns_of,
+)
 from adaptsize.limiting.source_tracking import _NO_OBSTACLES, _surroundings
+from domains import slit_square, star_holes, wall_box
 from meshes import jittered_cube, jittered_square, random_square, structured_square
 
 
@@ -127,3 +135,39 @@ def test_pieces_are_cut_at_reflex_corners_and_creases_are_reflex_edges():
     ends = np.repeat(np.arange(ell.n_points), np.diff(first))
     assert sorted(ell.points[np.column_stack([ends, other])][:, :, :2].ravel()) == [1.0] * 16
     assert len(other) == 4  # two edges, told at both ends
+
+
+def distance_from_rings(rings, points):
+    a = np.concatenate(rings)
+    e = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - a
+    w = points[:, None] - a
+    t = np.clip((w * e).sum(axis=2) / (e * e).sum(axis=1), 0.0, 1.0)
+    return np.linalg.norm(w - t[..., None] * e, axis=2).min(axis=1)
+
+
+@pytest.mark.parametrize("make", [slit_square, star_holes, wall_box])
+def test_clearance_is_a_lower_bound_of_the_distance_from_the_boundary(make):
+    mesh, rings = make(4000, seed=907)
+    facets = flat_boundary(mesh).facets
+    exact = distance_from_rings(rings, mesh.points[:, :2])
+    if mesh.dim == 3:
+        exact = np.minimum(exact, 50.0 - np.abs(mesh.points[:, 2]))
+    clearance = clearance_of(mesh.points, facets)
+    assert (clearance <= exact + 1e-12).all()
+    # The grid has n/4 cells of side s; s (1 + 1) sqrt(d) + 2 rho bounds what is given away.
+    side = (1e2**mesh.dim * 4.0 / mesh.n_points) ** (1.0 / mesh.dim)
+    given_away = side * (2.0 * np.sqrt(mesh.dim) + (1.0 if mesh.dim == 2 else 2.0 / np.sqrt(3.0)))
+    assert (clearance >= np.maximum(exact - given_away, 0.0) - 1e-9).all()
+    assert clearance.max() > 0.1 * exact.max()
+    # One long facet is cut in parts: the bound holds between its ends as well.
+    triangle = np.array([[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]])
+    inside = np.random.default_rng(908).dirichlet([1.0, 1.0, 1.0], 4000) @ triangle
+    bound = clearance_of(np.vstack([triangle, inside]), np.array([[0, 1], [1, 2], [2, 0]]))[3:]
+    assert (bound <= distance_from_rings([triangle], inside)).all()
+    assert bound.max() > 1.0
+
+
+def test_clearance_of_what_has_no_extent_is_zero():
+    assert (clearance_of(np.zeros((3, 2)), np.array([[0, 1], [1, 2], [2, 0]])) == 0.0).all()
+    flat = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    assert (clearance_of(flat, np.array([[0, 1], [1, 2], [2, 0]])) == 0.0).all()

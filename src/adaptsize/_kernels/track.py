@@ -149,6 +149,7 @@ def track(
     crease_ptr,
     crease,
     patch,
+    clearance,
     h0,
     g,
     source,
@@ -183,6 +184,8 @@ def track(
         For each node the other ends of the reflex edges; used in space if something is hidden.
     patch : int32[n]
         Piece of the boundary (see visibility.py); used if something is hidden.
+    clearance : float64[n] or float64[0]
+        Lower bounds of the distances from the boundary (see visibility.py).
     h0 : float64[n]
     g : float64
     source : int32[n, dim]
@@ -228,6 +231,7 @@ def track(
                     ring_ptr,
                     ring,
                     patch,
+                    clearance,
                     h0,
                     source,
                     refused,
@@ -273,6 +277,7 @@ def track(
                     ring_ptr,
                     ring,
                     patch,
+                    clearance,
                     h0,
                     source,
                     refused,
@@ -291,6 +296,7 @@ def track(
                     ring_ptr,
                     ring,
                     patch,
+                    clearance,
                     crease_ptr,
                     crease,
                     h0,
@@ -322,6 +328,7 @@ def _bend(
     ring_ptr,
     ring,
     patch,
+    clearance,
     crease_ptr,
     crease,
     h0,
@@ -356,11 +363,41 @@ def _bend(
             continue
         s0, s1, s2 = source_of(source, axes, i)
         if not (s0 == p and s1 == q and s2 == r) and not sees(
-            state, axes, cells, ring_ptr, ring, patch, h0, source, refused, i, p, q, r, l1, l2
+            state,
+            axes,
+            cells,
+            ring_ptr,
+            ring,
+            patch,
+            clearance,
+            h0,
+            source,
+            refused,
+            i,
+            p,
+            q,
+            r,
+            l1,
+            l2,
         ):
             continue
         if sees(
-            state, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, j, i, NONE, t, 0.0
+            state,
+            axes,
+            cells,
+            ring_ptr,
+            ring,
+            patch,
+            clearance,
+            h0,
+            source,
+            refused,
+            k,
+            j,
+            i,
+            NONE,
+            t,
+            0.0,
         ):
             best = value
             if i < j:
@@ -382,6 +419,7 @@ def offer_once_more(
     crease_ptr,
     crease,
     patch,
+    clearance,
     h0,
     g,
     source,
@@ -435,6 +473,7 @@ def offer_once_more(
                     ring_ptr,
                     ring,
                     patch,
+                    clearance,
                     h0,
                     source,
                     refused,

@@ -1,7 +1,8 @@
 """Whether the straight line from a node to a source stays inside a flat mesh.
 
 The line is followed from cell to cell (a walk) until it reaches a cell of the source.
-Most walks end before, on the certificate of a facet that the line crosses.
+Lines within two balls around their ends that do not reach the boundary need no walk.
+Most others end before, on the certificate of a facet that the line crosses.
 
 * All nodes of the facet have the source.  They see it, so the sides of the hull of facet
   and source lie in the mesh; only a hole that fits into that hull as a whole, and so is
@@ -19,6 +20,7 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import inner
+from adaptsize._kernels.local import distance
 from adaptsize._kernels.source import drop_zero_weights, put_foot, set_source
 
 # Beyond a facet by less than this share of the height of the cell is not beyond it.
@@ -156,7 +158,24 @@ def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
 
 
 @inner
-def sees(points, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, s0, s1, s2, l1, l2):
+def sees(
+    points,
+    axes,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    clearance,
+    h0,
+    source,
+    refused,
+    k,
+    s0,
+    s1,
+    s2,
+    l1,
+    l2,
+):
     """Tell whether the straight line from node k to a point of a source lies in the mesh.
 
     Parameters
@@ -170,6 +189,8 @@ def sees(points, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, s0,
         Cells around each node.
     patch : int32[n]
         Piece of the boundary to which a node belongs; -1 inside and where pieces meet.
+    clearance : float64[n] or float64[0]
+        Lower bounds of the distances of the nodes from the boundary, if there are any.
     h0 : float64[n]
     source : int32[n, dim]
         Sources of the nodes.
@@ -185,6 +206,12 @@ def sees(points, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, s0,
     if refused[k, 0] == s0 and refused[k, 1] == s1 and (dim < 3 or refused[k, 2] == s2):
         return False
     put_foot(points, axes, s0, s1, s2, l1, l2)
+    if k < clearance.shape[0]:
+        # Two balls that cover the line and do not meet the boundary.
+        y = points.shape[0] - 1
+        at_y = clearance[s0] - distance(points, axes, s0, y)
+        if distance(points, axes, k, y) < clearance[k] + max(at_y, 0.0):
+            return True
     p, q, r, l1, l2 = drop_zero_weights(s0, s1, s2, l1, l2)
     most = 64 + 16 * int(cells.shape[0] ** (1.0 / dim))  # several times across the mesh
     seen = _arrives(

@@ -12,6 +12,7 @@ from adaptsize._kernels import track as kernels
 from adaptsize._kernels.march import fill_stars
 from adaptsize._kernels.source import BEND
 from adaptsize.limiting.domain import (
+    clearance_of,
     creases_of,
     flat_boundary,
     is_convex,
@@ -72,6 +73,7 @@ class _Surroundings(NamedTuple):
     crease_ptr: IntArray
     crease: IntArray
     patch: IntArray
+    clearance: FloatArray
 
 
 class _Obstacles(NamedTuple):
@@ -80,9 +82,12 @@ class _Obstacles(NamedTuple):
     crease_ptr: IntArray
     crease: IntArray
     patch: IntArray
+    clearance: FloatArray
 
 
-_NO_OBSTACLES = _Obstacles(np.zeros(1, np.int32), np.empty(0, np.int32), np.full(1, -1, np.int32))
+_NO_OBSTACLES = _Obstacles(
+    np.zeros(1, np.int32), np.empty(0, np.int32), np.full(1, -1, np.int32), np.empty(0)
+)
 
 
 def solve_source_tracking(
@@ -173,7 +178,8 @@ def solve_source_tracking(
     taken, convex = 0, True
     bent = np.empty((1, 2))
     if work.heap[3][0] > 0:
-        convex, sight = _shape(mesh, domain_is_convex)
+        many = 2 * np.count_nonzero(np.isfinite(h0)) > n
+        convex, sight = _shape(mesh, domain_is_convex, near_sources=bool(many))
         moves = polish if dense and face_sources else 0
         near = _surroundings(mesh, not convex or (mesh.dim == 3 and moves > 0), sight)
         refused = np.full((1 if convex else n, mesh.dim), -1, np.int32)
@@ -237,7 +243,9 @@ def _source_sizes(h: FloatArray, h0: FloatArray, source: IntArray, bent: FloatAr
     return sizes
 
 
-def _shape(mesh: SimplexMesh, domain_is_convex: bool | Literal["auto"]) -> tuple[bool, _Obstacles]:
+def _shape(
+    mesh: SimplexMesh, domain_is_convex: bool | Literal["auto"], *, near_sources: bool
+) -> tuple[bool, _Obstacles]:
     """Return whether the domain is convex, and if not where straight lines are in danger."""
     if domain_is_convex is True:
         return True, _NO_OBSTACLES
@@ -246,7 +254,9 @@ def _shape(mesh: SimplexMesh, domain_is_convex: bool | Literal["auto"]) -> tuple
     if domain_is_convex == "auto" and is_convex(mesh.points, boundary, turns):
         return True, _NO_OBSTACLES
     pieces = pieces_of(mesh.n_points, boundary, turns)
-    return False, _Obstacles(*creases_of(mesh.n_points, turns), pieces)
+    # Sources on the boundary are farther away than it: then the bounds are of no use.
+    clearance = clearance_of(mesh.points, boundary.facets) if near_sources else np.empty(0)
+    return False, _Obstacles(*creases_of(mesh.n_points, turns), pieces, clearance)
 
 
 def _surroundings(mesh: SimplexMesh, need_rings: bool, obstacles: _Obstacles) -> _Surroundings:
