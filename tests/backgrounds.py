@@ -132,16 +132,16 @@ _CUBIC: dict[str, Any] = {
 _FACTORED: dict[str, Any] = {**_CUBIC, "limits": ("number", "nodes"), "is_exact": True}
 
 CASES = (
-    Case("simplices", "source-tracking", kinds=_FLAT, **_TRACKED, **_UNFOLDED, share=0.4),
-    Case("simplices", "source-tracking", kinds=_FLAT, **_NODES_ONLY, **_UNFOLDED, share=0.4),
-    Case("simplices", "factored", kinds=("plane",), **_FACTORED, share=0.3),
-    Case("simplices", "hermite", kinds=("plane", "surface"), **_CUBIC, share=0.3),
+    Case("simplices", "source-tracking", kinds=_FLAT, **_TRACKED, **_UNFOLDED, share=0.3),
+    Case("simplices", "source-tracking", kinds=_FLAT, **_NODES_ONLY, **_UNFOLDED, share=0.25),
+    Case("simplices", "factored", kinds=("plane",), **_FACTORED, share=0.2),
+    Case("simplices", "hermite", kinds=("plane", "surface"), **_CUBIC, share=0.2),
     Case("simplices", "fast-marching", share=0.7),
     Case("simplices", "positive-coefficient", residual=1e-3, share=0.5),
     Case("simplices", "edge-based", convergence=None, share=0.3),
     Case("simplices", "exact", kinds=_FLAT, **_FORMULA, share=0.25),
     Case("grid", "source-tracking", **_TRACKED, share=0.3),
-    Case("grid", "source-tracking", **_NODES_ONLY, share=0.3),
+    Case("grid", "source-tracking", **_NODES_ONLY, share=0.15),
     Case("grid", "fast-marching", share=0.5),
     Case("grid", "fast-marching", 2, convergence=2.0, exempt=_SECOND_ORDER, share=0.5),
     Case("grid", "hamilton-jacobi", **_TIGHT, share=0.3),
@@ -149,7 +149,7 @@ CASES = (
     Case("grid", "edge-based", convergence=None, share=0.3),
     Case("grid", "exact", **_FORMULA, share=0.2),
     # The same schemes on the simplices of the leaves: fewer examples do.
-    Case("octree", "source-tracking", **_TRACKED, share=0.2),
+    Case("octree", "source-tracking", **_TRACKED, share=0.1),
     Case("octree", "fast-marching", share=0.2),
     Case("octree", "positive-coefficient", residual=1e-3, share=0.15),
     Case("octree", "edge-based", convergence=None, share=0.1),
