@@ -1,127 +1,95 @@
-"""Time the limiting schemes on the two-source problem of Persson, section 6.2.
+"""Time the limiting schemes, and measure their errors, on problems of known solution.
 
-    python benchmarks/limiting.py [--quick] [--output benchmarks/results]
+    python benchmarks/limiting.py [--quick] [--only TEXT] [--output benchmarks/results]
 
-Jittered Delaunay triangles (10k to 640k nodes) and jittered tetrahedra (30k to 1M
-nodes); every run is a process of its own on one thread, kernels compiled beforehand, best of
-three.  Seconds are all in: arrays in, array out, adjacency included.  Writes
-`limiting.md` and `limiting.json`.
+Two sources (Persson, section 6.2) on triangles, tetrahedra and grids; hundreds of
+sources; domains with slits, holes, mazes and walls; data on a boundary, smooth fields, noise; a
+smooth g and a sphere.  Every problem is a process of its own on one thread.  Its methods take
+turns, so that ratios of their times come from one stretch of time; kernels are compiled
+beforehand.  Seconds are processor time, the best of three (two for 100 000 nodes and more; one
+for the slow iteration, which is left out above 300 000), all in: arrays in, array out,
+adjacency included.  Writes `limiting.md` and `limiting.json`.
 """
 
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
 import time
 import tracemalloc
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
+from _timing import G, machine, three, write
 
-G = 0.3
-METHODS = ("edge-based", "fast-marching", "positive-coefficient", "exact")
-SIDES = {"triangles": (100, 200, 400, 800), "tetrahedra": (31, 59, 100)}
-QUICK_SIDES = {"triangles": (100, 200), "tetrahedra": (16, 31)}
-
-
-def jittered_triangles(n_side):
-    """Return points and Delaunay triangles of a grid on (-50, 50)^2 moved by up to 0.3 cells."""
-    from scipy.spatial import Delaunay
-
-    points = jittered_grid(n_side, 2, 0.3)
-    return points, Delaunay(points).simplices
+QUICK = 30_000  # nodes, at most, with --quick
+ITERATION = "positive-coefficient"
+ITERATION_UP_TO = 300_000  # nodes
+WRONG = 1e-9
 
 
-def jittered_tetrahedra(n_side):
-    """Return points of a grid on (-50, 50)^3 moved by up to 0.15 cells, each cube cut in six.
+def measure(name, n):
+    """Return one row per method: seconds, errors and memory, as this process sees them."""
+    from _problems import SERIES
 
-    Not Delaunay: for a million points on a grid that takes a quarter of an hour.
-    """
-    points = jittered_grid(n_side, 3, 0.15)
-    node = np.arange(n_side**3).reshape(n_side, n_side, n_side)
-    cells = []
-    for way in permutations(range(3)):  # from one corner to the opposite one, axis by axis
-        corner = np.zeros(3, int)
-        path = []
-        for step in (None, *way):
-            if step is not None:
-                corner[step] = 1
-            block = tuple(slice(c, n_side - 1 + c) for c in corner)
-            path.append(node[block].ravel())
-        cells.append(np.column_stack(path))
-    return points, np.concatenate(cells)
-
-
-def jittered_grid(n_side, dim, share):
-    """Return the points of a grid on (-50, 50)^dim, the inner ones moved."""
-    rng = np.random.default_rng(20050711)
-    axis = np.linspace(-50.0, 50.0, n_side)
-    points = np.stack(np.meshgrid(*[axis] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
-    spacing = axis[1] - axis[0]
-    inner = (np.abs(points) < 50.0 - 0.5 * spacing).all(axis=1)
-    points[inner] += rng.uniform(-share, share, (int(inner.sum()), dim)) * spacing
-    return points
-
-
-def two_sources(points):
-    """Return h0 (1 near (-10, 0), 5 near (10, 0), else inf) and the exact limited size."""
-    h0 = np.full(len(points), np.inf)
-    exact = h0.copy()
-    for x, size in ((-10.0, 1.0), (10.0, 5.0)):
-        place = np.zeros(points.shape[1])
-        place[0] = x
-        node = int(np.argmin(np.linalg.norm(points - place, axis=1)))
-        h0[node] = size
-        exact = np.minimum(exact, size + G * np.linalg.norm(points - points[node], axis=1))
-    return h0, exact
+    series = SERIES[name]
+    methods = {m: o for m, o in series.methods.items() if m != ITERATION or n <= ITERATION_UP_TO}
+    small, problem = series.make(2000), series.make(n)
+    rounds = 3 if n < 100_000 else 2
+    best = dict.fromkeys(methods, np.inf)
+    peak, sizes = {}, {}
+    for options in methods.values():
+        solve(small, options)
+    for number in range(rounds):
+        last = number == rounds - 1
+        for method, options in methods.items():
+            if method == ITERATION and not last:
+                continue
+            if last:
+                tracemalloc.start()  # costs no time worth telling: arrays are few
+            seconds, sizes[method] = solve(problem, options)
+            best[method] = min(best[method], seconds)
+            if last:
+                peak[method] = tracemalloc.get_traced_memory()[1]
+                tracemalloc.stop()
+    return [
+        {
+            "problem": name,
+            "n_points": problem.background.n_points,
+            "method": method,
+            "seconds": best[method],
+            "peak_bytes_per_node": peak[method] / problem.background.n_points,
+            **errors(sizes[method].ravel()[problem.nodes] - problem.exact.ravel()),
+        }
+        for method in methods
+    ]
 
 
-MESHES = {"triangles": jittered_triangles, "tetrahedra": jittered_tetrahedra}
-
-
-def measure(mesh_file, method):
-    """Return seconds, errors and memory of one scheme on one mesh, as this process sees them."""
+def solve(problem, options):
+    """Return the seconds that limiting took on a fresh mesh, and the sizes."""
     from adaptsize import SimplexMesh, limit_gradient
 
-    data = np.load(mesh_file)
-    points, cells = data["points"], data["cells"]
-    h0, exact = two_sources(points)
-    few = np.flatnonzero((cells < len(points)).all(axis=1))[:1000]
-    nodes, local = np.unique(cells[few], return_inverse=True)
-    small = SimplexMesh(points[nodes], local.reshape(len(few), -1))
-    limit_gradient(small, np.where(np.arange(len(nodes)) == 0, 1.0, np.inf), G, method=method)
+    background = problem.background
+    start = time.process_time()
+    if isinstance(background, SimplexMesh):  # nothing derived is there yet
+        background = SimplexMesh(background.points, background.cells)
+    h = limit_gradient(background, problem.h0, problem.g, **options)
+    return time.process_time() - start, h
 
-    seconds = []
-    for _ in range(3):
-        start = time.perf_counter()
-        mesh = SimplexMesh(points, cells)
-        h = limit_gradient(mesh, h0, G, method=method)
-        seconds.append(time.perf_counter() - start)
-    error = h - exact
+
+def errors(error):
+    """Return what there is to tell of errors; nodes in no cell are infinite in both."""
+    error = np.nan_to_num(error, nan=0.0)
+    size = np.abs(error)
     return {
-        "n_points": len(points),
-        "n_cells": len(cells),
-        "method": method,
-        "seconds": min(seconds),
-        "peak_bytes_per_node": peak_memory(SimplexMesh(points, cells), h0, method) / len(points),
-        "max_error": float(np.abs(error).max()),
-        "mean_error": float(np.abs(error).mean()),
+        "max_error": float(size.max()),
+        "mean_error": float(size.mean()),
+        "most_below": float(max(0.0, -error.min())),
+        "q99_error": float(np.quantile(size, 0.99)),
+        "wrong_share": float((size > WRONG).mean()),
     }
-
-
-def peak_memory(mesh, h0, method):
-    """Return the most bytes of arrays that one call needs beside mesh and h0."""
-    from adaptsize import limit_gradient
-
-    tracemalloc.start()
-    limit_gradient(mesh, h0, G, method=method)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return peak
 
 
 def in_process(code, cache):
@@ -148,61 +116,102 @@ def start_up(workdir):
     }
 
 
-def table(rows):
-    """Return the rows as a markdown table, with ratios to the edge-based scheme."""
+def summary(rows):
+    """Return errors and times of the schemes that `auto` chooses from, side by side."""
     lines = [
-        "| cells | nodes | method | s | ns/node | to edge-based | bytes/node | max error | mean |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| problem | nodes | fast marching | source tracking | wrong nodes | time, us/node "
+        "| hermite | time | factored | time |",
+        "|---|" + "---|" * 9,
     ]
+    last = None
+    by_mesh = {}
     for row in rows:
-        base = next(
-            r
-            for r in rows
-            if (r["kind"], r["n_points"], r["method"])
-            == (row["kind"], row["n_points"], "edge-based")
-        )
-        per_node = row["seconds"] / row["n_points"] * 1e9
+        by_mesh.setdefault((row["problem"], row["n_points"]), {})[row["method"]] = row
+    for (name, n), found in by_mesh.items():
+        line = [name if name != last else "", str(n), "", "", "", "", "", "", "", ""]
+        last = name
+        seconds = found["fast-marching"]["seconds"]
+        line[2] = both_errors(found["fast-marching"])
+        if row := found.get("source-tracking"):
+            line[3:5] = both_errors(row), share(row["wrong_share"])
+            line[5] = f"{row['seconds'] / seconds:.2f}, {row['seconds'] / n * 1e6:.2f}"
+        for column, method in ((6, "hermite"), (8, "factored")):
+            if row := found.get(method):
+                line[column : column + 2] = both_errors(row), f"{row['seconds'] / seconds:.2f}"
+        lines.append("| " + " | ".join(line) + " |")
+    return "\n".join(lines)
+
+
+def both_errors(row):
+    """Return the largest and the mean error; those below 1e-9 are rounding."""
+    return " / ".join(
+        f"{e:.2g}" if e > WRONG else "0" for e in (row["max_error"], row["mean_error"])
+    )
+
+
+def table(rows):
+    """Return the rows as a markdown table, with ratios to fast marching on the same mesh."""
+    lines = [
+        "| problem | nodes | method | s | us/node | to fast marching | bytes/node "
+        "| max error | mean | wrong nodes | most below |",
+        "|---|" + "---|" * 10,
+    ]
+    base = {
+        (r["problem"], r["n_points"]): r["seconds"] for r in rows if r["method"] == "fast-marching"
+    }
+    for row in rows:
+        per_node = row["seconds"] / row["n_points"] * 1e6
+        ratio = row["seconds"] / base[row["problem"], row["n_points"]]
         lines.append(
-            f"| {row['kind']} | {row['n_points']} | {row['method']} | {row['seconds']:.3g} "
-            f"| {per_node:.0f} | {row['seconds'] / base['seconds']:.2f} "
-            f"| {row['peak_bytes_per_node']:.0f} | {row['max_error']:.3g} "
-            f"| {row['mean_error']:.3g} |"
+            f"| {row['problem']} | {row['n_points']} | {row['method']} | {row['seconds']:.3g} "
+            f"| {per_node:.2f} | {ratio:.2f} | {row['peak_bytes_per_node']:.0f} "
+            f"| {row['max_error']:.2g} | {row['mean_error']:.2g} | {share(row['wrong_share'])} "
+            f"| {row['most_below']:.2g} |"
         )
     return "\n".join(lines)
 
 
+def share(part):
+    """Return a share as a percentage."""
+    return "0" if part == 0.0 else f"{three(100.0 * part)} %"
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="small meshes only")
+    parser.add_argument("--only", default="", metavar="TEXT", help="problems with it in the name")
     parser.add_argument("--output", type=Path, default=Path(__file__).parent / "results")
-    parser.add_argument("--one", nargs=2, metavar=("MESH", "METHOD"), help=argparse.SUPPRESS)
+    parser.add_argument("--one", nargs=2, metavar=("PROBLEM", "N"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.one:
-        print(json.dumps(measure(*arguments.one)))
+        print(json.dumps(measure(arguments.one[0], int(arguments.one[1]))))
         return
+
+    from _problems import SERIES
 
     rows = []
     with tempfile.TemporaryDirectory() as workdir:
         starts = start_up(workdir)
-        for kind, sides in (QUICK_SIDES if arguments.quick else SIDES).items():
-            for side in sides:
-                points, cells = MESHES[kind](side)
-                mesh_file = str(Path(workdir) / "mesh.npz")
-                np.savez(mesh_file, points=points, cells=cells)
-                for method in METHODS:
-                    command = [sys.executable, __file__, "--one", mesh_file, method]
-                    done = subprocess.run(command, check=True, capture_output=True, text=True)
-                    rows.append({"kind": kind, **json.loads(done.stdout)})
-                    print(rows[-1], file=sys.stderr)
-    machine = f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}"
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    report = {"machine": machine, "start_up_seconds": starts, "rows": rows}
-    (arguments.output / "limiting.json").write_text(json.dumps(report, indent=1) + "\n")
-    text = f"# Limiting schemes, two sources\n\n{machine}; one thread; g = {G}.\n\n{table(rows)}\n"
-    text += "\n| process | s |\n|---|---|\n"
+        for name, series in SERIES.items():
+            for n in series.sizes if arguments.only in name else ():
+                if arguments.quick and n > QUICK and n != min(series.sizes):
+                    continue
+                command = [sys.executable, __file__, "--one", name, str(n)]
+                done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+                rows += json.loads(done.stdout)
+                print(f"{time.strftime('%X')} {name}, {n}", file=sys.stderr)
+    text = (
+        f"# Limiting schemes\n\n{machine()}; one thread; processor time; g = {G} but in g(x).  "
+        f"A node is wrong by more than {WRONG:g}; sizes are up to 30.\n"
+        "\nErrors, largest / mean; times as multiples of that of fast marching.\n\n"
+        f"{summary(rows)}\n\nAll methods:\n\n{table(rows)}\n"
+        "\n| process | s (wall) |\n|---|---|\n"
+    )
     text += "\n".join(f"| {name} | {seconds:.2f} |" for name, seconds in starts.items()) + "\n"
-    (arguments.output / "limiting.md").write_text(text)
-    print(text)
+    report = {"machine": machine(), "start_up_seconds": starts, "rows": rows}
+    write(arguments.output, "limiting", text, report)
 
 
 if __name__ == "__main__":

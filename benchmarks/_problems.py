@@ -1,0 +1,302 @@
+"""Limiting problems with known solutions, for benchmarks/limiting.py.
+
+The domains that are not convex, and what is exact in them, are those of the tests.
+"""
+
+import sys
+from collections.abc import Callable
+from itertools import permutations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from _timing import G, model_bound, model_exact, model_grid
+from scipy.spatial import Delaunay
+
+from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
+from adaptsize.typing import FloatArray
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+import domains
+import geodesics
+import meshes
+
+EVERYWHERE = slice(None)
+# References by search are computed at so many nodes at most.
+_SAMPLE = 4000
+
+
+class Problem(NamedTuple):
+    """What is limited, and what should come out at some of the nodes."""
+
+    background: SimplexMesh | CartesianGrid
+    h0: FloatArray
+    nodes: Any
+    exact: FloatArray
+    g: Any = G
+
+
+class Series(NamedTuple):
+    """A problem on meshes of different sizes."""
+
+    make: Callable[[int], Problem]
+    """``make(n)`` on about n nodes."""
+    sizes: tuple[int, ...]
+    methods: dict[str, dict[str, Any]]
+
+
+def named(*methods):
+    """Return the options of methods that need no others."""
+    return {name: {"method": name} for name in methods}
+
+
+IN_THE_PLANE = named("fast-marching", "source-tracking", "hermite", "factored")
+IN_SPACE = named("fast-marching", "source-tracking")
+OTHERS = named("edge-based", "positive-coefficient", "exact")
+ON_GRIDS = {
+    **named("edge-based", "fast-marching", "source-tracking"),
+    "fast-marching, order 2": {"method": "fast-marching", "order": 2},
+}
+
+
+def jittered_grid(n_side, dim, share):
+    """Return the points of a grid on (-50, 50)^dim, the inner ones moved."""
+    rng = np.random.default_rng(20050711)
+    axis = np.linspace(-50.0, 50.0, n_side)
+    points = np.stack(np.meshgrid(*[axis] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    spacing = axis[1] - axis[0]
+    inner = (np.abs(points) < 50.0 - 0.5 * spacing).all(axis=1)
+    points[inner] += rng.uniform(-share, share, (int(inner.sum()), dim)) * spacing
+    return points
+
+
+def jittered_triangles(n):
+    """Return Delaunay triangles of a grid on (-50, 50)^2 moved by up to 0.3 cells."""
+    points = jittered_grid(round(n**0.5), 2, 0.3)
+    return SimplexMesh(points, Delaunay(points).simplices)
+
+
+def random_triangles(n):
+    """Return Delaunay triangles of random points in (-50, 50)^2, evenly spaced on its sides.
+
+    With none on the sides cells as long as the square lie along them.
+    """
+    n_side = round(n**0.5)
+    side = np.linspace(-50.0, 50.0, n_side + 1)[:-1]
+    low = np.full(n_side, -50.0)
+    edge = np.concatenate(
+        [np.column_stack(xy) for xy in ((side, low), (-low, side), (-side, -low), (low, -side))]
+    )
+    inner = np.random.default_rng(20050712).uniform(-50.0, 50.0, (n - len(edge), 2))
+    points = np.concatenate([edge, inner])
+    return SimplexMesh(points, Delaunay(points).simplices)
+
+
+def jittered_tetrahedra(n):
+    """Return points of a grid on (-50, 50)^3 moved by up to 0.15 cells, each cube cut in six.
+
+    Not Delaunay: for a million points on a grid that takes a quarter of an hour.
+    """
+    n_side = round(n ** (1.0 / 3.0))
+    node = np.arange(n_side**3).reshape(n_side, n_side, n_side)
+    cells = []
+    for way in permutations(range(3)):  # from one corner to the opposite one, axis by axis
+        corner = np.zeros(3, int)
+        path = []
+        for step in (None, *way):
+            if step is not None:
+                corner[step] = 1
+            block = tuple(slice(c, n_side - 1 + c) for c in corner)
+            path.append(node[block].ravel())
+        cells.append(np.column_stack(path))
+    return SimplexMesh(jittered_grid(n_side, 3, 0.15), np.concatenate(cells))
+
+
+def from_nodes(mesh, nodes, sizes):
+    """Return the problem of sizes at nodes of a convex domain: formula (11) of the paper."""
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[nodes] = sizes
+    exact = h0.copy()
+    for node, size in zip(nodes, sizes, strict=True):
+        exact = np.minimum(
+            exact, size + G * np.linalg.norm(mesh.points - mesh.points[node], axis=1)
+        )
+    return Problem(mesh, h0, EVERYWHERE, exact)
+
+
+def two_sources(mesh):
+    """Return the problem of section 6.2: 1 near (-10, 0), 5 near (10, 0)."""
+    places = np.zeros((2, mesh.dim))
+    places[:, 0] = -10.0, 10.0
+    nodes = [int(np.argmin(np.linalg.norm(mesh.points - x, axis=1))) for x in places]
+    return from_nodes(mesh, nodes, [1.0, 5.0])
+
+
+def many_sources(mesh, n_sources):
+    """Return the problem of sizes between 1 and 3 at random nodes, no two of them neighbours."""
+    rng = np.random.default_rng(20050713)
+    order = rng.permutation(mesh.n_points)
+    place = np.empty(mesh.n_points, int)
+    place[order] = np.arange(mesh.n_points)
+    n_tried = min(2 * n_sources, mesh.n_points)
+    later = place[mesh.edges].max(axis=1)
+    free = np.setdiff1d(np.arange(n_tried), later)[:n_sources]
+    nodes = order[free]  # none has a neighbour before it
+    return from_nodes(mesh, nodes, rng.uniform(1.0, 3.0, len(nodes)))
+
+
+def on_grid(n):
+    """Return the problem of section 6.2 on a grid of n nodes."""
+    grid = model_grid(round(n ** (1.0 / 2.0)) - 1, 2)
+    return Problem(
+        grid, model_bound(grid), EVERYWHERE, model_exact(grid.points).reshape(grid.shape)
+    )
+
+
+def around_obstacles(name, n):
+    """Return one of the domains of the tests with its point sources."""
+    case = domains.CASES[name]
+    mesh, domain = case.make(n)
+    h0, nodes = domains.point_sources(mesh, case.places, case.sizes)
+    exact = case.exact(domain, mesh.points, G, mesh.points[nodes], case.sizes)
+    return Problem(mesh, h0, EVERYWHERE, exact)
+
+
+def leaking_slit(n):
+    """Return sizes 1 on one face of a thin slit and 8 on the other."""
+    mesh, rings, h0, faces, sizes = domains.leaking_slit(n)
+    exact = geodesics.limited_sizes(rings, mesh.points, G, segments=faces, segment_sizes=sizes)
+    return Problem(mesh, h0, EVERYWHERE, exact)
+
+
+def disc_boundary(n, *, smooth=False):
+    """Return sizes at the boundary of a disc, which count as linear between its nodes.
+
+    Compared to the smooth data 5 + 4 sin(3 theta) on the circle if asked.
+    """
+    mesh, (ring,) = domains.disc(n)
+    some = _some(mesh.n_points)
+    theta = np.arctan2(*mesh.points.T[::-1])
+    h0 = np.full(mesh.n_points, np.inf)
+    at_edge = _nodes_at(mesh, ring)
+    h0[at_edge] = domains.disc_data(theta[at_edge])
+    if smooth:
+
+        def circle(angle):
+            return domains.HALF_WIDTH * np.column_stack([np.cos(angle), np.sin(angle)])
+
+        exact = geodesics.curve_sizes(
+            circle, domains.disc_data, (-np.pi, np.pi), mesh.points[some], G
+        )
+    else:
+        angle = np.arctan2(*ring.T[::-1])
+        sizes = domains.disc_data(angle)
+        exact = geodesics.limited_sizes(
+            (ring,),
+            mesh.points[some],
+            G,
+            segments=np.stack([ring, np.roll(ring, -1, axis=0)], axis=1),
+            segment_sizes=np.column_stack([sizes, np.roll(sizes, -1)]),
+        )
+    return Problem(mesh, h0, some, exact)
+
+
+def disc_everywhere(n):
+    """Return smooth sizes at all nodes of a disc, of slopes up to 0.59, compared to the smooth."""
+    mesh, _ = domains.disc(n)
+    some = _some(mesh.n_points)
+    radii = np.linalg.norm(mesh.points, axis=1)
+    exact = geodesics.radial_sizes(domains.disc_field, domains.HALF_WIDTH, mesh.points[some], G)
+    return Problem(mesh, domains.disc_field(radii), some, exact)
+
+
+def noise(n):
+    """Return random sizes at all nodes, compared to formula (11) for the nodes alone."""
+    mesh = jittered_triangles(n)
+    h0 = np.random.default_rng(20050714).uniform(1.0, 3.0, mesh.n_points)
+    exact = limit_gradient(mesh, h0, G, method="exact")
+    return Problem(mesh, h0, EVERYWHERE, exact)
+
+
+def smooth_limit(n):
+    """Return two sources under g = 1 / (3.58 + .023 (x + y)), .17 to .78: rays are arcs."""
+    points = jittered_grid(round(n**0.5), 2, 0.3)
+    places, least = np.array([[-10.0, 0.0], [10.0, 0.0]]), np.array([1.0, 5.0])
+    nodes = [int(np.argmin(np.linalg.norm(points - x, axis=1))) for x in places]
+    points[nodes] = places
+    mesh = SimplexMesh(points, Delaunay(points).simplices)
+    h0 = np.full(len(points), np.inf)
+    h0[nodes] = least
+    slope = np.array([0.023, 0.023])
+    g = 1.0 / (3.58 + points @ slope)
+    # The distance under a slowness with linear inverse, as known from seismic rays.
+    away2 = ((points[:, None] - places) ** 2).sum(axis=2)
+    rise = np.arccosh(1.0 + 0.5 * slope @ slope * away2 * g[:, None] * g[nodes])
+    exact = (least + rise / np.sqrt(slope @ slope)).min(axis=1)
+    return Problem(mesh, h0, EVERYWHERE, exact, g)
+
+
+def sphere(n):
+    """Return the size from one node of irregular triangles on a sphere of radius 50."""
+    mesh = meshes.random_sphere(n, 20050715, radius=50.0)
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[0] = 1.0
+    unit = mesh.points / 50.0
+    chord = np.minimum(np.linalg.norm(unit - unit[0], axis=1), 2.0)
+    return Problem(mesh, h0, EVERYWHERE, 1.0 + G * 50.0 * 2.0 * np.arcsin(0.5 * chord))
+
+
+def _some(n):
+    """Return up to _SAMPLE of n nodes, evenly spread over their numbers."""
+    return np.arange(0, n, max(1, n // _SAMPLE))
+
+
+def _nodes_at(mesh, ring):
+    """Return the nodes at the corners of a ring: the mesh has its boundary nodes first."""
+    nodes = np.arange(len(ring))
+    if not np.array_equal(mesh.points[nodes], ring):
+        raise RuntimeError("the boundary nodes are not the first ones")
+    return nodes
+
+
+TRIANGLES = (10_000, 40_000, 160_000, 640_000)
+HOLED = (11_000, 45_000, 180_000)
+SERIES = {
+    "two sources, jittered triangles": Series(
+        lambda n: two_sources(jittered_triangles(n)), TRIANGLES, {**IN_THE_PLANE, **OTHERS}
+    ),
+    "two sources, random triangles": Series(
+        lambda n: two_sources(random_triangles(n)), TRIANGLES, IN_THE_PLANE
+    ),
+    "200 sources, random triangles": Series(
+        lambda n: many_sources(random_triangles(n), 200), (40_000,), IN_THE_PLANE
+    ),
+    "2000 sources, random triangles": Series(
+        lambda n: many_sources(random_triangles(n), 2000), (40_000,), IN_THE_PLANE
+    ),
+    "two sources, tetrahedra": Series(
+        lambda n: two_sources(jittered_tetrahedra(n)),
+        (10_648, 29_791, 205_379, 1_000_000),
+        {**IN_SPACE, **OTHERS},
+    ),
+    "two sources, grid": Series(on_grid, (101**2, 801**2), ON_GRIDS),
+    "slit": Series(lambda n: around_obstacles("slit", n), HOLED, IN_THE_PLANE),
+    "star holes": Series(lambda n: around_obstacles("star holes", n), HOLED, IN_THE_PLANE),
+    "maze": Series(lambda n: around_obstacles("maze", n), HOLED, IN_THE_PLANE),
+    "round holes": Series(lambda n: around_obstacles("round holes", n), HOLED, IN_THE_PLANE),
+    "wall": Series(lambda n: around_obstacles("wall", n), (5_000, 15_000, 45_000), IN_SPACE),
+    "window": Series(lambda n: around_obstacles("window", n), (5_000, 15_000, 45_000), IN_SPACE),
+    "leaking slit": Series(leaking_slit, (6_800, 26_000), IN_THE_PLANE),
+    "disc, data on its boundary": Series(disc_boundary, (9_000, 35_000, 140_000), IN_THE_PLANE),
+    "disc, to the smooth data": Series(
+        lambda n: disc_boundary(n, smooth=True), (9_000, 35_000, 140_000), IN_THE_PLANE
+    ),
+    "disc, smooth field": Series(disc_everywhere, (10_000, 40_000, 160_000), IN_THE_PLANE),
+    "smooth g(x)": Series(
+        smooth_limit,
+        (10_000, 40_000, 160_000),
+        named("fast-marching", "hermite", "factored"),
+    ),
+    "sphere": Series(sphere, (2_500, 10_000, 40_000), named("fast-marching", "hermite")),
+    "noise": Series(noise, (10_000, 40_000), IN_THE_PLANE),
+}
