@@ -29,7 +29,7 @@ def load(name):
 def test_every_example_is_tested():
     text = Path(__file__).read_text(encoding="utf-8")
     names = [path.stem for path in EXAMPLES.glob("[!_]*.py")]
-    assert len(names) == 13
+    assert len(names) == 14
     assert [name for name in names if f'"{name}"' not in text] == []
 
 
@@ -109,6 +109,7 @@ def test_errors_on_a_grid_of_100_x_100_are_those_of_the_paper(run, tmp_path):
     assert found["max error edge-based"] == pytest.approx(0.3 * (90.0 - 4100.0**0.5), rel=1e-12)
     assert round(found["max error first order"], 2) <= 0.38
     assert round(found["max error second order"], 2) == 0.10
+    assert found["max error source tracking"] < 1e-12
     assert (tmp_path / "grid_schemes.png").stat().st_size > 10_000
 
 
@@ -130,6 +131,18 @@ def test_leaves_grow_in_number_like_the_boundary_and_follow_the_sizes(run):
     assert found["largest error"] < 0.3 * 2.0 / 16.0
     # No leaf is larger than the smallest size in it.
     assert found["largest leaf over the size at its centre"] < 1.0
+
+
+def test_each_cause_controls_a_part_and_sizes_from_sources_are_exact(run, tmp_path):
+    found = run("plot_sources")
+    shares = [share for name, share in found.items() if name.startswith("share of nodes")]
+    assert len(shares) == 4
+    assert min(shares) > 0.02
+    assert sum(shares) == pytest.approx(1.0, rel=1e-12)
+    # A cone between nodes some 0.3 apart, cut off by up to g times half of that.
+    assert 0.001 < found["largest error at the place, interpolated"] < 0.045
+    assert found["largest error at the place, exact"] < 1e-12
+    assert (tmp_path / "sources.png").stat().st_size > 10_000
 
 
 def test_limits_that_vary_on_a_domain_hold_everywhere(run):
