@@ -33,15 +33,6 @@ EVERYWHERE = [
     for name, (background, kind, make) in PLACES.items()
     for case in cases(background, kind)
 ]
-# Sources that are triangles are handed on, and not moved to their neighbours any more: up to
-# 0.3 too large (strict: the mark is to go with that).
-_STUCK = pytest.mark.xfail(strict=True, reason="triangles as sources are not polished")
-WAVES = [
-    pytest.param(*row.values, id=row.id, marks=_STUCK)
-    if row.id == "simplices-source-tracking, tetrahedra"
-    else row
-    for row in EVERYWHERE
-]
 NODAL_G = [row for row in EVERYWHERE if "nodes" in row.values[0].all_limits]
 # An iteration stops at tol g, which a wave of 40 nodes adds up to 40 tol; Phi has 8192
 # intervals per factor e, read with an error of 2e-9.
@@ -163,7 +154,7 @@ def wave(case, background, axis, end, g):
     return case.limit(background, np.where(way == 0.0, 1.0, np.inf), g), way
 
 
-@pytest.mark.parametrize(("case", "make"), WAVES)
+@pytest.mark.parametrize(("case", "make"), EVERYWHERE)
 def test_plane_wave_from_one_side_is_exact(case, make):
     background = make()
     for axis in range(domain(background).dim):
@@ -172,7 +163,7 @@ def test_plane_wave_from_one_side_is_exact(case, make):
             assert_allclose(h, 1.0 + G * way, rtol=rounding_of(case))
 
 
-@pytest.mark.parametrize(("case", "make"), WAVES)
+@pytest.mark.parametrize(("case", "make"), EVERYWHERE)
 def test_g_proportional_to_h_grows_exponentially(case, make):
     # dh/ds = 0.05 h: h = exp(0.05 s), from one side.
     h, way = wave(case, make(), 0, -1.0, lambda h: 0.05 * h)

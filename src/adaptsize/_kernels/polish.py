@@ -88,8 +88,12 @@ def polish(state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, source, j, m
     value = state[j, len(axes)]
     l1 = l2 = 0.0
     if r != NONE:
-        return value, p, q, r, l1, l2
-    if q >= 0 and has_own_bound(state, axes, h0, q):
+        if r < 0 or not has_own_bound(state, axes, h0, r):
+            return value, p, q, r, l1, l2
+        if not (has_own_bound(state, axes, h0, p) and has_own_bound(state, axes, h0, q)):
+            return value, p, q, r, l1, l2
+        value, l1, l2 = value_from(state, axes, g, j, p, q, r, h0[p], h0[q], h0[r])
+    elif q >= 0 and has_own_bound(state, axes, h0, q):
         value, l1 = minimum_on_edge(state, axes, j, p, q, h0[p], h0[q], g)
     for _ in range(most):
         p, q, r, l1, l2 = drop_zero_weights(p, q, r, l1, l2)

@@ -175,6 +175,7 @@ def _accept_all(
         newly = kernels.march_grid(u, *geometry, edges, _KEEP, *lists, _CHUNK)
         accepted += newly
         report("limiting the gradient", min(accepted / grid.n_points, 1.0))
+    report("limiting the gradient", 1.0)
     return accepted
 
 

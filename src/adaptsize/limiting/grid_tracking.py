@@ -306,6 +306,7 @@ def _accept_all(
         newly = kernels.track_grid(u, bounds, *geometry, *tracks, moves, _KEEP, *lists, _CHUNK)
         accepted += newly
         report("limiting the gradient", min(accepted / grid.n_points, 1.0))
+    report("limiting the gradient", 1.0)
     return accepted
 
 

@@ -200,6 +200,7 @@ def solve_source_tracking(
             if work.heap[3][0] == 0 and straight and chances > 0 and contested.any():
                 chances -= 1
                 kernels.offer_once_more(*problem, not convex, _KEEP)
+        report("limiting the gradient", 1.0)
     excess = 0.0
     if residual:
         near = _surroundings(mesh, False, _NO_OBSTACLES)
