@@ -35,10 +35,10 @@ def main(output_dir: Path, *, n_cells: int = 100, width: int = 480) -> dict[str,
     for name, options in SCHEMES.items():
         h = ads.limit_gradient(grid, h0, G, **options)
         found[f"max error {name}"] = float(np.abs(h - exact).max())
-        titles.append(f"{name}, largest error {np.abs(h - exact).max():.2g}")
+        titles.append(f"{name}, largest error {np.abs(h - exact).max():.3g}")
         fields.append(h)
 
-    figure, panels = drawing(-(-len(fields) // 2), 2, width, shape=0.9)
+    figure, panels = drawing(-(-len(fields) // 2), 2, width, shape=1.0)
     levels = np.arange(0.0, exact.max() + 3.0, 2.0)
     for panel in panels[len(fields) :]:
         panel.set_axis_off()

@@ -134,6 +134,11 @@ def limit(
     h, told = limit_gradient(
         mesh, nodal_field(mesh, field), gradient, method=method, full_output=True, progress=True
     )
+    if sources is not None and told.sources is None:
+        raise ValueError(
+            "--sources needs source tracking (a flat mesh, one gradient limit), "
+            f"got method {told.method!r}"
+        )
     write(output, mesh, fields={"h": h})
     _draw(plot, mesh, h)
     levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in told.cell_gradient_quantiles.items())
@@ -141,12 +146,7 @@ def limit(
     print(f"largest slope along an edge over g: {told.largest_edge_slope:.6f}")
     print(f"gradient in the cells over g, quantiles: {levels}")
     _print_written(output, mesh)
-    if sources is not None:
-        if told.sources is None:
-            raise ValueError(
-                "--sources needs source tracking (a flat mesh, one gradient limit), "
-                f"got method {told.method!r}"
-            )
+    if sources is not None and told.sources is not None:
         roots = told.sources.roots()
         write(sources, mesh, fields={"h": h, "source": roots})
         for line in describe_roots(mesh.points, roots):
