@@ -78,6 +78,7 @@ def others_in_cell(cells, c, k, h0):
 
 @inner
 def set_source(source, k, p, q, r):
+    """Store a source of node k; NONE where it has fewer nodes than the row has places."""
     source[k, 0] = p
     if source.shape[1] > 1:
         source[k, 1] = q

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -230,7 +230,7 @@ class CartesianGrid:
 
     def with_active(self, active: npt.ArrayLike | None) -> CartesianGrid:
         """Return the same grid with other active nodes (None: all)."""
-        return replace(self, active=active)  # type: ignore[arg-type]
+        return CartesianGrid(self.origin, self.spacing, self.shape, active=active)
 
     def sample(self, function: Callable[[FloatArray], npt.ArrayLike]) -> FloatArray:
         """Return the values of a function at the nodes, active or not.

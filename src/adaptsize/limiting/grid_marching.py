@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize._kernels import march_grid as kernels
+from adaptsize.limiting.padding import buckets_for, pad, strides_of_padded, unpad
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -19,13 +20,6 @@ _CHUNK = 500_000
 
 # A candidate must be lower by more than rounding to count.
 _KEEP = 1.0 - 1e-14
-
-# Width of a bucket in rises over the shortest spacing.  Narrower ones repeat fewer nodes (5 %
-# at one half, 7 % at 1 in 2-D, 11 and 34 % in 3-D), wider ones search less: 1 is quickest in both.
-_WIDTH = 1.0
-
-# Buckets that the sizes of waiting nodes may spread over.
-_BUCKETS = 4096
 
 # Nodes whose order is improved between two reports.
 _REFINED_AT_ONCE = 1_000_000
@@ -153,26 +147,13 @@ def _accept_all(
     """March from the seeds, which are lowered already; return how many nodes were accepted."""
     if len(seeds) == 0:
         return 0
-    seeds = seeds[np.argsort(u[seeds], kind="stable")]
     g = geometry[2]
-    lowest, highest = float(u[seeds[0]]), float(u[seeds[-1]])
     least = float(np.min(g, where=g > 0.0, initial=steepest))
-    width = max(
-        _WIDTH * least * float(grid.spacing.min()),
-        # All waiting nodes must fit into the circle of buckets,
-        steepest * float(grid.spacing.max()) / (_BUCKETS // 2),
-        # and the number of a bucket into an integer; sizes may all be equal, or g zero.
-        (highest - lowest) * 1e-12,
-        np.finfo(float).tiny,
-    )
-    first = np.full(_BUCKETS, -1, np.int32)
-    following, previous = np.empty(u.size, np.int32), np.empty(u.size, np.int32)
-    bucket = np.full(u.size, -1, np.int32)
-    state = np.zeros(3, np.int64)
-    lists = (seeds, lowest, width, first, following, previous, bucket, state)
+    rises = least * float(grid.spacing.min()), steepest * float(grid.spacing.max())
+    queue = buckets_for(u, seeds, *rises)
     accepted, newly = 0, _CHUNK
     while newly == _CHUNK:
-        newly = kernels.march_grid(u, *geometry, edges, _KEEP, *lists, _CHUNK)
+        newly = kernels.march_grid(u, *geometry, edges, _KEEP, *queue, _CHUNK)
         accepted += newly
         report("limiting the gradient", min(accepted / grid.n_points, 1.0))
     report("limiting the gradient", 1.0)
@@ -218,29 +199,3 @@ def _refine(
         kernels.refine_in_order(part, u1, u0, strides, weights, spacing, g, g_step, u)
         report("second-order pass", (begin + len(part)) / count)
     return u
-
-
-def pad(grid: CartesianGrid, values: FloatArray, width: int = 1) -> FloatArray:
-    """Return nodal values as a flat array with a border; NaN there and at inactive nodes."""
-    padded = np.full([n + 2 * width for n in grid.shape], np.nan)
-    inner = (slice(width, -width),) * grid.dim
-    if grid.active is None:
-        padded[inner] = values
-    else:
-        np.copyto(padded[inner], values, where=grid.active)
-    return padded.ravel()
-
-
-def unpad(grid: CartesianGrid, padded: FloatArray, width: int = 1) -> FloatArray:
-    """Return nodal values of the shape of the grid; inf at inactive nodes."""
-    inner = (slice(width, -width),) * grid.dim
-    values = padded.reshape([n + 2 * width for n in grid.shape])[inner].copy()
-    if grid.active is not None:
-        values[~grid.active] = np.inf
-    return values
-
-
-def strides_of_padded(grid: CartesianGrid, width: int = 1) -> tuple[int, ...]:
-    """Return the steps between neighbours along each axis in the array of `pad`."""
-    n = [m + 2 * width for m in grid.shape]
-    return tuple(int(np.prod(n[a + 1 :])) for a in range(grid.dim))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels import track_grid as kernels
 from adaptsize._kernels.visibility_grid import measure_clearance
-from adaptsize.limiting.grid_marching import pad, strides_of_padded, unpad
+from adaptsize.limiting.padding import buckets_for, pad, strides_of_padded, unpad
 from adaptsize.limiting.source_tracking import TrackedSolution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -22,12 +22,6 @@ _CHUNK = 500_000
 
 # A candidate must be lower by more than rounding to count.
 _KEEP = 1.0 - 1e-14
-
-# Width of a bucket in rises over the shortest spacing.
-_WIDTH = 1.0
-
-# Buckets that the sizes of waiting nodes may spread over.
-_BUCKETS = 4096
 
 # Isolated sources offer themselves to all nodes so many steps around.  With 2000 of them among
 # 90 000 nodes of a square 0 or 1 node was wrong, without these offers 6 to 22.
@@ -195,7 +189,7 @@ def _geometry(grid: CartesianGrid, slope: float) -> _Geometry:
         _partners(np.array(vectors)),
         2 * dim,
         len(vectors) if dim == 2 else 2 * dim,
-        tuple(float(s) for s in np.append(spacing, [1.0] * (3 - dim))),  # type: ignore[arg-type]
+        (float(spacing[0]), float(spacing[1]), float(spacing[2]) if dim == 3 else 1.0),
         float(slope),
     )
 
@@ -284,26 +278,13 @@ def _accept_all(
     seeds = np.flatnonzero(tracks.source != np.arange(u.size)).astype(np.int32)
     if seeds.size == 0:
         return 0
-    seeds = seeds[np.argsort(u[seeds], kind="stable")]
-    lowest, highest = float(u[seeds[0]]), float(u[seeds[-1]])
     diagonal = float(np.linalg.norm(geometry.spacing[: max(grid.dim, 2)]))
-    width = max(
-        _WIDTH * geometry.slope * float(grid.spacing.min()),
-        # All waiting nodes must fit into the circle of buckets,
-        geometry.slope * diagonal / (_BUCKETS // 2),
-        # and the number of a bucket into an integer; sizes may all be equal, or g zero.
-        (highest - lowest) * 1e-12,
-        np.finfo(float).tiny,
-    )
-    first = np.full(_BUCKETS, -1, np.int32)
-    following, previous = np.empty(u.size, np.int32), np.empty(u.size, np.int32)
-    bucket = np.full(u.size, -1, np.int32)
-    state = np.zeros(3, np.int64)
-    lists = (seeds, lowest, width, first, following, previous, bucket, state)
+    rises = geometry.slope * float(grid.spacing.min()), geometry.slope * diagonal
+    queue = buckets_for(u, seeds, *rises)
     accepted, newly = 0, _CHUNK
     while newly == _CHUNK:
         moves = polish if accepted < _PATIENCE * grid.n_points else 0
-        newly = kernels.track_grid(u, bounds, *geometry, *tracks, moves, _KEEP, *lists, _CHUNK)
+        newly = kernels.track_grid(u, bounds, *geometry, *tracks, moves, _KEEP, *queue, _CHUNK)
         accepted += newly
         report("limiting the gradient", min(accepted / grid.n_points, 1.0))
     report("limiting the gradient", 1.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +11,9 @@ import numpy.typing as npt
 
 from adaptsize._kernels.sweep_grid import iterate_hamilton_jacobi
 from adaptsize.errors import ConvergenceWarning
+from adaptsize.limiting.padding import pad, strides_of_padded, unpad
 from adaptsize.limiting.solution import Solution
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid
@@ -136,14 +136,14 @@ def solve_hamilton_jacobi(
         diagonal = float(np.linalg.norm((np.array(grid.shape) - 1) * grid.spacing))
         max_iter = 10 * math.ceil(diagonal / dt) + 200
 
-    layout = _Layout(grid.shape, order)
-    bound = layout.pad(h0, takes_part)
+    strides = np.array(strides_of_padded(grid, order))
+    bound = pad(grid, h0, order, takes_part)
     varies = slope_values.shape == grid.shape
-    g = layout.pad(slope_values, takes_part) if varies else slope_values.copy()
+    g = pad(grid, slope_values, order, takes_part) if varies else slope_values.copy()
     fastest = dt * float(np.fmax.reduce(g))
-    rows = (layout.rows(takes_part), grid.shape[-1], layout.strides)
+    rows = (_rows(takes_part, strides, order), grid.shape[-1], strides)
     problem = (bound, g, int(varies), *rows, weights, order, dt, tol * fastest)
-    u = layout.pad(np.minimum(start, h0), takes_part)
+    u = pad(grid, np.minimum(start, h0), order, takes_part)
     taken, u, change = _iterate(u, problem, max_iter, report)
 
     rate = change / fastest if fastest > 0.0 else change
@@ -156,7 +156,7 @@ def solve_hamilton_jacobi(
             ConvergenceWarning,
             stacklevel=5,
         )
-    h = np.where(takes_part, layout.unpad(u), np.inf)
+    h = np.where(takes_part, unpad(grid, u, order), np.inf)
     return Solution(h, taken, rate, converged)
 
 
@@ -183,37 +183,10 @@ def _iterate(
     return taken, u, float(np.fmax.reduce(spare, initial=0.0))
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Flat arrays of a grid in C order with ``width`` ghost layers on every side."""
-
-    shape: tuple[int, ...]
-    width: int
-
-    @property
-    def padded_shape(self) -> tuple[int, ...]:
-        return tuple(n + 2 * self.width for n in self.shape)
-
-    @property
-    def inside(self) -> tuple[slice, ...]:
-        return tuple(slice(self.width, self.width + n) for n in self.shape)
-
-    @property
-    def strides(self) -> npt.NDArray[np.int64]:
-        """Distance in the flat array of neighbours along each axis."""
-        counts = np.array([*self.padded_shape[1:], 1], dtype=np.int64)
-        return np.cumprod(counts[::-1])[::-1].copy()
-
-    def rows(self, takes_part: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-        """Return where the rows along the last axis begin, of those with nodes that take part."""
-        index = np.argwhere(takes_part.any(axis=-1)) + self.width
-        return index @ self.strides[:-1] + self.width
-
-    def pad(self, values: FloatArray | float, takes_part: npt.NDArray[np.bool_]) -> FloatArray:
-        """Return values at the nodes that take part, NaN elsewhere."""
-        padded = np.full(self.padded_shape, np.nan)
-        np.copyto(padded[self.inside], values, where=takes_part)
-        return padded.ravel()
-
-    def unpad(self, padded: FloatArray) -> FloatArray:
-        return padded.reshape(self.padded_shape)[self.inside]
+def _rows(
+    takes_part: BoolArray, strides: npt.NDArray[np.int64], width: int
+) -> npt.NDArray[np.int64]:
+    """Return where the rows along the last axis begin, of those with nodes that take part."""
+    index = np.argwhere(takes_part.any(axis=-1)) + width
+    begin: npt.NDArray[np.int64] = index @ strides[:-1] + width
+    return begin
