@@ -15,7 +15,7 @@ _HOMES = {
     "Octree": "background",
     "refine_at_boundary": "background",
     "refine_to_size": "background",
-    "SizeFunction": "size_function",
+    "SizeFunction": "nodal_size",
     "size_from_curvature": "sizes",
     "size_from_sources": "sizes",
     "PointSource": "sizes",

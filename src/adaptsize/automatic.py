@@ -15,7 +15,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges, pairs_of_cells
 from adaptsize.background.splitting import split_edges
 from adaptsize.limiting import limit_gradient
-from adaptsize.size_function import SizeFunction
+from adaptsize.nodal_size import SizeFunction
 from adaptsize.sizes import minimum, size_from_curvature, size_from_sources
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 

@@ -19,7 +19,7 @@ from adaptsize._formats import assembly, image, readers, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import MeshFileError, MeshRepairWarning
-from adaptsize.size_function import SizeFunction
+from adaptsize.nodal_size import SizeFunction
 
 
 def read(

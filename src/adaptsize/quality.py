@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_sizes
 from adaptsize.background import SimplexMesh, topology
-from adaptsize.size_function import SizeFunction
+from adaptsize.nodal_size import SizeFunction
 from adaptsize.typing import BoolArray, FloatArray
 
 #: Wanted edge lengths: a SizeFunction or another callable, one per node, or a number.

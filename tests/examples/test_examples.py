@@ -158,7 +158,7 @@ def test_a_part_becomes_graded_tetrahedra(run, tmp_path):
 
     part = tmp_path / "box.stl"
     trimesh.creation.box(extents=(10.0, 6.0, 4.0)).export(part)
-    found = run("plot_bracket", part=part, hmin=1.0, hmax=1.5)
+    found = run("plot_bracket", part=part, hmin=0.7, hmax=1.0)
     assert found["inverted"] == 0
     assert found["distance over diagonal"] < 3e-3
     assert found["share of edges in band"] > 0.8

@@ -18,7 +18,7 @@ from adaptsize.errors import PlotError
 from adaptsize.plot import with_matplotlib, with_vtk
 from adaptsize.plot.boxes import scene_of_grid, scene_of_octree
 from adaptsize.plot.scene import Scene, make_scene
-from adaptsize.size_function import SizeFunction
+from adaptsize.nodal_size import SizeFunction
 from adaptsize.typing import FloatArray
 
 Image = npt.NDArray[np.uint8]

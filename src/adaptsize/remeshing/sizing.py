@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, refuse_where
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.size_function import SizeFunction
+from adaptsize.nodal_size import SizeFunction
 from adaptsize.typing import FloatArray, IntArray
 
 #: What ``remesh`` takes as ``size``.
