@@ -31,6 +31,8 @@ _HOMES = {
     "remesh": "remeshing",
     "size_conformity": "quality",
     "read": "io",
+    "read_image": "io",
+    "Image": "io",
     "read_size": "io",
     "write": "io",
 }

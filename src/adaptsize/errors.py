@@ -39,3 +39,7 @@ class ConvergenceWarning(UserWarning):
 
 class MeshRepairWarning(UserWarning):
     """An input mesh was mended (points merged, cells dropped); the message counts what."""
+
+
+class ImageWarning(UserWarning):
+    """Part of an image was left out or taken otherwise; the message says what."""

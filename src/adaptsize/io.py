@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import one_of
-from adaptsize._formats import assembly, image, readers, writers
+from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
+from adaptsize._formats.raster import Image
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.errors import MeshFileError, MeshRepairWarning
+from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
 from adaptsize.nodal_size import SizeFunction
 
 
@@ -242,6 +243,67 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         return SizeFunction(background, fields[name])
     except ValueError as error:
         raise MeshFileError(f"{file}: {name}: {error}") from error
+
+
+def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Image:
+    """Return the picture or volume in a file, axis 0 along x.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG, BMP, GIF, JPEG, PGM; TIFF, also stacks; NIfTI (``.nii``, ``.nii.gz``), NRRD;
+        ``.npy``, ``.npz`` (with the arrays ``spacing`` and ``origin``, if there are such).
+    name : str, optional
+        Which array of an ``.npz`` file; by default the only one of 2 or 3 dimensions, or
+        the one named ``labels``, ``mask``, ``image`` or the like.
+
+    Returns
+    -------
+    Image
+        With ``values``, ``spacing`` and ``origin``.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is missing, damaged or of an unknown kind, has colours or transparent
+        parts, or holds no single picture or volume; or if its reader is not installed.
+
+    Warns
+    -----
+    ImageWarning
+        If only a part of the file was taken, or the axes of a volume are askew in space.
+
+    Notes
+    -----
+    *Pictures* are turned so that x goes to the right and y upwards, as one sees them.  Of a
+    palette the indices are the labels; grey pictures stored as colours are grey.
+    *Stacks* keep x to the right and y downwards, z from page to page, a right-handed
+    system.  Their spacing is the one that ImageJ and OME write; a printer's resolution
+    is none.  *Volumes* of NIfTI and NRRD are turned and mirrored so that their axes run
+    along those of their space, whose origin and unit are kept: of NIfTI x to the right,
+    y to the front, z upwards, of NRRD what the file says.  *NumPy* arrays are taken as they
+    are, axis 0 along x.
+
+    Whole numbers that a program stored as floats become integers, which are labels.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "mask.npz")
+    ...     np.savez(file, labels=np.eye(3, dtype=int), spacing=[0.5, 1.0])
+    ...     read_image(file)
+    Image(3 x 3 pixels of int64, spacing 0.5, 1)
+    """
+    file = Path(path)
+    _check_readable(file)
+    try:
+        read, notes = raster.load(file, name=name)
+    except (ValueError, MemoryError) as error:
+        raise MeshFileError(f"{file}: {error}") from error
+    if notes:
+        warnings.warn(f"{file}: {'; '.join(notes)}", ImageWarning, stacklevel=2)
+    return read
 
 
 def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:

@@ -29,7 +29,7 @@ def run(arguments: list[str]) -> int:
     from typer.main import get_command
 
     from adaptsize.cli.commands import app
-    from adaptsize.errors import ConvergenceWarning, MeshRepairWarning
+    from adaptsize.errors import ConvergenceWarning, ImageWarning, MeshRepairWarning
 
     # typer has a click of its own or uses the package; this is the right one either way.
     usage_error: Any = typer.BadParameter.__bases__[0]
@@ -38,7 +38,7 @@ def run(arguments: list[str]) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # those of the packages we use
-            for category in (ConvergenceWarning, MeshRepairWarning):
+            for category in (ConvergenceWarning, ImageWarning, MeshRepairWarning):
                 warnings.simplefilter("always", category)
             warnings.showwarning = _show_warning  # put back by catch_warnings
             result = get_command(app).main(arguments, prog_name="adaptsize", standalone_mode=False)

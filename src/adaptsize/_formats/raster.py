@@ -1,0 +1,368 @@
+"""Pictures and volumes: PNG, TIFF and stacks, NIfTI, NRRD, NumPy.
+
+Each format through the reader that its own field keeps: Pillow (pictures), tifffile (all
+pixel types, stacks, spacings), nibabel (NIfTI), pynrrd.  tifffile leaves LZW, PackBits and fax
+compression to a further package of 45 MB; Pillow, which is here anyway, reads those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize._formats.readers import FOREIGN_FAILURES, quiet, reason
+from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray
+
+_NAMES_OF_VALUES = ("labels", "label", "mask", "segmentation", "image", "values", "volume")
+# Cosine of the angle up to which an axis of an image counts as one of space.
+_ALIGNED = 1.0 - 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Image:
+    """Values at equal distances along the axes: a picture (2-D) or a volume (3-D).
+
+    Parameters
+    ----------
+    values : array_like, 2-D or 3-D
+        Labels (bool or integers) or intensities (floats); ``values[i, j]`` belongs to the
+        point ``origin + spacing * (i, j)``, so that axis 0 is x.  Copied, read-only.
+    spacing : float or array_like of float, shape (dim,)
+        Distance of neighbouring pixel centres, positive; one for all axes or one for each.
+    origin : array_like of float, shape (dim,), optional
+        Centre of the first pixel; zeros by default.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, values are no numbers, or a spacing is not positive.
+
+    Examples
+    --------
+    >>> Image([[True, False], [True, True], [False, False]], spacing=0.5)
+    Image(3 x 2 pixels of bool, spacing 0.5, 0.5)
+    """
+
+    values: npt.NDArray[Any]
+    spacing: FloatArray
+    origin: FloatArray
+
+    def __init__(
+        self,
+        values: npt.ArrayLike,
+        spacing: npt.ArrayLike = 1.0,
+        origin: npt.ArrayLike | None = None,
+    ) -> None:
+        pixels = np.array(values)
+        if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "biuf" or 0 in pixels.shape:
+            raise ValueError(
+                "values must be numbers in a 2-D or 3-D array, got "
+                f"{pixels.dtype} of shape {pixels.shape}"
+            )
+        steps = as_float_array("spacing", spacing)
+        steps = np.full(pixels.ndim, steps) if steps.ndim == 0 else steps.copy()
+        if steps.shape != (pixels.ndim,):
+            raise ValueError(
+                f"spacing must be a number or have shape {(pixels.ndim,)}, got {steps.shape}"
+            )
+        good = np.isfinite(steps) & (steps > 0.0)
+        refuse_where("spacing", ~good, steps, "must be finite and > 0")
+        start = np.zeros(pixels.ndim) if origin is None else as_float_array("origin", origin)
+        if start.shape != (pixels.ndim,) or not np.isfinite(start).all():
+            raise ValueError(f"origin must be {pixels.ndim} finite numbers, got {describe(origin)}")
+        for name, array in (("values", pixels), ("spacing", steps), ("origin", start.copy())):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)  # the way in for a frozen dataclass
+
+    @property
+    def dim(self) -> int:
+        """2 for a picture, 3 for a volume."""
+        return self.values.ndim
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of pixels along x, y (and z)."""
+        return self.values.shape
+
+    def __repr__(self) -> str:
+        """Say how many pixels, of what, and how large."""
+        pixels = " x ".join(str(n) for n in self.shape)
+        steps = ", ".join(f"{step:.4g}" for step in self.spacing)
+        return f"Image({pixels} pixels of {self.values.dtype}, spacing {steps})"
+
+
+def is_image_file(path: Path) -> bool:
+    """Tell from the name whether a file is read as an image."""
+    return _suffix(path) in _LOADERS
+
+
+def load(path: Path, *, name: str | None = None) -> tuple[Image, list[str]]:
+    """Return the image in a file, and what should be told of it.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is damaged, of an unknown kind or holds no single picture or volume.
+    """
+    suffix = _suffix(path)
+    if suffix not in _LOADERS:
+        raise MeshFileError(
+            f"is of no kind of image that can be read; these can: {', '.join(_LOADERS)}"
+        )
+    notes: list[str] = []
+    try:
+        with quiet():
+            image = _LOADERS[suffix](path, name, notes)
+    except MeshFileError:
+        raise
+    except ModuleNotFoundError as error:
+        raise MeshFileError(
+            f"needs the package {error.name} (pip install 'adaptsize[image]')"
+        ) from error
+    except FOREIGN_FAILURES as error:
+        raise MeshFileError(f"cannot be read as an image ({reason(error)})") from error
+    return image, notes
+
+
+def _suffix(path: Path) -> str:
+    ends = [part.lower() for part in path.suffixes[-2:]]
+    return "".join(ends) if ends[-1:] == [".gz"] else "".join(ends[-1:])
+
+
+def _load_picture(path: Path, name: str | None, notes: list[str]) -> Image:
+    from PIL import Image as pillow
+
+    with pillow.open(path) as opened:
+        n_frames = getattr(opened, "n_frames", 1)
+        if n_frames > 1:
+            notes.append(f"only the first of {n_frames} frames is taken")
+        return Image(_upright(_grey(_pixels_of(opened))))
+
+
+def _pixels_of(opened: Any) -> npt.NDArray[Any]:
+    """Return one frame; of a picture with a palette the indices, which are its labels."""
+    if opened.mode in ("1", "L", "P", "I", "F", "RGB", "RGBA", "LA") or ";16" in opened.mode:
+        return np.asarray(opened)
+    return np.asarray(opened.convert("RGBA"))
+
+
+def _grey(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return one number per pixel; refuse colours, of which nobody knows what is inside."""
+    if pixels.ndim == 2:
+        return pixels
+    n_colours = 1 if pixels.shape[-1] <= 2 else 3
+    colours, alpha = pixels[..., :n_colours], pixels[..., n_colours:]
+    if alpha.size and (alpha != alpha.flat[0]).any():
+        raise MeshFileError(
+            "has transparent parts, which may or may not belong to the object; "
+            "save a mask: one number per pixel, 0 outside"
+        )
+    if (colours != colours[..., :1]).any():
+        raise MeshFileError(
+            "has colours; segment it first and save a mask: one number per pixel, 0 outside"
+        )
+    return np.asarray(colours[..., 0])
+
+
+def _upright(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return rows from the top as x to the right and y upwards."""
+    return pixels[::-1].T
+
+
+def _load_tiff(path: Path, name: str | None, notes: list[str]) -> Image:
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        series = file.series[0]
+        if len(file.series) > 1:
+            notes.append(f"only the first of {len(file.series)} series is taken")
+        spacing = _tiff_spacing(file)
+        try:
+            pixels = series.asarray()
+        except (ImportError, ValueError) as error:  # a compression that needs imagecodecs
+            if "imagecodecs" not in str(error):
+                raise
+            pixels = _tiff_frames(path)
+        axes = series.axes
+    if pixels.ndim == len(axes) and axes.endswith("S"):
+        pixels = _grey(pixels)
+    pixels = np.squeeze(pixels)
+    if pixels.ndim == 2:
+        return Image(_upright(pixels), spacing[:2])
+    if pixels.ndim != 3:
+        raise MeshFileError(
+            f"holds an array of shape {pixels.shape} (axes {axes}), where one picture or one "
+            "stack is wanted"
+        )
+    return Image(pixels.T, spacing)  # x right, y down, z from page to page: right-handed
+
+
+def _tiff_frames(path: Path) -> npt.NDArray[Any]:
+    from PIL import Image as pillow
+    from PIL import ImageSequence
+
+    with pillow.open(path) as opened:
+        frames = [_grey(_pixels_of(frame)) for frame in ImageSequence.Iterator(opened)]
+    return np.stack(frames)
+
+
+def _tiff_spacing(file: Any) -> FloatArray:
+    """Return the pixel size as ImageJ writes it, else as OME does, else 1.
+
+    The resolution of other files is that of the printer, and left alone.
+    """
+    spacing = np.ones(3)
+    if file.is_imagej:
+        page, told = file.pages[0], file.imagej_metadata or {}
+        for d, tag in enumerate(("XResolution", "YResolution")):
+            if tag in page.tags:
+                above, below = page.tags[tag].value
+                spacing[d] = below / above if above and below else 1.0
+        spacing[2] = float(told.get("spacing", 1.0)) or 1.0
+    elif file.is_ome:
+        from xml.etree import ElementTree
+
+        for element in ElementTree.fromstring(file.ome_metadata).iter():
+            if element.tag.endswith("}Pixels"):
+                given = [element.get(f"PhysicalSize{axis}", "1") for axis in "XYZ"]
+                return np.array(given, dtype=np.float64)
+    return np.abs(spacing)
+
+
+def _load_nifti(path: Path, name: str | None, notes: list[str]) -> Image:
+    import nibabel
+
+    try:
+        file: Any = nibabel.load(path)
+    except nibabel.filebasedimages.ImageFileError as error:
+        raise MeshFileError(f"cannot be read as an image ({reason(error)})") from error
+    values = np.asanyarray(file.dataobj)
+    while values.ndim > 3 and values.shape[-1] == 1:
+        values = values[..., 0]
+    if values.ndim not in (2, 3):
+        raise MeshFileError(
+            f"holds an array of shape {values.shape}, where one volume is wanted "
+            "(a series in time? take one of its volumes)"
+        )
+    affine = np.asarray(file.affine, dtype=np.float64)
+    return _along_axes(values, affine[:3, : values.ndim], affine[:3, 3], notes)
+
+
+def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
+    import nrrd
+
+    try:
+        values, header = nrrd.read(str(path), index_order="F")
+    except nrrd.NRRDError as error:
+        raise MeshFileError(f"cannot be read as an image ({reason(error)})") from error
+    steps = np.asarray(header.get("space directions", np.empty((0, 0))), dtype=np.float64)
+    origin = np.asarray(header.get("space origin", ()), dtype=np.float64)
+    if steps.size:
+        is_space = np.isfinite(steps).all(axis=1)
+        if not is_space.all():
+            raise MeshFileError(
+                f"holds {values.shape} values with {int((~is_space).sum())} axes that are not of "
+                "space, where one number per pixel is wanted"
+            )
+        origin = origin if origin.size else np.zeros(steps.shape[1])
+        return _along_axes(values, steps.T, origin, notes)
+    given = np.asarray(header.get("spacings", np.ones(values.ndim)), dtype=np.float64)
+    spacing = np.where(np.isfinite(given), np.abs(given), 1.0)
+    return _without_single_planes(values, spacing, np.zeros(values.ndim))
+
+
+def _along_axes(
+    values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray, notes: list[str]
+) -> Image:
+    """Return an image whose axes run along those of space, turned and mirrored as needed.
+
+    ``steps[:, d]`` is the step of axis d in space.  Axes that lie askew are taken as the
+    closest ones of space, and that is noted.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    lengths = np.linalg.norm(steps, axis=0)
+    if not (np.isfinite(lengths) & (lengths > 0.0)).all() or not np.isfinite(origin).all():
+        raise MeshFileError(f"has steps of {lengths} from pixel to pixel, where > 0 is wanted")
+    cosines = steps / lengths
+    in_space, of_array = linear_sum_assignment(-np.abs(cosines))
+    if np.abs(cosines[in_space, of_array]).min() < _ALIGNED:
+        notes.append("its axes are turned in space; coordinates are along its own axes")
+    values = np.transpose(values, of_array)
+    first = origin[in_space].copy()
+    for d, (row, axis) in enumerate(zip(in_space, of_array, strict=True)):
+        if cosines[row, axis] < 0.0:
+            values = np.flip(values, axis=d)
+            first[d] -= lengths[axis] * (values.shape[d] - 1)
+    return _without_single_planes(values, lengths[of_array], first)
+
+
+def _without_single_planes(
+    values: npt.NDArray[Any], spacing: FloatArray, origin: FloatArray
+) -> Image:
+    """Return an image without its last axis if that has one pixel only."""
+    if values.ndim == 3 and values.shape[2] == 1:
+        values, spacing, origin = values[:, :, 0], spacing[:2], origin[:2]
+    return Image(_whole_numbers(values), spacing, origin)
+
+
+def _whole_numbers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return labels that a program stored as floats as integers."""
+    if values.dtype.kind != "f" or not np.isfinite(values).all():
+        return values
+    if (values != np.rint(values)).any() or np.abs(values).max(initial=0.0) > 2**31 - 1:
+        return values
+    return values.astype(np.int32)
+
+
+def _load_npy(path: Path, name: str | None, notes: list[str]) -> Image:
+    return Image(np.load(path, allow_pickle=False))
+
+
+def _load_npz(path: Path, name: str | None, notes: list[str]) -> Image:
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {key: file[key] for key in file.files}
+    chosen = _name_of_values(arrays, name)
+    extra = {key: arrays[key] for key in ("spacing", "origin") if key in arrays}
+    return Image(arrays[chosen], **extra)
+
+
+def _name_of_values(arrays: Mapping[str, npt.NDArray[Any]], name: str | None) -> str:
+    """Return the name wanted, or of the only array that can be an image, or a usual one."""
+    fit = [key for key, array in arrays.items() if array.ndim in (2, 3)]
+    if name is not None:
+        if name not in arrays:
+            raise MeshFileError(f"has no array {name!r} (found: {', '.join(arrays) or 'none'})")
+        return name
+    usual = [key for key in _NAMES_OF_VALUES if key in fit]
+    if len(fit) != 1 and not usual:
+        raise MeshFileError(
+            f"holds {len(fit)} arrays that could be an image, give name= "
+            f"(found: {', '.join(arrays) or 'none'})"
+        )
+    return fit[0] if len(fit) == 1 else usual[0]
+
+
+_LOADERS: dict[str, Callable[[Path, str | None, list[str]], Image]] = {
+    ".png": _load_picture,
+    ".bmp": _load_picture,
+    ".gif": _load_picture,
+    ".jpg": _load_picture,
+    ".jpeg": _load_picture,
+    ".pgm": _load_picture,
+    ".tif": _load_tiff,
+    ".tiff": _load_tiff,
+    ".nii": _load_nifti,
+    ".nii.gz": _load_nifti,
+    ".nrrd": _load_nrrd,
+    ".nhdr": _load_nrrd,
+    ".npy": _load_npy,
+    ".npz": _load_npz,
+}
