@@ -7,11 +7,13 @@ from adaptsize.geometry.curvature import (
     polyline_curvature,
     surface_curvature,
 )
+from adaptsize.geometry.level_sets import level_set_curvature
 
 __all__ = [
     "corner_curvature",
     "crease_curvature",
     "crease_edges",
+    "level_set_curvature",
     "polyline_curvature",
     "surface_curvature",
 ]
