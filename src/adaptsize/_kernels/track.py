@@ -29,6 +29,9 @@ from adaptsize._kernels.source import (
 )
 from adaptsize._kernels.visibility import sees
 
+# Edges of the boundary that may hide one source after the other from a node.
+_CORNERS = 4
+
 
 @kernel
 def compact_neighbours(others, star_ptr, star, mark, nbr_ptr):
@@ -150,6 +153,7 @@ def track(
     crease,
     patch,
     clearance,
+    outward,
     h0,
     g,
     source,
@@ -186,12 +190,16 @@ def track(
         Piece of the boundary (see visibility.py); used if something is hidden.
     clearance : float64[n] or float64[0]
         Lower bounds of the distances from the boundary (see visibility.py).
+    outward : float64[n, 2]
+        Directions out of the domain at the nodes of the boundary (see `_is_taut`), 0 at others;
+        used in the plane if something is hidden.
     h0 : float64[n]
     g : float64
     source : int32[n, dim]
         In/Out.
-    refused : int32[n, dim]
-        In/Out: the last source that each node did not see; used if something is hidden.
+    refused : int32[n + 1, dim]
+        In/Out: the last source that each node did not see, and the boundary facet that hid
+        the last one (see visibility.py); used if something is hidden.
     bent : float64[n, 2]
         In/Out: sizes at the ends of a source that is a `BEND`; used as creases are.
     key, node, place, size
@@ -267,10 +275,8 @@ def track(
                 if value > h_k:
                     contested[k] = 1
                 continue
-            if (
-                hidden
-                and (p != j or q >= 0)
-                and not sees(
+            if hidden and (p != j or q >= 0):
+                value = _reach(
                     state,
                     axes,
                     cells,
@@ -278,25 +284,7 @@ def track(
                     ring,
                     patch,
                     clearance,
-                    h0,
-                    source,
-                    refused,
-                    k,
-                    p,
-                    q,
-                    r,
-                    l1,
-                    l2,
-                )
-            ):
-                value = _bend(
-                    state,
-                    axes,
-                    cells,
-                    ring_ptr,
-                    ring,
-                    patch,
-                    clearance,
+                    outward,
                     crease_ptr,
                     crease,
                     h0,
@@ -309,6 +297,9 @@ def track(
                     p,
                     q,
                     r,
+                    l1,
+                    l2,
+                    value,
                     keep,
                 )
                 if value >= h_k * keep:
@@ -318,6 +309,271 @@ def track(
             state[k, dim] = value
             push_or_decrease(key, node, place, size, k, value)
     return pops
+
+
+@inner
+def _is_taut(state, outward, i, j, k):
+    """Tell whether a path from node i over node j of the boundary to node k winds around it.
+
+    If not, it can be shortened at j: the domain is on the inner side of the turn.
+    """
+    ux = state[j, 0] - state[i, 0]
+    uy = state[j, 1] - state[i, 1]
+    vx = state[k, 0] - state[j, 0]
+    vy = state[k, 1] - state[j, 1]
+    turn = ux * vy - uy * vx
+    before = ux * outward[j, 1] - uy * outward[j, 0]
+    after = vx * outward[j, 1] - vy * outward[j, 0]
+    return (turn >= 0.0 or (before < 0.0 and after < 0.0)) and (
+        turn <= 0.0 or (before > 0.0 and after > 0.0)
+    )
+
+
+@inner
+def _pull(
+    state,
+    axes,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    clearance,
+    outward,
+    h0,
+    source,
+    refused,
+    k,
+    p,
+):
+    """Pull the path to node k straight where it bends at node p of the boundary, in the plane.
+
+    Returns the last bend or the source that is then left, and whether k is known to see it.
+    """
+    seen = False
+    while outward[p, 0] != 0.0 or outward[p, 1] != 0.0:
+        i = np.int64(source[p, 0])
+        if i == p or source[p, 1] >= 0 or _is_taut(state, outward, i, p, k):
+            break
+        if not sees(
+            state,
+            axes,
+            cells,
+            ring_ptr,
+            ring,
+            patch,
+            clearance,
+            h0,
+            source,
+            refused,
+            k,
+            i,
+            NONE,
+            NONE,
+            0.0,
+            0.0,
+        ):
+            break
+        p = i
+        seen = True
+    return p, seen
+
+
+@inner
+def _reach(
+    state,
+    axes,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    clearance,
+    outward,
+    crease_ptr,
+    crease,
+    h0,
+    g,
+    source,
+    refused,
+    bent,
+    j,
+    k,
+    p,
+    q,
+    r,
+    l1,
+    l2,
+    value,
+    keep,
+):
+    """Give node k the source of j, straight or by a path that bends, where the domain is not convex.
+
+    Returns the size; the source of k is set if that lowers k.
+    """
+    dim = len(axes)
+    seen = False
+    if len(axes) == 2 and q < 0:
+        straight = p
+        p, seen = _pull(
+            state,
+            axes,
+            cells,
+            ring_ptr,
+            ring,
+            patch,
+            clearance,
+            outward,
+            h0,
+            source,
+            refused,
+            k,
+            p,
+        )
+        if p != straight:
+            value = state[p, dim] + g * distance(state, axes, k, p)
+    if seen or sees(
+        state,
+        axes,
+        cells,
+        ring_ptr,
+        ring,
+        patch,
+        clearance,
+        h0,
+        source,
+        refused,
+        k,
+        p,
+        q,
+        r,
+        l1,
+        l2,
+    ):
+        u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
+        _take(source, bent, k, p, q, r, u_p, u_q)
+        return value
+    if len(axes) == 2:
+        return _wind(
+            state,
+            axes,
+            cells,
+            ring_ptr,
+            ring,
+            patch,
+            clearance,
+            outward,
+            h0,
+            g,
+            source,
+            refused,
+            j,
+            k,
+            keep,
+        )
+    return _bend(
+        state,
+        axes,
+        cells,
+        ring_ptr,
+        ring,
+        patch,
+        clearance,
+        crease_ptr,
+        crease,
+        h0,
+        g,
+        source,
+        refused,
+        bent,
+        j,
+        k,
+        p,
+        q,
+        r,
+        keep,
+    )
+
+
+@inner
+def _wind(
+    state,
+    axes,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    clearance,
+    outward,
+    h0,
+    g,
+    source,
+    refused,
+    j,
+    k,
+    keep,
+):
+    """Let the path to node k, which does not see the source of j, bend at j or at what hid it.
+
+    That is an edge of the boundary, the last row of ``refused``.  Its nodes have their sizes
+    already if these are below that of j.
+    """
+    dim = len(axes)
+    last = refused.shape[0] - 1
+    best = state[j, dim] + g * distance(state, axes, k, j)
+    found = j
+    for _ in range(_CORNERS):
+        p = np.int64(refused[last, 0])
+        if p < 0:
+            break
+        value = math.inf
+        for end in range(2):
+            i = np.int64(refused[last, end])
+            if i == j or state[i, dim] > state[j, dim]:
+                continue
+            over = state[i, dim] + g * distance(state, axes, k, i)
+            if over < value:
+                value = over
+                p = i
+        if value >= best:
+            break
+        p, seen = _pull(
+            state,
+            axes,
+            cells,
+            ring_ptr,
+            ring,
+            patch,
+            clearance,
+            outward,
+            h0,
+            source,
+            refused,
+            k,
+            p,
+        )
+        if seen or sees(
+            state,
+            axes,
+            cells,
+            ring_ptr,
+            ring,
+            patch,
+            clearance,
+            h0,
+            source,
+            refused,
+            k,
+            p,
+            NONE,
+            NONE,
+            0.0,
+            0.0,
+        ):
+            best = state[p, dim] + g * distance(state, axes, k, p)
+            found = p
+            break
+    if best < state[k, dim] * keep:
+        set_source(source, k, found, NONE, NONE)
+    return best
 
 
 @inner
@@ -352,8 +608,6 @@ def _bend(
     best = state[j, dim] + g * distance(state, axes, k, j)
     if best < state[k, dim] * keep:
         set_source(source, k, j, NONE, NONE)
-    if dim < 3:
-        return best
     u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
     for place in range(crease_ptr[j], crease_ptr[j + 1]):
         i = np.int64(crease[place])
@@ -420,6 +674,7 @@ def offer_once_more(
     crease,
     patch,
     clearance,
+    outward,
     h0,
     g,
     source,

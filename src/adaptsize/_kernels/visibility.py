@@ -194,8 +194,9 @@ def sees(
     h0 : float64[n]
     source : int32[n, dim]
         Sources of the nodes.
-    refused : int32[n, dim]
-        In/Out: the last source that each node did not see.
+    refused : int32[n + 1, dim]
+        In/Out: the last source that each node did not see; the last row is then the facet of the
+        boundary that hides the line, or starts with -1 if there is none.
     k : int
     s0, s1, s2 : int
         The source offered, as in ``source``.
@@ -203,6 +204,7 @@ def sees(
         Weights of s1 and s2 at the point.
     """
     dim = len(axes)
+    refused[refused.shape[0] - 1, 0] = -1
     if refused[k, 0] == s0 and refused[k, 1] == s1 and (dim < 3 or refused[k, 2] == s2):
         return False
     put_foot(points, axes, s0, s1, s2, l1, l2)
@@ -215,7 +217,7 @@ def sees(
     p, q, r, l1, l2 = drop_zero_weights(s0, s1, s2, l1, l2)
     most = 64 + 16 * int(cells.shape[0] ** (1.0 / dim))  # several times across the mesh
     seen = _arrives(
-        points, axes, cells, ring_ptr, ring, patch, h0, source, k, p, q, r, s0, s1, s2, most
+        points, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, p, q, r, s0, s1, s2, most
     )
     if not seen:
         set_source(refused, k, s0, s1, s2)
@@ -224,9 +226,28 @@ def sees(
 
 @inner
 def _arrives(
-    points, axes, cells, ring_ptr, ring, patch, h0, source, k, p, q, r, s0, s1, s2, max_steps
+    points,
+    axes,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    h0,
+    source,
+    refused,
+    k,
+    p,
+    q,
+    r,
+    s0,
+    s1,
+    s2,
+    max_steps,
 ):
-    """Follow the line from node k to the last row of ``points``, which lies between p, q and r."""
+    """Follow the line from node k to the last row of ``points``, which lies between p, q and r.
+
+    A facet of the boundary that hides it is written to the last row of ``refused``.
+    """
     y = points.shape[0] - 1
     # The cell into which the line leaves k: where it is most clearly inside the cone at k.
     c = entry = np.int64(-1)
@@ -259,6 +280,9 @@ def _arrives(
             return True
         beyond = _cell_beyond(points, axes, cells, ring_ptr, ring, c, way_out)
         if beyond < 0:
+            for v in range(len(axes)):
+                place = (way_out + 1 + v) % (len(axes) + 1)
+                refused[refused.shape[0] - 1, v] = cells[c, place]
             return False
         if _holds(cells, beyond, p, q, r):
             return True

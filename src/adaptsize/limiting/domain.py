@@ -138,6 +138,34 @@ def creases_of(n_points: int, turns: Turns) -> tuple[IntArray, IntArray]:
     return first, np.ascontiguousarray(ends[:, 1])
 
 
+def outward_in_plane(points: FloatArray, boundary: FlatBoundary) -> FloatArray:
+    """Return the directions that halve the outer angles at boundary nodes, float64[n, 2].
+
+    0 inside, and where not one edge of the boundary enters and one leaves.
+    """
+    outward = np.zeros((len(points), 2))
+    start, end = boundary.facets.T
+    along = points[end] - points[start]
+    length = np.hypot(*along.T)
+    along = np.divide(along, length[:, None], out=np.zeros_like(along), where=length[:, None] > 0)
+    into, out = np.zeros_like(outward), np.zeros_like(outward)
+    into[end], out[start] = along, along
+    turn = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
+    # The sum of the two normals fails at the tip of a crack, the difference of the two
+    # tangents on a straight line.
+    normal = (into + out)[:, ::-1] * [1.0, -1.0]
+    inwards = out - into
+    outward = np.where(
+        (normal**2).sum(axis=1)[:, None] > (inwards**2).sum(axis=1)[:, None],
+        normal,
+        np.where(turn[:, None] > 0.0, -inwards, inwards),
+    )
+    n = len(points)
+    once = (np.bincount(start, minlength=n) == 1) & (np.bincount(end, minlength=n) == 1)
+    outward[~once] = 0.0
+    return outward
+
+
 def _turns_in_plane(points: FloatArray, facets: IntArray) -> Turns:
     """Return the angle at each node of the boundary; nan unless one edge enters and one leaves."""
     n = len(points)

@@ -16,6 +16,7 @@ from adaptsize.limiting.domain import (
     creases_of,
     flat_boundary,
     is_convex,
+    outward_in_plane,
     pieces_of,
     turns_of,
 )
@@ -74,6 +75,7 @@ class _Surroundings(NamedTuple):
     crease: IntArray
     patch: IntArray
     clearance: FloatArray
+    outward: FloatArray
 
 
 class _Obstacles(NamedTuple):
@@ -83,10 +85,15 @@ class _Obstacles(NamedTuple):
     crease: IntArray
     patch: IntArray
     clearance: FloatArray
+    outward: FloatArray
 
 
 _NO_OBSTACLES = _Obstacles(
-    np.zeros(1, np.int32), np.empty(0, np.int32), np.full(1, -1, np.int32), np.empty(0)
+    np.zeros(1, np.int32),
+    np.empty(0, np.int32),
+    np.full(1, -1, np.int32),
+    np.empty(0),
+    np.zeros((1, 2)),
 )
 
 
@@ -186,7 +193,7 @@ def solve_source_tracking(
         convex, sight = _shape(mesh, domain_is_convex, near_sources=bool(many))
         moves = polish if dense and face_sources else 0
         near = _surroundings(mesh, not convex or (mesh.dim == 3 and moves > 0), sight)
-        refused = np.full((1 if convex else n, mesh.dim), -1, np.int32)
+        refused = np.full((1 if convex else n + 1, mesh.dim), -1, np.int32)
         if mesh.dim == 3 and not convex:
             bent = np.empty((n, 2))
         known = (work.source, refused, bent)
@@ -261,7 +268,9 @@ def _shape(
     pieces = pieces_of(mesh.n_points, boundary, turns)
     # Sources on the boundary are farther away than it: then the bounds are of no use.
     clearance = clearance_of(mesh.points, boundary.facets) if near_sources else np.empty(0)
-    return False, _Obstacles(*creases_of(mesh.n_points, turns), pieces, clearance)
+    creases = creases_of(mesh.n_points, turns)
+    outward = outward_in_plane(mesh.points, boundary) if mesh.dim == 2 else np.zeros((1, 2))
+    return False, _Obstacles(*creases, pieces, clearance, outward)
 
 
 def _surroundings(mesh: SimplexMesh, need_rings: bool, obstacles: _Obstacles) -> _Surroundings:
