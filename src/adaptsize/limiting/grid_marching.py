@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize._kernels import march_grid as kernels
-from adaptsize.limiting.padding import buckets_for, pad, strides_of_padded, unpad
+from adaptsize.background.padding import buckets_for, pad, strides_of_padded, unpad
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels import track_grid as kernels
 from adaptsize._kernels.visibility_grid import measure_clearance
-from adaptsize.limiting.padding import buckets_for, pad, strides_of_padded, unpad
+from adaptsize.background.padding import buckets_for, pad, strides_of_padded, unpad
 from adaptsize.limiting.source_tracking import TrackedSolution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.sweep_grid import iterate_hamilton_jacobi
+from adaptsize.background.padding import pad, strides_of_padded, unpad
 from adaptsize.errors import ConvergenceWarning
-from adaptsize.limiting.padding import pad, strides_of_padded, unpad
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
