@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number
+from adaptsize._checks import as_number, describe
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
@@ -16,6 +16,7 @@ from adaptsize.geometry.curvature import (
     polyline_curvature,
     surface_curvature,
 )
+from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import FloatArray, IntArray
@@ -28,12 +29,13 @@ _TOLERANCE_SHARE = 1e-3
 
 def size_from_curvature(
     background: SimplexMesh | CartesianGrid | Octree,
-    boundary: SimplexMesh | None = None,
+    boundary: SimplexMesh | npt.ArrayLike | None = None,
     *,
     elements_per_radian: float = 4.0,
     crease_angle: float = 40.0,
     smoothing: int = 0,
     tolerance: float | None = None,
+    g: float = 0.25,
     hmin: float | None = None,
     hmax: float | None = None,
 ) -> FloatArray:
@@ -51,24 +53,28 @@ def size_from_curvature(
         Tetrahedra or triangles in the plane: their boundary counts.  Triangles in
         space: they count themselves, and so do their boundary and sharp edges.
         Segments: they count themselves.  Grids and octrees need ``boundary``.
-    boundary : SimplexMesh, optional
+    boundary : SimplexMesh or array_like of float, optional
         Triangles in space, or segments in the plane or in space, whose curvature counts
         instead; nodes of ``background`` that lie on it get the value of the closest point.
-        Nodes of a grid or octree lie beside it; see ``tolerance``.
+        Nodes of a grid or octree lie beside it; see ``tolerance``.  On a grid also the
+        signed distance phi at its nodes, negative inside: see the notes.
     elements_per_radian : float, default 4
         K > 0.  In terms of the angle :math:`\theta` that an edge spans,
         :math:`1 / K = 2 \sin(\theta / 2)`.
     crease_angle : float, default 40
         Edges where the facets, and nodes where a line, turn by more are sharp; degrees.
-        Must exceed the angle between the facets of a tessellated smooth surface.
+        Must exceed the angle between the facets of a tessellated smooth surface.  With
+        distances: kinks, and boundaries that turn by more within one spacing.
     smoothing : int, default 0
         1 or 2 averages the curvature over as many layers of neighbours: for scanned
-        surfaces.
+        surfaces.  Distances are averaged before they are differentiated: for images.
     tolerance : float, optional
         Distance up to which a node counts as lying on ``boundary``, in the unit of the
         coordinates; 0.001 of the diagonal of ``boundary`` by default.  On a grid, the
         diagonal of a box, of an octree that of its smallest leaf: all corners of the boxes
-        that the boundary passes.
+        that the boundary passes.  With distances, two of the largest spacings.
+    g : float, default 0.25
+        With distances only: the gradient limit that is used afterwards, >= 0, no unit.
     hmin, hmax : float, optional
         Limits of the size, as in `minimum`.
 
@@ -82,17 +88,33 @@ def size_from_curvature(
     ------
     ValueError
         If an option is out of range, the background is 1-D, ``boundary`` is of another
-        kind or missing on a grid or octree, or no node of the background lies on ``boundary``.
+        kind or missing on a grid or octree, or no node of the background lies on ``boundary``;
+        if distances are given and the background is no grid, or they are no distances.
 
     See Also
     --------
     adaptsize.geometry.surface_curvature : the estimate of the curvature, and its accuracy.
+    adaptsize.geometry.level_set_curvature : the same from distances.
     limit_gradient : to be called next, so that the sizes grow gradually from the boundary.
 
     Notes
     -----
     O(n) without ``boundary``, O(n log n) with it.  The background must carry nodes on the
     boundary, near enough to each other to see its curvature change.
+
+    With distances the nodes on both sides get, with the curvature
+    :math:`\kappa_b = \kappa / (1 - \kappa\phi)` of the boundary closest to them,
+
+    .. math:: h_0 = 1 / (K \kappa_b) - s \phi,
+
+    so that what they ask for is :math:`1 / (K \kappa_b)` on the boundary, between them, and
+    not at the nodes.  Inside :math:`s = g`, up to ``tolerance`` deep.  Outside only the corners
+    of the boxes that the boundary passes count, with :math:`s^2 = g^2 - m^2`, where m is the slope
+    of :math:`1 / (K \kappa_b)` along the boundary: with [1]_'s :math:`s = g` the slope
+    of :math:`h_0` is larger than g, and limiting makes sizes too small.  No
+    size outside is less than half of that on the boundary.  A smaller g than used afterwards
+    makes the sizes inside too small by the difference times ``tolerance``; a larger
+    one, those on the boundary by as much times the spacing.
 
     References
     ----------
@@ -109,8 +131,34 @@ def size_from_curvature(
     >>> disk = SimplexMesh(points, [[0, i, i % 8 + 1] for i in range(1, 9)])
     >>> size_from_curvature(disk, crease_angle=50.0).round(12)
     array([inf, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5])
+
+    A disc of radius 2 on a grid, from its signed distance, at nodes just outside, just inside
+    and 0.7 inside:
+
+    >>> grid = CartesianGrid([-3.0, -3.0], 0.3, (21, 21))
+    >>> phi = grid.sample(lambda x: np.linalg.norm(x, axis=1) - 2.0)
+    >>> h0 = size_from_curvature(grid, phi, g=0.2)
+    >>> (phi[10, [3, 4, 6]], h0[10, [3, 4, 6]].round(3))
+    (array([ 0.1, -0.2, -0.8]), array([0.483, 0.543,   inf]))
     """
     per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)
+    if boundary is not None and not isinstance(boundary, SimplexMesh):
+        if not isinstance(background, CartesianGrid):
+            raise ValueError(
+                f"boundary must be a SimplexMesh, or distances on a CartesianGrid, "
+                f"got {describe(boundary)} on {background!r}"
+            )
+        h0 = size_from_distance(
+            background,
+            boundary,
+            per_radian,
+            crease_angle=crease_angle,
+            smoothing=smoothing,
+            tolerance=tolerance,
+            g=g,
+        )
+        h0 = np.maximum(h0, _SMALLEST_SHARE * background.diagonal)
+        return minimum(h0, hmin=hmin, hmax=hmax)
     kappa = np.zeros(background.n_points)
     nodes: npt.NDArray[np.integer[Any]]
     if boundary is None:

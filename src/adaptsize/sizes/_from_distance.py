@@ -1,0 +1,134 @@
+"""Sizes from the curvature of a boundary that is given by the signed distance on a grid."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_number
+from adaptsize.background import CartesianGrid
+from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
+from adaptsize.typing import BoolArray, FloatArray
+
+_Nodes = npt.NDArray[np.int64]
+
+# Curvature counts up to so many of the largest spacing from the boundary.
+_REACH = 2.0
+# A radius above 10^7 diagonals is rounding.
+_FLAT = 1e-7
+# On coarse grids the size falls by all of itself up to the next node outside.
+_LEAST_SHARE = 0.5
+
+
+def size_from_distance(
+    grid: CartesianGrid,
+    boundary: npt.ArrayLike,
+    per_radian: float,
+    *,
+    crease_angle: float,
+    smoothing: int,
+    tolerance: float | None,
+    g: float,
+) -> FloatArray:
+    """Return nodal sizes that ask for 1 / (K kappa) on the boundary, where phi is zero.
+
+    See `adaptsize.size_from_curvature`, whose arguments these are.
+    """
+    phi = as_level_set("boundary", boundary, grid)
+    slope = as_number("g", g, lower=0.0)
+    angle = math.radians(as_number("crease_angle", crease_angle, lower=0.0))
+    if angle > math.pi:
+        raise ValueError(f"crease_angle must be at most 180 degrees, got {crease_angle:g}")
+    nodes = _nodes_near(grid, phi, tolerance)
+    # The mean of two unit vectors with that angle between them is shorter by this much.
+    kink = 1.0 - math.cos(0.5 * angle)
+    principal = curvature_at_nodes(grid, phi, nodes, gradient_tolerance=kink, smoothing=smoothing)
+    kappa = np.abs(principal).max(axis=1)
+    _refuse_no_distance(kappa)
+    known = kappa * grid.spacing.max() <= angle  # False where NaN
+    nodes, kappa = nodes[known], kappa[known]
+    kappa[kappa * grid.diagonal < _FLAT] = 0.0
+    h0 = np.full(grid.n_points, np.inf)
+    h0[nodes] = _sizes_beside_boundary(grid, phi, nodes, per_radian * kappa, slope)
+    return h0.reshape(grid.shape)
+
+
+def _nodes_near(grid: CartesianGrid, phi: FloatArray, tolerance: float | None) -> _Nodes:
+    """Return the active nodes up to ``tolerance`` from the boundary, flat indices."""
+    if tolerance is None:
+        within = _REACH * float(grid.spacing.max())
+    else:
+        within = as_number("tolerance", tolerance, lower=0.0)
+    near = np.abs(phi) <= within
+    if grid.active is not None:
+        near &= grid.active
+    if not near.any():
+        closest = np.nanmin(np.abs(phi), initial=np.inf)
+        raise ValueError(
+            f"boundary must be zero near nodes of the background, got distances of "
+            f"{closest:g} and more, which is over the tolerance {within:g}"
+        )
+    return np.flatnonzero(near)
+
+
+def _refuse_no_distance(kappa: FloatArray) -> None:
+    if np.isnan(kappa).all():
+        raise ValueError(
+            f"boundary must be a signed distance, or finer resolved: at none of the {len(kappa)} "
+            f"nodes near its zeros is its gradient of about length 1"
+        )
+
+
+def _sizes_beside_boundary(
+    grid: CartesianGrid, phi: FloatArray, nodes: _Nodes, per_size: FloatArray, g: float
+) -> FloatArray:
+    """Return what to ask for at nodes for sizes 1 / ``per_size`` where the boundary is closest.
+
+    A limited field with the slope m along the boundary has the slope sqrt(g^2 - m^2) across
+    it.  Inside g does as well, since limiting mends what is too large, and errors of m
+    do no harm there.
+    """
+    distance = phi.ravel()[nodes]
+    with np.errstate(divide="ignore"):
+        size = 1.0 / per_size
+    h0 = size - g * np.minimum(distance, 0.0)
+    outside = distance > 0.0
+    along = _slope_along(grid, nodes, per_size)[outside]
+    across = np.sqrt(np.maximum(g**2 - along**2, 0.0))
+    h0[outside] -= across * distance[outside]
+    h0 = np.maximum(h0, _LEAST_SHARE * size)
+    h0[outside] = np.where(_beside_inside(grid, phi, nodes[outside]), h0[outside], np.inf)
+    return h0
+
+
+def _slope_along(grid: CartesianGrid, nodes: _Nodes, per_size: FloatArray) -> FloatArray:
+    """Return the slope of 1 / ``per_size`` at nodes, from those of their neighbours that count."""
+    nodal = np.full(grid.n_points, np.nan)
+    nodal[nodes] = per_size
+    total = np.zeros(len(nodes))
+    for stride, spacing in zip(_strides(grid), grid.spacing, strict=True):
+        below, above = nodal[nodes - stride], nodal[nodes + stride]
+        steps = np.isfinite(below).astype(float) + np.isfinite(above)
+        rise = np.where(np.isnan(above), per_size, above) - np.where(
+            np.isnan(below), per_size, below
+        )
+        total += (rise / (np.maximum(steps, 1.0) * spacing)) ** 2
+    # d(1/c) = -dc / c^2; where c is zero the size is infinite and has no slope.
+    return np.asarray(np.sqrt(total) / np.where(per_size > 0.0, per_size, np.inf) ** 2)
+
+
+def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: _Nodes) -> BoolArray:
+    """Return which nodes share a box with one inside; none may lie on the border of the grid."""
+    inside = phi.ravel() <= 0.0
+    found = np.zeros(len(nodes), np.bool_)
+    for steps in product((-1, 0, 1), repeat=grid.dim):
+        found |= inside[nodes + int(np.dot(steps, _strides(grid)))]
+    return found
+
+
+def _strides(grid: CartesianGrid) -> list[int]:
+    """Return by how much the flat index grows along each axis."""
+    return [math.prod(grid.shape[d + 1 :]) for d in range(grid.dim)]
