@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from adaptsize.cli.files import check_outputs, nodal_field
+from adaptsize.cli.options import (
+    AsJson,
+    Crease,
+    Field,
+    Gradient,
+    Input,
+    Largest,
+    Output,
+    PerRadian,
+    Picture,
+    Smallest,
+    Sources,
+)
 from adaptsize.cli.sources import describe_roots, parse_source
+from adaptsize.cli.telling import draw, print_written, say
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
@@ -24,32 +37,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-Input = Annotated[Path, typer.Argument(metavar="FILE", help="Mesh: STL, VTU, .msh, .mesh, ...")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="File to write.")]
-PerRadian = Annotated[
-    float | None,
-    typer.Option(
-        "-K", "--elements-per-radian", help="Elements per radian of curved boundaries; 0: none."
-    ),
-]
-Gradient = Annotated[float, typer.Option("-g", "--gradient", help="Gradient limit of the size.")]
-Smallest = Annotated[float | None, typer.Option("--hmin", help="Smallest size.")]
-Largest = Annotated[float | None, typer.Option("--hmax", help="Largest size.")]
-Crease = Annotated[
-    float, typer.Option("--crease-angle", help="Sharper edges are no curvature, degrees.")
-]
-Sources = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--source",
-        help="point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
-        "region:tag=h; may be repeated.",
-    ),
-]
-Field = Annotated[str | None, typer.Option("--field", help="Nodal field of the file to use.")]
-Picture = Annotated[Path | None, typer.Option("--plot", help="Also draw the result (.png).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def _print_version(wanted: bool) -> None:
@@ -103,8 +90,8 @@ def size(
     mesh = read(file)
     chosen = _choose(mesh, elements_per_radian, gradient, hmin, hmax, crease_angle, source, field)
     write(output, chosen.size)
-    _draw(plot, chosen.size)
-    _print_written(output, chosen.size.background)
+    draw(plot, chosen.size)
+    print_written(output, chosen.size.background)
 
 
 @app.command()
@@ -140,18 +127,18 @@ def limit(
             f"got method {told.method!r}"
         )
     write(output, mesh, fields={"h": h})
-    _draw(plot, mesh, h)
+    draw(plot, mesh, h)
     levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in told.cell_gradient_quantiles.items())
     print(f"{told.method}: {told.n_changed} of {mesh.n_points} nodes lowered")
     print(f"largest slope along an edge over g: {told.largest_edge_slope:.6f}")
     print(f"gradient in the cells over g, quantiles: {levels}")
-    _print_written(output, mesh)
+    print_written(output, mesh)
     if sources is not None and told.sources is not None:
         roots = told.sources.roots()
         write(sources, mesh, fields={"h": h, "source": roots})
         for line in describe_roots(mesh.points, roots):
             print(line)
-        _print_written(sources, mesh)
+        print_written(sources, mesh)
 
 
 @app.command()
@@ -200,8 +187,8 @@ def remesh(
     )
     new = new.with_data(point_data={"h": chosen.on(new)})
     write(output, new)
-    _draw(plot, new)
-    _print_written(output, new)
+    draw(plot, new)
+    print_written(output, new)
 
 
 @app.command()
@@ -249,26 +236,5 @@ def _choose(
         h0=None if field is None else nodal_field(mesh, field),
         progress=True,
     )
-    _say(f"sizes: {chosen}")
+    say(f"sizes: {chosen}")
     return chosen
-
-
-def _draw(path: Path | None, *what: Any) -> None:
-    """Draw the sizes; a machine that cannot draw is no reason to fail."""
-    if path is None:
-        return
-    from adaptsize.errors import PlotError
-    from adaptsize.plot import plot_size
-
-    try:
-        plot_size(*what, path=path)
-    except (PlotError, ImportError) as error:
-        _say(f"no picture: {error}")
-
-
-def _print_written(path: Path, mesh: SimplexMesh) -> None:
-    print(f"{path}: {mesh.n_points} points, {mesh.n_cells} cells")
-
-
-def _say(text: str) -> None:
-    print(f"adaptsize: {text}", file=sys.stderr)
