@@ -29,6 +29,7 @@ _HOMES = {
     "LimitingInfo": "limiting",
     "SizeSources": "limiting",
     "remesh": "remeshing",
+    "mesh_from_distance": "remeshing",
     "size_conformity": "quality",
     "read": "io",
     "read_image": "io",

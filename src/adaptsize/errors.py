@@ -43,3 +43,7 @@ class MeshRepairWarning(UserWarning):
 
 class ImageWarning(UserWarning):
     """Part of an image was left out or taken otherwise; the message says what."""
+
+
+class ResolutionWarning(UserWarning):
+    """A mesh misses some of its domain, or has cells of poor shape; the message says what."""

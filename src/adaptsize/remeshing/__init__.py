@@ -14,13 +14,17 @@ _HOMES = {
     "Backend": "protocol",
     "Problem": "protocol",
     "estimate_n_cells": "estimate",
+    "mesh_from_distance": "smoothing",
+    "SmoothingReport": "smoothing",
 }
 
 __all__ = [
     "Backend",
     "Problem",
+    "SmoothingReport",
     "available_backends",
     "estimate_n_cells",
+    "mesh_from_distance",
     "register_backend",
     "remesh",
 ]

@@ -1,0 +1,115 @@
+"""Nodes added where edges are too long or a part has none, removed where they are too short."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.remeshing._implicit_domain import ImplicitDomain
+from adaptsize.remeshing._rejection import Size
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+#: Edges out of these bounds lose a node or get one in the middle, in sizes.
+_TOO_SHORT, _TOO_LONG = 0.6, 1.55
+#: A place in the domain this far from all nodes gets one, in sizes.  In the lattices that
+#: are best no place is further than 0.61.
+_TOO_FAR = 0.85
+#: Edges between boundary nodes run along the boundary if their middle is this near, in lengths.
+_ALONG = 0.2
+
+
+class MeshEdges(NamedTuple):
+    """Nodes and edges of a mesh with sizes."""
+
+    points: FloatArray
+    edges: IntArray
+    on_boundary: BoolArray
+    h: FloatArray
+    n_fixed: int
+
+
+def adapted(
+    domain: ImplicitDomain, size: Size, mesh: MeshEdges, probes: FloatArray
+) -> FloatArray | None:
+    """Return the nodes with some removed and some added at the end; None if all is well."""
+    points, edges, on_boundary, h, n_fixed = mesh
+    i, j = edges.T
+    ratio = np.linalg.norm(points[i] - points[j], axis=1) / (0.5 * (h[i] + h[j]))
+    short, long = np.flatnonzero(ratio < _TOO_SHORT), np.flatnonzero(ratio > _TOO_LONG)
+    candidates = np.concatenate([short, long])
+    middles = 0.5 * (points[i[candidates]] + points[j[candidates]])
+    depth = domain.depth(domain.phi(middles))
+    length = ratio[candidates] * h[i[candidates]]
+    both = on_boundary[i[candidates]] & on_boundary[j[candidates]]
+    # Edges across a narrow part are short because the part is narrow.
+    across = both & (depth > _ALONG * length)
+    inside = depth > -_ALONG * length
+    removed = _chosen(edges[short[~across[: len(short)]]], ratio, mesh)
+    is_new = inside[len(short) :]
+    new = _spread(middles[len(short) :][is_new], h[i[long[is_new]]], 1.0)
+    kept = np.ones(len(points), np.bool_)
+    kept[removed] = False
+    kept[:n_fixed] = True
+    changed = np.concatenate([points[kept], new])
+    changed = uncovered(domain, size, changed, probes)
+    same = len(removed) == 0 and len(changed) == len(points)
+    return None if same else changed
+
+
+def _chosen(short: IntArray, ratio: FloatArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
+    """Return one node of each short edge, no two of them neighbours by such edges."""
+    gone: list[int] = []
+    touched: set[int] = set()
+    for a, b in short.tolist():
+        if a in touched or b in touched:
+            continue
+        touched.update((a, b))
+        # A node inside rather than one on the boundary; the later one, for the first are fixed.
+        first, last = (a, b) if a < b else (b, a)
+        node = first if mesh.on_boundary[last] and not mesh.on_boundary[first] else last
+        if node >= mesh.n_fixed:
+            gone.append(node)
+    return np.array(gone, np.int64)
+
+
+def uncovered(
+    domain: ImplicitDomain, size: Size, points: FloatArray, probes: FloatArray
+) -> FloatArray:
+    """Return the nodes and new ones near places of the domain that are far from all."""
+    from scipy.spatial import cKDTree
+
+    if len(probes) == 0:
+        return points
+    h = size(probes)
+    far = np.ones(len(probes), np.bool_)
+    if len(points):
+        far = cKDTree(points).query(probes)[0] > _TOO_FAR * h
+    new = _spread(probes[far], h[far], _TOO_FAR)
+    return np.concatenate([points, new])
+
+
+def _spread(points: FloatArray, h: FloatArray, factor: float) -> FloatArray:
+    """Return points taken in turn if they are ``factor * h`` away from those taken."""
+    from scipy.spatial import cKDTree
+
+    if len(points) < 2:
+        return points
+    tree = cKDTree(points)
+    free = np.ones(len(points), np.bool_)
+    taken = []
+    for i in range(len(points)):
+        if free[i]:
+            taken.append(i)
+            free[tree.query_ball_point(points[i], factor * h[i])] = False
+    return points[taken]
+
+
+def far_from(fixed: FloatArray, points: FloatArray, size: Size) -> FloatArray:
+    """Return the points that are not too near to the fixed ones."""
+    from scipy.spatial import cKDTree
+
+    if len(fixed) == 0 or len(points) == 0:
+        return points
+    return np.asarray(points[cKDTree(fixed).query(points)[0] > _TOO_SHORT * size(points)])

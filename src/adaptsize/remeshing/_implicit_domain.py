@@ -1,0 +1,142 @@
+"""A domain given by a distance function: checked values, gradients, projection to its boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, refuse_where
+from adaptsize.typing import FloatArray
+
+#: Steps of a difference quotient, in sizes: far above rounding, far below any detail.
+_STEP = 1e-4
+#: Gradients shorter than this times the steepest slope say nothing about where the boundary is.
+_FLAT = 1e-3
+
+
+@dataclass(frozen=True)
+class ImplicitDomain:
+    """The points of a box where ``distance`` is negative.
+
+    Attributes
+    ----------
+    distance : callable
+        Of float64[n, dim], negative inside; any function that changes its sign at the
+        boundary with a slope there.
+    lower, upper : float64[dim]
+    slope : float
+        Bound on the slope of ``distance``, estimated from samples; 1 for distances.
+    """
+
+    distance: Callable[[FloatArray], Any]
+    lower: FloatArray
+    upper: FloatArray
+    slope: float = 1.0
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return len(self.lower)
+
+    def given(self, points: FloatArray) -> FloatArray:
+        """Return the values of ``distance``, float64[n], checked."""
+        values = as_float_array("distance(points)", self.distance(points), (len(points),))
+        refuse_where("distance(points)", ~np.isfinite(values), values, "must be finite")
+        return values
+
+    def phi(self, points: FloatArray) -> FloatArray:
+        """Return the function that is negative in the domain and in the box, float64[n]."""
+        if len(points) == 0:
+            return np.empty(0)
+        return np.maximum(self.given(points), self.slope * self._beyond_box(points))
+
+    def _beyond_box(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance to the box, float64[n]."""
+        half = 0.5 * (self.upper - self.lower)
+        away = np.abs(points - (self.lower + half)) - half
+        outside = np.linalg.norm(np.maximum(away, 0.0), axis=1)
+        return np.asarray(outside + np.minimum(away.max(axis=1), 0.0))
+
+    def depth(self, phi: FloatArray) -> FloatArray:
+        """Return a lower bound on how deep inside points are (if ``slope`` is one)."""
+        return -phi / self.slope
+
+    def gradient(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
+        """Return forward differences of phi over ``1e-4 h``, float64[n, dim]."""
+        n, dim = points.shape
+        step = _STEP * h
+        moved = np.repeat(points[None], dim, axis=0)
+        for d in range(dim):
+            moved[d, :, d] += step
+        there = self.phi(moved.reshape(-1, dim)).reshape(dim, n)
+        # What is added to a coordinate is not quite the step.
+        rises = np.stack([moved[d, :, d] - points[:, d] for d in range(dim)])
+        return np.asarray(((there - phi) / rises).T)
+
+    def newton_steps(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
+        """Return the moves to the zero of the linearised phi, none longer than ``h``."""
+        gradient = self.gradient(points, phi, h)
+        square = np.einsum("ij,ij->i", gradient, gradient)
+        safe = square > (_FLAT * self.slope) ** 2
+        factor = np.divide(-phi, square, out=np.zeros_like(phi), where=safe)
+        move = factor[:, None] * gradient
+        length = np.linalg.norm(move, axis=1)
+        too_long = length > h
+        move[too_long] *= (h[too_long] / length[too_long])[:, None]
+        return np.asarray(move)
+
+    def project(
+        self, points: FloatArray, h: FloatArray, *, tolerance: float, max_steps: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return points moved to the boundary by Newton steps, and how far they are from it.
+
+        Parameters
+        ----------
+        points : float64[n, dim]
+        h : float64[n]
+            Sizes there.
+        tolerance : float
+            Distance from the boundary that is no distance, in sizes.
+        max_steps : int
+
+        Returns
+        -------
+        points : float64[n, dim]
+        residual : float64[n]
+            Estimated distance to the boundary: the length of the next Newton step.
+        """
+        points = points.copy()
+        residual = np.zeros(len(points))
+        active = np.arange(len(points))
+        for k in range(max_steps + 1):
+            here = points[active]
+            move = self.newton_steps(here, self.phi(here), h[active])
+            residual[active] = np.linalg.norm(move, axis=1)
+            far = residual[active] > tolerance * h[active]
+            if k == max_steps or not far.any():
+                break
+            active = active[far]
+            points[active] += move[far]
+        return points, residual
+
+
+def estimated_slope(phi: FloatArray, spacing: FloatArray) -> float:
+    """Return the length of the steepest gradient between the nodes of a grid of values.
+
+    A tenth is added: between the samples it may be steeper.
+    """
+    square = np.zeros(tuple(n - 1 for n in phi.shape))
+    for d in range(phi.ndim):
+        rise = np.diff(phi, axis=d) / spacing[d]
+        square += rise[tuple(slice(0, n - 1) for n in phi.shape)] ** 2
+    return 1.1 * float(np.sqrt(square.max())) or 1.0
+
+
+def grid_of(lower: FloatArray, upper: FloatArray, counts: npt.ArrayLike) -> FloatArray:
+    """Return the nodes of a regular grid over a box, float64[*counts, dim]."""
+    axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, np.asarray(counts), strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
