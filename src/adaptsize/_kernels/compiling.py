@@ -15,3 +15,6 @@ kernel = _njit(cache=True, nogil=True, no_cfunc_wrapper=True)
 
 #: For functions called from kernels only; Python cannot call them.
 inner = _njit(cache=True, nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+
+#: For small parts of one kernel that has no time for a call with many arrays.
+part = _njit(inline="always", no_cfunc_wrapper=True, no_cpython_wrapper=True)

@@ -27,10 +27,13 @@ from adaptsize._kernels.source import (
     source_of,
     value_from,
 )
-from adaptsize._kernels.visibility import sees
+from adaptsize._kernels.visibility import sees, sees_past_its_cells
 
-# Edges of the boundary that may hide one source after the other from a node.
-_CORNERS = 4
+# Corners that are looked at, at most, to find where a path leaves the boundary.
+_CORNERS = 64
+
+# Lines that start outside by less than this angle may be on the boundary.
+_GRAZING = 1e-10
 
 
 @kernel
@@ -185,14 +188,15 @@ def track(
     ring : int32[m * (dim + 1)]
         Cells around the nodes; used in space, and if something is hidden.
     crease_ptr, crease : int32[n + 1], int32[...]
-        For each node the other ends of the reflex edges; used in space if something is hidden.
+        For each node the other ends of the reflex edges, in the plane of the edges of the
+        boundary; used if something is hidden.
     patch : int32[n]
         Piece of the boundary (see visibility.py); used if something is hidden.
     clearance : float64[n] or float64[0]
         Lower bounds of the distances from the boundary (see visibility.py).
-    outward : float64[n, 2]
-        Directions out of the domain at the nodes of the boundary (see `_is_taut`), 0 at others;
-        used in the plane if something is hidden.
+    outward : float64[n, 3]
+        At nodes of the boundary the unit vector that halves the outer angle, and the cosine of
+        half that angle; 0 at others; used in the plane if something is hidden.
     h0 : float64[n]
     g : float64
     source : int32[n, dim]
@@ -275,7 +279,13 @@ def track(
                 if value > h_k:
                     contested[k] = 1
                 continue
-            if hidden and (p != j or q >= 0):
+            if (
+                hidden
+                and (p != j or q >= 0)
+                and not sees_past_its_cells(
+                    state, axes, cells, ring_ptr, ring, source, k, p, q, r, l1, l2
+                )
+            ):
                 value = _reach(
                     state,
                     axes,
@@ -327,6 +337,32 @@ def _is_taut(state, outward, i, j, k):
     return (turn >= 0.0 or (before < 0.0 and after < 0.0)) and (
         turn <= 0.0 or (before > 0.0 and after > 0.0)
     )
+
+
+@inner
+def _slide(state, axes, outward, crease_ptr, crease, k, p, top):
+    """Move a bend at node p along the boundary until the line to node k does not start outside.
+
+    Returns the node where the path leaves the boundary, -1 if that has no size up to ``top``.
+    """
+    for _ in range(_CORNERS):
+        wx = state[k, 0] - state[p, 0]
+        wy = state[k, 1] - state[p, 1]
+        bx = outward[p, 0]
+        by = outward[p, 1]
+        if wx * bx + wy * by <= (outward[p, 2] + _GRAZING) * math.sqrt(wx * wx + wy * wy):
+            return p
+        side = bx * wy - by * wx
+        following = NONE
+        for place in range(crease_ptr[p], crease_ptr[p + 1]):
+            i = np.int64(crease[place])
+            along = bx * (state[i, 1] - state[p, 1]) - by * (state[i, 0] - state[p, 0])
+            if along * side > 0.0 and state[i, len(axes)] <= top:
+                following = i
+        if following < 0:
+            return NONE
+        p = following
+    return NONE
 
 
 @inner
@@ -412,24 +448,31 @@ def _reach(
     dim = len(axes)
     seen = False
     if len(axes) == 2 and q < 0:
-        straight = p
-        p, seen = _pull(
-            state,
-            axes,
-            cells,
-            ring_ptr,
-            ring,
-            patch,
-            clearance,
-            outward,
-            h0,
-            source,
-            refused,
-            k,
-            p,
-        )
-        if p != straight:
+        over = state[j, dim] + g * distance(state, axes, k, j)
+        p = _slide(state, axes, outward, crease_ptr, crease, k, p, state[j, dim])
+        if p >= 0:
+            p, seen = _pull(
+                state,
+                axes,
+                cells,
+                ring_ptr,
+                ring,
+                patch,
+                clearance,
+                outward,
+                h0,
+                source,
+                refused,
+                k,
+                p,
+            )
             value = state[p, dim] + g * distance(state, axes, k, p)
+        if p < 0 or value >= over:
+            p = j
+            value = over
+            seen = True
+        if value >= state[k, dim] * keep:
+            return value
     if seen or sees(
         state,
         axes,

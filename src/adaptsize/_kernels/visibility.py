@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner
+from adaptsize._kernels.compiling import inner, part
 from adaptsize._kernels.local import distance
 from adaptsize._kernels.source import drop_zero_weights, put_foot, set_source
 
@@ -36,7 +36,7 @@ _CLEARLY = 1e-6
 _NEAR = 3.0
 
 
-@inner
+@part
 def _has_node(cells, c, i):
     found = False
     for v in range(cells.shape[1]):
@@ -44,7 +44,7 @@ def _has_node(cells, c, i):
     return found
 
 
-@inner
+@part
 def coordinates_of_two(points, axes, cells, c, v, i, j):
     """Return the barycentric coordinates of nodes i and j for vertex v of cell c.
 
@@ -79,7 +79,7 @@ def coordinates_of_two(points, axes, cells, c, v, i, j):
     return at_i / height, at_j / height
 
 
-@inner
+@part
 def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
     """Return the cell across the facet of cell c opposite to its vertex v.
 
@@ -110,7 +110,7 @@ def _cell_beyond(points, axes, cells, ring_ptr, ring, c, v):
     return found
 
 
-@inner
+@part
 def _holds(cells, c, p, q, r):
     """Tell whether cell c has all nodes of the source (-1: none)."""
     return (
@@ -120,7 +120,7 @@ def _holds(cells, c, p, q, r):
     )
 
 
-@inner
+@part
 def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
     """Tell whether the facet of cell c opposite to v shows that the line through it arrives."""
     dim = len(axes)
@@ -155,6 +155,78 @@ def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
         longest = max(longest, length)
         farthest = max(farthest, reach)
     return farthest <= _NEAR * _NEAR * longest
+
+
+@part
+def sees_past_its_cells(points, axes, cells, ring_ptr, ring, source, k, p, q, r, l1, l2):
+    """Tell whether the first certificate holds where the line from k leaves the cells at k.
+
+    As `sees`, which looks further, but that it may say no.  It is what nearly all lines need,
+    and a call of `sees` costs more than this.
+    """
+    y0 = points[p, 0]
+    y1 = points[p, 1]
+    if q >= 0:
+        y0 += l1 * (points[q, 0] - points[p, 0])
+        y1 += l1 * (points[q, 1] - points[p, 1])
+    y0 -= points[k, 0]
+    y1 -= points[k, 1]
+    if len(axes) == 3:
+        y2 = points[p, 2]
+        if q >= 0:
+            y2 += l1 * (points[q, 2] - points[p, 2])
+        if r >= 0:
+            y0 += l2 * (points[r, 0] - points[p, 0])
+            y1 += l2 * (points[r, 1] - points[p, 1])
+            y2 += l2 * (points[r, 2] - points[p, 2])
+        y2 -= points[k, 2]
+    seen = False
+    for place in range(ring_ptr[k], ring_ptr[k + 1]):
+        c = ring[place]
+        same = True
+        for v in range(len(axes) + 1):
+            i = cells[c, v]
+            if i != k:
+                same = same and source[i, 0] == p and source[i, 1] == q
+                if len(axes) == 3:
+                    same = same and source[i, 2] == r
+        if not same:
+            continue
+        v = 0
+        while cells[c, v] != k:
+            v += 1
+        a = cells[c, v - 1]
+        b = cells[c, v - 2]
+        a0 = points[a, 0] - points[k, 0]
+        a1 = points[a, 1] - points[k, 1]
+        b0 = points[b, 0] - points[k, 0]
+        b1 = points[b, 1] - points[k, 1]
+        if len(axes) == 2:
+            whole = a0 * b1 - a1 * b0
+            at_a = (y0 * b1 - y1 * b0) * whole
+            at_b = (a0 * y1 - a1 * y0) * whole
+            at_d = 0.0
+        else:
+            d = cells[c, v - 3]
+            a2 = points[a, 2] - points[k, 2]
+            b2 = points[b, 2] - points[k, 2]
+            d0 = points[d, 0] - points[k, 0]
+            d1 = points[d, 1] - points[k, 1]
+            d2 = points[d, 2] - points[k, 2]
+            n0 = a1 * b2 - a2 * b1
+            n1 = a2 * b0 - a0 * b2
+            n2 = a0 * b1 - a1 * b0
+            whole = n0 * d0 + n1 * d1 + n2 * d2
+            at_d = (n0 * y0 + n1 * y1 + n2 * y2) * whole
+            n0 = y1 * d2 - y2 * d1
+            n1 = y2 * d0 - y0 * d2
+            n2 = y0 * d1 - y1 * d0
+            at_b = (n0 * a0 + n1 * a1 + n2 * a2) * whole
+            at_a = -(n0 * b0 + n1 * b1 + n2 * b2) * whole
+        if whole != 0.0 and at_a >= 0.0 and at_b >= 0.0 and at_d >= 0.0:
+            seen = True
+            break
+    return seen
 
 
 @inner

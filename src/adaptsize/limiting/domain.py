@@ -129,8 +129,11 @@ def pieces_of(n_points: int, boundary: FlatBoundary, turns: Turns) -> IntArray:
 def creases_of(n_points: int, turns: Turns) -> tuple[IntArray, IntArray]:
     """Return the edges along which the boundary turns inwards, as compressed rows per node."""
     edges = turns.ridges[~(turns.angles >= -_FLAT)]
-    if turns.ridges.shape[1] != 2:
-        edges = np.empty((0, 2), np.int32)
+    return _rows_of_edges(n_points, edges)
+
+
+def _rows_of_edges(n_points: int, edges: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the other ends of the edges at each node, as compressed rows."""
     ends = np.concatenate([edges, edges[:, ::-1]])
     ends = ends[np.argsort(ends[:, 0], kind="stable")]
     first = np.zeros(n_points + 1, np.int32)
@@ -138,32 +141,41 @@ def creases_of(n_points: int, turns: Turns) -> tuple[IntArray, IntArray]:
     return first, np.ascontiguousarray(ends[:, 1])
 
 
-def outward_in_plane(points: FloatArray, boundary: FlatBoundary) -> FloatArray:
-    """Return the directions that halve the outer angles at boundary nodes, float64[n, 2].
+def outward_in_plane(n_points: int, points: FloatArray, boundary: FlatBoundary) -> FloatArray:
+    """Return for nodes of the boundary what is outside; float64[n, 3].
 
-    0 inside, and where not one edge of the boundary enters and one leaves.
+    The unit vector that halves the outer angle, and the cosine of half that angle.  0, 0, 0
+    inside, and where not one edge of the boundary enters and one leaves.
     """
-    outward = np.zeros((len(points), 2))
+    outward = np.zeros((n_points, 3))
     start, end = boundary.facets.T
+    times = np.bincount(start, minlength=n_points) + 4 * np.bincount(end, minlength=n_points)
+    nodes = np.flatnonzero(times == 5)  # once a start, once an end
+    number = np.full(n_points, -1)
+    number[nodes] = np.arange(len(nodes))
     along = points[end] - points[start]
-    length = np.hypot(*along.T)
-    along = np.divide(along, length[:, None], out=np.zeros_like(along), where=length[:, None] > 0)
-    into, out = np.zeros_like(outward), np.zeros_like(outward)
-    into[end], out[start] = along, along
-    turn = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
+    with np.errstate(invalid="ignore"):  # edges of no length, at no corner
+        along /= np.hypot(*along.T)[:, None]
+    into, out = np.zeros((2, len(nodes) + 1, 2))
+    into[number[end]], out[number[start]] = along, along
+    into, out = into[:-1], out[:-1]
     # The sum of the two normals fails at the tip of a crack, the difference of the two
     # tangents on a straight line.
+    reflex = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0] <= 0.0
     normal = (into + out)[:, ::-1] * [1.0, -1.0]
-    inwards = out - into
-    outward = np.where(
-        (normal**2).sum(axis=1)[:, None] > (inwards**2).sum(axis=1)[:, None],
-        normal,
-        np.where(turn[:, None] > 0.0, -inwards, inwards),
-    )
-    n = len(points)
-    once = (np.bincount(start, minlength=n) == 1) & (np.bincount(end, minlength=n) == 1)
-    outward[~once] = 0.0
+    inwards = np.where(reflex[:, None], out - into, into - out)
+    straight = np.einsum("ij,ij->i", into, out) > 0.0
+    halving = np.where(straight[:, None], normal, inwards)
+    halving /= np.hypot(*halving.T)[:, None]
+    outward[nodes, :2] = halving
+    outward[nodes, 2] = np.einsum("ij,ij->i", halving, out)
+    outward[~np.isfinite(outward).all(axis=1)] = 0.0
     return outward
+
+
+def sides_of(n_points: int, boundary: FlatBoundary) -> tuple[IntArray, IntArray]:
+    """Return the neighbours of nodes along the boundary in the plane, as compressed rows."""
+    return _rows_of_edges(n_points, boundary.facets)
 
 
 def _turns_in_plane(points: FloatArray, facets: IntArray) -> Turns:

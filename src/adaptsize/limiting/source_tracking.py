@@ -18,6 +18,7 @@ from adaptsize.limiting.domain import (
     is_convex,
     outward_in_plane,
     pieces_of,
+    sides_of,
     turns_of,
 )
 from adaptsize.limiting.fast_marching import solve_edge_based
@@ -93,7 +94,7 @@ _NO_OBSTACLES = _Obstacles(
     np.empty(0, np.int32),
     np.full(1, -1, np.int32),
     np.empty(0),
-    np.zeros((1, 2)),
+    np.zeros((1, 3)),
 )
 
 
@@ -268,9 +269,11 @@ def _shape(
     pieces = pieces_of(mesh.n_points, boundary, turns)
     # Sources on the boundary are farther away than it: then the bounds are of no use.
     clearance = clearance_of(mesh.points, boundary.facets) if near_sources else np.empty(0)
-    creases = creases_of(mesh.n_points, turns)
-    outward = outward_in_plane(mesh.points, boundary) if mesh.dim == 2 else np.zeros((1, 2))
-    return False, _Obstacles(*creases, pieces, clearance, outward)
+    if mesh.dim == 3:
+        creases = creases_of(mesh.n_points, turns)
+        return False, _Obstacles(*creases, pieces, clearance, _NO_OBSTACLES.outward)
+    outward = outward_in_plane(mesh.n_points, mesh.points, boundary)
+    return False, _Obstacles(*sides_of(mesh.n_points, boundary), pieces, clearance, outward)
 
 
 def _surroundings(mesh: SimplexMesh, need_rings: bool, obstacles: _Obstacles) -> _Surroundings:

@@ -48,7 +48,7 @@ def size_from_distance(
     principal = curvature_at_nodes(grid, phi, nodes, gradient_tolerance=kink, smoothing=smoothing)
     kappa = np.abs(principal).max(axis=1)
     _refuse_no_distance(kappa)
-    known = kappa * grid.spacing.max() <= angle  # False where NaN
+    known = _away_from_corners(grid, nodes, kappa * grid.spacing.max() <= angle)
     nodes, kappa = nodes[known], kappa[known]
     kappa[kappa * grid.diagonal < _FLAT] = 0.0
     h0 = np.full(grid.n_points, np.inf)
@@ -80,6 +80,24 @@ def _refuse_no_distance(kappa: FloatArray) -> None:
             f"boundary must be a signed distance, or finer resolved: at none of the {len(kappa)} "
             f"nodes near its zeros is its gradient of about length 1"
         )
+
+
+def _away_from_corners(grid: CartesianGrid, nodes: _Nodes, smooth: BoolArray) -> BoolArray:
+    """Return which nodes are smooth themselves, and all of their neighbours among ``nodes``.
+
+    Differences across a corner give a curvature of the order of 1 / spacing, large or not so
+    large by the place of the corner between the nodes; some of them are found out, and
+    give away the others.
+    """
+    corner = np.zeros(grid.n_points, np.bool_)
+    corner[nodes] = ~smooth
+    found = smooth.copy()
+    inner = nodes[smooth]
+    beside = np.zeros(len(inner), np.bool_)
+    for step in _steps_to_neighbours(grid):
+        beside |= corner[inner + step]
+    found[smooth] = ~beside
+    return found
 
 
 def _sizes_beside_boundary(
@@ -124,9 +142,15 @@ def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: _Nodes) -> BoolA
     """Return which nodes share a box with one inside; none may lie on the border of the grid."""
     inside = phi.ravel() <= 0.0
     found = np.zeros(len(nodes), np.bool_)
-    for steps in product((-1, 0, 1), repeat=grid.dim):
-        found |= inside[nodes + int(np.dot(steps, _strides(grid)))]
+    for step in _steps_to_neighbours(grid):
+        found |= inside[nodes + step]
     return found
+
+
+def _steps_to_neighbours(grid: CartesianGrid) -> list[int]:
+    """Return what to add to a flat index for the nodes in the same boxes, itself included."""
+    all_steps = np.array(list(product((-1, 0, 1), repeat=grid.dim)))
+    return [int(step) for step in all_steps @ _strides(grid)]
 
 
 def _strides(grid: CartesianGrid) -> list[int]:
