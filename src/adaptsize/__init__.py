@@ -17,6 +17,7 @@ _HOMES = {
     "refine_to_size": "background",
     "SizeFunction": "nodal_size",
     "size_from_curvature": "sizes",
+    "size_from_feature": "sizes",
     "size_from_sources": "sizes",
     "PointSource": "sizes",
     "CurveSource": "sizes",

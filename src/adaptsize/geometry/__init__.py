@@ -7,12 +7,15 @@ from adaptsize.geometry.curvature import (
     polyline_curvature,
     surface_curvature,
 )
+from adaptsize.geometry.inscribed_spheres import InscribedSpheres, inscribed_spheres
 from adaptsize.geometry.level_sets import level_set_curvature
 
 __all__ = [
+    "InscribedSpheres",
     "corner_curvature",
     "crease_curvature",
     "crease_edges",
+    "inscribed_spheres",
     "level_set_curvature",
     "polyline_curvature",
     "surface_curvature",

@@ -2,6 +2,7 @@
 
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import size_from_curvature
+from adaptsize.sizes.feature import size_from_feature
 from adaptsize.sizes.sources import (
     BallSource,
     BoundarySource,
@@ -23,5 +24,6 @@ __all__ = [
     "Source",
     "minimum",
     "size_from_curvature",
+    "size_from_feature",
     "size_from_sources",
 ]

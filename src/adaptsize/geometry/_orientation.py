@@ -1,0 +1,125 @@
+"""Boundaries mended so that all facets have the domain on the same side."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import FloatArray
+
+# Points closer than this, relative to the diagonal, are one point.
+_MERGE_SHARE = 1e-9
+
+
+def oriented(boundary: SimplexMesh) -> SimplexMesh:
+    """Return a boundary whose normals point outward, as far as that can be told.
+
+    Nodes at one place become one.  Where neighbouring facets contradict each other, the
+    fewer (by area) are turned, and a closed piece is turned so that it encloses a positive
+    volume.  Pieces without contradictions are taken as they are, so that cavities stay
+    cavities; if all pieces together enclose a negative volume, all are turned.
+
+    Parameters
+    ----------
+    boundary : SimplexMesh
+        Triangles in space, or segments in the plane; those of an outline run with the
+        domain to their left.
+
+    Returns
+    -------
+    SimplexMesh
+        Nodes and cells keep their numbers; nodes that were merged into others are unused.
+    """
+    cells = _merged(boundary)
+    merged = SimplexMesh(boundary.points, cells) if cells is not boundary.cells else boundary
+    turned, piece, contradicts = _consistent(merged)
+    n_pieces = int(piece.max()) + 1
+    volumes = np.where(turned, -1.0, 1.0) * _volumes(merged)
+    of_piece = np.bincount(piece, volumes, n_pieces)
+    is_open = np.zeros(n_pieces, np.bool_)
+    is_open[piece[(merged.facet_cell_counts == 1)[merged.cell_facets].any(axis=1)]] = True
+    mended = np.zeros(n_pieces, np.bool_)
+    mended[piece[contradicts]] = True
+    wrong = mended & ~is_open & (of_piece < 0.0)
+    of_piece = np.where(wrong, -of_piece, of_piece)
+    turned ^= wrong[piece]
+    if of_piece[~is_open].sum() < 0.0:
+        turned ^= True
+    if not turned.any():
+        return merged
+    flipped = np.array(merged.cells)
+    flipped[turned, :2] = flipped[turned, 1::-1]
+    return SimplexMesh(merged.points, flipped)
+
+
+def _merged(boundary: SimplexMesh) -> npt.NDArray[np.int32]:
+    """Return cells in which nodes at one place have one number; without those that vanish."""
+    spacing = _MERGE_SHARE * boundary.diagonal or 1.0
+    used = boundary.points - boundary.points[boundary.cells[:, 0]].min(axis=0)
+    rows = np.round(used / spacing).astype(np.int64)
+    _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    if len(first) == boundary.n_points:
+        return boundary.cells
+    cells = first[number.reshape(-1)].astype(np.int32)[boundary.cells]
+    ordered = np.sort(cells, axis=1)
+    # A cell whose corners are one point keeps its old nodes: it stays without a neighbour.
+    vanished = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    return np.where(vanished[:, None], boundary.cells, cells)
+
+
+def _consistent(
+    mesh: SimplexMesh,
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
+    """Return which cells to turn, the piece that each belongs to, and where it contradicts.
+
+    Each cell stands twice in a graph, once turned and once not; neighbours are joined in the
+    states that fit.  A piece that can be oriented falls into two components then.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    n = mesh.n_cells
+    one, other, same = _neighbours(mesh)
+    contradicts = np.zeros(n, np.bool_)
+    contradicts[one[~same]] = contradicts[other[~same]] = True
+    ones = np.concatenate([one, one + n])
+    others = np.concatenate([np.where(same, other, other + n), np.where(same, other + n, other)])
+    graph = coo_matrix((np.ones(len(ones)), (ones, others)), shape=(2 * n, 2 * n))
+    label = connected_components(graph, directed=False)[1]
+    as_is, reversed_ = label[:n], label[n:]
+    _, piece = np.unique(np.minimum(as_is, reversed_), return_inverse=True)
+    # Of the two components of a piece, that in which more of it stays as it is.
+    kept = np.bincount(as_is, mesh.measures, 2 * n)
+    turned = kept[reversed_] > kept[as_is]
+    ties = (kept[reversed_] == kept[as_is]) & (reversed_ < as_is)
+    return turned | ties, piece.reshape(-1), contradicts
+
+
+def _neighbours(
+    mesh: SimplexMesh,
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
+    """Return pairs of cells with a facet of no other, and whether their orientations agree."""
+    width = mesh.cells.shape[1]
+    order = np.argsort(mesh.cell_facets, axis=None, kind="stable")
+    facet = mesh.cell_facets.ravel()[order]
+    first = np.flatnonzero((mesh.facet_cell_counts == 2)[facet])[::2]
+    corner, corner_other = order[first], order[first + 1]
+    forward = [_runs_forward(mesh, at, width) for at in (corner, corner_other)]
+    return corner // width, corner_other // width, forward[0] != forward[1]
+
+
+def _runs_forward(
+    mesh: SimplexMesh, corner: npt.NDArray[np.intp], width: int
+) -> npt.NDArray[np.bool_]:
+    """Tell on which side of its cell the facet opposite to a corner lies, or which way it runs."""
+    cell, v = np.divmod(corner, width)
+    if width == 2:
+        return np.asarray(v == 0)
+    return np.asarray(mesh.cells[cell, (v + 1) % 3] < mesh.cells[cell, (v + 2) % 3])
+
+
+def _volumes(mesh: SimplexMesh) -> FloatArray:
+    """Return the share of each cell in the volume that a closed boundary encloses."""
+    corners = mesh.points[mesh.cells] - mesh.points[mesh.cells].mean(axis=(0, 1))
+    return np.asarray(np.linalg.det(corners))
