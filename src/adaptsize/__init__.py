@@ -16,6 +16,7 @@ _HOMES = {
     "refine_at_boundary": "background",
     "refine_to_size": "background",
     "SizeFunction": "nodal_size",
+    "signed_distance": "geometry",
     "size_from_curvature": "sizes",
     "size_from_feature": "sizes",
     "size_from_sources": "sizes",

@@ -7,6 +7,7 @@ from adaptsize.geometry.curvature import (
     polyline_curvature,
     surface_curvature,
 )
+from adaptsize.geometry.distance import signed_distance
 from adaptsize.geometry.inscribed_spheres import InscribedSpheres, inscribed_spheres
 from adaptsize.geometry.level_sets import level_set_curvature
 
@@ -18,5 +19,6 @@ __all__ = [
     "inscribed_spheres",
     "level_set_curvature",
     "polyline_curvature",
+    "signed_distance",
     "surface_curvature",
 ]

@@ -1,0 +1,260 @@
+"""Distances to facets on a grid: exact in a band around each facet, then handed on.
+
+A facet is a point, a segment or a triangle.  Grids have three axes here, of one node where
+there are fewer, and nodes are numbered row by row, the last axis fastest.
+"""
+
+import math
+
+from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
+
+
+@inner
+def _distance2_to_facet(points, facets, f, x):
+    """Return the squared distance of x, a tuple of three floats, to facet f."""
+    if facets.shape[1] == 3:
+        return closest_on_triangle(points, facets[f, 0], facets[f, 1], facets[f, 2], x)[0]
+    if facets.shape[1] == 2:
+        return closest_on_segment(points, facets[f, 0], facets[f, 1], x)[0]
+    total = 0.0
+    for d in range(3):
+        gap = points[facets[f, 0], d] - x[d]
+        total += gap * gap
+    return total
+
+
+@kernel
+def scan_facets(points, facets, first, last, lower, spacing, shape, distance, nearest):
+    """Lower the distances of the nodes around each facet.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    facets : int32[m, k]
+        k = 1, 2 or 3.  Short ones cost least: all nodes of a box around each are looked at.
+    first, last : int
+        Only ``facets[first:last]`` are scanned.
+    lower, spacing : float64[3]
+    shape : int64[3]
+    distance : float64[n_nodes]
+        In/Out: how far to look, lowered to the distance of the nearest facet.
+    nearest : int32[n_nodes]
+        In/Out: that facet; as it was where no facet is nearer than ``distance``.
+    """
+    reach = distance.max()
+    begin = [0, 0, 0]
+    end = [0, 0, 0]
+    width = facets.shape[1]
+    for f in range(first, last):
+        radius = 0.0
+        centre = [0.0, 0.0, 0.0]
+        for d in range(3):
+            low = high = points[facets[f, 0], d]
+            for v in range(1, width):
+                low = min(low, points[facets[f, v], d])
+                high = max(high, points[facets[f, v], d])
+            centre[d] = 0.5 * (low + high)
+            radius = math.hypot(radius, 0.5 * (high - low))
+            # Bounded before they become integers: facets may be far away.
+            from_low = max((low - reach - lower[d]) / spacing[d], 0.0)
+            to_high = min((high + reach - lower[d]) / spacing[d], shape[d] - 1.0)
+            begin[d] = math.ceil(min(from_low, 1.0 * shape[d]))
+            end[d] = math.floor(max(to_high, -1.0)) + 1
+        for i in range(begin[0], end[0]):
+            x = lower[0] + i * spacing[0]
+            for j in range(begin[1], end[1]):
+                y = lower[1] + j * spacing[1]
+                across2 = (x - centre[0]) ** 2 + (y - centre[1]) ** 2
+                along2 = (radius + reach) ** 2 - across2
+                if along2 <= 0.0:
+                    continue
+                row = (i * shape[1] + j) * shape[2]
+                along = math.sqrt(along2) / spacing[2]
+                middle = (centre[2] - lower[2]) / spacing[2]
+                from_k = max(begin[2], math.ceil(max(middle - along, 0.0)))
+                to_k = min(end[2], math.floor(max(middle + along, -1.0)) + 1)
+                for k in range(from_k, to_k):
+                    z = lower[2] + k * spacing[2]
+                    known = distance[row + k]
+                    if across2 + (z - centre[2]) ** 2 >= (radius + known) ** 2:
+                        continue
+                    found2 = _distance2_to_facet(points, facets, f, (x, y, z))
+                    if found2 < known * known:
+                        distance[row + k] = math.sqrt(found2)
+                        nearest[row + k] = f
+
+
+@inner
+def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
+    """Walk from facet f over its neighbours to one of which no neighbour is nearer to x.
+
+    A closest point inside a facet cannot be bettered there; one on an edge or at a corner
+    may be by the facets around it.
+
+    Returns
+    -------
+    int
+        A facet.
+    float
+        Its squared distance.
+    """
+    best = _distance2_to_facet(points, facets, f, x)
+    while True:
+        a, b = -1, -1
+        if facets.shape[1] == 1:
+            a = corners[f, 0]
+        elif facets.shape[1] == 3:
+            i, j, k = facets[f, 0], facets[f, 1], facets[f, 2]
+            _, s, t, u = closest_on_triangle(points, i, j, k, x)
+            if s > 0.0 and t > 0.0 and u > 0.0:
+                return f, best
+            a = corners[f, 0] if s > 0.0 else (corners[f, 1] if t > 0.0 else corners[f, 2])
+            if s > 0.0 and s < 1.0:
+                b = corners[f, 1] if t > 0.0 else corners[f, 2]
+            elif t > 0.0 and t < 1.0:
+                b = corners[f, 2]
+        else:
+            _, s, t = closest_on_segment(points, facets[f, 0], facets[f, 1], x)
+            if s > 0.0 and t > 0.0:
+                return f, best
+            a = corners[f, 0] if s > 0.0 else corners[f, 1]
+        found = f
+        for place in range(ring_ptr[a], ring_ptr[a + 1]):
+            other = ring[place]
+            if other == f:
+                continue
+            beside = b < 0 or corners[other, 0] == b or corners[other, 1] == b
+            if not beside and corners[other, 2] != b:
+                continue
+            distance2 = _distance2_to_facet(points, facets, other, x)
+            if distance2 < best * (1.0 - 1e-13):
+                best = distance2
+                found = other
+        if found == f:
+            return f, best
+        f = found
+
+
+@kernel
+def hand_on_facets(
+    points,
+    facets,
+    corners,
+    ring_ptr,
+    ring,
+    lower,
+    spacing,
+    shape,
+    distance,
+    nearest,
+    width,
+    first,
+    following,
+    state,
+    most,
+):
+    """Give every node the nearest facet that it finds by its neighbours.
+
+    A node that is accepted, roughly by distance, walks on from the facet that it was
+    handed to the nearest one around, and hands that to its neighbours along the axes.  It
+    comes back when a nearer facet reaches it.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    facets : int32[m, k]
+    corners : int32[m, k]
+        The nodes of the facets, nodes at the same place counted as one.
+    ring_ptr : int32[n + 1]
+    ring : int32[...]
+        Facets around each of these nodes; for points, the points that are its neighbours.
+    lower, spacing : float64[3]
+    shape : int64[3]
+    distance : float64[n_nodes]
+        In/Out: inf where no facet is known.
+    nearest : int32[n_nodes]
+        In/Out: -1 where none is known.
+    width : float
+        Step of distance by which the waiting nodes are sorted.
+    first : int32[n_buckets]
+        In/Out: first node of each bucket, -1 if none; buckets are used in a circle.
+    following : int32[n_nodes]
+        In/Out: next node of the same bucket, -1 at its end; -2 for nodes that do not wait.
+    state : int64[2]
+        In/Out: present bucket, number of waiting nodes; at first -1 and 0.
+    most : int
+        Return after that many accepted nodes.
+
+    Returns
+    -------
+    int
+        Number of accepted nodes; less than ``most`` at the end.
+    """
+    n1, n2 = shape[1], shape[2]
+    n_buckets = first.shape[0]
+    here, waiting = state
+    strides = (n1 * n2, n2, 1)
+    if here < 0:  # all nodes with a neighbour that knows nothing
+        here = 0
+        for node in range(distance.shape[0]):
+            if nearest[node] < 0:
+                continue
+            at = (node // (n1 * n2), node // n2 % n1, node % n2)
+            alone = False
+            for a in range(3):
+                alone = alone or (at[a] > 0 and nearest[node - strides[a]] < 0)
+                alone = alone or (at[a] < shape[a] - 1 and nearest[node + strides[a]] < 0)
+            if alone:
+                # Those of a wide band do not fit into the circle of buckets.
+                slot = min(int(distance[node] / width), n_buckets - 1)
+                following[node] = first[slot]
+                first[slot] = node
+                waiting += 1
+    accepted = 0
+    while waiting > 0 and accepted < most:
+        node = first[here % n_buckets]
+        if node < 0:
+            here += 1
+            continue
+        first[here % n_buckets] = following[node]
+        following[node] = -2
+        waiting -= 1
+        accepted += 1
+        at = (node // (n1 * n2), node // n2 % n1, node % n2)
+        x = (
+            lower[0] + at[0] * spacing[0],
+            lower[1] + at[1] * spacing[1],
+            lower[2] + at[2] * spacing[2],
+        )
+        f, found2 = _nearest_around(points, facets, corners, ring_ptr, ring, nearest[node], x)
+        reached = min(math.sqrt(found2), distance[node])
+        nearest[node] = f
+        distance[node] = reached
+        for a in range(3):
+            for side in range(-1, 2, 2):
+                if at[a] + side < 0 or at[a] + side >= shape[a]:
+                    continue
+                other = node + side * strides[a]
+                known = distance[other]
+                if nearest[other] == f or known <= reached:
+                    continue
+                x = (
+                    lower[0] + (at[0] + (side if a == 0 else 0)) * spacing[0],
+                    lower[1] + (at[1] + (side if a == 1 else 0)) * spacing[1],
+                    lower[2] + (at[2] + (side if a == 2 else 0)) * spacing[2],
+                )
+                found2 = _distance2_to_facet(points, facets, f, x)
+                if not found2 < known * known * (1.0 - 1e-14):
+                    continue
+                found = math.sqrt(found2)
+                distance[other] = found
+                nearest[other] = f
+                if following[other] == -2:
+                    slot = max(here, min(int(found / width), here + n_buckets - 1)) % n_buckets
+                    following[other] = first[slot]
+                    first[slot] = other
+                    waiting += 1
+    state[0] = here
+    state[1] = waiting
+    return accepted

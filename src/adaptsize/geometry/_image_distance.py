@@ -1,0 +1,60 @@
+"""Implicit functions from images: masks, and samples of a function on a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from adaptsize.background import CartesianGrid
+from adaptsize.typing import BoolArray, FloatArray
+
+# Rounds of smoothing; after each every pixel centre is put back to its side.
+_ROUNDS = 4
+# How far, in pixels.
+_ASIDE = 1e-3
+
+
+def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
+    """Return a smooth function that is negative at the pixels of a mask, positive at others.
+
+    Parameters
+    ----------
+    mask : bool[shape]
+    smoothing : float
+        Standard deviation of the filter in pixels, >= 0.
+
+    Notes
+    -----
+    Starts from the distance to the nearest pixel of the other kind, in pixels, less a half.
+    The filter is ``2 G - G G`` with a Gaussian G: its second moments are zero, whereas a
+    Gaussian of deviation s draws the boundary of a disc of radius r inwards by s^2 / (2 r).
+    """
+    to_outside, to_inside = (ndimage.distance_transform_edt(part) for part in (mask, ~mask))
+    level: FloatArray = np.where(mask, 0.5 - to_outside, to_inside - 0.5)
+    if smoothing == 0.0:
+        return level
+    for _ in range(_ROUNDS):
+        once = ndimage.gaussian_filter(level, smoothing, mode="nearest")
+        level = 2.0 * once - ndimage.gaussian_filter(once, smoothing, mode="nearest")
+        level = np.where(mask, np.minimum(level, -_ASIDE), np.maximum(level, _ASIDE))
+    return level
+
+
+class GridSpline:
+    """Cubic spline through nodal values of a grid, callable at points.
+
+    Beyond the grid the values are mirrored.
+    """
+
+    def __init__(self, grid: CartesianGrid, values: FloatArray) -> None:
+        self._grid = grid
+        self._coefficients = ndimage.spline_filter(values, order=3, mode="mirror")
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Return the spline at points, float64[n]."""
+        along = ((points - self._grid.origin) / self._grid.spacing).T
+        return np.asarray(
+            ndimage.map_coordinates(
+                self._coefficients, along, order=3, mode="mirror", prefilter=False
+            )
+        )

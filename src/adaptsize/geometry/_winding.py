@@ -1,0 +1,120 @@
+"""Which points lie inside a surface that may be dirty: the generalised winding number."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize._kernels.interpolate import fill_centroids, sort_for_tree
+from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+_CELLS_PER_LEAF = 4
+# Parts of the surface count as a whole from so many of their radii on.
+_FAR = 1.5
+# What the expansion may be wrong by: beside an open sheet the number comes near to 1/2.
+_DOUBT = 0.05
+# Points between two reports: about 0.2 s.
+_CHUNK = 50_000
+# Corners nearer to each other, in diagonals of the mesh, are one when edges are matched.
+_SAME = 1e-9
+
+
+class WindingNumber:
+    """Number of times that a surface winds around points, by a tree of dipoles.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space or segments in the plane.
+
+    Notes
+    -----
+    The generalised winding number of Jacobson et al. [1]_, summed over a tree as Barill et
+    al. [2]_ do.  It is harmonic away from the surface, whole where the surface is closed, and
+    passes smoothly from one whole number to the next through holes, which is why holes,
+    slivers, cracks and repeated or overlapping facets do no harm.
+
+    References
+    ----------
+    .. [1] A. Jacobson, L. Kavan, O. Sorkine-Hornung, "Robust inside-outside segmentation using
+       generalized winding numbers", ACM Trans. Graph. 32 (2013) 33.
+    .. [2] G. Barill, N. G. Dickson, R. Schmidt, D. I. W. Levin, A. Jacobson, "Fast winding
+       numbers for soups and clouds", ACM Trans. Graph. 37 (2018) 43.
+    """
+
+    def __init__(self, surface: SimplexMesh) -> None:
+        self._dim = surface.dim
+        points = _in_space(surface.points)
+        n_leaves = 1
+        while n_leaves * _CELLS_PER_LEAF < surface.n_cells:
+            n_leaves *= 2
+        centroids = np.empty((surface.n_cells, 3))
+        cells = np.array(surface.cells)
+        fill_centroids(points, cells, centroids)
+        order = np.arange(surface.n_cells)
+        sort_for_tree(centroids, n_leaves, order)
+        self._points = points
+        self._cells = cells[order]
+        self._moments = np.empty((2 * n_leaves, N_MOMENTS))
+        fill_moments(self._points, self._cells, self._moments)
+
+    def __call__(self, points: FloatArray, report: ProgressCallback | None = None) -> FloatArray:
+        """Return the winding number at points, float64[n]."""
+        queries = _in_space(points)
+        n = len(queries)
+        numbers = np.empty(n)
+        tree = (self._points, self._cells, self._moments, _FAR)
+        for first in range(0, n, _CHUNK):
+            last = min(first + _CHUNK, n)
+            wind(*tree, queries, first, last, numbers)
+            if report is not None:
+                report("sign", last / n)
+        return numbers
+
+    def contains(self, points: FloatArray, report: ProgressCallback | None = None) -> BoolArray:
+        """Return which points the surface winds around by more than a half, either way."""
+        return np.asarray(np.abs(self(points, report)) > 0.5 + _DOUBT)
+
+
+def is_cycle(surface: SimplexMesh) -> bool:
+    """Whether the facets, with their orientation, leave no edge over: whole winding numbers.
+
+    Nodes at the same place count as one.
+    """
+    same = same_places(surface.points)
+    cells = same[surface.cells]
+    if surface.cell_dim == 1:
+        balance = np.bincount(cells[:, 0], minlength=len(same)) - np.bincount(
+            cells[:, 1], minlength=len(same)
+        )
+        return not bool(balance.any())
+    directed = np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
+    directed = directed[directed[:, 0] != directed[:, 1]]
+    if len(directed) == 0:
+        return True
+    low, high = np.minimum(*directed.T).astype(np.int64), np.maximum(*directed.T)
+    number = np.unique(low * len(same) + high, return_inverse=True)[1]
+    balance = np.bincount(number, weights=np.where(directed[:, 0] == low, 1.0, -1.0))
+    return not bool(balance.any())
+
+
+def same_places(points: FloatArray) -> IntArray:
+    """Return for each point the number of its place, from 0 on; those of equal points agree."""
+    low = points.min(axis=0)
+    step = float(np.linalg.norm(points.max(axis=0) - low)) * _SAME
+    if step == 0.0:
+        return np.zeros(len(points), np.int32)
+    key = np.round((points - low) / step).astype(np.int64)
+    order = np.lexsort(key.T)
+    changes = (np.diff(key[order], axis=0) != 0).any(axis=1)
+    number = np.empty(len(points), np.int32)
+    number[order] = np.concatenate([[0], np.cumsum(changes)])
+    return number
+
+
+def _in_space(points: FloatArray) -> FloatArray:
+    """Return points with zeros for the coordinates that they lack, float64[n, 3]."""
+    padded = np.zeros((len(points), 3))
+    padded[:, : points.shape[1]] = points
+    return padded
