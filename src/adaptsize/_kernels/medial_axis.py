@@ -12,6 +12,10 @@ from adaptsize._kernels.compiling import inner, kernel
 # Roots this little outside of an edge are at its node: rounding must not lose them between two.
 _ROUNDING = 1e-9
 
+# Fronts that differ by 60 degrees from one node to the next meet, whatever the curvature next to
+# them: around the centre of a ball it is as large.
+_SURELY = 0.5
+
 # A node farther from the crossing must be better by this much.
 _FARTHER = 0.02
 
@@ -273,7 +277,7 @@ def find_crossings(
                 kappa = largest_curvature(phi, k - s, strides, spacing)
                 kappa = max(kappa, largest_curvature(phi, k + 2 * s, strides, spacing))
                 kappa *= gamma * step
-                if not alpha < 1.0 - 0.5 * kappa * kappa:
+                if not alpha < max(1.0 - 0.5 * kappa * kappa, _SURELY):
                     continue
                 node[count] = row * counts[2] + m
                 axis[count] = a

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
+from adaptsize.geometry.grid_edges import corner_points, edge_lengths
 from adaptsize.geometry.marching import march_distance
-from adaptsize.geometry.medial_axis import MedialAxis, _checked_distance, medial_axis
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.geometry.medial_axis import MedialAxis, checked_distance, medial_axis
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 
 def feature_size(
@@ -17,17 +20,115 @@ def feature_size(
     phi: npt.ArrayLike,
     medial: MedialAxis | None = None,
     *,
+    edges: bool = True,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
-    """Return the local feature size |phi| + |phi_MA| inside, inf outside."""
-    values = _checked_distance(grid, phi)
-    if medial is None:
-        medial = medial_axis(grid, values, progress=progress)
-    inside = values <= 0.0
-    if grid.active is not None:
-        inside &= grid.active
+    r"""Return the local feature size inside the domain: half the width of the part.
+
+    .. math:: lfs(x) = |\phi(x)| + |\phi_{MA}(x)|,
+
+    the distance from the boundary and the distance from the medial axis, equation (6) of [1]_.
+    The latter is marched from the points of the medial axis through the domain, so that thin
+    walls beyond a gap do not count.  ``lfs / R`` asks for 2 R elements across.
+
+    Parameters
+    ----------
+    grid : CartesianGrid
+        Any spacing for each axis; inactive nodes are outside.
+    phi : array_like of float, of the shape of the grid
+        Signed distance from the boundary, negative inside.
+    medial : MedialAxis, optional
+        What `medial_axis` found, if its options should differ from the defaults.
+    edges : bool, optional
+        In the plane: whether the size is at most the length of a boundary edge between two
+        corners, and larger away from it by the distance.
+    progress : callable or bool, optional
+        Called with a text and the share done; True shows a bar on a terminal.
+        Raising in it (or Ctrl-C) stops the work.
+
+    Returns
+    -------
+    ndarray of float64, of the shape of the grid
+        inf outside and at inactive nodes.  Finite at all others: each part of the domain has a
+        deepest node, which counts as a point of the medial axis if no other is near.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, or phi is not finite at an active node or nowhere negative.
+
+    Notes
+    -----
+    Between parallel walls half their distance; on the boundary of a smooth part the distance
+    from the medial axis; at corners not zero but the distance from the first place
+    that is narrow for another reason, see `medial_axis`.  The error is that of the medial axis (up
+    to a spacing) and of marching at first order.  In space edges between corners are not looked
+    for.
+
+    O(n) time: 4 seconds for 256^3 nodes, of which half are inside; 60 bytes per node besides phi.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and PDE-based
+       gradient limiting", Engineering with Computers 22 (2006) 95-109, section 4.
+
+    Examples
+    --------
+    A strip of width 1 and length 3: half its width in the middle, more at the corners.
+
+    >>> import numpy as np
+    >>> grid = CartesianGrid(origin=[-0.2, -0.2], spacing=0.05, shape=(69, 29))
+    >>> x, y = np.abs(grid.points - [1.5, 0.5]).T - [[1.5], [0.5]]
+    >>> outside = np.hypot(np.maximum(x, 0.0), np.maximum(y, 0.0))
+    >>> phi = (outside + np.minimum(np.maximum(x, y), 0.0)).reshape(grid.shape)
+    >>> size = feature_size(grid, phi)
+    >>> size[34, [4, 9, 14]].round(3)  # at x = 1.5: on the wall, between, in the middle
+    array([0.5, 0.5, 0.5])
+    >>> float(size[4, 4].round(1))  # at the corner
+    0.7
+    """
+    values = checked_distance(grid, phi)
     with reporting(progress) as report:
-        to_axis = march_distance(
-            grid, medial.distances, where=inside, report=report, text="marching from the axis"
+        if medial is None:
+            medial = medial_axis(grid, values, progress=report)
+        inside = values <= 0.0
+        if grid.active is not None:
+            inside &= grid.active
+        seeds = medial.distances.copy()
+        seeds[_deepest(grid, values, inside, seeds)] = 0.0
+        size = march_distance(
+            grid, seeds, where=inside, report=report, text="marching from the medial axis"
         )
-    return np.where(inside, np.abs(values) + to_axis, np.inf)
+        size[inside] -= values[inside]
+        if edges and grid.dim == 2:
+            longest = edge_lengths(grid, values, corner_points(grid, medial.corners))
+            if np.isfinite(longest).any():
+                near = inside | np.isfinite(longest)
+                grown = march_distance(
+                    grid, longest, where=near, report=report, text="marching from edges"
+                )
+                size[inside] = np.minimum(size[inside], grown[inside])
+    return size
+
+
+def _deepest(
+    grid: CartesianGrid, phi: FloatArray, inside: BoolArray, distances: FloatArray
+) -> tuple[npt.NDArray[np.int64], ...]:
+    """Return nodes inside that are deeper than all around, where no crossing is near.
+
+    Each is next to the centre of a ball that touches the boundary on all sides.
+    """
+    lowest = inside & np.isinf(distances)
+    for axis in range(grid.dim):
+        values, low = np.moveaxis(phi, axis, 0), np.moveaxis(lowest, axis, 0)
+        low[1:] &= values[1:] <= values[:-1]
+        low[:-1] &= values[:-1] <= values[1:]
+    nodes = np.argwhere(lowest)
+    last = np.array(grid.shape) - 1
+    keep = np.ones(len(nodes), np.bool_)
+    for step in itertools.product(range(-2, 3), repeat=grid.dim):
+        around = tuple(np.clip(nodes + step, 0, last).T)
+        keep &= np.isinf(distances[around])
+        if max(map(abs, step)) == 1:
+            keep &= phi[around] >= phi[tuple(nodes.T)]
+    return tuple(nodes[keep].T)

@@ -23,7 +23,7 @@ _FOOT_SPACINGS = 0.5
 _FOOT_SHARE = 0.05
 
 # Closer to the boundary than that, in spacings, no half way is clear of corners and crossings.
-_RESOLVED = 3.0
+RESOLVED = 3.0
 
 # Nodes up to here from the boundary, in spacings, tell which pieces of it meet.
 _NEAR = 1.5
@@ -84,7 +84,7 @@ def look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Front
         found = _gradients(grid, phi, half_way)
         length = np.linalg.norm(found, axis=2)
         # Where the way is short, or half way another kink is met, nothing is learnt.
-        clear = (length > 0.9) & (fronts.radii >= _RESOLVED * grid.spacing.max())[:, None]
+        clear = (length > 0.9) & (fronts.radii >= RESOLVED * grid.spacing.max())[:, None]
         found /= np.where(clear, length, 1.0)[:, :, None]
         directions = np.where(clear[:, :, None], found, directions)
     return fronts._replace(directions=directions)
@@ -151,7 +151,7 @@ def meet_at_corner(
     along = np.concatenate([there, 0.5 * (there + fronts.feet()[wide])], axis=1)
     follows = (np.abs(_interpolated(grid, phi, along)) <= allowed[:, None]).all(axis=1)
     at_corner = wide.copy()
-    at_corner[wide] = follows | (fronts.radii[wide] < _RESOLVED * grid.spacing.max())
+    at_corner[wide] = follows | (fronts.radii[wide] < RESOLVED * grid.spacing.max())
     return at_corner, apex
 
 

@@ -13,6 +13,7 @@ from adaptsize._kernels.medial_axis import find_crossings
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
 from adaptsize.geometry.grid_corners import (
+    RESOLVED,
     Fronts,
     come_from_boundary,
     look_half_way,
@@ -23,6 +24,9 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 # Smallest curvature that is resolved, times the diameter of the part.
 _CURVATURE_TIMES_DIAMETER = 4.0
+
+# Turn of the boundary at a corner, in degrees, from which on its place is told.
+_SHARP = 20.0
 
 # Nodes that the parabolas reach beyond an edge.
 _BORDER = 3
@@ -95,17 +99,105 @@ def medial_axis(
     corner_angle: float = 30.0,
     progress: ProgressCallback | bool | None = None,
 ) -> MedialAxis:
-    """Return where the fronts of a distance function meet inside the domain."""
-    values, tolerance = _checked_distance(grid, phi), curvature_tolerance
+    r"""Return where the fronts of a distance function meet inside the domain.
+
+    Algorithm 1 of [1]_.  Along each edge of the grid one parabola is laid through the distance
+    at three nodes on either side; a point is where they cross, if the second one is steeper
+    throughout, and the gradients on both sides differ by more than the curvature of
+    the fronts explains,
+
+    .. math:: \nabla\phi_i \cdot \nabla\phi_{i+1}
+              < 1 - \tfrac12 \gamma^2 \max(\kappa_{i-1}, \kappa_{i+2}, \kappa_{tol})^2 \Delta x^2 .
+
+    Points between two pieces of the boundary that meet at a corner are left out: there the
+    medial axis reaches the boundary, and a feature size from it would vanish.
+
+    Parameters
+    ----------
+    grid : CartesianGrid
+        Any spacing for each axis; inactive nodes count as missing.
+    phi : array_like of float, of the shape of the grid
+        Signed distance from the boundary, negative inside; exact to well below a spacing at three
+        nodes on either side of the medial axis.
+    curvature_tolerance : float, optional
+        Smallest curvature that is resolved, 1 / length, >= 0.  Flatter angles between
+        fronts than ``gamma * curvature_tolerance * spacing`` (in radians) are not
+        found.  By default 4 over the diameter of the part.
+    gamma : float, optional
+        Factor on curvatures, > 0, which makes up for their being taken a node away, and for
+        one-sided gradients being as of nodes two spacings apart; below 2 smooth
+        fronts are taken for crossings, at 3 centres of discs are lost.
+    patches : array_like of int, of the shape of the grid, optional
+        Which smooth piece of the boundary is next to each node.  Only pieces that meet
+        have corners then, and they may be rounded off by more.  Without it corners are found
+        from the distance alone.
+    corner_angle : float, optional
+        Least angle between two pieces inside the domain, in degrees, 0 to 180, from which on
+        they form a corner; a smaller one is a narrow place.
+    progress : callable or bool, optional
+        Called with a text and the share done; True shows a bar on a terminal.
+        Raising in it (or Ctrl-C) stops the work.
+
+    Returns
+    -------
+    MedialAxis
+        Points, normals, radii and angles; and the distances at the nodes next to them.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, phi is not finite at an active node or nowhere negative, or an
+        option is out of its range.
+
+    See Also
+    --------
+    feature_size : the local feature size from it.
+
+    Notes
+    -----
+    Points lie within 0.001 to 0.3 spacings of surfaces of the medial axis (third order between
+    smooth fronts), within one of curves in space and points in the plane.  Some are missing, most
+    of all where two surfaces of the axis meet, at its rim, and where it is as steep as an
+    edge is long; no attempt is made to link them up.
+
+    Gradients are one-sided differences, on the side with the smaller second difference, since
+    the upwind side crosses the axis.  The directions of both fronts are then looked up again half
+    way to the boundary.  Two pieces form a corner if the boundary follows their tangents up to
+    where these meet.  Less than three spacings from the boundary no corner is resolved: there
+    points count only between walls that form no corner at all.
+
+    O(n) time: two seconds for 256^3 nodes; 16 bytes per node besides phi.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and PDE-based
+       gradient limiting", Engineering with Computers 22 (2006) 95-109, section 4.
+
+    Examples
+    --------
+    The medial axis of a ring of radii 1 and 2 is the circle of radius 1.5:
+
+    >>> import numpy as np
+    >>> grid = CartesianGrid.around([[-2.0, -2.0], [2.0, 2.0]], spacing=0.1, margin=0.2)
+    >>> radius = np.linalg.norm(grid.points, axis=1).reshape(grid.shape)
+    >>> medial = medial_axis(grid, np.maximum(1.0 - radius, radius - 2.0))
+    >>> bool(np.allclose(np.linalg.norm(medial.points, axis=1), 1.5, atol=1e-3))
+    True
+    >>> bool(np.allclose(medial.radii, 0.5, atol=1e-3))
+    True
+    """
+    values, tolerance = checked_distance(grid, phi), curvature_tolerance
     if tolerance is None:
         tolerance = _CURVATURE_TIMES_DIAMETER / _diameter_inside(grid, values)
     tolerance = as_number("curvature_tolerance", tolerance, lower=0.0)
     gamma = as_number("gamma", gamma, lower=0.0, strict=True)
+    angle = as_number("corner_angle", corner_angle, lower=0.0)
+    if angle > 180.0:
+        raise ValueError(f"corner_angle must be 0 to 180 degrees, got {angle:g}")
     pieces = None if patches is None else _checked_patches(grid, patches)
     with reporting(progress) as report:
         found = _find(grid, values, tolerance, gamma, report)
     found = found.taken(_is_steepest(grid, found))
-    angle = as_number("corner_angle", corner_angle, lower=0.0)
     unit = found.gradients / np.linalg.norm(found.gradients, axis=2)[:, :, None]
     fronts = look_half_way(grid, values, Fronts(_positions(grid, found), found.depth, unit))
     turned = gamma * tolerance * float(grid.spacing.max())
@@ -116,7 +208,10 @@ def medial_axis(
         ends = (found.node, found.node + _steps(grid)[found.axis])
         rounded = rounding_of_patches(grid, values, pieces, *ends)
     at_corner, apex = meet_at_corner(grid, values, fronts, angle, rounded)
-    return _assemble(grid, found.taken(~at_corner), fronts.taken(~at_corner), apex[at_corner])
+    # Of flatter ones it is not sure that they are corners.
+    sharp = at_corner & (fronts.cosine < np.cos(np.radians(_SHARP)))
+    sharp &= fronts.radii >= RESOLVED * grid.spacing.max()
+    return _assemble(grid, found.taken(~at_corner), fronts.taken(~at_corner), apex[sharp])
 
 
 def _assemble(
@@ -218,7 +313,8 @@ def _positions(grid: CartesianGrid, found: _Crossings) -> FloatArray:
     return grid.origin + grid.spacing * steps
 
 
-def _checked_distance(grid: CartesianGrid, phi: npt.ArrayLike) -> FloatArray:
+def checked_distance(grid: CartesianGrid, phi: npt.ArrayLike) -> FloatArray:
+    """Return a signed distance at the nodes of a grid, finite, and negative somewhere."""
     if not isinstance(grid, CartesianGrid):
         raise ValueError(f"grid must be a CartesianGrid, got {describe(grid)}")
     values = as_float_array("phi", phi, grid.shape)
