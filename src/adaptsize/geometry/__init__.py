@@ -8,17 +8,22 @@ from adaptsize.geometry.curvature import (
     surface_curvature,
 )
 from adaptsize.geometry.distance import signed_distance
+from adaptsize.geometry.feature_size import feature_size
 from adaptsize.geometry.inscribed_spheres import InscribedSpheres, inscribed_spheres
 from adaptsize.geometry.level_sets import level_set_curvature
+from adaptsize.geometry.medial_axis import MedialAxis, medial_axis
 
 __all__ = [
     "InscribedSpheres",
+    "MedialAxis",
     "corner_curvature",
     "crease_curvature",
     "crease_edges",
+    "feature_size",
     "inscribed_spheres",
     "level_set_curvature",
     "polyline_curvature",
+    "medial_axis",
     "signed_distance",
     "surface_curvature",
 ]
