@@ -1,7 +1,5 @@
 """Each example runs, at small settings, and finds what its docstring says."""
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,25 +9,11 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 pytest.importorskip("pyvista", reason="the examples draw")
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Import an example by name, as if started in its folder, and call its main."""
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    yield lambda name, **settings: load(name).main(tmp_path, width=160, **settings)
-    sys.modules.pop("_gallery", None)
-
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_every_example_is_tested():
-    text = Path(__file__).read_text(encoding="utf-8")
+    tests = Path(__file__).parent.glob("test_*.py")
+    text = "".join(path.read_text(encoding="utf-8") for path in tests)
     names = [path.stem for path in EXAMPLES.glob("[!_]*.py")]
-    assert len(names) == 14
+    assert len(names) >= 14
     assert [name for name in names if f'"{name}"' not in text] == []
 
 
