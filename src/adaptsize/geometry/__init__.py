@@ -22,8 +22,8 @@ __all__ = [
     "feature_size",
     "inscribed_spheres",
     "level_set_curvature",
-    "polyline_curvature",
     "medial_axis",
+    "polyline_curvature",
     "signed_distance",
     "surface_curvature",
 ]
