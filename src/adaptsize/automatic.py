@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,12 +15,19 @@ from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges, pairs_of_cells
 from adaptsize.background.splitting import split_edges
+from adaptsize.geometry.inscribed_spheres import SphereFinder
 from adaptsize.limiting import limit_gradient
 from adaptsize.nodal_size import SizeFunction
-from adaptsize.sizes import minimum, size_from_curvature, size_from_sources
+from adaptsize.sizes import (
+    minimum,
+    size_from_curvature,
+    size_from_feature,
+    size_from_sources,
+)
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 _ELEMENTS_PER_RADIAN = 4.0
+_ELEMENTS_ACROSS = 2.0
 _LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
 _SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
 _MAX_ROUNDS = 8
@@ -41,6 +49,8 @@ class ChosenSize:
     size: SizeFunction
     elements_per_radian: float
     """0 where curvature does not count."""
+    elements_across: float
+    """0 where the feature size does not count."""
     g: float
     hmin: float
     hmax: float
@@ -67,8 +77,10 @@ class ChosenSize:
     def __str__(self) -> str:
         """Say in one line what was chosen."""
         kappa = f"{self.elements_per_radian:.3g} elements per radian, "
+        across = f"{self.elements_across:.3g} across, "
         return (
-            f"{kappa if self.elements_per_radian > 0.0 else ''}g = {self.g:.3g}, "
+            f"{kappa if self.elements_per_radian > 0.0 else ''}"
+            f"{across if self.elements_across > 0.0 else ''}g = {self.g:.3g}, "
             f"h from {self.size.values.min():.3g} to {self.size.values.max():.3g} "
             f"(hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g}), "
             f"about {self.n_estimated:.2g} elements"
@@ -79,6 +91,7 @@ def choose_size(
     mesh: SimplexMesh,
     *,
     elements_per_radian: float | None = None,
+    elements_across: float | None = None,
     g: float = 0.25,
     hmin: float | None = None,
     hmax: float | None = None,
@@ -90,9 +103,9 @@ def choose_size(
 ) -> ChosenSize:
     """Return limited sizes for remeshing a part; what is not given is chosen from the part.
 
-    The sizes are the smallest of what curvature, ``sources`` and ``h0`` ask for, between
-    ``hmin`` and ``hmax``, limited with ``g``.  On a surface in space they live on a refined copy of
-    it, because triangulations of CAD programs have no nodes in their large facets.
+    The sizes are the smallest of what curvature, feature size, ``sources`` and ``h0`` ask for,
+    between ``hmin`` and ``hmax``, limited with ``g``.  On a surface in space they live on a refined
+    copy of it, because triangulations of CAD programs have no nodes in their large facets.
 
     Parameters
     ----------
@@ -100,6 +113,10 @@ def choose_size(
         Triangles or tetrahedra.
     elements_per_radian : float, optional
         4 unless given; 0: curvature does not count.
+    elements_across : float, optional
+        Elements across narrow places, as in `size_from_feature`; 2 unless given; 0: the feature
+        size does not count.  On a surface in space, sizes are made smaller by as much as they
+        grow from there to the middle.
     g : float, default 0.25
         Gradient limit, >= 0.
     hmin, hmax : float, optional
@@ -114,8 +131,8 @@ def choose_size(
         Further upper bounds at the nodes of ``mesh``.
     max_elements : float
         While a mesh would have more elements, as estimated, those of
-        ``elements_per_radian`` (down to 1), ``hmin`` and ``hmax`` that are not given are
-        relaxed.
+        ``elements_per_radian`` and ``elements_across`` (down to 1), ``hmin`` and ``hmax`` that
+        are not given are relaxed.
     progress : callable, bool or None
         As in `limit_gradient`.
 
@@ -145,15 +162,19 @@ def choose_size(
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
     if elements_per_radian is not None:
         as_number("elements_per_radian", elements_per_radian, lower=0.0)
+    if elements_across is not None:
+        as_number("elements_across", elements_across, lower=0.0)
     if h0 is not None:
         h0 = as_sizes("h0", h0, mesh.nodal_shape)
-    is_open = None in (elements_per_radian, hmin, hmax)
+    is_open = None in (elements_per_radian, elements_across, hmin, hmax)
+    widths = _Widths(mesh, crease_angle)
     relax, before = 1.0, np.inf
     with reporting(progress) as report:
         for n_rounds in range(_MAX_ROUNDS + 1):
             report("choosing sizes", n_rounds / _MAX_ROUNDS)
             wish = _Wish(
                 _given(elements_per_radian, max(_ELEMENTS_PER_RADIAN / relax, 1.0)),
+                _given(elements_across, max(_ELEMENTS_ACROSS / relax, 1.0)),
                 as_number("g", g, lower=0.0),
                 _given(hmin, min(relax * _SMALLEST_SHARE * mesh.diagonal, hmax or np.inf)),
                 _given(hmax, max(relax * _LARGEST_SHARE * mesh.diagonal, hmin or 0.0)),
@@ -161,6 +182,7 @@ def choose_size(
                 sources,
                 h0,
                 _NODES_PER_ELEMENT * limit if is_open else _MAX_NODES,
+                widths,
             )
             size = wish.size_on(mesh)
             estimate = _estimate(mesh, size, wish)
@@ -170,13 +192,34 @@ def choose_size(
                 break
             before = estimate
             relax *= max(1.2, (estimate / limit) ** (1.0 / mesh.dim))
-    return ChosenSize(
-        size, wish.elements_per_radian, wish.g, wish.hmin, wish.hmax, estimate, n_rounds
-    )
+    asked = (wish.elements_per_radian, wish.elements_across, wish.g, wish.hmin, wish.hmax)
+    return ChosenSize(size, *asked, estimate, n_rounds)
 
 
 def _given(value: float | None, otherwise: float) -> float:
     return otherwise if value is None else value
+
+
+class _Widths:
+    """Local feature sizes of a part, found when they are asked for and kept."""
+
+    def __init__(self, mesh: SimplexMesh, crease_angle: float) -> None:
+        self._mesh = mesh
+        self._crease_angle = crease_angle
+
+    @cached_property
+    def at_nodes(self) -> FloatArray:
+        """At the nodes of the part."""
+        # h0 = 2 lfs / elements_across
+        return size_from_feature(self._mesh, elements_across=2.0, crease_angle=self._crease_angle)
+
+    @cached_property
+    def _finder(self) -> SphereFinder:
+        return SphereFinder(self._mesh, crease_angle=self._crease_angle)
+
+    def on_surface(self, points: FloatArray) -> FloatArray:
+        """At points of a surface."""
+        return self._finder.near(points).smallest()
 
 
 @dataclass(frozen=True)
@@ -184,6 +227,7 @@ class _Wish:
     """What is asked of the sizes; nothing left open."""
 
     elements_per_radian: float
+    elements_across: float
     g: float
     hmin: float
     hmax: float
@@ -192,6 +236,7 @@ class _Wish:
     h0: npt.ArrayLike | None
     max_nodes: float
     """Of the refined copy of a surface."""
+    widths: _Widths
 
     def size_on(self, mesh: SimplexMesh) -> SizeFunction:
         """Return the limited sizes, on the mesh or on a refined copy of a surface."""
@@ -209,7 +254,22 @@ class _Wish:
         if mesh.dim == 3 and mesh.cell_dim == 2:
             folds = _folds_of(mesh, np.deg2rad(self.crease_angle))
             return _size_on_surface(mesh, minimum(*bounds), folds, self)
+        if self.elements_across > 0.0:
+            bounds.append(2.0 / self.elements_across * self.widths.at_nodes)
         return SizeFunction(mesh, self.finished(mesh, minimum(*bounds)))
+
+    def across_surface(self, lfs: FloatArray) -> FloatArray:
+        """Return the size on a surface with so many elements between it and the other side.
+
+        From there to the middle, at a distance lfs, sizes grow to h + g lfs; the integral of 1 / h
+        along that way is to be half the number of elements.
+        """
+        if self.elements_across == 0.0:
+            return np.full(len(lfs), np.inf)
+        if self.g == 0.0:
+            return 2.0 / self.elements_across * lfs
+        share: float = self.g / np.expm1(0.5 * self.g * self.elements_across)
+        return share * lfs
 
     def finished(self, mesh: SimplexMesh, h0: FloatArray) -> FloatArray:
         """Return ``h0`` and the sources, limited."""
@@ -233,9 +293,10 @@ def _size_on_surface(
     may grow from the nodes of the file, however far those are apart.  Edges in flat facets
     are flipped, as sizes are limited faster, and better, without slivers.
     """
+    across = wish.across_surface(wish.widths.at_nodes if wish.elements_across > 0.0 else h0)
     while True:
         mesh = flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
-        h = wish.finished(mesh, h0)
+        h = wish.finished(mesh, minimum(h0, across))
         ends = h[mesh.edges].min(axis=1)
         long = mesh.edge_lengths > _EDGE_OVER_SIZE * ends
         if not long.any() or mesh.n_points + int(long.sum()) > wish.max_nodes:
@@ -246,6 +307,11 @@ def _size_on_surface(
         curved = _are_among(parents, folds.bent)
         at_middle[curved] = 2.0 / (1.0 / h0[parents[curved]]).sum(axis=1).clip(1e-300)
         folds = _Folds(*(_halved(edges, parents, mesh.n_points) for edges in folds))
+        if wish.elements_across > 0.0:
+            lfs = wish.widths.on_surface(split.mesh.points[mesh.n_points :])
+            across = np.concatenate([across, wish.across_surface(lfs)])
+        else:
+            across = np.full(split.mesh.n_points, np.inf)
         mesh, h0 = split.mesh, np.concatenate([h0, at_middle])
 
 

@@ -10,6 +10,7 @@ import typer
 
 from adaptsize.cli.files import check_outputs, nodal_field
 from adaptsize.cli.options import (
+    Across,
     AsJson,
     Crease,
     Field,
@@ -71,6 +72,7 @@ def size(
     file: Input,
     output: Output,
     elements_per_radian: PerRadian = None,
+    elements_across: Across = None,
     gradient: Gradient = 0.25,
     hmin: Smallest = None,
     hmax: Largest = None,
@@ -79,7 +81,7 @@ def size(
     field: Field = None,
     plot: Picture = None,
 ) -> None:
-    """Put sizes from curvature and sources on a mesh, limited, as the field h.
+    """Put sizes from curvature, thin places and sources on a mesh, limited, as the field h.
 
     The suffix of the output tells the format; .pos, .sol and .jig.msh are sizes for Gmsh,
     mmg and JIGSAW.  A surface in space is refined where its triangles are long.
@@ -88,7 +90,8 @@ def size(
 
     check_outputs(output, plot)
     mesh = read(file)
-    chosen = _choose(mesh, elements_per_radian, gradient, hmin, hmax, crease_angle, source, field)
+    wanted = (elements_per_radian, elements_across, gradient, hmin, hmax, crease_angle)
+    chosen = _choose(mesh, *wanted, source, field)
     write(output, chosen.size)
     draw(plot, chosen.size)
     print_written(output, chosen.size.background)
@@ -146,6 +149,7 @@ def remesh(
     file: Input,
     output: Output,
     elements_per_radian: PerRadian = None,
+    elements_across: Across = None,
     gradient: Gradient = 0.25,
     hmin: Smallest = None,
     hmax: Largest = None,
@@ -172,7 +176,8 @@ def remesh(
 
     check_outputs(output, plot)
     mesh = read(file)
-    chosen = _choose(mesh, elements_per_radian, gradient, hmin, hmax, crease_angle, source, field)
+    wanted = (elements_per_radian, elements_across, gradient, hmin, hmax, crease_angle)
+    chosen = _choose(mesh, *wanted, source, field)
     new = remeshing.remesh(
         mesh,
         chosen.size,
@@ -213,6 +218,7 @@ def check(
 def _choose(
     mesh: SimplexMesh,
     elements_per_radian: float | None,
+    elements_across: float | None,
     g: float,
     hmin: float | None,
     hmax: float | None,
@@ -220,14 +226,17 @@ def _choose(
     source: list[str] | None,
     field: str | None,
 ) -> Any:
-    """Return the sizes to use, and say which; a given field alone replaces curvature."""
+    """Return the sizes to use, and say which; a given field alone replaces those from the part."""
     from adaptsize.automatic import choose_size
 
     if field is not None and elements_per_radian is None:
         elements_per_radian = 0.0
+    if field is not None and elements_across is None:
+        elements_across = 0.0
     chosen = choose_size(
         mesh,
         elements_per_radian=elements_per_radian,
+        elements_across=elements_across,
         g=g,
         hmin=hmin,
         hmax=hmax,

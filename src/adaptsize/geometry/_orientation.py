@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
 _MERGE_SHARE = 1e-9
 
 
-def oriented(boundary: SimplexMesh) -> SimplexMesh:
+def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     """Return a boundary whose normals point outward, as far as that can be told.
 
     Nodes at one place become one.  Where neighbouring facets contradict each other, the
@@ -30,8 +30,11 @@ def oriented(boundary: SimplexMesh) -> SimplexMesh:
     -------
     SimplexMesh
         Nodes and cells keep their numbers; nodes that were merged into others are unused.
+    int64[n_points]
+        Which node each was merged into.
     """
-    cells = _merged(boundary)
+    target = _merge_targets(boundary)
+    cells = _merged(boundary.cells, target)
     merged = SimplexMesh(boundary.points, cells) if cells is not boundary.cells else boundary
     turned, piece, contradicts = _consistent(merged)
     n_pieces = int(piece.max()) + 1
@@ -47,25 +50,28 @@ def oriented(boundary: SimplexMesh) -> SimplexMesh:
     if of_piece[~is_open].sum() < 0.0:
         turned ^= True
     if not turned.any():
-        return merged
+        return merged, target
     flipped = np.array(merged.cells)
     flipped[turned, :2] = flipped[turned, 1::-1]
-    return SimplexMesh(merged.points, flipped)
+    return SimplexMesh(merged.points, flipped), target
 
 
-def _merged(boundary: SimplexMesh) -> npt.NDArray[np.int32]:
-    """Return cells in which nodes at one place have one number; without those that vanish."""
+def _merge_targets(boundary: SimplexMesh) -> npt.NDArray[np.intp]:
+    """Return for each node the first node at the same place."""
     spacing = _MERGE_SHARE * boundary.diagonal or 1.0
     used = boundary.points - boundary.points[boundary.cells[:, 0]].min(axis=0)
     rows = np.round(used / spacing).astype(np.int64)
     _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    if len(first) == boundary.n_points:
-        return boundary.cells
-    cells = first[number.reshape(-1)].astype(np.int32)[boundary.cells]
-    ordered = np.sort(cells, axis=1)
-    # A cell whose corners are one point keeps its old nodes: it stays without a neighbour.
+    return np.asarray(first[number.reshape(-1)])
+
+
+def _merged(cells: IntArray, target: npt.NDArray[np.intp]) -> IntArray:
+    """Return the cells with merged nodes; those that would vanish keep their own."""
+    new = target[cells].astype(np.int32)
+    ordered = np.sort(new, axis=1)
     vanished = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
-    return np.where(vanished[:, None], boundary.cells, cells)
+    new[vanished] = cells[vanished]
+    return cells if (new == cells).all() else new
 
 
 def _consistent(

@@ -84,11 +84,13 @@ class Solid:
     """Edges, in the plane nodes, where the boundary bends; perhaps none."""
     tips: FloatArray
     """Tips of cones, float64[n, 3]."""
+    targets: npt.NDArray[np.intp]
+    """Which node of the boundary each node was merged into."""
 
     @classmethod
     def of(cls, boundary: SimplexMesh, crease_angle: float) -> Solid:
         """Prepare triangles in space or segments in the plane; the angle in degrees."""
-        mesh = oriented(boundary)
+        mesh, targets = oriented(boundary)
         parts = (_parts_of_line if mesh.cell_dim == 1 else _parts_of_surface)(mesh, crease_angle)
         points = in_space(mesh.points)
         tree = Tree.over(points, mesh.cells)
@@ -119,7 +121,12 @@ class Solid:
             parts.is_sharp,
             Tree.over(points, parts.bends),
             points[np.unique(nodes[lost & (areas > 0.0)])],
+            targets,
         )
+
+    def probes_at_nodes(self) -> Probes:
+        """Return the probes of all nodes: one for each sector."""
+        return self._of_nodes(self.targets, np.arange(len(self.targets)))
 
     def probes_near(self, points: FloatArray) -> Probes:
         """Return probes at the closest points of the boundary.
@@ -128,29 +135,27 @@ class Solid:
         each side, one at a node those of its sectors.
         """
         cells, weights, _ = self.boundary.locator.nearest(points)
-        at_node = weights.max(axis=1) >= 1.0 - _ON_EDGE
         nodes = self.boundary.cells[cells, weights.argmax(axis=1)].astype(np.intp)
-        first, last = (
-            np.searchsorted(self.sectors.owners, nodes, side) for side in ("left", "right")
-        )
-        at_node &= last > first
-        count = np.where(at_node, last - first, 0)
-        which = np.repeat(np.arange(len(points)), count)
-        sector = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + first[which]
-        at = self.sectors
-        parts = [Probes(at.points[sector], at.starts[sector], at.normals[sector], which)]
+        at_node = weights.max(axis=1) >= 1.0 - _ON_EDGE
+        at_node &= np.isin(nodes, self.sectors.owners)  # tips have none
+        parts = [self._of_nodes(nodes[at_node], np.flatnonzero(at_node))]
         rest = np.flatnonzero(~at_node)
         cells, weights = cells[rest], weights[rest]
         facet = self.boundary.cell_facets[cells, weights.argmin(axis=1)]
         on_crease = (weights.min(axis=1) < _ON_EDGE) & self.is_sharp[facet]
         parts.append(self._inside_cells(cells, weights, on_crease, rest))
         if self.boundary.cell_dim == 2:
-            parts.append(
-                self._across(
-                    facet[on_crease], cells[on_crease], weights[on_crease], rest[on_crease]
-                )
-            )
+            facet, cells, weights, rest = (a[on_crease] for a in (facet, cells, weights, rest))
+            parts.append(self._across(facet, cells, weights, rest))
         return Probes(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def _of_nodes(self, nodes: npt.NDArray[np.intp], owners: npt.NDArray[np.intp]) -> Probes:
+        """Return the probes of the sectors of nodes."""
+        at = self.sectors
+        first = np.searchsorted(at.owners, nodes, "left")
+        count = np.searchsorted(at.owners, nodes, "right") - first
+        row = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+        return Probes(at.points[row], at.starts[row], at.normals[row], np.repeat(owners, count))
 
     def _inside_cells(
         self,

@@ -72,32 +72,68 @@ def inscribed_spheres(
     progress: ProgressCallback | bool | None = None,
 ) -> InscribedSpheres:
     """Return the largest spheres inside a boundary that touch it at given points."""
-    crease, separation, corner = (
-        _as_angle(name, value)
-        for name, value in (
-            ("crease_angle", crease_angle),
-            ("separation_angle", separation_angle),
-            ("corner_angle", corner_angle),
+    finder = SphereFinder(
+        boundary,
+        crease_angle=crease_angle,
+        separation_angle=separation_angle,
+        corner_angle=corner_angle,
+    )
+    return finder.at_nodes(progress) if points is None else finder.near(points, progress)
+
+
+class SphereFinder:
+    """A boundary prepared for `inscribed_spheres`, to be asked several times.
+
+    Parameters
+    ----------
+    boundary, crease_angle, separation_angle, corner_angle
+        As for `inscribed_spheres`.
+    """
+
+    def __init__(
+        self,
+        boundary: SimplexMesh,
+        *,
+        crease_angle: float = 40.0,
+        separation_angle: float = 40.0,
+        corner_angle: float = 30.0,
+    ) -> None:
+        if (boundary.cell_dim, boundary.dim) not in {(1, 2), (2, 3)}:
+            raise ValueError(
+                f"boundary must consist of segments in 2-D or triangles in 3-D, got {boundary!r}"
+            )
+        crease = _as_angle("crease_angle", crease_angle)
+        self._separation = _as_angle("separation_angle", separation_angle)
+        self._corner = _as_angle("corner_angle", corner_angle)
+        self._boundary = boundary
+        self._solid = Solid.of(boundary, crease)
+
+    def at_nodes(self, progress: ProgressCallback | bool | None = None) -> InscribedSpheres:
+        """Return the spheres at the nodes of the boundary."""
+        return self._spheres(self._solid.probes_at_nodes(), self._boundary.n_points, progress)
+
+    def near(
+        self, points: npt.ArrayLike, progress: ProgressCallback | bool | None = None
+    ) -> InscribedSpheres:
+        """Return the spheres at the points of the boundary that are closest to given ones."""
+        given = as_points("points", points, self._boundary.dim)
+        return self._spheres(self._solid.probes_near(given), len(given), progress)
+
+    def _spheres(
+        self, probes: Probes, n_owners: int, progress: ProgressCallback | bool | None
+    ) -> InscribedSpheres:
+        with reporting(progress) as report:
+            radii, contacts = _shrink(self._solid, probes, self._separation, self._corner, report)
+        dim = self._boundary.dim
+        contacts = np.where(np.isfinite(radii)[:, None], contacts, np.nan)
+        return InscribedSpheres(
+            probes.points[:, :dim],
+            probes.normals[:, :dim],
+            radii,
+            contacts[:, :dim],
+            probes.owners.astype(np.int32),
+            n_owners,
         )
-    )
-    _refuse_other_boundary(boundary)
-    solid = Solid.of(boundary, crease)
-    if points is None:
-        probes, n_owners = solid.sectors, boundary.n_points
-    else:
-        given = as_points("points", points, boundary.dim)
-        probes, n_owners = solid.probes_near(given), len(given)
-    with reporting(progress) as report:
-        radii, contacts = _shrink(solid, probes, separation, corner, report)
-    dim = boundary.dim
-    return InscribedSpheres(
-        probes.points[:, :dim],
-        probes.normals[:, :dim],
-        radii,
-        np.where(np.isfinite(radii)[:, None], contacts[:, :dim], np.nan),
-        probes.owners.astype(np.int32),
-        n_owners,
-    )
 
 
 def _shrink(
@@ -156,10 +192,3 @@ def _as_angle(name: str, value: float) -> float:
     if angle > 180.0:
         raise ValueError(f"{name} must be at most 180 degrees, got {angle:g}")
     return angle
-
-
-def _refuse_other_boundary(boundary: SimplexMesh) -> None:
-    if (boundary.cell_dim, boundary.dim) not in {(1, 2), (2, 3)}:
-        raise ValueError(
-            f"boundary must consist of segments in 2-D or triangles in 3-D, got {boundary!r}"
-        )

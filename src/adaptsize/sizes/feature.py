@@ -8,7 +8,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, describe
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.geometry.inscribed_spheres import inscribed_spheres
+from adaptsize.geometry.inscribed_spheres import SphereFinder
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
@@ -61,16 +61,15 @@ def _at_own_nodes(
             f"got {background!r}"
         )
     if background.cell_dim < background.dim:
-        return inscribed_spheres(background, progress=report, **options).smallest(), background
+        return SphereFinder(background, **options).at_nodes(report).smallest(), background
     boundary = background.boundary()
+    finder = SphereFinder(boundary.mesh, **options)
     lfs = np.full(background.n_points, np.inf)
     lfs[background.cells] = 0.0
     lfs[boundary.nodes] = np.inf
     inner = np.flatnonzero(lfs == 0.0)
-    lfs[inner] = inscribed_spheres(
-        boundary.mesh, background.points[inner], progress=report, **options
-    ).smallest()
-    lfs[boundary.nodes] = inscribed_spheres(boundary.mesh, progress=report, **options).smallest()
+    lfs[inner] = finder.near(background.points[inner], report).smallest()
+    lfs[boundary.nodes] = finder.at_nodes(report).smallest()
     return lfs, boundary.mesh
 
 
@@ -87,8 +86,7 @@ def _near_boundary(
     if not wanted.any():
         raise ValueError("boundary must have nodes of the background in it or near it, got none")
     lfs = np.full(background.n_points, np.inf)
-    spheres = inscribed_spheres(boundary, points[wanted], progress=report, **options)
-    lfs[wanted] = spheres.smallest()
+    lfs[wanted] = SphereFinder(boundary, **options).near(points[wanted], report).smallest()
     return lfs
 
 
