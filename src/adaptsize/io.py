@@ -17,7 +17,7 @@ import numpy.typing as npt
 from adaptsize._checks import one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
-from adaptsize._formats.raster import Image
+from adaptsize._formats.raster import Image as Image
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
 from adaptsize.nodal_size import SizeFunction

@@ -1,0 +1,234 @@
+"""Several upper bounds, limited together, and which of them controls which part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_number
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.limiting import LimitingInfo, limit_gradient
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+
+#: What is told of nodes outside the domain, and of those that no bound reaches.
+NONE = -1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SizeReport:
+    """Which cause controls the size where, and how much of the domain.
+
+    A cause controls a node if the size there is the one it asks for, or has grown from a
+    node where it does, by the gradient limit.
+    """
+
+    background: SimplexMesh | CartesianGrid | Octree
+    causes: tuple[str, ...]
+    """Names, such as ``"curvature"``; ``"hmin"`` where a cause asked for less, ``"hmax"`` where
+    none asked for anything."""
+    cause: npt.NDArray[np.int8]
+    """Of the nodal shape: place in ``causes``, -1 outside the domain."""
+    domain_shares: dict[str, float]
+    """Share of the length, area or volume of the domain that each cause controls."""
+    element_shares: dict[str, float]
+    """Share of the elements of a mesh of these sizes, as estimated."""
+    smallest: dict[str, float]
+    """Smallest size in the part that each cause controls."""
+    bounds: dict[str, FloatArray]
+    """What each cause asked for, of the nodal shape, inf where nothing."""
+    info: LimitingInfo
+    """Of the limiting of all bounds together."""
+
+    def __repr__(self) -> str:
+        """Name the causes with their shares."""
+        told = ", ".join(f"{name} {share:.1%}" for name, share in self._by_share())
+        return f"SizeReport({told})"
+
+    def __str__(self) -> str:
+        """Say for each cause how much it controls, one line each."""
+        what = {1: "length", 2: "area", 3: "volume"}[_measure_dim(self.background)]
+        by_share = self._by_share()
+        width = max(len(name) for name, _ in by_share)
+        lines = [
+            f"{name:{width}}  controls {share:6.1%} of the {what}, "
+            f"{self.element_shares[name]:6.1%} of the elements, h from {self.smallest[name]:.4g}"
+            for name, share in by_share
+        ]
+        return "\n".join(lines)
+
+    def _by_share(self) -> list[tuple[str, float]]:
+        """Return the causes that control something, the largest share first."""
+        shares = [item for item in self.domain_shares.items() if item[1] > 0.0]
+        return sorted(shares, key=lambda item: -item[1])
+
+
+def limit_bounds(
+    background: SimplexMesh | CartesianGrid | Octree,
+    bounds: Mapping[str, FloatArray],
+    g: float,
+    *,
+    hmin: float,
+    hmax: float,
+    weights: FloatArray | None = None,
+    progress: ProgressCallback | bool | None = None,
+) -> tuple[FloatArray, SizeReport]:
+    """Return the limited minimum of several bounds, and which of them controls what.
+
+    Parameters
+    ----------
+    background : SimplexMesh, CartesianGrid or Octree
+    bounds : mapping of str to array
+        What each cause asks for, of the nodal shape; inf where nothing.
+    g : float
+        Gradient limit, >= 0.
+    hmin, hmax : float
+        Limits of the size, ``0 < hmin <= hmax``, finite.
+    weights : ndarray of float64, of the nodal shape, optional
+        Share of the domain that belongs to each node, 0 outside; by default that of the
+        cells of the background.
+    progress : callable, bool or None
+        As in `limit_gradient`.
+
+    Returns
+    -------
+    h : ndarray of float64, of the nodal shape
+        As of `limit_gradient`.
+    report : SizeReport
+
+    Raises
+    ------
+    ValueError
+        If ``hmin`` is above ``hmax``, or as in `limit_gradient`.
+
+    Notes
+    -----
+    Where source tracking applies, the sources tell the causes.  Elsewhere the bounds are
+    limited one by one: as the limited size of a minimum is the minimum of the limited
+    sizes, the smallest of these is the cause.  That costs a run per cause.
+
+    Examples
+    --------
+    >>> line = SimplexMesh([[0.0], [1.0], [2.0], [3.0]], [[0, 1], [1, 2], [2, 3]])
+    >>> curved = np.array([0.5, np.inf, np.inf, np.inf])
+    >>> narrow = np.array([np.inf, np.inf, np.inf, 0.2])
+    >>> h, report = limit_bounds(
+    ...     line, {"curvature": curved, "feature size": narrow}, 0.3, hmin=0.1, hmax=0.75
+    ... )
+    >>> h
+    array([0.5 , 0.75, 0.5 , 0.2 ])
+    >>> [report.causes[k] for k in report.cause]
+    ['curvature', 'hmax', 'feature size', 'feature size']
+    """
+    low = as_number("hmin", hmin, lower=0.0, strict=True)
+    high = as_number("hmax", hmax, lower=0.0, strict=True)
+    if low > high:
+        raise ValueError(f"hmin must be at most hmax, got {low:g} > {high:g}")
+    names = (*bounds, "hmin", "hmax")
+    asked = np.full(background.nodal_shape, high)
+    own = np.full(background.nodal_shape, len(names) - 1, dtype=np.int8)
+    for k, bound in enumerate(bounds.values()):
+        smaller = bound < asked
+        asked[smaller], own[smaller] = bound[smaller], k
+    own[asked < low] = len(names) - 2
+    asked = np.maximum(asked, low)
+    h, info = limit_gradient(background, asked, g, full_output=True, progress=progress)
+    # On lines each node counts as its own source.
+    if info.sources is not None and _measure_dim(background) > 1:
+        roots = info.sources.roots().reshape(own.shape)
+        cause = np.where(roots >= 0, own.ravel()[roots], NONE).astype(np.int8)
+    else:
+        cause = _by_separate_runs(background, asked, own, len(names) - 1, g)
+    weights = nodal_measures(background) if weights is None else weights
+    cause[weights <= 0.0] = NONE
+    return h, _report(background, names, cause, h, weights, dict(bounds), info)
+
+
+def _by_separate_runs(
+    background: SimplexMesh | CartesianGrid | Octree,
+    asked: FloatArray,
+    own: npt.NDArray[np.int8],
+    constant: int,
+    g: float,
+) -> npt.NDArray[np.int8]:
+    """Return the cause whose bounds alone give the smallest limited size at each node.
+
+    That of number ``constant`` asks for the same size everywhere.
+    """
+    cause = np.full(own.shape, NONE, dtype=np.int8)
+    best = np.full(own.shape, np.inf)
+    for k in np.unique(own):
+        alone = np.where(own == k, asked, np.inf)
+        if k == constant:
+            alone[...] = asked[own == k][0]
+        else:
+            alone = limit_gradient(background, alone, g)
+        better = alone < best
+        cause[better], best[better] = k, alone[better]
+    return cause
+
+
+def nodal_measures(background: SimplexMesh | CartesianGrid | Octree) -> FloatArray:
+    """Return the length, area or volume around each node, of the nodal shape.
+
+    A cell gives the same share to each of its nodes; what is not active has none.
+    """
+    if isinstance(background, CartesianGrid):
+        return _grid_measures(background)
+    mesh = background.mesh if isinstance(background, Octree) else background
+    shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
+    measures = np.zeros(mesh.n_points)
+    np.add.at(measures, mesh.cells.ravel(), shares)
+    return measures
+
+
+def _grid_measures(grid: CartesianGrid) -> FloatArray:
+    measures = np.full(grid.shape, float(np.prod(grid.spacing)))
+    for d in range(grid.dim):
+        ends = np.moveaxis(measures, d, 0)
+        ends[0] *= 0.5
+        ends[-1] *= 0.5
+    if grid.active is not None:
+        measures[~grid.active] = 0.0
+    return measures
+
+
+def _measure_dim(background: SimplexMesh | CartesianGrid | Octree) -> int:
+    return background.cell_dim if isinstance(background, SimplexMesh) else background.dim
+
+
+def _report(
+    background: SimplexMesh | CartesianGrid | Octree,
+    names: tuple[str, ...],
+    cause: npt.NDArray[np.int8],
+    h: FloatArray,
+    weights: FloatArray,
+    bounds: dict[str, FloatArray],
+    info: LimitingInfo,
+) -> SizeReport:
+    """Sum up by cause; names of causes that were not looked at are left out."""
+    inside: BoolArray = cause != NONE
+    k, sizes, measure = cause[inside], h[inside], weights[inside]
+    elements = measure / sizes ** _measure_dim(background)
+    count = len(names)
+    domain = np.bincount(k, weights=measure, minlength=count) / max(measure.sum(), 1e-300)
+    share = np.bincount(k, weights=elements, minlength=count) / max(elements.sum(), 1e-300)
+    least = np.full(count, np.inf)
+    np.minimum.at(least, k, sizes)
+    return SizeReport(
+        background=background,
+        causes=names,
+        cause=_locked(cause),
+        domain_shares=dict(zip(names, domain.tolist(), strict=True)),
+        element_shares=dict(zip(names, share.tolist(), strict=True)),
+        smallest=dict(zip(names, least.tolist(), strict=True)),
+        bounds=bounds,
+        info=info,
+    )
+
+
+def _locked(array: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+    array.flags.writeable = False
+    return array
