@@ -25,8 +25,13 @@ def _distance2_to_facet(points, facets, f, x):
 
 
 @kernel
-def scan_facets(points, facets, first, last, lower, spacing, shape, distance, nearest):
+def scan_facets(
+    points, facets, first, last, lower, spacing, shape, reach, exact, distance, nearest
+):
     """Lower the distances of the nodes around each facet.
+
+    Called twice: first for the distances to centroids, bounds that let the second call leave
+    out most pairs of node and facet.
 
     Parameters
     ----------
@@ -37,25 +42,34 @@ def scan_facets(points, facets, first, last, lower, spacing, shape, distance, ne
         Only ``facets[first:last]`` are scanned.
     lower, spacing : float64[3]
     shape : int64[3]
+    reach : float
+        How far to look.
+    exact : bool
+        Whether to find the closest point of each facet, or to take its centroid.
     distance : float64[n_nodes]
-        In/Out: how far to look, lowered to the distance of the nearest facet.
+        In/Out: an upper bound, at most ``reach``; lowered.
     nearest : int32[n_nodes]
-        In/Out: that facet; as it was where no facet is nearer than ``distance``.
+        In/Out: the nearest facet where ``exact`` lowered the distance.
     """
-    reach = distance.max()
     begin = [0, 0, 0]
     end = [0, 0, 0]
     width = facets.shape[1]
     for f in range(first, last):
         radius = 0.0
         centre = [0.0, 0.0, 0.0]
+        for v in range(width):
+            for d in range(3):
+                centre[d] += points[facets[f, v], d] / width
+        for v in range(width):
+            away2 = 0.0
+            for d in range(3):
+                away2 += (points[facets[f, v], d] - centre[d]) ** 2
+            radius = max(radius, math.sqrt(away2))
         for d in range(3):
             low = high = points[facets[f, 0], d]
             for v in range(1, width):
                 low = min(low, points[facets[f, v], d])
                 high = max(high, points[facets[f, v], d])
-            centre[d] = 0.5 * (low + high)
-            radius = math.hypot(radius, 0.5 * (high - low))
             # Bounded before they become integers: facets may be far away.
             from_low = max((low - reach - lower[d]) / spacing[d], 0.0)
             to_high = min((high + reach - lower[d]) / spacing[d], shape[d] - 1.0)
@@ -77,7 +91,12 @@ def scan_facets(points, facets, first, last, lower, spacing, shape, distance, ne
                 for k in range(from_k, to_k):
                     z = lower[2] + k * spacing[2]
                     known = distance[row + k]
-                    if across2 + (z - centre[2]) ** 2 >= (radius + known) ** 2:
+                    away2 = across2 + (z - centre[2]) ** 2
+                    if not exact:
+                        if away2 < known * known:
+                            distance[row + k] = math.sqrt(away2)
+                        continue
+                    if away2 >= (radius + known) ** 2:
                         continue
                     found2 = _distance2_to_facet(points, facets, f, (x, y, z))
                     if found2 < known * known:
@@ -89,8 +108,8 @@ def scan_facets(points, facets, first, last, lower, spacing, shape, distance, ne
 def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
     """Walk from facet f over its neighbours to one of which no neighbour is nearer to x.
 
-    A closest point inside a facet cannot be bettered there; one on an edge or at a corner
-    may be by the facets around it.
+    With y the closest point of f, a facet that contains y has a nearer point if and only if
+    a corner p of it has  (x - y) . (p - y) > 0.
 
     Returns
     -------
@@ -99,38 +118,66 @@ def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
     float
         Its squared distance.
     """
-    best = _distance2_to_facet(points, facets, f, x)
+    width = facets.shape[1]
+    if width == 1:
+        return _nearest_point_around(points, facets, ring_ptr, ring, f, x)
+    best = math.inf
     while True:
-        a, b = -1, -1
-        if facets.shape[1] == 1:
-            a = corners[f, 0]
-        elif facets.shape[1] == 3:
+        s, t, u = 0.0, 0.0, 0.0
+        if width == 3:
             i, j, k = facets[f, 0], facets[f, 1], facets[f, 2]
-            _, s, t, u = closest_on_triangle(points, i, j, k, x)
+            best, s, t, u = closest_on_triangle(points, i, j, k, x)
             if s > 0.0 and t > 0.0 and u > 0.0:
                 return f, best
-            a = corners[f, 0] if s > 0.0 else (corners[f, 1] if t > 0.0 else corners[f, 2])
-            if s > 0.0 and s < 1.0:
-                b = corners[f, 1] if t > 0.0 else corners[f, 2]
-            elif t > 0.0 and t < 1.0:
-                b = corners[f, 2]
         else:
-            _, s, t = closest_on_segment(points, facets[f, 0], facets[f, 1], x)
+            i, j, k = facets[f, 0], facets[f, 1], facets[f, 1]
+            best, s, t = closest_on_segment(points, i, j, x)
             if s > 0.0 and t > 0.0:
                 return f, best
-            a = corners[f, 0] if s > 0.0 else corners[f, 1]
+        y0 = s * points[i, 0] + t * points[j, 0] + u * points[k, 0]
+        y1 = s * points[i, 1] + t * points[j, 1] + u * points[k, 1]
+        y2 = s * points[i, 2] + t * points[j, 2] + u * points[k, 2]
+        r0, r1, r2 = x[0] - y0, x[1] - y1, x[2] - y2
+        # The nodes of f that y lies between: one, or two.
+        a = corners[f, 0] if s > 0.0 else (corners[f, 1] if t > 0.0 else corners[f, width - 1])
+        b = a
+        if s > 0.0 and t > 0.0:
+            b = corners[f, 1]
+        elif u > 0.0 and s + t > 0.0:
+            b = corners[f, 2]
         found = f
         for place in range(ring_ptr[a], ring_ptr[a + 1]):
             other = ring[place]
-            if other == f:
-                continue
-            beside = b < 0 or corners[other, 0] == b or corners[other, 1] == b
-            if not beside and corners[other, 2] != b:
+            beside = b == a
+            ahead = False
+            for v in range(width):
+                beside = beside or corners[other, v] == b
+                p = facets[other, v]
+                descent = r0 * (points[p, 0] - y0) + r1 * (points[p, 1] - y1)
+                descent += r2 * (points[p, 2] - y2)
+                ahead = ahead or descent > 0.0
+            if not (beside and ahead) or other == f:
                 continue
             distance2 = _distance2_to_facet(points, facets, other, x)
             if distance2 < best * (1.0 - 1e-13):
                 best = distance2
                 found = other
+        if found == f:
+            return f, best
+        f = found
+
+
+@inner
+def _nearest_point_around(points, facets, ring_ptr, ring, f, x):
+    """Walk over points to one of which no neighbour is nearer to x."""
+    best = _distance2_to_facet(points, facets, f, x)
+    while True:
+        found = f
+        for place in range(ring_ptr[f], ring_ptr[f + 1]):
+            distance2 = _distance2_to_facet(points, facets, ring[place], x)
+            if distance2 < best:
+                best = distance2
+                found = ring[place]
         if found == f:
             return f, best
         f = found
@@ -168,7 +215,7 @@ def hand_on_facets(
         The nodes of the facets, nodes at the same place counted as one.
     ring_ptr : int32[n + 1]
     ring : int32[...]
-        Facets around each of these nodes; for points, the points that are its neighbours.
+        Facets around each of these nodes; if they are points, the neighbours of each.
     lower, spacing : float64[3]
     shape : int64[3]
     distance : float64[n_nodes]

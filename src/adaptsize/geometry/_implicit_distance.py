@@ -7,17 +7,21 @@ from itertools import product
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.geometry._surface_distance import Features, frame_of, hand_on
+from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.geometry._handing_on import (
+    AnyBackground,
+    Features,
+    Nodes,
+    frame_of,
+    hand_on,
+    places_of,
+)
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: f(points[n, dim]) -> float64[n], checked.
 Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
-_Background: TypeAlias = SimplexMesh | CartesianGrid | Octree
-_Nodes: TypeAlias = npt.NDArray[np.int64]
 
 # Nodes that are projected at once: the function is asked for several points around each.
 _NODES_AT_ONCE = 100_000
@@ -52,7 +56,7 @@ class _Feet(NamedTuple):
 
 
 def implicit_distance(
-    background: _Background,
+    background: AnyBackground,
     function: Implicit,
     values: FloatArray,
     band: float,
@@ -71,7 +75,7 @@ def implicit_distance(
     report : callable
     """
     crossings, layer, spacing = _crossings(background, function, values)
-    place = _places(background)
+    place = places_of(background)
     start = cKDTree(crossings).query(place(layer))[1]
     feet = _project(function, place(layer), crossings[start], spacing, report)
     nearest, distance = _nearest_feet(background, layer, feet, report)
@@ -92,17 +96,9 @@ def implicit_distance(
     return np.copysign(distance, values.ravel()).reshape(background.nodal_shape)
 
 
-def _places(background: _Background) -> Callable[[_Nodes], FloatArray]:
-    """Return what gives the coordinates of nodes."""
-    if not isinstance(background, CartesianGrid):
-        return lambda nodes: background.points[nodes]
-    origin, spacing, shape = background.origin, background.spacing, background.shape
-    return lambda nodes: origin + spacing * np.stack(np.unravel_index(nodes, shape), axis=1)
-
-
 def _crossings(
-    background: _Background, function: Implicit, values: FloatArray
-) -> tuple[FloatArray, _Nodes, float]:
+    background: AnyBackground, function: Implicit, values: FloatArray
+) -> tuple[FloatArray, Nodes, float]:
     """Return points of the zero level on edges.
 
     Returns
@@ -119,7 +115,7 @@ def _crossings(
             "boundary must change its sign between two neighbouring nodes of the background, got "
             f"values from {values.min():g} to {values.max():g} and no such nodes"
         )
-    place, flat = _places(background), values.ravel()
+    place, flat = places_of(background), values.ravel()
     a, b, f_a, f_b = place(i), place(j), flat[i], flat[j]
     # Illinois: regula falsi that halves the value at an end that stays.
     low, high, f_low, f_high = np.zeros(len(a)), np.ones(len(a)), f_a.copy(), f_b.copy()
@@ -138,7 +134,7 @@ def _crossings(
     return crossings, np.unique(np.concatenate([i, j])), spacing
 
 
-def _edges_across(background: _Background, values: FloatArray) -> tuple[_Nodes, _Nodes]:
+def _edges_across(background: AnyBackground, values: FloatArray) -> tuple[Nodes, Nodes]:
     """Return the ends of all edges with the function positive at one end only."""
     positive = values > 0.0
     if not isinstance(background, CartesianGrid):
@@ -155,8 +151,8 @@ def _edges_across(background: _Background, values: FloatArray) -> tuple[_Nodes, 
 
 
 def _nearest_feet(
-    background: _Background, layer: _Nodes, feet: FloatArray, report: ProgressCallback
-) -> tuple[_Nodes, FloatArray]:
+    background: AnyBackground, layer: Nodes, feet: FloatArray, report: ProgressCallback
+) -> tuple[Nodes, FloatArray]:
     """Return for each node the nearest of the feet of the nodes of a layer, and its distance."""
     if not isinstance(background, CartesianGrid):
         distance, nearest = cKDTree(feet).query(background.points)
@@ -164,7 +160,7 @@ def _nearest_feet(
     number = np.full(background.n_points, -1, np.int32)
     number[layer] = np.arange(len(layer), dtype=np.int32)
     distance = np.full(background.n_points, np.inf)
-    distance[layer] = np.linalg.norm(_places(background)(layer) - feet, axis=1)
+    distance[layer] = np.linalg.norm(places_of(background)(layer) - feet, axis=1)
     in_space = np.zeros((len(feet), 3))
     in_space[:, : background.dim] = feet
     cells = np.arange(len(feet), dtype=np.int32)[:, None]
@@ -175,7 +171,7 @@ def _nearest_feet(
 
 
 def _neighbours(
-    shape: tuple[int, ...], layer: _Nodes, number: IntArray
+    shape: tuple[int, ...], layer: Nodes, number: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Return the numbers of the nodes of a layer around each of its nodes, as compressed rows."""
     at = np.stack(np.unravel_index(layer, shape), axis=1)
@@ -292,9 +288,7 @@ def _surface_at(function: Implicit, feet: FloatArray, spacing: float) -> _Feet:
     return _Feet(feet, normal, tangents, bends / np.maximum(steep, 1e-300)[:, None, None])
 
 
-def _distance_to_parabola(
-    x: FloatArray, feet: _Feet, which: npt.NDArray[np.int64], spacing: float
-) -> FloatArray:
+def _distance_to_parabola(x: FloatArray, feet: _Feet, which: Nodes, spacing: float) -> FloatArray:
     """Return the distances of points to the paraboloids at given feet, inf where in doubt.
 
     With r the offset of x from the foot, rho its part along the normal, t that in the tangent

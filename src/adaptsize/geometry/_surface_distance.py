@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,50 +13,28 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from adaptsize._kernels import surface_distance as kernels
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh, topology
+from adaptsize.background import CartesianGrid, SimplexMesh, topology
+from adaptsize.geometry._handing_on import (
+    AnyBackground,
+    Features,
+    Nodes,
+    frame_of,
+    hand_on,
+    places_of,
+)
 from adaptsize.geometry._winding import WindingNumber, is_cycle, same_places
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Facets are cut for the scan until they are so many spacings long: boxes around long
 # slanting ones would hold many nodes that are far from them.
 _LONGEST = 6.0
-# Facets, and accepted nodes, between two reports: about 0.2 s.
+# Facets, and nodes, between two reports: about 0.2 s.
 _FACETS_AT_ONCE = 20_000
-_NODES_AT_ONCE = 200_000
 _POINTS_AT_ONCE = 20_000
-_BUCKETS = 64
-
-
-class GridFrame(NamedTuple):
-    """A grid as the kernels take it, with three axes."""
-
-    lower: FloatArray
-    spacing: FloatArray
-    shape: npt.NDArray[np.int64]
-
-
-def frame_of(grid: CartesianGrid) -> GridFrame:
-    """Return a grid with axes of one node for those that it lacks."""
-    missing = 3 - grid.dim
-    return GridFrame(
-        np.append(grid.origin, [0.0] * missing),
-        np.append(grid.spacing, [1.0] * missing),
-        np.array([*grid.shape, *[1] * missing], np.int64),
-    )
-
-
-class Features(NamedTuple):
-    """What distances are measured to; the members as `hand_on_facets` takes them."""
-
-    points: FloatArray
-    facets: IntArray
-    corners: IntArray
-    ring_ptr: IntArray
-    ring: IntArray
 
 
 def surface_distance(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyBackground,
     surface: SimplexMesh,
     band: float,
     report: ProgressCallback,
@@ -83,17 +61,20 @@ def _on_grid(
 ) -> FloatArray:
     frame = frame_of(grid)
     points, facets = _in_space(surface.points), np.array(surface.cells)
-    # Nodes just within reach count; those beyond do not.
-    distance = np.full(grid.n_points, reach * (1.0 + 1e-9))
+    reach *= 1.0 + 1e-9  # nodes just within count
+    distance = np.full(grid.n_points, reach)
     nearest = np.full(grid.n_points, -1, np.int32)
     pieces = _short_facets(points, facets, grid, reach)
-    for first in range(0, len(pieces.facets), _FACETS_AT_ONCE):
-        last = min(first + _FACETS_AT_ONCE, len(pieces.facets))
-        kernels.scan_facets(
-            pieces.points, pieces.facets, first, last,
-            *frame, distance, nearest,
-        )  # fmt: skip
-        report("distance in the band", last / len(pieces.facets))
+    n = len(pieces.facets)
+    for exact in (False, True):
+        for first in range(0, n, _FACETS_AT_ONCE):
+            part = (first, min(first + _FACETS_AT_ONCE, n))
+            kernels.scan_facets(
+                pieces.points, pieces.facets, *part, *frame, reach, exact, distance, nearest
+            )
+            report("distance in the band", 0.5 * (part[1] / n + exact))
+        if not exact:
+            distance *= 1.0 + 1e-9  # the facet itself must be found nearer than its centroid
     found = nearest >= 0
     nearest[found] = pieces.owner[nearest[found]]
     distance[~found] = np.inf
@@ -103,26 +84,6 @@ def _on_grid(
         features = Features(points, facets, corners, *topology.rings(corners, len(points)))
         hand_on(frame, features, distance, nearest, report)
     return distance.reshape(grid.shape)
-
-
-def hand_on(
-    frame: GridFrame,
-    features: Features,
-    distance: FloatArray,
-    nearest: IntArray,
-    report: ProgressCallback,
-) -> None:
-    """Fill distances (In/Out, inf: unknown) by what is nearest to the neighbours (In/Out)."""
-    first = np.full(_BUCKETS, -1, np.int32)
-    following = np.full(distance.size, -2, np.int32)
-    state = np.array([-1, 0], np.int64)
-    width = float(frame.spacing[frame.shape > 1].min())
-    rest = (*features, *frame, distance, nearest, width)
-    accepted, newly = 0, _NODES_AT_ONCE
-    while newly == _NODES_AT_ONCE:
-        newly = kernels.hand_on_facets(*rest, first, following, state, _NODES_AT_ONCE)
-        accepted += newly
-        report("distance beyond the band", min(accepted / distance.size, 1.0))
 
 
 class _Pieces:
@@ -180,7 +141,7 @@ def _seed_hull(
 
 
 def inside_surface(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyBackground,
     surface: SimplexMesh,
     distance: FloatArray,
     report: ProgressCallback,
@@ -190,19 +151,16 @@ def inside_surface(
     Nodes that no facet can part are asked about once, if winding numbers are whole.
     """
     winding = WindingNumber(surface)
-    points = background.points
     if not is_cycle(surface):
-        return winding.contains(points, report).reshape(background.nodal_shape)
+        return winding.contains(background.points, report).reshape(background.nodal_shape)
     label = _connected(background, distance).ravel()
     one_of = np.empty(int(label.max()) + 1, np.int64)
     one_of[label] = np.arange(label.size)
-    inside = winding.contains(points[one_of], report)
+    inside = winding.contains(places_of(background)(one_of), report)
     return np.asarray(inside[label]).reshape(background.nodal_shape)
 
 
-def _connected(
-    background: SimplexMesh | CartesianGrid | Octree, distance: FloatArray
-) -> npt.NDArray[np.int64]:
+def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
     """Return for each node the number of its group, from 0 on.
 
     Neighbours whose distances to the surface add up to more than the distance between
@@ -211,7 +169,7 @@ def _connected(
     if isinstance(background, CartesianGrid):
         apart = distance > 0.5 * float(background.spacing.max()) * (1.0 + 1e-9)
         label, n = ndimage.label(apart)
-        groups: npt.NDArray[np.int64] = label.astype(np.int64) - 1
+        groups: Nodes = label.astype(np.int64) - 1
         alone = ~apart
         groups[alone] = n + np.arange(int(alone.sum()))
         return groups
@@ -223,7 +181,7 @@ def _connected(
     return np.asarray(connected_components(graph, directed=False)[1]).astype(np.int64)
 
 
-def _nodes_of(background: SimplexMesh | CartesianGrid | Octree) -> Iterator[FloatArray]:
+def _nodes_of(background: AnyBackground) -> Iterator[FloatArray]:
     """Yield the nodes in parts."""
     if isinstance(background, CartesianGrid):
         for _, points in background.slabs():
