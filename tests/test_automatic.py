@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial import Delaunay
 
 from adaptsize import BoxSource, SimplexMesh, limit_gradient, read
-from adaptsize.automatic import _folds_of, choose_size
+from adaptsize.automatic import choose_size
 from adaptsize.background.flipping import flip_edges
+from adaptsize.background.folds import folds_of
 from adaptsize.background.splitting import split_edges
 from adaptsize.summary import summarize
 from meshes import jittered_cube, random_sphere, random_square, structured_square
@@ -112,7 +113,7 @@ def test_kept_edges_and_borders_of_tags_are_not_flipped():
 def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
     n = 24
     mesh = cylinder(n)
-    bent, sharp = _folds_of(mesh, np.deg2rad(40.0))
+    bent, sharp = folds_of(mesh, np.deg2rad(40.0))
     i, j = bent.T
     assert len(i) == n
     np.testing.assert_array_equal(j - i, n)

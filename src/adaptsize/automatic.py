@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +13,10 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, as_sizes
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.background.flipping import flip_edges, pairs_of_cells
+from adaptsize.background.flipping import flip_edges
+from adaptsize.background.folds import Folds, are_among, folds_of
 from adaptsize.background.splitting import split_edges
+from adaptsize.causes import SizeReport, limit_bounds
 from adaptsize.geometry.inscribed_spheres import SphereFinder
 from adaptsize.limiting import limit_gradient
 from adaptsize.nodal_size import SizeFunction
@@ -24,7 +26,7 @@ from adaptsize.sizes import (
     size_from_feature,
     size_from_sources,
 )
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, ProgressCallback
 
 _ELEMENTS_PER_RADIAN = 4.0
 _ELEMENTS_ACROSS = 2.0
@@ -39,7 +41,6 @@ _MAX_NODES = 400_000
 #: node of such a surface, a solid of some thickness more than 10; what has more nodes
 #: consists of slivers much narrower than the size, on which it need not be known better.
 _NODES_PER_ELEMENT = 1.0 / 10.0
-_FLAT_ANGLE = np.deg2rad(0.1)
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,14 @@ class ChosenSize:
     """Number of elements that a mesh of these sizes has, roughly."""
     n_rounds: int
     """How often the sizes were made larger to stay within ``max_elements``."""
+    bounds: dict[str, FloatArray]
+    """What each cause asks for at the nodes of the background of ``size``, inf where nothing."""
+
+    def report(self) -> SizeReport:
+        """Return which cause controls which part; takes as long as limiting does."""
+        background = self.size.background
+        assert isinstance(background, SimplexMesh)
+        return limit_bounds(background, self.bounds, self.g, hmin=self.hmin, hmax=self.hmax)[1]
 
     def on(self, mesh: SimplexMesh) -> FloatArray:
         """Return the sizes at the nodes of another mesh of the same part.
@@ -153,9 +162,9 @@ def choose_size(
     Examples
     --------
     >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    >>> chosen = choose_size(SimplexMesh(points, [[0, 1, 2, 3]]), hmax=0.5)
+    >>> chosen = choose_size(SimplexMesh(points, [[0, 1, 2, 3]]), hmax=0.25)
     >>> chosen.size([[0.2, 0.2, 0.2]])
-    array([0.5])
+    array([0.25])
     """
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
@@ -184,7 +193,7 @@ def choose_size(
                 _NODES_PER_ELEMENT * limit if is_open else _MAX_NODES,
                 widths,
             )
-            size = wish.size_on(mesh)
+            size, bounds = wish.size_on(mesh)
             estimate = _estimate(mesh, size, wish)
             if estimate <= limit or not is_open:
                 break
@@ -193,7 +202,38 @@ def choose_size(
             before = estimate
             relax *= max(1.2, (estimate / limit) ** (1.0 / mesh.dim))
     asked = (wish.elements_per_radian, wish.elements_across, wish.g, wish.hmin, wish.hmax)
-    return ChosenSize(size, *asked, estimate, n_rounds)
+    return ChosenSize(size, *asked, estimate, n_rounds, bounds)
+
+
+def size_on_surface(
+    mesh: SimplexMesh,
+    *,
+    elements_per_radian: float,
+    elements_across: float,
+    g: float,
+    hmin: float,
+    hmax: float,
+    crease_angle: float,
+    sources: Sequence[Any],
+    h0: npt.ArrayLike | None,
+) -> tuple[SizeFunction, dict[str, FloatArray]]:
+    """Return limited sizes on a refined copy of a surface, and the bounds there by cause.
+
+    Arguments are those of `choose_size`, all given; ``h0`` is of the nodal shape.
+    """
+    wish = _Wish(
+        elements_per_radian,
+        elements_across,
+        g,
+        hmin,
+        hmax,
+        crease_angle,
+        sources,
+        h0,
+        _MAX_NODES,
+        _Widths(mesh, crease_angle),
+    )
+    return wish.size_on(mesh)
 
 
 def _given(value: float | None, otherwise: float) -> float:
@@ -238,25 +278,26 @@ class _Wish:
     """Of the refined copy of a surface."""
     widths: _Widths
 
-    def size_on(self, mesh: SimplexMesh) -> SizeFunction:
-        """Return the limited sizes, on the mesh or on a refined copy of a surface."""
-        bounds = [np.full(mesh.n_points, np.inf)]
+    def size_on(self, mesh: SimplexMesh) -> tuple[SizeFunction, dict[str, FloatArray]]:
+        """Return the limited sizes, on the mesh or on a refined copy of a surface, and the bounds.
+
+        The latter by cause, at the nodes of the background of the sizes.
+        """
+        bounds = {}
         if self.elements_per_radian > 0.0:
-            bounds.append(
-                size_from_curvature(
-                    mesh,
-                    elements_per_radian=self.elements_per_radian,
-                    crease_angle=self.crease_angle,
-                )
+            bounds["curvature"] = size_from_curvature(
+                mesh,
+                elements_per_radian=self.elements_per_radian,
+                crease_angle=self.crease_angle,
             )
         if self.h0 is not None:
-            bounds.append(np.asarray(self.h0, dtype=np.float64))
+            bounds["h0"] = np.asarray(self.h0, dtype=np.float64)
         if mesh.dim == 3 and mesh.cell_dim == 2:
-            folds = _folds_of(mesh, np.deg2rad(self.crease_angle))
-            return _size_on_surface(mesh, minimum(*bounds), folds, self)
+            folds = folds_of(mesh, np.deg2rad(self.crease_angle))
+            return _size_on_surface(mesh, bounds, folds, self)
         if self.elements_across > 0.0:
-            bounds.append(2.0 / self.elements_across * self.widths.at_nodes)
-        return SizeFunction(mesh, self.finished(mesh, minimum(*bounds)))
+            bounds["feature size"] = 2.0 / self.elements_across * self.widths.at_nodes
+        return self.finished(mesh, bounds)
 
     def across_surface(self, lfs: FloatArray) -> FloatArray:
         """Return the size on a surface with so many elements between it and the other side.
@@ -264,28 +305,28 @@ class _Wish:
         From there to the middle, at a distance lfs, sizes grow to h + g lfs; the integral of 1 / h
         along that way is to be half the number of elements.
         """
-        if self.elements_across == 0.0:
-            return np.full(len(lfs), np.inf)
         if self.g == 0.0:
             return 2.0 / self.elements_across * lfs
         share: float = self.g / np.expm1(0.5 * self.g * self.elements_across)
         return share * lfs
 
-    def finished(self, mesh: SimplexMesh, h0: FloatArray) -> FloatArray:
-        """Return ``h0`` and the sources, limited."""
-        bounds = [h0]
+    def finished(
+        self, mesh: SimplexMesh, bounds: dict[str, FloatArray]
+    ) -> tuple[SizeFunction, dict[str, FloatArray]]:
+        """Return sizes below ``bounds`` and those of the sources, limited, and all the bounds."""
         if self.sources:
-            bounds.append(size_from_sources(mesh, self.sources, g=self.g))
-        bound = minimum(*bounds, hmin=self.hmin, hmax=self.hmax)
-        return limit_gradient(mesh, bound, self.g)
+            bounds = bounds | {"sources": size_from_sources(mesh, self.sources, g=self.g)}
+        free = np.full(mesh.n_points, np.inf)
+        bound = minimum(free, *bounds.values(), hmin=self.hmin, hmax=self.hmax)
+        return SizeFunction(mesh, limit_gradient(mesh, bound, self.g)), bounds
 
 
 def _size_on_surface(
     mesh: SimplexMesh,
-    h0: FloatArray,
-    folds: _Folds,
+    bounds: dict[str, FloatArray],
+    folds: Folds,
     wish: _Wish,
-) -> SizeFunction:
+) -> tuple[SizeFunction, dict[str, FloatArray]]:
     """Return sizes on a copy of a surface that is refined where its edges are long.
 
     A new node on an edge along which the surface bends gets the mean of the
@@ -293,69 +334,27 @@ def _size_on_surface(
     may grow from the nodes of the file, however far those are apart.  Edges in flat facets
     are flipped, as sizes are limited faster, and better, without slivers.
     """
-    across = wish.across_surface(wish.widths.at_nodes if wish.elements_across > 0.0 else h0)
+    across = wish.across_surface(wish.widths.at_nodes) if wish.elements_across > 0.0 else None
     while True:
         mesh = flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
-        h = wish.finished(mesh, minimum(h0, across))
-        ends = h[mesh.edges].min(axis=1)
+        all_bounds = bounds if across is None else bounds | {"feature size": across}
+        size, all_bounds = wish.finished(mesh, all_bounds)
+        ends = size.values[mesh.edges].min(axis=1)
         long = mesh.edge_lengths > _EDGE_OVER_SIZE * ends
         if not long.any() or mesh.n_points + int(long.sum()) > wish.max_nodes:
-            return SizeFunction(mesh, h)
+            return size, all_bounds
         split = split_edges(mesh, long)
         parents = mesh.edges[split.split_edges]
-        at_middle = np.full(len(parents), np.inf)
-        curved = _are_among(parents, folds.bent)
-        at_middle[curved] = 2.0 / (1.0 / h0[parents[curved]]).sum(axis=1).clip(1e-300)
-        folds = _Folds(*(_halved(edges, parents, mesh.n_points) for edges in folds))
-        if wish.elements_across > 0.0:
+        curved = are_among(parents, folds.bent)
+        for name, h0 in bounds.items():
+            at_middle = np.full(len(parents), np.inf)
+            at_middle[curved] = 2.0 / (1.0 / h0[parents[curved]]).sum(axis=1).clip(1e-300)
+            bounds = bounds | {name: np.concatenate([h0, at_middle])}
+        folds = folds.split(parents, mesh.n_points)
+        if across is not None:
             lfs = wish.widths.on_surface(split.mesh.points[mesh.n_points :])
             across = np.concatenate([across, wish.across_surface(lfs)])
-        else:
-            across = np.full(split.mesh.n_points, np.inf)
-        mesh, h0 = split.mesh, np.concatenate([h0, at_middle])
-
-
-class _Folds(NamedTuple):
-    """Edges that are not inside flat facets, int32[n, 2] each, rows sorted."""
-
-    bent: IntArray
-    """Along which the surface is curved: neither flat nor sharp."""
-    sharp: IntArray
-
-
-def _folds_of(mesh: SimplexMesh, crease_angle: float) -> _Folds:
-    """Return the edges along which two triangles meet at an angle."""
-    corners = mesh.points[mesh.cells]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    twice_area = np.linalg.norm(normals, axis=1)
-    normals /= np.maximum(twice_area, np.finfo(float).tiny)[:, None]
-    paired = mesh.facet_cell_counts == 2
-    one, other = pairs_of_cells(mesh, paired).T // 3
-    cosine = np.abs(np.einsum("ij,ij->i", normals[one], normals[other]))
-    sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
-    angle = np.arctan2(sine, cosine)  # 0 to 90 degrees, whatever the orientation
-    # Coordinates come in single precision: a sliver of that height has no sure normal.
-    height = np.minimum(twice_area[one], twice_area[other]) / mesh.edge_lengths[paired].clip(1e-300)
-    rounding = 4.0 * np.finfo(np.float32).eps * np.abs(mesh.points).max()
-    sharp = angle > crease_angle
-    bent = (angle > _FLAT_ANGLE + rounding / height.clip(1e-300)) & ~sharp
-    edges = mesh.edges[paired]
-    return _Folds(edges[bent], edges[sharp])
-
-
-def _are_among(edges: IntArray, others: IntArray) -> BoolArray:
-    """Tell which rows are also rows of ``others``; bool[n]."""
-    width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
-    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
-    return np.isin(keys, known)
-
-
-def _halved(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
-    """Return ``edges``, of those in ``split`` the halves; row k has its middle at n_points + k."""
-    middle = np.arange(n_points, n_points + len(split), dtype=np.int32)
-    affected = _are_among(split, edges)
-    halves = [np.column_stack([split[affected, end], middle[affected]]) for end in (0, 1)]
-    return np.concatenate([edges[~_are_among(edges, split)], *halves]).astype(np.int32)
+        mesh = split.mesh
 
 
 def _estimate(mesh: SimplexMesh, size: SizeFunction, wish: _Wish) -> float:

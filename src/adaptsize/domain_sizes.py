@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, as_sizes
+from adaptsize.automatic import size_on_surface
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.causes import SizeReport, limit_bounds, nodal_measures
 from adaptsize.geometry.distance import signed_distance
@@ -65,7 +66,7 @@ class Wish:
     def external(self, background: AnyBackground) -> dict[str, FloatArray]:
         """Return the bounds that do not come from the shape."""
         bounds = {}
-        if not _is_empty(self.sources):
+        if _is_given(self.sources):
             bounds["sources"] = size_from_sources(background, self.sources, g=self.g)
         if self.h0 is not None:
             bounds["h0"] = _at_nodes(self.h0, background)
@@ -101,8 +102,8 @@ def as_wish(
     )
 
 
-def _is_empty(sources: Any) -> bool:
-    return sources is None or (isinstance(sources, Sequence) and len(sources) == 0)
+def _is_given(sources: Any) -> bool:
+    return sources is not None and not (isinstance(sources, Sequence) and len(sources) == 0)
 
 
 def _at_nodes(h0: npt.ArrayLike | Implicit, background: AnyBackground) -> FloatArray:
@@ -220,7 +221,8 @@ def of_mesh(
         spacing = float(np.ptp(mesh.points, axis=0).max()) / _BOXES_ALONG
         background = CartesianGrid.around(mesh.points, spacing, _BOXES_AROUND * spacing)
     if background is None:
-        return _on_own_nodes(mesh, wish)
+        is_surface = mesh.dim == 3 and mesh.cell_dim == 2
+        return _on_refined_surface(mesh, wish) if is_surface else _on_own_nodes(mesh, wish)
     if background.dim != mesh.dim:
         raise ValueError(f"background must be {mesh.dim}-D, got {background!r}")
     boundary = mesh if encloses else mesh.boundary().mesh
@@ -288,3 +290,22 @@ def _on_own_nodes(mesh: SimplexMesh, wish: Wish) -> tuple[SizeFunction, SizeRepo
     bounds = _bounds_of_boundary(mesh, None, wish)
     bounds |= wish.external(mesh)
     return _limited(mesh, bounds, wish.limits(mesh.diagonal), wish)
+
+
+def _on_refined_surface(mesh: SimplexMesh, wish: Wish) -> tuple[SizeFunction, SizeReport]:
+    low, high = wish.limits(mesh.diagonal)
+    size, bounds = size_on_surface(
+        mesh,
+        elements_per_radian=wish.per_radian,
+        elements_across=wish.across,
+        g=wish.g,
+        hmin=low,
+        hmax=high,
+        crease_angle=wish.crease_angle,
+        sources=wish.sources if _is_given(wish.sources) else (),
+        h0=None if wish.h0 is None else _at_nodes(wish.h0, mesh),
+    )
+    # Limited once more, now with the causes: a small part of what refining took.
+    refined = size.background
+    assert isinstance(refined, SimplexMesh)
+    return _limited(refined, bounds, (low, high), wish)

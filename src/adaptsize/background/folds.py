@@ -1,0 +1,63 @@
+"""Edges of a surface that are not inside flat facets: bent and sharp ones."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize.background.flipping import pairs_of_cells
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.typing import BoolArray, IntArray
+
+_FLAT_ANGLE = np.deg2rad(0.1)
+
+
+class Folds(NamedTuple):
+    """Edges that are not inside flat facets, int32[n, 2] each, rows sorted."""
+
+    bent: IntArray
+    """Along which the surface is curved: neither flat nor sharp."""
+    sharp: IntArray
+
+    def split(self, parents: IntArray, n_points: int) -> Folds:
+        """Return the edges after those in ``parents`` were halved.
+
+        Row k of ``parents`` has its middle at the node ``n_points + k``.
+        """
+        return Folds(*(_halved(edges, parents, n_points) for edges in self))
+
+
+def folds_of(mesh: SimplexMesh, crease_angle: float) -> Folds:
+    """Return the edges along which two triangles meet at an angle."""
+    corners = mesh.points[mesh.cells]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice_area = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(twice_area, np.finfo(float).tiny)[:, None]
+    paired = mesh.facet_cell_counts == 2
+    one, other = pairs_of_cells(mesh, paired).T // 3
+    cosine = np.abs(np.einsum("ij,ij->i", normals[one], normals[other]))
+    sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
+    angle = np.arctan2(sine, cosine)  # 0 to 90 degrees, whatever the orientation
+    # Coordinates come in single precision: a sliver of that height has no sure normal.
+    height = np.minimum(twice_area[one], twice_area[other]) / mesh.edge_lengths[paired].clip(1e-300)
+    rounding = 4.0 * np.finfo(np.float32).eps * np.abs(mesh.points).max()
+    sharp = angle > crease_angle
+    bent = (angle > _FLAT_ANGLE + rounding / height.clip(1e-300)) & ~sharp
+    edges = mesh.edges[paired]
+    return Folds(edges[bent], edges[sharp])
+
+
+def are_among(edges: IntArray, others: IntArray) -> BoolArray:
+    """Tell which rows are also rows of ``others``; bool[n]."""
+    width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
+    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
+    return np.isin(keys, known)
+
+
+def _halved(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
+    """Return ``edges``, of those in ``split`` the halves; row k has its middle at n_points + k."""
+    middle = np.arange(n_points, n_points + len(split), dtype=np.int32)
+    affected = are_among(split, edges)
+    halves = [np.column_stack([split[affected, end], middle[affected]]) for end in (0, 1)]
+    return np.concatenate([edges[~are_among(edges, split)], *halves]).astype(np.int32)
