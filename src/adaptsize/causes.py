@@ -42,6 +42,11 @@ class SizeReport:
     info: LimitingInfo
     """Of the limiting of all bounds together."""
 
+    @property
+    def codes(self) -> range:
+        """What `cause` may hold inside the domain."""
+        return range(len(self.causes))
+
     def __repr__(self) -> str:
         """Name the causes with their shares."""
         told = ", ".join(f"{name} {share:.1%}" for name, share in self._by_share())

@@ -22,9 +22,9 @@ from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
 
 # A path from the root to a leaf leaves one node behind per level.
 _STACK = 64
-# What reaches into the ball by less than this share of its radius may be overlooked.  Without it
-# all boxes would be opened where the ball touches the boundary all around, as in a sphere.
-_DEPTH = 2e-3
+# Radii may come out larger than the least one by this share.  Without it all boxes would be opened
+# where the ball touches the boundary all around, as in a sphere.
+_EXCESS = 1e-2
 _MAX_STEPS = 40
 # Corners around a point are remembered for walls of so many directions.
 _DIRECTIONS = 12
@@ -167,6 +167,17 @@ def _touch(points, cells, t, p, n, bound, r):
 
 
 @inner
+def _radius_through(boxes, node, p, n, sine):
+    """Return the radius of the ball at p through the centre of a box, or one as high as allowed."""
+    squared, above = 0.0, 0.0
+    for d in range(3):
+        way = 0.5 * (boxes[node, d] + boxes[node, 3 + d]) - p[d]
+        squared += way * way
+        above += n[d] * way
+    return squared / (2.0 * max(above, sine * math.sqrt(squared), 1e-300))
+
+
+@inner
 def _tangents(n):
     """Return two unit vectors that are perpendicular to a unit vector and to each other."""
     if abs(n[2]) < 0.9:  # in the plane, n[2] = 0, the second one is the normal of the plane
@@ -269,10 +280,11 @@ def shrink_balls(
     stack = np.empty(_STACK, np.int64)
     edge_stack = np.empty(_STACK, np.int64)
     held = np.empty((_DIRECTIONS, 2))
-    m = cells.shape[0]
+    m, width = cells.shape
     n_leaves = boxes.shape[0] // 2
     sine, cosine, share = angles[0], angles[1], angles[2]
     tip_share, gap_of_walls = angles[3], angles[4]
+    flat = math.sqrt(1.0 - sine * sine)
     guess = -1
     for place in range(first, last):
         i = order[place]
@@ -295,9 +307,8 @@ def shrink_balls(
             begin, end = guess, guess + 1
             if node > 0:
                 # Is any of it in the ball, and high enough over the tangent plane?
-                reach = (r * (1.0 - _DEPTH)) ** 2
-                to_centre, to_probe, highest = 0.0, 0.0, 0.0
-                along, slab_centre = 0.0, 0.0
+                to_centre, to_probe, from_probe = 0.0, 0.0, 0.0
+                highest, lowest, along = 0.0, 0.0, 0.0
                 for d in range(3):
                     low, high = boxes[node, d], boxes[node, 3 + d]
                     centre = p[d] + r * n[d]
@@ -307,23 +318,27 @@ def shrink_balls(
                     gap = max(low - p[d], p[d] - high)
                     if gap > 0.0:
                         to_probe += gap * gap
-                    highest += n[d] * ((high if n[d] > 0.0 else low) - p[d])
+                    from_probe += max(high - p[d], p[d] - low) ** 2
+                    above, below = (high, low) if n[d] > 0.0 else (low, high)
+                    highest += n[d] * (above - p[d])
+                    lowest += n[d] * (below - p[d])
                     along += slabs[node, d] * centre
-                    slab_centre += slabs[node, d] * slabs[node, d]
-                if to_centre >= reach or highest <= 0.0:
+                if highest <= 0.0 or highest * highest < sine * sine * to_probe:
                     continue
-                if highest * highest < sine * sine * to_probe:
+                # What reaches as deep as b r into a ball, at an angle a over the tangent plane,
+                # makes it smaller by the share b / (2 sin(a)^2).
+                depth = max(sine, lowest / math.sqrt(from_probe)) if from_probe > 0.0 else sine
+                reach = r * (1.0 - 2.0 * _EXCESS * depth * depth)
+                if to_centre >= reach * reach:
                     continue
-                gap = max(slabs[node, 3] - along, along - slabs[node, 4])
-                if slab_centre > 0.0 and gap > 0.0 and gap * gap >= reach:
+                if max(slabs[node, 3] - along, along - slabs[node, 4]) >= reach:
                     continue
                 if node < n_leaves:
+                    # First the one that makes the smaller ball, by its centre.
                     near, far = 2 * node, 2 * node + 1
-                    to_near, to_far = 0.0, 0.0
-                    for d in range(3):
-                        to_near += abs(boxes[near, d] + boxes[near, 3 + d] - 2.0 * p[d])
-                        to_far += abs(boxes[far, d] + boxes[far, 3 + d] - 2.0 * p[d])
-                    if to_far < to_near:
+                    if _radius_through(boxes, far, p, n, sine) < _radius_through(
+                        boxes, near, p, n, sine
+                    ):
                         near, far = far, near
                     stack[top] = far
                     stack[top + 1] = near
@@ -337,8 +352,25 @@ def shrink_balls(
                 for d in range(3):
                     height += normals[t, d] * (p[d] - points[a, d])
                     cos += normals[t, d] * n[d]
-                # Seen from behind, in the tangent plane, or without a normal.
-                if height <= 1e-9 * largest or height >= r * (1.0 - cos):
+                # Seen from behind, in the tangent plane, or without a normal; no steeper than
+                # the separation angle, and so not higher over the tangent plane; out of the ball.
+                if height <= 1e-9 * largest or cos >= flat:
+                    continue
+                if height >= (1.0 - _EXCESS) * r * (1.0 - cos):
+                    continue
+                # Small, as seen from p, and low over the tangent plane?
+                highest, to_probe, extent = 0.0, math.inf, 0.0
+                for k in range(width):
+                    b = cells[t, k]
+                    above, way, length = 0.0, 0.0, 0.0
+                    for d in range(3):
+                        above += n[d] * (points[b, d] - p[d])
+                        way += (points[b, d] - p[d]) ** 2
+                        length += (points[b, d] - points[a, d]) ** 2
+                    highest = max(highest, above)
+                    to_probe = min(to_probe, way)
+                    extent = max(extent, length)
+                if extent < 0.04 * to_probe and highest * highest < sine * sine * to_probe:
                     continue
                 bound = height / (1.0 - cos)
                 rr, x, y, z = _touch(points, cells, t, p, n, bound, r)

@@ -16,6 +16,9 @@ _ROUNDING = 1e-9
 # them: around the centre of a ball it is as large.
 _SURELY = 0.5
 
+# Crossings this close to a node, in spacings, are at it.
+_AT_NODE = 1e-6
+
 # A node farther from the crossing must be better by this much.
 _FARTHER = 0.02
 
@@ -110,7 +113,7 @@ def smoother_difference(phi, k, stride):
 
 
 @inner
-def gradient_of_front(phi, k, a, step, strides, spacing):
+def gradient_of_front(phi, k, a, step, away, strides, spacing):
     """Return the gradient of one front near a crossing, from the most regular of three nodes.
 
     A distance has a gradient of length one.  Where differences mix several fronts the length
@@ -123,6 +126,9 @@ def gradient_of_front(phi, k, a, step, strides, spacing):
         End of the edge, and axis of the edge.
     step : int
         Step in the flat array away from the edge.
+    away : float
+        Distance of the node from the crossing, in spacings: at a node of the medial axis itself
+        differences may belong to either front, and that node is not asked.
     strides, spacing : tuples of length 3
 
     Returns
@@ -131,7 +137,7 @@ def gradient_of_front(phi, k, a, step, strides, spacing):
     """
     best = math.inf
     bx = by = bz = 0.0
-    for t in range(3):
+    for t in range(0 if away > _AT_NODE else 1, 3):
         j = k + t * step
         x = y = z = 0.0
         for c in range(3):
@@ -286,9 +292,9 @@ def find_crossings(
                 depth[count] = -(f3 + s0 * (slope1 + s0 * bend1))
                 for side in range(2):
                     end = k if side == 0 else k + s
-                    x, y, z = gradient_of_front(
-                        phi, end, a, -s if side == 0 else s, strides, spacing
-                    )
+                    step_off = -s if side == 0 else s
+                    away = s0 if side == 0 else 1.0 - s0
+                    x, y, z = gradient_of_front(phi, end, a, step_off, away, strides, spacing)
                     gradients[count, side, 0] = x
                     gradients[count, side, 1] = y
                     gradients[count, side, 2] = z

@@ -120,7 +120,7 @@ def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
     """
     width = facets.shape[1]
     if width == 1:
-        return _nearest_point_around(points, facets, ring_ptr, ring, f, x)
+        return _nearest_point_around(points, ring_ptr, ring, f, x)
     best = math.inf
     while True:
         s, t, u = 0.0, 0.0, 0.0
@@ -168,16 +168,19 @@ def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
 
 
 @inner
-def _nearest_point_around(points, facets, ring_ptr, ring, f, x):
+def _nearest_point_around(points, ring_ptr, ring, f, x):
     """Walk over points to one of which no neighbour is nearer to x."""
-    best = _distance2_to_facet(points, facets, f, x)
+    best = math.inf
     while True:
         found = f
-        for place in range(ring_ptr[f], ring_ptr[f + 1]):
-            distance2 = _distance2_to_facet(points, facets, ring[place], x)
+        for place in range(ring_ptr[f] - 1, ring_ptr[f + 1]):
+            other = f if place < ring_ptr[f] else ring[place]
+            gap0, gap1 = points[other, 0] - x[0], points[other, 1] - x[1]
+            gap2 = points[other, 2] - x[2]
+            distance2 = gap0 * gap0 + gap1 * gap1 + gap2 * gap2
             if distance2 < best:
                 best = distance2
-                found = ring[place]
+                found = other
         if found == f:
             return f, best
         f = found

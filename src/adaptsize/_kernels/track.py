@@ -32,6 +32,9 @@ from adaptsize._kernels.visibility import sees, sees_past_its_cells
 # Corners that are looked at, at most, to find where a path leaves the boundary.
 _CORNERS = 64
 
+# Share of a triangle by which a corner must be inside it.
+_CLEARLY = 1e-6
+
 # Lines that start outside by less than this angle may be on the boundary.
 _GRAZING = 1e-10
 
@@ -289,6 +292,8 @@ def track(
                 value = _reach(
                     state,
                     axes,
+                    nbr_ptr,
+                    nbr,
                     cells,
                     ring_ptr,
                     ring,
@@ -337,6 +342,37 @@ def _is_taut(state, outward, i, j, k):
     return (turn >= 0.0 or (before < 0.0 and after < 0.0)) and (
         turn <= 0.0 or (before > 0.0 and after > 0.0)
     )
+
+
+@inner
+def _hider(state, nbr_ptr, nbr, outward, source, j, k, p):
+    """Return a corner that hides p from node k, as a neighbour of k knows; -1 if none does.
+
+    Node j sees p, so that what hides p from k has a corner within the triangle of the three, at
+    which the path from p to k winds around it.
+    """
+    jx = state[j, 0] - state[p, 0]
+    jy = state[j, 1] - state[p, 1]
+    kx = state[k, 0] - state[p, 0]
+    ky = state[k, 1] - state[p, 1]
+    whole = jx * ky - jy * kx
+    for entry in range(nbr_ptr[k] - 1, nbr_ptr[k + 1]):
+        m = nbr[entry] if entry >= nbr_ptr[k] else k  # k itself first
+        c = np.int64(source[m, 0])
+        if c == p or source[m, 1] >= 0 or source[c, 0] != p or source[c, 1] >= 0:
+            continue
+        if outward[c, 0] == 0.0 and outward[c, 1] == 0.0:
+            continue
+        cx = state[c, 0] - state[p, 0]
+        cy = state[c, 1] - state[p, 1]
+        at_k = (jx * cy - jy * cx) * whole
+        at_j = (cx * ky - cy * kx) * whole
+        inside = _CLEARLY * whole * whole
+        if at_k <= inside or at_j <= inside or at_k + at_j >= whole * whole - inside:
+            continue
+        if _is_taut(state, outward, p, c, k):
+            return c
+    return NONE
 
 
 @inner
@@ -418,6 +454,8 @@ def _pull(
 def _reach(
     state,
     axes,
+    nbr_ptr,
+    nbr,
     cells,
     ring_ptr,
     ring,
@@ -449,6 +487,9 @@ def _reach(
     seen = False
     if len(axes) == 2 and q < 0:
         over = state[j, dim] + g * distance(state, axes, k, j)
+        hider = _hider(state, nbr_ptr, nbr, outward, source, j, k, p)
+        if hider >= 0:
+            p = hider
         p = _slide(state, axes, outward, crease_ptr, crease, k, p, state[j, dim])
         if p >= 0:
             p, seen = _pull(

@@ -7,6 +7,10 @@ Most others end before, on the certificate of a facet that the line crosses.
 * All nodes of the facet have the source.  They see it, so the sides of the hull of facet
   and source lie in the mesh; only a hole that fits into that hull as a whole, and so is
   narrower than the facet, can be overlooked.
+* In the plane: the paths of the nodes of the edge pass the source, each on its own side of the
+  line; or one node has the source, a corner around which its path bends, and the other has
+  the source of that corner, or of that in turn.  The sides of the polygon of edge and paths
+  lie in the mesh.  This is so along shadow lines.
 * The sources of the nodes of the facet are nodes that keep their own bound, lie on the
   same piece of boundary (cut where that turns inwards by more than 30 degrees), and within
   3 lengths of the facet from the end of the line.
@@ -32,7 +36,10 @@ _CONE = -1e-9
 # Relative distance of a line from the sides of a cone that makes looking at others needless.
 _CLEARLY = 1e-6
 
-# Reach of the second certificate, in lengths of the facet.
+# Bends that the second certificate looks back.
+_BENDS = 8
+
+# Reach of the third certificate, in lengths of the facet.
 _NEAR = 3.0
 
 
@@ -121,7 +128,27 @@ def _holds(cells, c, p, q, r):
 
 
 @part
-def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
+def _leads_beside(points, source, a, k, y, p):
+    """Tell whether the path of node a goes to node p, at y, all on one side of the line from k."""
+    wx = points[y, 0] - points[k, 0]
+    wy = points[y, 1] - points[k, 1]
+    side = wx * (points[a, 1] - points[k, 1]) - wy * (points[a, 0] - points[k, 0])
+    leads = False
+    i = a
+    for _ in range(_BENDS):
+        if source[i, 1] >= 0:
+            break
+        i = np.int64(source[i, 0])
+        if i == p:
+            leads = True
+            break
+        if (wx * (points[i, 1] - points[k, 1]) - wy * (points[i, 0] - points[k, 0])) * side <= 0.0:
+            break
+    return leads
+
+
+@part
+def _is_certified(points, axes, cells, c, v, source, h0, patch, k, y, p, q, r):
     """Tell whether the facet of cell c opposite to v shows that the line through it arrives."""
     dim = len(axes)
     same = True
@@ -133,6 +160,19 @@ def _is_certified(points, axes, cells, c, v, source, h0, patch, y, p, q, r):
             same = same and (dim < 3 or source[i, 2] == r)
     if same:
         return True
+    if len(axes) == 2 and q < 0:
+        a = np.int64(cells[c, (v + 1) % 3])
+        b = np.int64(cells[c, (v + 2) % 3])
+        if _leads_beside(points, source, a, k, y, p) and _leads_beside(points, source, b, k, y, p):
+            return True
+        if source[b, 0] == p and source[b, 1] < 0:
+            a, b = b, a
+        if source[a, 0] == p and source[a, 1] < 0 and source[b, 1] < 0:
+            i = p
+            for _ in range(_BENDS):
+                i = np.int64(source[i, 0])
+                if source[b, 0] == i:
+                    return True
     here = patch[p]
     if here < 0 or points[p, dim] < h0[p]:
         return False
@@ -348,7 +388,9 @@ def _arrives(
         return False
     way_out = entry
     for _ in range(max_steps):
-        if _is_certified(points, axes, cells, c, way_out, source, h0, patch, y, s0, s1, s2):
+        if _is_certified(
+            points, axes, cells, c, way_out, source, h0, patch, k, y, s0, s1, s2
+        ):
             return True
         beyond = _cell_beyond(points, axes, cells, ring_ptr, ring, c, way_out)
         if beyond < 0:

@@ -22,6 +22,7 @@ from adaptsize.geometry._handing_on import (
     hand_on,
     places_of,
 )
+from adaptsize.geometry._orientation import oriented
 from adaptsize.geometry._winding import WindingNumber, is_cycle, same_places
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -150,8 +151,12 @@ def inside_surface(
 
     Nodes that no facet can part are asked about once, if winding numbers are whole.
     """
+    is_whole = is_cycle(surface)
+    if not is_whole:  # facets that contradict their neighbours may be all there is to mend
+        surface = oriented(surface)[0]
+        is_whole = is_cycle(surface)
     winding = WindingNumber(surface)
-    if not is_cycle(surface):
+    if not is_whole:
         return winding.contains(background.points, report).reshape(background.nodal_shape)
     label = _connected(background, distance).ravel()
     one_of = np.empty(int(label.max()) + 1, np.int64)

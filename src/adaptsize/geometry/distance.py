@@ -91,8 +91,9 @@ def signed_distance(
     backgrounds, all distances are exact, at ten times the time.
 
     The sign is that of the winding number [1]_, summed by a tree [2]_: inside are the nodes
-    around which the surface winds by more than a half, either way.  A closed surface, of which all
-    facets are oriented alike, has the sign of its volume; what it encloses twice is inside.
+    around which the surface winds by more than a half, either way.  So all facets may be
+    oriented inward, and what is enclosed twice is inside, but a cavity must be oriented
+    against what is around it.  Facets that contradict their neighbours are turned.
     At a hole the sign changes across the surface on which the hole takes half of all
     directions, bulging a little from the hole, and the distance jumps from ``-d`` to ``d``
     there, d up to the radius of the hole.  An open sheet encloses nothing: distances are

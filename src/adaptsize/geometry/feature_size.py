@@ -91,6 +91,10 @@ def feature_size(
     with reporting(progress) as report:
         if medial is None:
             medial = medial_axis(grid, values, progress=report)
+        elif medial.distances.shape != grid.shape:
+            raise ValueError(
+                f"medial must be of a grid of shape {grid.shape}, got {medial.distances.shape}"
+            )
         inside = values <= 0.0
         if grid.active is not None:
             inside &= grid.active

@@ -93,6 +93,8 @@ def look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Front
 def come_from_boundary(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> BoolArray:
     """Return at which points both directions lead to the boundary at the right distance.
 
+    Those that lead out of the grid are believed.
+
     Parameters
     ----------
     grid : CartesianGrid
@@ -101,7 +103,7 @@ def come_from_boundary(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> 
     """
     allowed = _FOOT_SPACINGS * float(grid.spacing.max()) + _FOOT_SHARE * fronts.radii
     off = np.abs(_interpolated(grid, phi, fronts.feet()))
-    return np.asarray((off <= allowed[:, None]).all(axis=1))
+    return np.asarray(((off <= allowed[:, None]) | np.isinf(off)).all(axis=1))
 
 
 def meet_at_corner(
@@ -172,7 +174,7 @@ def rounding_of_patches(
         Piece of the boundary next to each node.  Two of them meet if neighbouring nodes close
         to the boundary have them.
     first, second : int64[n]
-        Numbers of the nodes at both ends of each crossing.
+        Numbers of nodes on both sides of each crossing.
 
     Returns
     -------
@@ -204,7 +206,9 @@ def _gradients(grid: CartesianGrid, phi: FloatArray, points: FloatArray) -> Floa
     for axis in range(grid.dim):
         step = np.zeros(grid.dim)
         step[axis] = 0.5 * grid.spacing[axis]
-        rise = _interpolated(grid, phi, points + step) - _interpolated(grid, phi, points - step)
+        # Outside of the grid nothing is known: held at its border both values are the same.
+        low, high = (np.clip(points + s, grid.lower, grid.upper) for s in (-step, step))
+        rise = _interpolated(grid, phi, high) - _interpolated(grid, phi, low)
         found[..., axis] = rise / grid.spacing[axis]
     return found
 

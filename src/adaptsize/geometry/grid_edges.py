@@ -13,7 +13,7 @@ from adaptsize.typing import FloatArray
 # Places of one corner as different crossings tell them, in spacings from one to the next.
 _SAME_CORNER = 1.5
 # So many crossings must tell of a corner.
-_LEAST_WITNESSES = 3
+_LEAST_WITNESSES = 2
 # Nodes up to here from the boundary are on it, in spacings.
 _ON_BOUNDARY = 1.0
 # A way along nodes is longer than a straight edge by up to 8 per cent, and by its ends.

@@ -25,8 +25,14 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 # Smallest curvature that is resolved, times the diameter of the part.
 _CURVATURE_TIMES_DIAMETER = 4.0
 
+# A gradient shorter than that, where a distance has one of length 1, has no direction.
+_DIRECTED = 0.5
+
 # Turn of the boundary at a corner, in degrees, from which on its place is told.
 _SHARP = 20.0
+
+# Crossings up to here from the boundary tell where corners are, in spacings.
+_WITNESS = 12.0
 
 # Nodes that the parabolas reach beyond an edge.
 _BORDER = 3
@@ -54,8 +60,8 @@ class MedialAxis:
     distances : float64 of the shape of the grid
         Distance from the medial axis at the ends of these edges, inf at all other nodes.
     corners : float64[m, dim]
-        Where the boundary has the corner from which a crossing comes that was left out, one for
-        each of them: in space points of sharp edges.
+        Where the boundary has corners of which crossings close to it come, one for each of these
+        crossings: many for one corner, and in space points of sharp edges.
     """
 
     points: FloatArray
@@ -71,7 +77,7 @@ class MedialAxis:
 
     def __repr__(self) -> str:
         """Say how many points."""
-        return f"MedialAxis({len(self.points)} points, {len(self.corners)} left out at corners)"
+        return f"MedialAxis({len(self.points)} points)"
 
 
 @dataclass(frozen=True)
@@ -156,7 +162,7 @@ def medial_axis(
     Notes
     -----
     Points lie within 0.001 to 0.3 spacings of surfaces of the medial axis (third order between
-    smooth fronts), within one of curves in space and points in the plane.  Some are missing, most
+    smooth fronts), within 1.2 of curves in space and points in the plane.  Some are missing, most
     of all where two surfaces of the axis meet, at its rim, and where it is as steep as an
     edge is long; no attempt is made to link them up.
 
@@ -198,19 +204,22 @@ def medial_axis(
     with reporting(progress) as report:
         found = _find(grid, values, tolerance, gamma, report)
     found = found.taken(_is_steepest(grid, found))
-    unit = found.gradients / np.linalg.norm(found.gradients, axis=2)[:, :, None]
+    length = np.linalg.norm(found.gradients, axis=2)
+    directed = (length > _DIRECTED).all(axis=1)
+    found, length = found.taken(directed), length[directed]
+    unit = found.gradients / length[:, :, None]
     fronts = look_half_way(grid, values, Fronts(_positions(grid, found), found.depth, unit))
     turned = gamma * tolerance * float(grid.spacing.max())
     sound = (fronts.cosine < 1.0 - 0.5 * turned**2) & come_from_boundary(grid, values, fronts)
     found, fronts = found.taken(sound), fronts.taken(sound)
     rounded = None
     if pieces is not None:
-        ends = (found.node, found.node + _steps(grid)[found.axis])
-        rounded = rounding_of_patches(grid, values, pieces, *ends)
+        rounded = rounding_of_patches(grid, values, pieces, *_nodes_beside(grid, found))
     at_corner, apex = meet_at_corner(grid, values, fronts, angle, rounded)
-    # Of flatter ones it is not sure that they are corners.
+    # Seen from farther away, or flatter, a smooth boundary may look like a corner.
     sharp = at_corner & (fronts.cosine < np.cos(np.radians(_SHARP)))
-    sharp &= fronts.radii >= RESOLVED * grid.spacing.max()
+    steps = fronts.radii / grid.spacing.max()
+    sharp &= (steps >= RESOLVED) & (steps <= _WITNESS)
     return _assemble(grid, found.taken(~at_corner), fronts.taken(~at_corner), apex[sharp])
 
 
@@ -304,6 +313,18 @@ def _is_steepest(grid: CartesianGrid, found: _Crossings) -> BoolArray:
 def _steps(grid: CartesianGrid) -> npt.NDArray[np.int64]:
     """Return how much the number of a node grows along each axis."""
     return np.array([int(np.prod(grid.shape[a + 1 :])) for a in range(grid.dim)])
+
+
+def _nodes_beside(
+    grid: CartesianGrid, found: _Crossings
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the nodes one off the edges of crossings, which lie clearly on either side."""
+    along = np.stack(np.unravel_index(found.node, grid.shape), axis=-1)
+    here = along[np.arange(len(found.node)), found.axis]
+    step, n = _steps(grid)[found.axis], np.array(grid.shape)[found.axis]
+    before = np.maximum(here - 1, 0) - here
+    after = np.minimum(here + 2, n - 1) - here
+    return found.node + step * before, found.node + step * after
 
 
 def _positions(grid: CartesianGrid, found: _Crossings) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, one_of
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.causes import SizeReport
 from adaptsize.errors import PlotError
 from adaptsize.plot import with_matplotlib, with_vtk
 from adaptsize.plot.boxes import scene_of_grid, scene_of_octree
@@ -141,6 +143,55 @@ def plot_mesh(
         mesh, values, label=label, clip=clip, on_nodes=on_nodes, classes=color == "region"
     )
     return _draw(scene, path, width)
+
+
+def plot_causes(
+    report: SizeReport,
+    *,
+    path: str | os.PathLike[str] | None = None,
+    clip: str | None = "auto",
+    width: int = 1600,
+) -> Image:
+    """Draw which cause controls the size where, off-screen.
+
+    A cell has the colour of most of its nodes; what is outside the domain is grey.
+
+    Parameters
+    ----------
+    report : SizeReport
+        Of ``size_function(..., full_output=True)``.
+    path, clip, width
+        As for `plot_size`.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        The picture, red, green, blue.
+
+    Raises
+    ------
+    ValueError
+        If an argument is bad.
+    ImportError
+        If pyvista is not installed.
+    PlotError
+        If this machine can draw nothing at all.
+
+    Examples
+    --------
+    >>> size, report = size_function(part, full_output=True)  # doctest: +SKIP
+    >>> plot_causes(report, path="causes.png")  # doctest: +SKIP
+    """
+    _check_output(path, width)
+    nodal = report.cause.astype(np.float64)
+    scene = _scene_of_sizes(report.background, nodal, "cause", clip)
+    counts = np.stack([(scene.values[scene.cells] == k).sum(axis=1) for k in report.codes])
+    most = np.where(counts.max(axis=0) > 0, counts.argmax(axis=0), np.nan)
+    return _draw(
+        replace(scene, values=most, on_nodes=False, classes=True, class_names=report.causes),
+        path,
+        width,
+    )
 
 
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:

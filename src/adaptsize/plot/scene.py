@@ -41,6 +41,8 @@ class Scene:
         Whether values are names (tags), not quantities.
     flat : bool
         Whether the scene is plane and seen from above.
+    class_names : tuple of str, optional
+        What classes are called: value k by the entry k; by their number if None.
     """
 
     points: FloatArray
@@ -50,6 +52,7 @@ class Scene:
     label: str
     classes: bool
     flat: bool
+    class_names: tuple[str, ...] | None = None
 
     @property
     def axes(self) -> FloatArray:
@@ -77,6 +80,13 @@ class Scene:
     def names(self) -> FloatArray:
         """The different values, in order: the names of the classes."""
         return np.unique(self.values[np.isfinite(self.values)])
+
+    @property
+    def class_labels(self) -> list[str]:
+        """What ``names`` are called in the picture."""
+        if self.class_names is None:
+            return [f"{name:g}" for name in self.names]
+        return [self.class_names[int(name)] for name in self.names]
 
     @property
     def is_logarithmic(self) -> bool:

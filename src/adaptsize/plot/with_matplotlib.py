@@ -59,7 +59,7 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
         bar.ax.yaxis.set_major_formatter("{x:.3g}")
         bar.ax.yaxis.set_minor_formatter("{x:.3g}")
         if scene.classes:
-            bar.set_ticks(range(len(scene.names)), labels=[f"{name:g}" for name in scene.names])
+            bar.set_ticks(range(len(scene.names)), labels=scene.class_labels)
     canvas.draw()
     return np.array(canvas.buffer_rgba())[:, :, :3]
 

@@ -136,7 +136,7 @@ def _range_colors(scene: Scene) -> dict[str, Any]:
 
 def _class_colors(scene: Scene) -> dict[str, Any]:
     n = len(scene.names)
-    named = {float(i): f"{name:g}" for i, name in enumerate(scene.names)}
+    named = {float(i): label for i, label in enumerate(scene.class_labels)}
     return {
         "cmap": [CLASS_COLORS[i % len(CLASS_COLORS)] for i in range(n)],
         "clim": (-0.5, n - 0.5),

@@ -13,6 +13,8 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Edges out of these bounds lose a node or get one in the middle, in sizes.
 _TOO_SHORT, _TOO_LONG = 0.6, 1.55
+#: And those out of these bounds, if edges are too short or too long on the whole.
+_RATHER_SHORT, _RATHER_LONG = 0.85, 1.15
 #: A place in the domain this far from all nodes gets one, in sizes.  In the lattices that
 #: are best no place is further than 0.61.
 _TOO_FAR = 0.85
@@ -37,18 +39,18 @@ def adapted(
     points, edges, on_boundary, h, n_fixed = mesh
     i, j = edges.T
     ratio = np.linalg.norm(points[i] - points[j], axis=1) / (0.5 * (h[i] + h[j]))
-    short, long = np.flatnonzero(ratio < _TOO_SHORT), np.flatnonzero(ratio > _TOO_LONG)
+    short, long = _short_and_long(ratio, len(points), points.shape[1])
     candidates = np.concatenate([short, long])
     middles = 0.5 * (points[i[candidates]] + points[j[candidates]])
-    depth = domain.depth(domain.phi(middles))
-    length = ratio[candidates] * h[i[candidates]]
+    length = ratio[candidates] * 0.5 * (h[i[candidates]] + h[j[candidates]])
+    depth = domain.depths(middles, length)
     both = on_boundary[i[candidates]] & on_boundary[j[candidates]]
     # Edges across a narrow part are short because the part is narrow.
     across = both & (depth > _ALONG * length)
     inside = depth > -_ALONG * length
     removed = _chosen(edges[short[~across[: len(short)]]], ratio, mesh)
     is_new = inside[len(short) :]
-    new = _spread(middles[len(short) :][is_new], h[i[long[is_new]]], 1.0)
+    new = spread(middles[len(short) :][is_new], h[i[long[is_new]]], 1.0)
     kept = np.ones(len(points), np.bool_)
     kept[removed] = False
     kept[:n_fixed] = True
@@ -56,6 +58,24 @@ def adapted(
     changed = uncovered(domain, size, changed, probes)
     same = len(removed) == 0 and len(changed) == len(points)
     return None if same else changed
+
+
+def _short_and_long(
+    ratio: FloatArray, n_points: int, dim: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return which edges are to lose a node, and which to get one, the worst first.
+
+    If edges are too long on the mean, so many nodes are missing that the longest are taken too.
+    """
+    order = np.argsort(ratio)
+    sorted_ratio = ratio[order]
+    n_short = int(np.searchsorted(sorted_ratio, _TOO_SHORT))
+    n_long = len(ratio) - int(np.searchsorted(sorted_ratio, _TOO_LONG))
+    surplus = n_points * (float(np.median(ratio)) ** dim - 1.0)
+    limits = np.searchsorted(sorted_ratio, [_RATHER_SHORT, _RATHER_LONG])
+    n_short = max(n_short, min(int(-surplus), int(limits[0])))
+    n_long = max(n_long, min(int(surplus), len(ratio) - int(limits[1])))
+    return order[:n_short], order[::-1][:n_long]
 
 
 def _chosen(short: IntArray, ratio: FloatArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
@@ -86,11 +106,11 @@ def uncovered(
     far = np.ones(len(probes), np.bool_)
     if len(points):
         far = cKDTree(points).query(probes)[0] > _TOO_FAR * h
-    new = _spread(probes[far], h[far], _TOO_FAR)
+    new = spread(probes[far], h[far], _TOO_FAR)
     return np.concatenate([points, new])
 
 
-def _spread(points: FloatArray, h: FloatArray, factor: float) -> FloatArray:
+def spread(points: FloatArray, h: FloatArray, factor: float) -> FloatArray:
     """Return points taken in turn if they are ``factor * h`` away from those taken."""
     from scipy.spatial import cKDTree
 

@@ -9,7 +9,7 @@ from adaptsize._kernels.smoothing import MOST_AROUND, fill_quality, smooth_nodes
 from adaptsize.background import topology
 from adaptsize.remeshing._implicit_domain import ImplicitDomain
 from adaptsize.remeshing._rejection import Size
-from adaptsize.remeshing._relaxation import ON_BOUNDARY, boundary_nodes, triangulate
+from adaptsize.remeshing._relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Rounds of triangulation and projection; two are enough as a rule.
@@ -45,7 +45,7 @@ def finish(
         report("fitting the boundary", k / _ROUNDS)
         h, phi = size(points), domain.phi(points)
         cells = without_flat(points, triangulate(domain, points, phi, h), n_fixed)
-        at = np.flatnonzero(boundary_nodes(cells, len(points)))
+        at = np.flatnonzero(nodes_of(skin_of(cells, len(points)), len(points)))
         at = at[at >= n_fixed]
         there, _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
         near = np.linalg.norm(there - points[at], axis=1) <= ON_BOUNDARY * h[at]
@@ -192,7 +192,7 @@ def _move_nodes(
     """Move nodes to better places, those of smooth boundaries along it.  Changes ``points``."""
     nodes = nodes[nodes >= n_fixed]
     normals = np.zeros_like(points)
-    on_boundary = boundary_nodes(cells, len(points))
+    on_boundary = nodes_of(skin_of(cells, len(points)), len(points))
     at = nodes[on_boundary[nodes]]
     gradient = domain.gradient(points[at], domain.phi(points[at]), h[at])
     length = np.linalg.norm(gradient, axis=1)

@@ -67,6 +67,8 @@ class ImplicitDomain:
 
     def gradient(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
         """Return forward differences of phi over ``1e-4 h``, float64[n, dim]."""
+        if len(points) == 0:
+            return np.empty_like(points)
         n, dim = points.shape
         step = _STEP * h
         moved = np.repeat(points[None], dim, axis=0)
@@ -76,6 +78,12 @@ class ImplicitDomain:
         # What is added to a coordinate is not quite the step.
         rises = np.stack([moved[d, :, d] - points[:, d] for d in range(dim)])
         return np.asarray(((there - phi) / rises).T)
+
+    def depths(self, points: FloatArray, h: FloatArray) -> FloatArray:
+        """Return estimates of how deep inside points are: of first order, -phi / |grad phi|."""
+        phi = self.phi(points)
+        slope = np.linalg.norm(self.gradient(points, phi, h), axis=1)
+        return np.asarray(-phi / np.clip(slope, _FLAT * self.slope, self.slope))
 
     def newton_steps(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
         """Return the moves to the zero of the linearised phi, none longer than ``h``."""

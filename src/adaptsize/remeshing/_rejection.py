@@ -102,6 +102,22 @@ def sized(size: Callable[[FloatArray], FloatArray], domain: ImplicitDomain) -> S
     return function
 
 
+def extended(size: Size, probes: FloatArray) -> Size:
+    """Return a size function that is the one of the nearest probe where it is not known."""
+    from scipy.spatial import cKDTree
+
+    known = size(probes)
+
+    def function(points: FloatArray) -> FloatArray:
+        values = size(points)
+        unknown = np.isnan(values)
+        if unknown.any():
+            values[unknown] = known[cKDTree(probes).query(points[unknown])[1]]
+        return values
+
+    return function
+
+
 def examine(domain: ImplicitDomain) -> ImplicitDomain:
     """Return the domain with the slope of its function estimated."""
     extent = domain.upper - domain.lower

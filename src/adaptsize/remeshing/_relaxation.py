@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background import topology
+from adaptsize.remeshing._corners import with_corners
 from adaptsize.remeshing._density import MeshEdges, adapted, uncovered
 from adaptsize.remeshing._implicit_domain import ImplicitDomain
 from adaptsize.remeshing._rejection import Size
@@ -34,13 +35,12 @@ _STEP = {2: 0.9, 3: 1.2}
 _STALE = 0.1
 #: No node moves further in one step, in sizes.
 _LONGEST = 0.25
-#: Nodes are added and removed in each tenth step of the first part.
-_ADAPT_EVERY = 10
-_ADAPT_SHARE = 0.6
+#: Nodes are added and removed in each tenth of the first steps.
+_ADAPT_EVERY, _ADAPT_UNTIL = 10, 60
 #: A node this near to the boundary is on it, in sizes.
 ON_BOUNDARY = 1e-3
 #: Cells this deep in the domain at least are part of it, in sizes.
-_INSIDE = 1e-3
+_INSIDE = 0.05
 #: The mean way of a step at which nodes have come to rest, in sizes.
 _AT_REST = {2: 2.5e-3, 3: 2.5e-3}
 
@@ -49,6 +49,8 @@ class Relaxed(NamedTuple):
     """Nodes at rest."""
 
     points: FloatArray
+    n_fixed: int
+    """The first ones have not moved: those given, and in the plane corners that were found."""
     n_steps: int
     n_triangulations: int
     last_move: float
@@ -75,25 +77,41 @@ def triangulate(
             "size must be small enough to put nodes into the domain, got sizes for which "
             f"{len(points)} nodes suffice"
         ) from error
-    corners = points[cells]
-    longest = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
-    inside = domain.depth(phi[cells]).max(axis=1) > longest
-    unsure = np.flatnonzero(~inside)
-    depth = domain.depth(domain.phi(corners[unsure].mean(axis=1)))
-    inside[unsure] = depth > _INSIDE * h[cells[unsure]].mean(axis=1)
-    cells = np.ascontiguousarray(cells[inside])
+    cells = np.ascontiguousarray(cells[_are_inside(domain, points, cells, phi, h)])
     negative = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]]) < 0.0
     cells[negative, :2] = cells[negative, 1::-1]
     return np.asarray(cells)
 
 
-def boundary_nodes(cells: IntArray, n_points: int) -> BoolArray:
-    """Return which nodes lie on facets of one cell only."""
+def _are_inside(
+    domain: ImplicitDomain, points: FloatArray, cells: IntArray, phi: FloatArray, h: FloatArray
+) -> BoolArray:
+    """Return which cells have their centroids deep enough in the domain."""
+    corners = points[cells]
+    longest = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
+    inside = domain.depth(phi[cells]).max(axis=1) > longest
+    unsure = np.flatnonzero(~inside)
+    centroids, wanted = corners[unsure].mean(axis=1), h[cells[unsure]].mean(axis=1)
+    depth = domain.depth(domain.phi(centroids))
+    # The slope is a bound only: where it says too little, the gradient tells.
+    near = (depth > 0.0) & (depth <= _INSIDE * wanted)
+    depth[near] = domain.depths(centroids[near], wanted[near])
+    inside[unsure] = depth > _INSIDE * wanted
+    return np.asarray(inside)
+
+
+def skin_of(cells: IntArray, n_points: int) -> IntArray:
+    """Return the facets of one cell only, int32[m, dim]."""
     facets, cell_facets = topology.facets_of(cells, n_points)
     single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
-    on_boundary = np.zeros(n_points, np.bool_)
-    on_boundary[facets[single]] = True
-    return on_boundary
+    return np.asarray(facets[single])
+
+
+def nodes_of(facets: IntArray, n_points: int) -> BoolArray:
+    """Return which nodes lie on facets."""
+    marked = np.zeros(n_points, np.bool_)
+    marked[facets] = True
+    return marked
 
 
 def relax(
@@ -109,7 +127,7 @@ def relax(
 ) -> Relaxed:
     """Return the nodes moved, some added and some removed; the first ``n_fixed`` as they are."""
     points = uncovered(domain, size, points, probes)
-    adapt_until = int(_ADAPT_SHARE * max_iter)
+    adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
     connected = None
     n_triangulations, k, mean = 0, 0, np.inf
     at_rest = False
@@ -119,7 +137,8 @@ def relax(
         if connected is None or _is_stale(points, connected, h):
             cells = triangulate(domain, points, phi, h)
             edges = topology.edges_of(cells, len(points))
-            on_boundary = boundary_nodes(cells, len(points))
+            skin = skin_of(cells, len(points))
+            on_boundary = nodes_of(skin, len(points))
             connected = points
             n_triangulations += 1
         if k % _ADAPT_EVERY == 0 and k <= adapt_until:
@@ -127,6 +146,12 @@ def relax(
             changed = adapted(domain, size, mesh, probes)
             if changed is not None and len(changed) <= max_nodes:
                 points, connected = changed, None
+                continue
+        if k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
+            skin_edges = topology.edges_of(skin, len(points))
+            cornered = with_corners(domain, points, h, skin_edges, n_fixed)
+            if cornered.changed:
+                points, n_fixed, connected = cornered.points, cornered.n_fixed, None
                 continue
         move = _forces(points, edges, h)
         move[:n_fixed] = 0.0
@@ -136,7 +161,7 @@ def relax(
         at_rest = mean < _AT_REST[domain.dim]
         if at_rest and k >= min(adapt_until, 3 * _ADAPT_EVERY):
             break
-    return Relaxed(points, k, n_triangulations, mean, at_rest)
+    return Relaxed(points, n_fixed, k, n_triangulations, mean, at_rest)
 
 
 def _is_stale(points: FloatArray, connected: FloatArray, h: FloatArray) -> bool:
@@ -152,7 +177,7 @@ def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
     length = np.linalg.norm(edge, axis=1)
     wanted = 0.5 * (h[i] + h[j])
     # With as many nodes as there are, edges cannot be shorter or longer on the whole.
-    scale = np.sqrt((length @ length) / (wanted @ wanted))
+    scale = np.clip(np.median(length / wanted), 0.9, 1.15)
     x4 = (length / (_PRESSURE[dim] * scale * wanted)) ** 4
     force = (1.0 - x4) * np.exp(-x4) * wanted / np.maximum(length, 1e-12 * wanted)
     move = np.empty((n, dim))
@@ -175,8 +200,11 @@ def _put_back(
     n_fixed: int,
 ) -> FloatArray:
     """Return the nodes with those outside, and those of the boundary, on the boundary."""
-    depth = domain.depth(domain.phi(points))
-    there = (depth < 0.0) | (on_boundary & (depth < 0.5 * h))
-    there[:n_fixed] = False
-    points[there], _ = domain.project(points[there], h[there], tolerance=ON_BOUNDARY, max_steps=2)
+    outside = domain.phi(points) > 0.0
+    moving = outside | on_boundary
+    moving[:n_fixed] = False
+    at = np.flatnonzero(moving)
+    there, _ = domain.project(points[at], h[at], tolerance=ON_BOUNDARY, max_steps=2)
+    near = np.linalg.norm(there - points[at], axis=1) < 0.5 * h[at]
+    points[at] = np.where((outside[at] | near)[:, None], there, points[at])
     return points

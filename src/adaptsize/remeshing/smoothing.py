@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
@@ -13,97 +11,28 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_number, as_points, refuse_where
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import ConvergenceWarning, ResolutionWarning
-from adaptsize.quality import Conformity, minimum_angles, size_conformity
 from adaptsize.remeshing._density import far_from
 from adaptsize.remeshing._finish import finish
 from adaptsize.remeshing._implicit_domain import ImplicitDomain, grid_of
 from adaptsize.remeshing._rejection import (
     ELEMENTS_PER_NODE,
-    Sampling,
     Size,
     examine,
+    extended,
     sample,
     sized,
 )
-from adaptsize.remeshing._relaxation import Relaxed, relax
+from adaptsize.remeshing._relaxation import relax
+from adaptsize.remeshing._report import SmoothingReport, describe, warn_of_faults
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: What takes float64[n, dim] points and returns one number for each.
 Field: TypeAlias = Callable[[FloatArray], Any]
 
-#: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.
-SLIVER_ANGLE = 10.0
 #: How far a fixed point may lie outside, in sizes.
 _FIXED_OUTSIDE = 0.01
 #: How much deeper than this the domain may not be at the faces of the box, in sizes.
 _CUT = 0.5
-#: Nodes that still move more than this per step are not at rest, in sizes.
-_RESTLESS = 0.01
-#: Share of the domain's measure that the mesh may miss or have in excess.
-_MEASURE_OFF = 0.05
-
-
-@dataclass(frozen=True)
-class SmoothingReport:
-    """How a mesh was made of a distance function, and how good it is.
-
-    Attributes
-    ----------
-    n_steps, n_triangulations : int
-        Steps of the nodes, and how often they were connected anew.
-    at_rest : bool
-        Whether the nodes came to rest within ``max_iter`` steps.
-    last_move : float
-        Mean way of a node in the last step, in sizes.
-    conformity : Conformity
-        Edge lengths over sizes, qualities and angles; see `adaptsize.size_conformity`.
-    n_slivers : int
-        Cells with an angle (tetrahedra: dihedral angle) below 10 degrees.
-    measure, domain_measure : float
-        Area or volume of the mesh, and of the domain as estimated from samples.
-    boundary_residual : float
-        Largest distance of a boundary node from the boundary of the domain, in sizes.
-    boundary_gap : float
-        Largest distance of the centroid of a boundary facet from the boundary of the
-        domain, in sizes: what chords and cut corners miss.
-    n_uncovered : int
-        Samples of the domain that have no node of the mesh nearby.
-    n_components : int
-        Parts of the mesh that have no facet in common.
-    fixed_nodes : int32[n]
-        Node of each of ``fixed_points``; -1 where none of the cells has it.
-    """
-
-    n_steps: int
-    n_triangulations: int
-    at_rest: bool
-    last_move: float
-    conformity: Conformity
-    n_slivers: int
-    measure: float
-    domain_measure: float
-    boundary_residual: float
-    boundary_gap: float
-    n_uncovered: int
-    n_components: int
-    fixed_nodes: IntArray
-
-    def __str__(self) -> str:
-        """Return a small table."""
-        rest = "came to rest" if self.at_rest else "still moving"
-        return "\n".join(
-            [
-                str(self.conformity),
-                f"{self.n_slivers} slivers (below {SLIVER_ANGLE:g} deg), "
-                f"{self.n_components} component(s), measure {self.measure:.6g} of about "
-                f"{self.domain_measure:.6g}, {self.n_uncovered} samples of the domain uncovered",
-                f"boundary nodes within {self.boundary_residual:.2g} sizes, facets within "
-                f"{self.boundary_gap:.2g} sizes of the boundary",
-                f"{self.n_steps} steps, {rest} (mean move {self.last_move:.2g} sizes), "
-                f"{self.n_triangulations} triangulations",
-            ]
-        )
 
 
 @overload
@@ -218,6 +147,7 @@ def mesh_from_distance(
             _refuse_cut(domain, wanted)
         fixed = _as_fixed(fixed_points, domain, wanted)
         sampling = sample(domain, wanted, rng, max_elements=limit)
+        wanted = extended(wanted, sampling.probes)
         relaxed = relax(
             domain,
             wanted,
@@ -228,10 +158,12 @@ def mesh_from_distance(
             max_nodes=1.5 * limit / ELEMENTS_PER_NODE[domain.dim],
             report=report,
         )
-        points, cells = finish(domain, wanted, relaxed.points, n_fixed=len(fixed), report=report)
+        points, cells = finish(
+            domain, wanted, relaxed.points, n_fixed=relaxed.n_fixed, report=report
+        )
         mesh, node_map = _without_unused(points, cells)
-        made = _describe(mesh, domain, wanted, sampling, relaxed, node_map[: len(fixed)])
-    _warn(made)
+        made = describe(mesh, domain, wanted, sampling, relaxed, node_map[: len(fixed)])
+    warn_of_faults(made)
     return (mesh, made) if full_output else mesh
 
 
@@ -281,8 +213,8 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain, size: Size) 
         return fixed
     depth = domain.depth(domain.phi(fixed))
     h = size(fixed)
-    h = np.where(np.isfinite(h), h, np.nanmin(h, initial=np.inf))
-    outside = depth < -_FIXED_OUTSIDE * h
+    # On the boundary a size may be unknown; it is then as good as inside.
+    outside = (depth < 0.0) & ~(depth >= -_FIXED_OUTSIDE * h)
     refuse_where("fixed_points", outside, depth, "must lie in the domain (depths are told)")
     _, first = np.unique(fixed, axis=0, return_index=True)
     double = np.ones(len(fixed), np.bool_)
@@ -300,80 +232,3 @@ def _without_unused(points: FloatArray, cells: IntArray) -> tuple[SimplexMesh, I
     node_map = np.full(len(points), -1, np.int32)
     node_map[used] = np.arange(len(used))
     return SimplexMesh(points[used], local.reshape(cells.shape)), node_map
-
-
-def _describe(
-    mesh: SimplexMesh,
-    domain: ImplicitDomain,
-    size: Size,
-    sampling: Sampling,
-    relaxed: Relaxed,
-    fixed_nodes: IntArray,
-) -> SmoothingReport:
-    from scipy.spatial import cKDTree
-
-    skin = mesh.boundary().mesh
-    free = np.setdiff1d(mesh.boundary().nodes, fixed_nodes)
-    at, h = mesh.points[free], size(mesh.points[free])
-    residual = domain.project(at, h, tolerance=0.0, max_steps=0)[1] / h
-    centres = skin.points[skin.cells].mean(axis=1)
-    h = size(centres)
-    gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
-    far = cKDTree(mesh.points).query(sampling.probes)[0] > 1.1 * size(sampling.probes)
-    return SmoothingReport(
-        n_steps=relaxed.n_steps,
-        n_triangulations=relaxed.n_triangulations,
-        at_rest=relaxed.at_rest,
-        last_move=relaxed.last_move,
-        conformity=size_conformity(mesh, size),
-        n_slivers=int(np.count_nonzero(minimum_angles(mesh) < SLIVER_ANGLE)),
-        measure=float(mesh.measures.sum()),
-        domain_measure=sampling.measure,
-        boundary_residual=float(residual.max(initial=0.0)),
-        boundary_gap=float(gap.max(initial=0.0)),
-        n_uncovered=int(np.count_nonzero(far)),
-        n_components=_n_components(mesh),
-        fixed_nodes=fixed_nodes,
-    )
-
-
-def _n_components(mesh: SimplexMesh) -> int:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    n_facets = len(mesh.facets)
-    cell = np.repeat(np.arange(mesh.n_cells), mesh.cells.shape[1]) + n_facets
-    shape = (n_facets + mesh.n_cells,) * 2
-    graph = coo_array((np.ones(len(cell), np.int8), (cell, mesh.cell_facets.ravel())), shape)
-    return int(connected_components(graph, directed=False)[0])
-
-
-def _warn(report: SmoothingReport) -> None:
-    if not report.at_rest and report.last_move > _RESTLESS:
-        warnings.warn(
-            f"nodes still moved by {report.last_move:.2g} sizes per step after "
-            f"{report.n_steps} steps; raise max_iter, or limit the gradient of the sizes",
-            ConvergenceWarning,
-            stacklevel=3,
-        )
-    faults = []
-    if report.n_uncovered:
-        faults.append(f"{report.n_uncovered} samples of the domain have no node nearby")
-    share = report.measure / report.domain_measure
-    if abs(share - 1.0) > _MEASURE_OFF:
-        faults.append(f"its measure is {share:.1%} of that of the domain")
-    if report.n_slivers:
-        faults.append(
-            f"it has {report.n_slivers} slivers, smallest angle "
-            f"{report.conformity.angle_min:.2g} degrees"
-        )
-    lost = int(np.count_nonzero(report.fixed_nodes < 0))
-    if lost:
-        faults.append(f"{lost} fixed points are in no cell")
-    if faults:
-        warnings.warn(
-            f"the mesh does not resolve the domain well: {'; '.join(faults)}; "
-            "ask for smaller sizes, or give corners as fixed_points",
-            ResolutionWarning,
-            stacklevel=3,
-        )
