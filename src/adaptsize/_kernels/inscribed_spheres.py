@@ -167,17 +167,6 @@ def _touch(points, cells, t, p, n, bound, r):
 
 
 @inner
-def _radius_through(boxes, node, p, n, sine):
-    """Return the radius of the ball at p through the centre of a box, or one as high as allowed."""
-    squared, above = 0.0, 0.0
-    for d in range(3):
-        way = 0.5 * (boxes[node, d] + boxes[node, 3 + d]) - p[d]
-        squared += way * way
-        above += n[d] * way
-    return squared / (2.0 * max(above, sine * math.sqrt(squared), 1e-300))
-
-
-@inner
 def _tangents(n):
     """Return two unit vectors that are perpendicular to a unit vector and to each other."""
     if abs(n[2]) < 0.9:  # in the plane, n[2] = 0, the second one is the normal of the plane
@@ -334,11 +323,12 @@ def shrink_balls(
                 if max(slabs[node, 3] - along, along - slabs[node, 4]) >= reach:
                     continue
                 if node < n_leaves:
-                    # First the one that makes the smaller ball, by its centre.
                     near, far = 2 * node, 2 * node + 1
-                    if _radius_through(boxes, far, p, n, sine) < _radius_through(
-                        boxes, near, p, n, sine
-                    ):
+                    to_near, to_far = 0.0, 0.0
+                    for d in range(3):
+                        to_near += abs(boxes[near, d] + boxes[near, 3 + d] - 2.0 * p[d])
+                        to_far += abs(boxes[far, d] + boxes[far, 3 + d] - 2.0 * p[d])
+                    if to_far < to_near:
                         near, far = far, near
                     stack[top] = far
                     stack[top + 1] = near
