@@ -33,9 +33,12 @@ class MeshEdges(NamedTuple):
 
 
 def adapted(
-    domain: ImplicitDomain, size: Size, mesh: MeshEdges, probes: FloatArray
+    domain: ImplicitDomain, size: Size, mesh: MeshEdges, probes: FloatArray, max_nodes: float
 ) -> FloatArray | None:
-    """Return the nodes with some removed and some added at the end; None if all is well."""
+    """Return the nodes with some removed and some added at the end; None if all is well.
+
+    None too if they were to become more than ``max_nodes``.
+    """
     points, edges, on_boundary, h, n_fixed = mesh
     i, j = edges.T
     ratio = np.linalg.norm(points[i] - points[j], axis=1) / (0.5 * (h[i] + h[j]))
@@ -48,7 +51,7 @@ def adapted(
     # Edges across a narrow part are short because the part is narrow.
     across = both & (depth > _ALONG * length)
     inside = depth > -_ALONG * length
-    removed = _chosen(edges[short[~across[: len(short)]]], ratio, mesh)
+    removed = _chosen(edges[short[~across[: len(short)]]], mesh)
     is_new = inside[len(short) :]
     new = spread(middles[len(short) :][is_new], h[i[long[is_new]]], 1.0)
     kept = np.ones(len(points), np.bool_)
@@ -57,7 +60,7 @@ def adapted(
     changed = np.concatenate([points[kept], new])
     changed = uncovered(domain, size, changed, probes)
     same = len(removed) == 0 and len(changed) == len(points)
-    return None if same else changed
+    return None if same or len(changed) > max_nodes else changed
 
 
 def _short_and_long(
@@ -78,7 +81,7 @@ def _short_and_long(
     return order[:n_short], order[::-1][:n_long]
 
 
-def _chosen(short: IntArray, ratio: FloatArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
+def _chosen(short: IntArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
     """Return one node of each short edge, no two of them neighbours by such edges."""
     gone: list[int] = []
     touched: set[int] = set()

@@ -42,7 +42,9 @@ ON_BOUNDARY = 1e-3
 #: Cells this deep in the domain at least are part of it, in sizes.
 _INSIDE = 0.05
 #: The mean way of a step at which nodes have come to rest, in sizes.
-_AT_REST = {2: 2.5e-3, 3: 2.5e-3}
+_AT_REST = 2.5e-3
+#: Not before all rules had their turn.
+_FEWEST = 36
 
 
 class Relaxed(NamedTuple):
@@ -114,6 +116,24 @@ def nodes_of(facets: IntArray, n_points: int) -> BoolArray:
     return marked
 
 
+class _Connection(NamedTuple):
+    """How nodes were connected last."""
+
+    points: FloatArray
+    """Where they were then."""
+    edges: IntArray
+    skin: IntArray
+    """Facets on the boundary."""
+    on_boundary: BoolArray
+
+
+def _connect(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> _Connection:
+    cells = triangulate(domain, points, domain.phi(points), h)
+    skin = skin_of(cells, len(points))
+    edges = topology.edges_of(cells, len(points))
+    return _Connection(points, edges, skin, nodes_of(skin, len(points)))
+
+
 def relax(
     domain: ImplicitDomain,
     size: Size,
@@ -128,40 +148,33 @@ def relax(
     """Return the nodes moved, some added and some removed; the first ``n_fixed`` as they are."""
     points = uncovered(domain, size, points, probes)
     adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
-    connected = None
-    n_triangulations, k, mean = 0, 0, np.inf
-    at_rest = False
+    known: _Connection | None = None
+    count, k, mean, at_rest = 0, 0, np.inf, False
     for k in range(1, max_iter + 1):
         report("moving nodes", k / max_iter)
-        h, phi = size(points), domain.phi(points)
-        if connected is None or _is_stale(points, connected, h):
-            cells = triangulate(domain, points, phi, h)
-            edges = topology.edges_of(cells, len(points))
-            skin = skin_of(cells, len(points))
-            on_boundary = nodes_of(skin, len(points))
-            connected = points
-            n_triangulations += 1
+        h = size(points)
+        if known is None or _is_stale(points, known.points, h):
+            known = _connect(domain, points, h)
+            count += 1
+        changed = None
         if k % _ADAPT_EVERY == 0 and k <= adapt_until:
-            mesh = MeshEdges(points, edges, on_boundary, h, n_fixed)
-            changed = adapted(domain, size, mesh, probes)
-            if changed is not None and len(changed) <= max_nodes:
-                points, connected = changed, None
-                continue
-        if k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
-            skin_edges = topology.edges_of(skin, len(points))
-            cornered = with_corners(domain, points, h, skin_edges, n_fixed)
-            if cornered.changed:
-                points, n_fixed, connected = cornered.points, cornered.n_fixed, None
-                continue
-        move = _forces(points, edges, h)
+            mesh = MeshEdges(points, known.edges, known.on_boundary, h, n_fixed)
+            changed = adapted(domain, size, mesh, probes, max_nodes)
+        elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
+            skin_edges = topology.edges_of(known.skin, len(points))
+            changed, n_fixed = with_corners(domain, points, h, skin_edges, n_fixed)
+        if changed is not None:
+            points, known = changed, None
+            continue
+        move = _forces(points, known.edges, h)
         move[:n_fixed] = 0.0
-        moved = _put_back(domain, points + move, h, on_boundary, n_fixed)
-        way = np.linalg.norm(moved - points, axis=1) / h
-        points, mean = moved, float(way.mean())
-        at_rest = mean < _AT_REST[domain.dim]
-        if at_rest and k >= min(adapt_until, 3 * _ADAPT_EVERY):
+        moved = _put_back(domain, points + move, h, known.on_boundary, n_fixed)
+        mean = float((np.linalg.norm(moved - points, axis=1) / h).mean())
+        points = moved
+        at_rest = mean < _AT_REST
+        if at_rest and k >= _FEWEST:
             break
-    return Relaxed(points, n_fixed, k, n_triangulations, mean, at_rest)
+    return Relaxed(points, n_fixed, k, count, mean, at_rest)
 
 
 def _is_stale(points: FloatArray, connected: FloatArray, h: FloatArray) -> bool:

@@ -1,0 +1,201 @@
+"""What is told of a mesh made by smoothing: how it came about, how good it is, what it misses."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.background import SimplexMesh, topology
+from adaptsize.errors import ConvergenceWarning, ResolutionWarning
+from adaptsize.quality import Conformity, minimum_angles, size_conformity
+from adaptsize.remeshing._implicit_domain import ImplicitDomain
+from adaptsize.remeshing._rejection import Sampling, Size
+from adaptsize.remeshing._relaxation import Relaxed
+from adaptsize.typing import IntArray
+
+#: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.
+SLIVER_ANGLE = 10.0
+#: Nodes that still move more than this per step are not at rest, in sizes.
+_RESTLESS = 0.01
+#: Share of the domain's measure that the mesh may miss or have in excess.
+_MEASURE_OFF = 0.05
+#: A place in the domain without a node this near is not covered, in sizes.
+_COVERED = 1.1
+#: Nodes of different parts this near are looked at for a way between them, in sizes.
+_NEIGHBOURS = 1.6
+
+
+@dataclass(frozen=True)
+class SmoothingReport:
+    """How a mesh was made of a distance function, and how good it is.
+
+    Attributes
+    ----------
+    n_steps, n_triangulations : int
+        Steps of the nodes, and how often they were connected anew.
+    at_rest : bool
+        Whether the nodes came to rest within ``max_iter`` steps.
+    last_move : float
+        Mean way of a node in the last step, in sizes.
+    conformity : Conformity
+        Edge lengths over sizes, qualities and angles; see `adaptsize.size_conformity`.
+    n_slivers : int
+        Cells with an angle (tetrahedra: dihedral angle) below 10 degrees.
+    measure, domain_measure : float
+        Area or volume of the mesh, and of the domain as estimated from samples.
+    boundary_residual : float
+        Largest distance of a boundary node from the boundary of the domain, in sizes.
+    boundary_gap : float
+        Largest distance of the centroid of a boundary facet from the boundary of the
+        domain, in sizes: what chords and cut corners miss.
+    n_uncovered : int
+        Samples of the domain that have no node of the mesh nearby.
+    n_components : int
+        Parts of the mesh that have no facet in common.
+    n_broken : int
+        Straight ways inside the domain from a node of one part to one of another, nearby.
+    fixed_nodes : int32[n]
+        Node of each of ``fixed_points``; -1 where none of the cells has it.
+    """
+
+    n_steps: int
+    n_triangulations: int
+    at_rest: bool
+    last_move: float
+    conformity: Conformity
+    n_slivers: int
+    measure: float
+    domain_measure: float
+    boundary_residual: float
+    boundary_gap: float
+    n_uncovered: int
+    n_components: int
+    n_broken: int
+    fixed_nodes: IntArray
+
+    def __str__(self) -> str:
+        """Return a small table."""
+        rest = "came to rest" if self.at_rest else "still moving"
+        return "\n".join(
+            [
+                str(self.conformity),
+                f"{self.n_slivers} slivers (below {SLIVER_ANGLE:g} deg), "
+                f"{self.n_components} component(s), measure {self.measure:.6g} of about "
+                f"{self.domain_measure:.6g}, {self.n_uncovered} samples of the domain uncovered",
+                f"boundary nodes within {self.boundary_residual:.2g} sizes, facets within "
+                f"{self.boundary_gap:.2g} sizes of the boundary",
+                f"{self.n_steps} steps, {rest} (mean move {self.last_move:.2g} sizes), "
+                f"{self.n_triangulations} triangulations",
+            ]
+        )
+
+
+def describe(
+    mesh: SimplexMesh,
+    domain: ImplicitDomain,
+    size: Size,
+    sampling: Sampling,
+    relaxed: Relaxed,
+    fixed_nodes: IntArray,
+) -> SmoothingReport:
+    """Return the report; ``fixed_nodes`` are the numbers of the fixed points, or -1."""
+    from scipy.spatial import cKDTree
+
+    skin = mesh.boundary().mesh
+    free = np.setdiff1d(mesh.boundary().nodes, fixed_nodes)
+    at, h = mesh.points[free], size(mesh.points[free])
+    residual = domain.project(at, h, tolerance=0.0, max_steps=0)[1] / h
+    centres = skin.points[skin.cells].mean(axis=1)
+    h = size(centres)
+    gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
+    far = cKDTree(mesh.points).query(sampling.probes)[0] > _COVERED * size(sampling.probes)
+    component = _components(mesh)
+    return SmoothingReport(
+        n_steps=relaxed.n_steps,
+        n_triangulations=relaxed.n_triangulations,
+        at_rest=relaxed.at_rest,
+        last_move=relaxed.last_move,
+        conformity=size_conformity(mesh, size),
+        n_slivers=int(np.count_nonzero(minimum_angles(mesh) < SLIVER_ANGLE)),
+        measure=float(mesh.measures.sum()),
+        domain_measure=sampling.measure,
+        boundary_residual=float(residual.max(initial=0.0)),
+        boundary_gap=float(gap.max(initial=0.0)),
+        n_uncovered=int(np.count_nonzero(far)),
+        n_components=int(component.max()) + 1,
+        n_broken=_n_broken(mesh, component, domain, size),
+        fixed_nodes=fixed_nodes,
+    )
+
+
+def _components(mesh: SimplexMesh) -> npt.NDArray[np.integer]:
+    """Return the number of the part of each cell: parts have no facet in common."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n_facets = len(mesh.facets)
+    cell = np.repeat(np.arange(mesh.n_cells), mesh.cells.shape[1]) + n_facets
+    shape = (n_facets + mesh.n_cells,) * 2
+    graph = coo_array((np.ones(len(cell), np.int8), (cell, mesh.cell_facets.ravel())), shape)
+    labels = connected_components(graph, directed=False)[1][n_facets:]
+    return np.asarray(np.unique(labels, return_inverse=True)[1])
+
+
+def _n_broken(
+    mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: ImplicitDomain, size: Size
+) -> int:
+    """Return how many pairs of near nodes of different parts see each other in the domain."""
+    from scipy.spatial import Delaunay
+
+    if component.max() == 0:
+        return 0
+    part = np.full(mesh.n_points, -1)
+    part[mesh.cells] = component[:, None]
+    edges = topology.edges_of(Delaunay(mesh.points).simplices.astype(np.int32), mesh.n_points)
+    a, b = mesh.points[edges].transpose(1, 0, 2)
+    near = np.linalg.norm(a - b, axis=1) < _NEIGHBOURS * size(0.5 * (a + b))
+    pairs = near & (part[edges[:, 0]] != part[edges[:, 1]])
+    a, b = a[pairs], b[pairs]
+    sees = np.ones(len(a), np.bool_)
+    for t in np.linspace(0.1, 0.9, 9):
+        sees &= domain.phi(a + t * (b - a)) < 0.0
+    return int(np.count_nonzero(sees))
+
+
+def warn_of_faults(report: SmoothingReport) -> None:
+    if not report.at_rest and report.last_move > _RESTLESS:
+        warnings.warn(
+            f"nodes still moved by {report.last_move:.2g} sizes per step after "
+            f"{report.n_steps} steps; raise max_iter, or limit the gradient of the sizes",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+    faults = []
+    if report.n_uncovered:
+        faults.append(f"{report.n_uncovered} samples of the domain have no node nearby")
+    if report.n_broken:
+        faults.append(
+            f"its {report.n_components} parts hang together in the domain (at {report.n_broken} "
+            "places), which is narrow there"
+        )
+    share = report.measure / report.domain_measure
+    if abs(share - 1.0) > _MEASURE_OFF:
+        faults.append(f"its measure is {share:.1%} of that of the domain")
+    if report.n_slivers:
+        faults.append(
+            f"it has {report.n_slivers} slivers, smallest angle "
+            f"{report.conformity.angle_min:.2g} degrees"
+        )
+    lost = int(np.count_nonzero(report.fixed_nodes < 0))
+    if lost:
+        faults.append(f"{lost} fixed points are in no cell")
+    if faults:
+        warnings.warn(
+            f"the mesh does not resolve the domain well: {'; '.join(faults)}; "
+            "ask for smaller sizes, or give corners as fixed_points",
+            ResolutionWarning,
+            stacklevel=3,
+        )
