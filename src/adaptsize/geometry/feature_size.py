@@ -103,6 +103,7 @@ def feature_size(
         size = march_distance(
             grid, seeds, where=inside, report=report, text="marching from the medial axis"
         )
+        _reach_diagonally(grid, inside, size)
         size[inside] -= values[inside]
         if edges and grid.dim == 2:
             longest = edge_lengths(grid, values, corner_points(grid, medial.corners))
@@ -113,6 +114,22 @@ def feature_size(
                 )
                 size[inside] = np.minimum(size[inside], grown[inside])
     return size
+
+
+def _reach_diagonally(grid: CartesianGrid, inside: BoolArray, distances: FloatArray) -> None:
+    """Fill distances (In/Out) at nodes that hang on by a diagonal only, as at sharp tips."""
+    nodes = np.argwhere(inside & np.isinf(distances))
+    last = np.array(grid.shape) - 1
+    while len(nodes):
+        least = np.full(len(nodes), np.inf)
+        for step in itertools.product((-1, 0, 1), repeat=grid.dim):
+            around = tuple(np.clip(nodes + step, 0, last).T)
+            least = np.minimum(least, distances[around] + np.linalg.norm(grid.spacing * step))
+        distances[tuple(nodes.T)] = least
+        left = nodes[np.isinf(least)]
+        if len(left) == len(nodes):
+            break
+        nodes = left
 
 
 def _deepest(
