@@ -1,8 +1,11 @@
 """Upper bounds on the size, one nodal array per cause; inf where nothing is asked."""
 
+from adaptsize.sizes.budget import predicted_elements
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import size_from_curvature
+from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
+from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
 from adaptsize.sizes.sources import (
     BallSource,
     BoundarySource,
@@ -23,7 +26,13 @@ __all__ = [
     "RegionSource",
     "Source",
     "minimum",
+    "predicted_elements",
+    "recovered_gradient",
+    "recovered_hessian",
     "size_from_curvature",
+    "size_from_error",
     "size_from_feature",
+    "size_from_hessian",
     "size_from_sources",
+    "zz_indicator",
 ]

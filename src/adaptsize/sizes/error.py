@@ -1,0 +1,281 @@
+"""Sizes from what a solver knows: error indicators of cells, or second derivatives of a field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.sizes.budget import (
+    as_goal,
+    predicted_elements,
+    present_sizes,
+    scale_to,
+)
+from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.recovery import as_nodal_field, recovered_hessian
+from adaptsize.typing import FloatArray
+
+#: What becomes of sizes before they are used, as ``lambda h0: limit_gradient(mesh, h0, 0.25)``.
+Limiter = Callable[[FloatArray], FloatArray]
+
+
+def size_from_error(
+    mesh: SimplexMesh,
+    indicator: npt.ArrayLike,
+    *,
+    order: float,
+    tolerance: float | None = None,
+    target_elements: float | None = None,
+    max_refine: float = 4.0,
+    max_coarsen: float = 2.0,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    limit: Limiter | None = None,
+) -> FloatArray:
+    r"""Return the size that gives all elements of the next mesh the same share of the error.
+
+    With indicators :math:`\eta_K` of an error that goes like :math:`h^p`, cells K of d
+    dimensions and the size :math:`h_K` of the regular simplex of the same measure,
+
+    .. math:: h = s\, h_K\, \eta_K^{-1 / (p + d/2)},
+
+    which is the mesh of fewest elements for an error, and of the least error for so many
+    elements [1]_.  The number s is found such that the error or the number of elements to be
+    expected is the one asked for, after all limits.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        The present mesh: triangles, also in space, tetrahedra or segments.
+    indicator : array_like of float, shape (n_cells,)
+        Error of each cell, >= 0; ``sqrt(sum(indicator**2))`` is the error in all, in a norm that is
+        an integral of squares.
+    order : float
+        Power p > 0 of the size with which that norm goes where the solution is smooth: the
+        degree of the elements for energy norms, one more for the L2 norm.
+    tolerance : float, optional
+        Error to be reached.  Either this or ``target_elements``.
+    target_elements : float, optional
+        Number of elements to be reached.
+    max_refine, max_coarsen : float, default 4 and 2
+        No size shrinks or grows by more than these factors, >= 1; ``max_coarsen`` may be inf.
+        Indicators foretell little of much smaller cells at a singular point, and nothing where
+        they are zero.
+    hmin, hmax : float, optional
+        Limits of the size, as in `minimum`.
+    limit : callable, optional
+        Takes sizes and returns those that will be used; see the examples.  ``target_elements`` then
+        means the number after it.  Must not fall where what it takes rises.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points,)
+        Sizes, with ``limit`` applied if it is given.  ``inf`` at nodes in no cell, or in none with
+        a volume, unless ``hmax`` is given.  What cannot be reached for the limits is approached.
+
+    Raises
+    ------
+    ValueError
+        If the indicators are negative, not finite or of another shape, not exactly one goal is
+        given, or an option is out of range.
+
+    See Also
+    --------
+    zz_indicator : an indicator, if the solver has none.
+    limit_gradient : to be called next, or given as ``limit``.
+
+    Notes
+    -----
+    From cells to nodes the number of elements per volume is averaged, by volume, so that their
+    sum stays.  Errors are predicted from :math:`\eta_K (h / h_K)^p` in each cell before that
+    and before ``limit``, and so with little meaning where the solution is singular.  O(n) for
+    each of about ten trials of s.
+
+    References
+    ----------
+    .. [1] O. C. Zienkiewicz, J. Z. Zhu, "A simple error estimator and adaptive procedure
+       for practical engineering analysis", Int. J. Numer. Methods Eng. 24 (1987) 337-357.
+
+    Examples
+    --------
+    Two triangles of a square, one of them with 8 times the error; p = 1 and d = 2, so that the
+    sizes go like the root of it:
+
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> size_from_error(mesh, [0.8, 0.1], order=1, target_elements=9).round(3)
+    array([0.507, 0.38 , 0.507, 1.075])
+
+    In a loop, with 5000 elements after limiting::
+
+        h = ads.size_from_error(
+            mesh, eta, order=1, target_elements=5000,
+            limit=lambda h0: ads.limit_gradient(mesh, h0, 0.25),
+        )
+        mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h))
+    """
+    eta = as_float_array("indicator", indicator, (mesh.n_cells,))
+    refuse_where("indicator", ~(eta >= 0.0) | np.isinf(eta), eta, "must be finite and >= 0")
+    p = as_number("order", order, lower=0.0, strict=True)
+    finest = 1.0 / as_number("max_refine", max_refine, lower=1.0)
+    coarsest = as_number("max_coarsen", max_coarsen, lower=1.0, allow_inf=True)
+    goal, wanted = as_goal(tolerance, target_elements)
+    d = mesh.cell_dim
+    now = present_sizes(mesh)
+    with np.errstate(divide="ignore"):
+        shape = (eta / max(eta.max(), np.finfo(float).tiny)) ** (-1.0 / (p + 0.5 * d))
+
+    def ratios(scale: float) -> FloatArray:
+        return np.asarray(np.clip(scale * shape, finest, coarsest))
+
+    def sizes(scale: float) -> FloatArray:
+        return _finished(_nodal_sizes(mesh, now * ratios(scale)), hmin, hmax, limit)
+
+    if goal == "tolerance":
+        moving = eta > 0.0
+
+        def gain(scale: float) -> float:
+            error = np.linalg.norm(eta[moving] * ratios(scale)[moving] ** p)
+            return math.inf if error == 0.0 else 1.0 / float(error)
+
+        scale = scale_to(1.0 / wanted, gain, 1.0)
+    else:
+        scale = scale_to(wanted, lambda s: predicted_elements(mesh, sizes(s)), 1.0)
+    return sizes(scale)
+
+
+def size_from_hessian(
+    mesh: SimplexMesh,
+    values: npt.ArrayLike,
+    *,
+    tolerance: float | None = None,
+    target_elements: float | None = None,
+    norm: float = math.inf,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    limit: Limiter | None = None,
+) -> FloatArray:
+    r"""Return the size at which linear elements interpolate a field equally well everywhere.
+
+    With the second derivative :math:`\lambda` of largest modulus in any direction, linear
+    interpolation at the ends of edges h errs by less than :math:`\lambda h^2 / 2`, and in the
+    maximum norm the least error for so many elements, or the fewest for an error
+    :math:`\varepsilon`, comes with
+
+    .. math:: h = \sqrt{2 \varepsilon / \lambda};
+
+    in the norm of :math:`L^q` with :math:`h = s\, \lambda^{-q / (2 q + d)}`, d the dimension, which
+    gives less to where the field is steepest [1]_.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane or tetrahedra.
+    values : array_like of float, shape (n_points,)
+        The field at the nodes, finite: density in a flow, for instance.
+    tolerance : float, optional
+        Error to be kept, in the unit of the field; for finite ``norm``, times the area or volume
+        to the power of 1 / norm.  Either this or ``target_elements``.
+    target_elements : float, optional
+        Number of elements to be reached, after all limits.
+    norm : float, default inf
+        q >= 1.
+    hmin, hmax : float, optional
+        Limits of the size, as in `minimum`.  Where the field jumps its derivatives grow as
+        the mesh is refined, and only ``hmin``, or ``target_elements``, holds that up.
+    limit : callable, optional
+        Takes sizes and returns those that will be used, as in `size_from_error`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points,)
+        Sizes, with ``limit`` applied if it is given; ``inf`` where the field has no second
+        derivatives, unless ``hmax`` is given.
+
+    Raises
+    ------
+    ValueError
+        If the cells have not the dimension of the space, 2 or 3, the values are not finite or of
+        another shape, not exactly one goal is given, or an option is out of range.
+
+    See Also
+    --------
+    adaptsize.sizes.recovered_hessian : the second derivatives, and their accuracy.
+
+    Notes
+    -----
+    The bound is a generous one.  At a point of barycentric coordinates :math:`b_i` the error
+    is at most :math:`\lambda / 2 \sum_{i<j} b_i b_j |x_i - x_j|^2
+    \le \lambda h^2 d / (4 (d + 1))` for edges up to h: a third of the tolerance in the plane and
+    3/8 in space.  So edges may be 1.7 or 1.6 times as long as asked for, and generators rarely
+    exceed the root of 2.  ``tolerance`` is for sizes before ``hmin``, ``hmax`` and ``limit``.
+
+    References
+    ----------
+    .. [1] L. Chen, P. Sun, J. Xu, "Optimal anisotropic meshes for minimizing interpolation
+       errors in L^p-norm", Mathematics of Computation 76 (2007) 179-204.
+
+    Examples
+    --------
+    The field x^2 has the second derivative 2 everywhere:
+
+    >>> import numpy as np
+    >>> x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5))
+    >>> from scipy.spatial import Delaunay
+    >>> points = np.column_stack([x.ravel(), y.ravel()])
+    >>> mesh = SimplexMesh(points, Delaunay(points).simplices)
+    >>> np.unique(size_from_hessian(mesh, points[:, 0] ** 2, tolerance=0.01).round(6))
+    array([0.1])
+    """
+    nodal = as_nodal_field("values", values, mesh)
+    q = as_number("norm", norm, lower=1.0, allow_inf=True)
+    goal, wanted = as_goal(tolerance, target_elements)
+    steepest = np.abs(np.linalg.eigvalsh(recovered_hessian(mesh, nodal))).max(axis=1)
+    # Rounding of values and of coordinates, not derivatives.
+    noise = 1e-9 * float(np.ptp(nodal)) / mesh.diagonal**2
+    steepest[steepest <= noise] = 0.0
+    d = mesh.dim
+    exponent = 0.5 if math.isinf(q) else q / (2.0 * q + d)
+    with np.errstate(divide="ignore"):
+        shape = steepest**-exponent
+
+    def sizes(scale: float) -> FloatArray:
+        return _finished(scale * shape, hmin, hmax, limit)
+
+    if goal == "tolerance":
+        share = 1.0
+        if not math.isinf(q):
+            share = float((_nodal_measures(mesh) * steepest ** (exponent * d)).sum()) ** (1.0 / q)
+        return sizes(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
+    if not (steepest > 0.0).any():
+        return sizes(1.0)
+    once = predicted_elements(mesh, shape)
+    return sizes(scale_to(wanted, lambda s: predicted_elements(mesh, sizes(s)),
+                          (once / wanted) ** (1.0 / d)))  # fmt: skip
+
+
+def _finished(
+    h0: FloatArray, hmin: float | None, hmax: float | None, limit: Limiter | None
+) -> FloatArray:
+    held = minimum(h0, hmin=hmin, hmax=hmax)
+    return held if limit is None else as_float_array("limit(sizes)", limit(held), h0.shape)
+
+
+def _nodal_sizes(mesh: SimplexMesh, size: FloatArray) -> FloatArray:
+    """Return nodal sizes of as many elements as sizes of cells: the mean number per volume."""
+    d = mesh.cell_dim
+    volume = _nodal_measures(mesh)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        number = np.where(mesh.measures > 0.0, mesh.measures * size**-d, 0.0) / (d + 1)
+        nodal = np.bincount(mesh.cells.ravel(), np.repeat(number, d + 1), mesh.n_points)
+        return np.asarray(np.where(nodal > 0.0, volume / nodal, np.inf) ** (1.0 / d))
+
+
+def _nodal_measures(mesh: SimplexMesh) -> FloatArray:
+    """Return the share of each node in the measures of its cells; their sum is the whole."""
+    share = np.repeat(mesh.measures / (mesh.cell_dim + 1), mesh.cell_dim + 1)
+    return np.bincount(mesh.cells.ravel(), share, mesh.n_points).astype(np.float64)

@@ -1,0 +1,336 @@
+"""Derivatives of fields that are known at the nodes of a mesh, and an error estimate from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations_with_replacement
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+
+from adaptsize._checks import as_float_array, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import BoolArray, FloatArray
+
+# Normal matrices of fits of so many pairs of nodes are in memory at once: 80 MB in space.
+_PAIRS_AT_ONCE = 100_000
+# Of normal matrices in coordinates of unit covariance, the smallest eigenvalue over the largest:
+# around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
+_WELL_DETERMINED = 3e-3
+_DETERMINED = 3e-4
+
+
+def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
+    """Return the gradient of a nodal field at the nodes, by polynomial preserving recovery.
+
+    At each node a quadratic is fitted to the values at the node and its neighbours, by least
+    squares, and differentiated there [1]_.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane or tetrahedra.
+    values : array_like of float, shape (n_points,)
+        Finite; for instance the solution of a finite element method at the nodes.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points, dim)
+        Zero at nodes in no cell.
+
+    Raises
+    ------
+    ValueError
+        If the cells have not the dimension of the space, 2 or 3, the values another shape, or
+        one of them is not finite.
+
+    Notes
+    -----
+    Exact for quadratic fields on any mesh whose patches determine a quadratic, hence of second
+    order in the spacing for smooth ones, at the boundary as well.  Patches are the nodes that
+    share an edge with the node; at the boundary, and where these do not determine a quadratic
+    well, the neighbours of these too.  Where not even they do, a linear function is fitted.
+    O(n) time: 20 to 40 microseconds per node in the plane, 80 to 120 in space.
+
+    References
+    ----------
+    .. [1] Z. Zhang, A. Naga, "A new finite element gradient recovery method:
+       superconvergence property", SIAM J. Sci. Comput. 26 (2005) 1192-1213.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.spatial import Delaunay
+    >>> points = np.random.default_rng(7).random((50, 2))
+    >>> mesh = SimplexMesh(points, Delaunay(points).simplices)
+    >>> gradient = recovered_gradient(mesh, points[:, 0] * points[:, 1])
+    >>> bool(np.allclose(gradient, points[:, ::-1]))
+    True
+    """
+    nodal = as_nodal_field("values", values, mesh)
+    return np.column_stack([operator @ nodal for operator in gradient_operators(mesh)])
+
+
+def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
+    """Return the second derivatives of a nodal field at the nodes.
+
+    The gradient of the recovered gradient, each by polynomial preserving recovery [1]_
+    (see `recovered_gradient`), and the symmetric part of that.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane or tetrahedra.
+    values : array_like of float, shape (n_points,)
+        Finite.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_points, dim, dim)
+        Symmetric.  Zero at nodes in no cell.
+
+    Raises
+    ------
+    ValueError
+        If the cells have not the dimension of the space, 2 or 3, the values another shape, or
+        one of them is not finite.
+
+    Notes
+    -----
+    Exact for quadratic fields.  For smooth ones of first order in the spacing on irregular
+    meshes, of second order on meshes that look the same from all nodes.  Means of the gradients
+    of cells, taken twice, do not converge on irregular meshes.  Fields must be smooth on the
+    scale of the mesh: noise e becomes e / h^2.  Time as for `recovered_gradient`.
+
+    References
+    ----------
+    .. [1] H. Guo, Z. Zhang, R. Zhao, "Hessian recovery for finite element methods",
+       Mathematics of Computation 86 (2017) 1671-1692.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.spatial import Delaunay
+    >>> x = np.random.default_rng(7).random((50, 2))
+    >>> mesh = SimplexMesh(x, Delaunay(x).simplices)
+    >>> hessian = recovered_hessian(mesh, x[:, 0] ** 2 + 3.0 * x[:, 0] * x[:, 1])
+    >>> bool(np.allclose(hessian, [[2.0, 3.0], [3.0, 0.0]]))
+    True
+    """
+    nodal = as_nodal_field("values", values, mesh)
+    operators = gradient_operators(mesh)
+    gradient = [operator @ nodal for operator in operators]
+    hessian = np.stack(
+        [np.stack([operator @ part for operator in operators], axis=-1) for part in gradient],
+        axis=-2,
+    )
+    return np.asarray(0.5 * (hessian + hessian.swapaxes(1, 2)))
+
+
+def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
+    r"""Return Zienkiewicz and Zhu's error indicator of a linear finite element solution.
+
+    The distance of its gradient, constant in each cell, from the recovered one G u, linear in
+    each cell [1]_,
+
+    .. math:: \eta_K^2 = \int_K |G u - \nabla u|^2 ,
+
+    with G by polynomial preserving recovery [2]_.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane or tetrahedra.
+    values : array_like of float, shape (n_points,)
+        Nodal values of a continuous function that is linear in each cell.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_cells,)
+        ``sqrt(sum(eta**2))`` estimates the error of the gradient in the L2 norm; zero
+        in cells without volume.
+
+    Raises
+    ------
+    ValueError
+        If the cells have not the dimension of the space, 2 or 3, the values another shape, or
+        one of them is not finite.
+
+    Notes
+    -----
+    The estimate over the error tends to 1 under refinement where the solution is smooth and the
+    mesh not too wild.  It is an estimate, no bound.  The gradient is recovered across
+    interfaces of materials too, where the true one jumps.
+
+    References
+    ----------
+    .. [1] O. C. Zienkiewicz, J. Z. Zhu, "A simple error estimator and adaptive procedure
+       for practical engineering analysis", Int. J. Numer. Methods Eng. 24 (1987) 337-357.
+    .. [2] A. Naga, Z. Zhang, "A posteriori error estimates based on the polynomial
+       preserving recovery", SIAM J. Numer. Anal. 42 (2004) 1780-1800.
+
+    Examples
+    --------
+    Linear functions have no error:
+
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [1, 3, 2]])
+    >>> zz_indicator(mesh, [0.0, 2.0, 1.0, 3.0]).round(9)
+    array([0., 0.])
+    """
+    nodal = as_nodal_field("values", values, mesh)
+    recovered = recovered_gradient(mesh, nodal)
+    defect = recovered[mesh.cells] - _cell_gradients(mesh, nodal)[:, None]
+    # The exact integral of the square of a function that is linear in a simplex.
+    d = mesh.dim
+    squares = (defect**2).sum(axis=(1, 2)) + (defect.sum(axis=1) ** 2).sum(axis=1)
+    return np.asarray(np.sqrt(mesh.measures * squares / ((d + 1) * (d + 2))))
+
+
+def _cell_gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
+    """Return the gradient in each cell, float64[n_cells, dim]; zero where it has no volume."""
+    corners, at = mesh.points[mesh.cells], nodal[mesh.cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    solvable = mesh.measures > 0.0
+    edges[~solvable] = np.eye(mesh.dim)
+    rises = np.where(solvable[:, None], at[:, 1:] - at[:, :1], 0.0)
+    return np.asarray(np.linalg.solve(edges, rises[:, :, None])[:, :, 0])
+
+
+def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:
+    """Return matrices that take nodal values to the components of `recovered_gradient`.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Of full dimension.
+
+    Returns
+    -------
+    list of dim csr_array, float64[n_points, n_points]
+    """
+    n = mesh.n_points
+    i, j = mesh.edges.T
+    own = np.arange(n)
+    rows, columns = np.concatenate([i, j, own]), np.concatenate([j, i, own])
+    near = csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    inner = np.flatnonzero(~_on_boundary(mesh))
+    narrow = near[inner]
+    weights, good = _weights_of_fits(mesh.points, narrow, inner, _WELL_DETERMINED)
+    weights[~good[_row_of_entry(narrow)]] = 0.0
+    others = np.setdiff1d(own, inner[good])
+    wide = csr_array(near[others] @ near)
+    wide_weights, _ = _weights_of_fits(mesh.points, wide, others, _DETERMINED)
+    rows = np.concatenate([inner[_row_of_entry(narrow)], others[_row_of_entry(wide)]])
+    columns = np.concatenate([narrow.indices, wide.indices])
+    both = np.concatenate([weights, wide_weights])
+    return [csr_array((both[:, d], (rows, columns)), shape=(n, n)) for d in range(mesh.dim)]
+
+
+def _row_of_entry(matrix: csr_array) -> npt.NDArray[np.int64]:
+    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+
+
+def _on_boundary(mesh: SimplexMesh) -> BoolArray:
+    found = np.zeros(mesh.n_points, np.bool_)
+    found[mesh.facets[mesh.facet_cell_counts == 1]] = True
+    return found
+
+
+def _weights_of_fits(
+    points: FloatArray, patches: csr_array, nodes: npt.NDArray[np.int64], least: float
+) -> tuple[FloatArray, BoolArray]:
+    """Return the weights of the nodes of patches in the gradients of fits.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    patches : csr_array
+        Its entries in row r are the nodes of the patch around ``nodes[r]``.
+    nodes : int64[m]
+    least : float
+        Smallest eigenvalue of a normal matrix over the largest, for quadratics to be fitted.
+
+    Returns
+    -------
+    weights : float64[n_entries, dim]
+    good : bool[m]
+        Where quadratics have been fitted; elsewhere a linear function has been.
+    """
+    weights = np.empty((len(patches.indices), points.shape[1]))
+    good = np.empty(len(nodes), np.bool_)
+    for first, last in _parts(patches.indptr):
+        entries = slice(patches.indptr[first], patches.indptr[last])
+        members = patches.indices[entries]
+        starts = patches.indptr[first:last] - patches.indptr[first]
+        weights[entries], good[first:last] = _fit(points, members, starts, nodes[first:last], least)
+    return weights, good
+
+
+def _parts(indptr: npt.NDArray[np.int32]) -> Iterator[tuple[int, int]]:
+    """Yield rows in parts of a bounded number of entries, at least one row each."""
+    start, n = 0, len(indptr) - 1
+    while start < n:
+        stop = int(np.searchsorted(indptr, indptr[start] + _PAIRS_AT_ONCE, side="right")) - 1
+        stop = min(max(stop, start + 1), n)
+        yield start, stop
+        start = stop
+
+
+def _fit(
+    points: FloatArray,
+    members: npt.NDArray[np.int32],
+    starts: npt.NDArray[np.int32],
+    nodes: npt.NDArray[np.int64],
+    least: float,
+) -> tuple[FloatArray, BoolArray]:
+    """Return the weight of each member of each patch in the gradient of the fit, at its node.
+
+    Coordinates are those in which the patch has unit covariance, so that stretched
+    meshes are fitted as well as others.
+    """
+    dim = points.shape[1]
+    patch = np.repeat(np.arange(len(nodes)), np.diff(starts, append=len(members)))
+    away = points[members] - points[nodes][patch]
+    spread = np.add.reduceat(away[:, :, None] * away[:, None, :], starts)
+    squares, axes = np.linalg.eigh(spread)
+    squares /= np.diff(starts, append=len(members))[:, None]
+    largest = squares[:, -1:]
+    lengths = np.sqrt(np.where(largest > 0.0, np.maximum(squares, 1e-24 * largest), 1.0))
+    to_unit = axes / lengths[:, None, :]
+    unit = np.einsum("pi,pij->pj", away, to_unit[patch])
+    quadratic = [unit[:, a] * unit[:, b] for a, b in combinations_with_replacement(range(dim), 2)]
+    monomials = np.column_stack([np.ones(len(unit)), unit, *quadratic])
+    slopes, good = _slopes_of_fits(
+        np.add.reduceat(monomials[:, :, None] * monomials[:, None, :], starts), dim, least
+    )
+    in_unit = np.einsum("pdk,pk->pd", slopes[patch], monomials)
+    return np.asarray(np.einsum("pij,pj->pi", to_unit[patch], in_unit)), good
+
+
+def _slopes_of_fits(normal: FloatArray, dim: int, least: float) -> tuple[FloatArray, BoolArray]:
+    """Return the rows of the linear terms of inverses of normal matrices, and where they are.
+
+    Elsewhere they are those of the fit of a linear function, of least norm.
+    """
+    values, vectors = np.linalg.eigh(normal)
+    good = values[:, 0] > least * values[:, -1]
+    inverse = np.einsum(
+        "pik,pk,pjk->pij",
+        vectors[:, 1 : dim + 1],
+        1.0 / np.where(good[:, None], values, 1.0),
+        vectors,
+    )
+    linear = normal[~good][:, : dim + 1, : dim + 1]
+    inverse[~good] = 0.0
+    inverse[~good, :, : dim + 1] = np.linalg.pinv(linear, rcond=_DETERMINED, hermitian=True)[:, 1:]
+    return np.asarray(inverse), good
+
+
+def as_nodal_field(name: str, value: npt.ArrayLike, mesh: SimplexMesh) -> FloatArray:
+    """Return finite nodal values of a mesh of triangles in the plane or of tetrahedra."""
+    if mesh.cell_dim != mesh.dim or mesh.dim == 1:
+        raise ValueError(f"mesh must consist of triangles in 2-D or tetrahedra, got {mesh!r}")
+    nodal = as_float_array(name, value, (mesh.n_points,))
+    refuse_where(name, ~np.isfinite(nodal), nodal, "must be finite")
+    return nodal
