@@ -17,10 +17,11 @@ import numpy.typing as npt
 from adaptsize._checks import one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
-from adaptsize._formats.raster import Image as Image
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
 from adaptsize.nodal_size import SizeFunction
+
+Image = raster.Image
 
 
 def read(
@@ -304,6 +305,11 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     if notes:
         warnings.warn(f"{file}: {'; '.join(notes)}", ImageWarning, stacklevel=2)
     return read
+
+
+def is_image_file(path: str | os.PathLike[str]) -> bool:
+    """Tell from its name whether a file is one for `read_image`."""
+    return raster.is_image_file(Path(path))
 
 
 def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:

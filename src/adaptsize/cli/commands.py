@@ -1,14 +1,16 @@
-"""The five commands: each reads, calls one function of the library, writes and prints."""
+"""The commands: each reads, calls one function of the library, writes and prints."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from adaptsize.cli.choosing import choose
 from adaptsize.cli.files import check_outputs, nodal_field
+from adaptsize.cli.image import image
 from adaptsize.cli.options import (
     Across,
     AsJson,
@@ -23,11 +25,12 @@ from adaptsize.cli.options import (
     Smallest,
     Sources,
 )
-from adaptsize.cli.sources import describe_roots, parse_source
-from adaptsize.cli.telling import draw, print_written, say
+from adaptsize.cli.size import size
+from adaptsize.cli.sources import describe_roots
+from adaptsize.cli.telling import draw, print_written
 
 if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
+    pass
 
 app = typer.Typer(
     name="adaptsize",
@@ -67,34 +70,7 @@ def info(file: Input, as_json: AsJson = False) -> None:
     print(json.dumps(summary.as_dict(), indent=2) if as_json else summary)
 
 
-@app.command()
-def size(
-    file: Input,
-    output: Output,
-    elements_per_radian: PerRadian = None,
-    elements_across: Across = None,
-    gradient: Gradient = 0.25,
-    hmin: Smallest = None,
-    hmax: Largest = None,
-    crease_angle: Crease = 40.0,
-    source: Sources = None,
-    field: Field = None,
-    plot: Picture = None,
-) -> None:
-    """Put sizes from curvature, thin places and sources on a mesh, limited, as the field h.
-
-    The suffix of the output tells the format; .pos, .sol and .jig.msh are sizes for Gmsh,
-    mmg and JIGSAW.  A surface in space is refined where its triangles are long.
-    """
-    from adaptsize.io import read, write
-
-    check_outputs(output, plot)
-    mesh = read(file)
-    wanted = (elements_per_radian, elements_across, gradient, hmin, hmax, crease_angle)
-    chosen = _choose(mesh, *wanted, source, field)
-    write(output, chosen.size)
-    draw(plot, chosen.size)
-    print_written(output, chosen.size.background)
+app.command()(size)
 
 
 @app.command()
@@ -177,7 +153,7 @@ def remesh(
     check_outputs(output, plot)
     mesh = read(file)
     wanted = (elements_per_radian, elements_across, gradient, hmin, hmax, crease_angle)
-    chosen = _choose(mesh, *wanted, source, field)
+    chosen = choose(mesh, *wanted, source, field)
     new = remeshing.remesh(
         mesh,
         chosen.size,
@@ -194,6 +170,9 @@ def remesh(
     write(output, new)
     draw(plot, new)
     print_written(output, new)
+
+
+app.command()(image)
 
 
 @app.command()
@@ -213,37 +192,3 @@ def check(
     other = None if surface is None else read(surface)
     found = size_conformity(mesh, nodal_field(mesh, field), surface=other)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found)
-
-
-def _choose(
-    mesh: SimplexMesh,
-    elements_per_radian: float | None,
-    elements_across: float | None,
-    g: float,
-    hmin: float | None,
-    hmax: float | None,
-    crease_angle: float,
-    source: list[str] | None,
-    field: str | None,
-) -> Any:
-    """Return the sizes to use, and say which; a given field alone replaces those from the part."""
-    from adaptsize.automatic import choose_size
-
-    if field is not None and elements_per_radian is None:
-        elements_per_radian = 0.0
-    if field is not None and elements_across is None:
-        elements_across = 0.0
-    chosen = choose_size(
-        mesh,
-        elements_per_radian=elements_per_radian,
-        elements_across=elements_across,
-        g=g,
-        hmin=hmin,
-        hmax=hmax,
-        crease_angle=crease_angle,
-        sources=[parse_source(text) for text in source or ()],
-        h0=None if field is None else nodal_field(mesh, field),
-        progress=True,
-    )
-    say(f"sizes: {chosen}")
-    return chosen

@@ -60,3 +60,28 @@ def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
     if values.ndim != 1:
         raise ValueError(f"field {name!r} must have one number per node, got {values.shape}")
     return values
+
+
+def holds_more_than_sizes(output: Path) -> bool:
+    """Tell whether a file holds other nodal fields beside the sizes."""
+    from adaptsize._formats.writers import format_of
+
+    chosen = format_of(output, None)
+    return chosen.holds_fields and not chosen.only_sizes
+
+
+def numbers(name: str, text: str) -> list[float] | float:
+    """Return one number, or several between commas.
+
+    Raises
+    ------
+    ValueError
+        If a part is no number.
+    """
+    try:
+        given = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise ValueError(
+            f"{name} must be one number or several as 1,1,2.5, got {text!r}"
+        ) from error
+    return given[0] if len(given) == 1 else given

@@ -49,4 +49,8 @@ Spacing = Annotated[
     str | None,
     typer.Option("--spacing", help="Pixel size, if not that of the file: 0.5 or 0.5,0.5,1.25."),
 ]
+Smoothing = Annotated[
+    float | None,
+    typer.Option("--smoothing", help="Low-pass filter of the mask, in pixels, 2 otherwise."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]

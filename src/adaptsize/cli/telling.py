@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+    from adaptsize.causes import SizeReport
 
 
 def draw(path: Path | None, *what: Any) -> None:
-    """Draw the sizes; a machine that cannot draw is no reason to fail."""
+    """Draw the sizes."""
+    from adaptsize.plot import plot_size
+
+    _draw_with(plot_size, path, *what)
+
+
+def draw_causes(path: Path | None, report: SizeReport) -> None:
+    """Draw what controls the size where."""
+    from adaptsize.plot import plot_causes
+
+    _draw_with(plot_causes, path, report)
+
+
+def _draw_with(plot: Callable[..., Any], path: Path | None, *what: Any) -> None:
+    """Draw to a file, if there is one; a machine that cannot draw is no reason to fail."""
     if path is None:
         return
     from adaptsize.errors import PlotError
-    from adaptsize.plot import plot_size
 
     try:
-        plot_size(*what, path=path)
+        plot(*what, path=path)
     except (PlotError, ImportError) as error:
         say(f"no picture: {error}")
 

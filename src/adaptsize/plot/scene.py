@@ -42,7 +42,8 @@ class Scene:
     flat : bool
         Whether the scene is plane and seen from above.
     class_names : tuple of str, optional
-        What classes are called: value k by the entry k; by their number if None.
+        What classes are called: value k by the entry k; by their number if None.  Edges are
+        not drawn then.
     """
 
     points: FloatArray
@@ -96,7 +97,9 @@ class Scene:
 
     @property
     def shows_edges(self) -> bool:
-        """Whether edges are long enough in the picture to be drawn."""
+        """Whether edges are wanted, and long enough in the picture."""
+        if self.class_names is not None:
+            return False
         start, stop = self.points[self.cells[:, 0]], self.points[self.cells[:, 1]]
         low, high = self.frame
         median = float(np.median(np.linalg.norm(stop - start, axis=1)))

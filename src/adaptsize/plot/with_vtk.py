@@ -150,9 +150,9 @@ def _bar(scene: Scene, text: int) -> dict[str, Any]:
         "vertical": True,
         "fmt": "%.3g",
         "n_labels": 0 if scene.classes else 5,
-        "position_x": 0.86,
+        "position_x": 0.86 if scene.class_names is None else 0.92,  # names stand left of it
         "position_y": 0.15,
-        "width": 0.1,
+        "width": 0.1 if scene.class_names is None else 0.07,
         "height": 0.7,
         "title_font_size": text,
         "label_font_size": text,

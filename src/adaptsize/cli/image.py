@@ -1,0 +1,71 @@
+"""``adaptsize image``: a mesh of the objects in a picture or a volume."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from adaptsize.cli.files import check_outputs, numbers
+from adaptsize.cli.options import (
+    Across,
+    Gradient,
+    ImageFile,
+    Label,
+    Largest,
+    Output,
+    PerRadian,
+    Picture,
+    Smallest,
+    Smoothing,
+    Sources,
+    Spacing,
+    Threshold,
+)
+from adaptsize.cli.sources import parse_source
+from adaptsize.cli.telling import draw, print_written
+
+
+def image(
+    file: ImageFile,
+    output: Output,
+    spacing: Spacing = None,
+    label: Label = None,
+    threshold: Threshold = None,
+    smoothing: Smoothing = None,
+    elements_per_radian: PerRadian = None,
+    elements_across: Across = None,
+    gradient: Gradient = 0.25,
+    hmin: Smallest = None,
+    hmax: Largest = None,
+    source: Sources = None,
+    max_elements: Annotated[float, typer.Option(help="Refuse to make more.")] = 5e6,
+    plot: Picture = None,
+) -> None:
+    """Mesh the objects in a mask or label image: triangles of a picture, tetrahedra of a volume.
+
+    Sizes come from the curvature of their edges and from their width.  Labels become the
+    regions of the mesh.
+    """
+    from adaptsize.image_meshing import mesh_image
+    from adaptsize.io import read_image, write
+
+    check_outputs(output, plot)
+    mesh = mesh_image(
+        read_image(file),
+        None if spacing is None else numbers("--spacing", spacing),
+        label=label,
+        threshold=threshold,
+        smoothing=2.0 if smoothing is None else smoothing,
+        elements_per_radian=4.0 if elements_per_radian is None else elements_per_radian,
+        elements_across=4.0 if elements_across is None else elements_across,
+        g=gradient,
+        hmin=hmin,
+        hmax=hmax,
+        sources=[parse_source(text) for text in source or ()],
+        max_elements=max_elements,
+        progress=True,
+    )
+    write(output, mesh)
+    draw(plot, mesh)
+    print_written(output, mesh)
