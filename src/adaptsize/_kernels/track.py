@@ -146,6 +146,16 @@ def _take(source, bent, k, p, q, r, u_p, u_q):
         bent[k, 1] = u_q
 
 
+@inner
+def _touches(source, axes, k, p, q, r):
+    """Tell whether the source of node k has a node in common with (p, q, r)."""
+    found = False
+    for v in range(len(axes)):
+        i = source[k, v]
+        found = found or (i >= 0 and (i == p or i == q or i == r))
+    return found
+
+
 @kernel
 def track(
     state,
@@ -212,7 +222,8 @@ def track(
     key, node, place, size
         In/Out: the heap (see heap.py).
     contested : uint8[n]
-        In/Out: set for nodes that refused a source because theirs is better.
+        In/Out: set for nodes that refused a source because theirs, which does not touch it, is
+        better.
     hidden : bool
         Whether straight lines may leave the mesh.
     straight : bool
@@ -279,7 +290,7 @@ def track(
             else:
                 value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
             if value >= h_k * keep:
-                if value > h_k:
+                if value > h_k and not _touches(source, axes, k, p, q, r):
                     contested[k] = 1
                 continue
             if (
@@ -793,11 +804,15 @@ def offer_once_more(
         if contested[i] == 0:
             continue
         contested[i] = 0
-        own = source_of(source, axes, i)
         for entry in range(nbr_ptr[i], nbr_ptr[i + 1]):
             j = np.int64(nbr[entry])
             p, q, r = source_of(source, axes, j)
-            if p == own[0] and q == own[1] and r == own[2]:
+            offered = _touches(source, axes, i, p, q, r)
+            for before in range(nbr_ptr[i], entry):
+                m = nbr[before]
+                same = source[m, 0] == p and source[m, 1] == q
+                offered = offered or (same and (len(axes) == 2 or source[m, 2] == r))
+            if offered:
                 continue
             u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
             for other in range(nbr_ptr[i], nbr_ptr[i + 1]):

@@ -8,10 +8,12 @@ from scipy import ndimage
 from adaptsize.background import CartesianGrid
 from adaptsize.typing import BoolArray, FloatArray
 
-# Rounds of smoothing; after each every pixel centre is put back to its side.
+# Rounds of smoothing; after each every pixel centre is put back to its side,
 _ROUNDS = 4
-# How far, in pixels.
+# so far, in pixels,
 _ASIDE = 1e-3
+# or, if it went farther than that to the other one, to where it was: lines, corners.
+_LOST = 0.1
 
 
 def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
@@ -30,13 +32,16 @@ def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
     Gaussian of deviation s draws the boundary of a disc of radius r inwards by s^2 / (2 r).
     """
     to_outside, to_inside = (ndimage.distance_transform_edt(part) for part in (mask, ~mask))
-    level: FloatArray = np.where(mask, 0.5 - to_outside, to_inside - 0.5)
+    start: FloatArray = np.where(mask, 0.5 - to_outside, to_inside - 0.5)
     if smoothing == 0.0:
-        return level
+        return start
+    level = start
     for _ in range(_ROUNDS):
         once = ndimage.gaussian_filter(level, smoothing, mode="nearest")
         level = 2.0 * once - ndimage.gaussian_filter(once, smoothing, mode="nearest")
+        astray = np.where(mask, level, -level)
         level = np.where(mask, np.minimum(level, -_ASIDE), np.maximum(level, _ASIDE))
+        level = np.where(astray > _LOST, start, level)
     return level
 
 

@@ -18,7 +18,7 @@ from adaptsize.geometry._handing_on import (
     hand_on,
     places_of,
 )
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: f(points[n, dim]) -> float64[n], checked.
 Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
@@ -34,6 +34,8 @@ _STEP_OF_CURVATURE = 3e-2
 _MOST_ITERATIONS = 15
 # An iterate has arrived when it moves by less, in spacings.
 _ARRIVED = 1e-9
+# Iterates farther than that from the zero level, in spacings and in steps along it, return first.
+_OFF_LEVEL = 0.05
 # What a distance estimated from outside the zero level must be worth: iterates on it win.
 _PENALTY = 2.0
 # A foot further from the foot of a neighbour, in spacings, is no business of its parabola.
@@ -105,7 +107,7 @@ def _crossings(
     -------
     crossings : float64[m, dim]
     layer : int64[l]
-        The nodes of the edges.
+        The nodes of the boxes that the zero level passes through, in meshes of the edges.
     spacing : float
         Length of the longest of the edges.
     """
@@ -131,7 +133,23 @@ def _crossings(
     t = low + (high - low) * f_low / (f_low - f_high)
     crossings = a + t[:, None] * (b - a)
     spacing = float(np.linalg.norm(a - b, axis=1).max())
+    if isinstance(background, CartesianGrid):
+        return crossings, _nodes_of_mixed_boxes(values > 0.0), spacing
     return crossings, np.unique(np.concatenate([i, j])), spacing
+
+
+def _nodes_of_mixed_boxes(positive: BoolArray) -> Nodes:
+    """Return the nodes of boxes that have corners of both kinds."""
+    some = every = positive
+    for axis in range(positive.ndim):
+        n = positive.shape[axis] - 1
+        some = some.take(range(n), axis) | some.take(range(1, n + 1), axis)
+        every = every.take(range(n), axis) & every.take(range(1, n + 1), axis)
+    at = np.pad(some & ~every, 1)
+    for axis in range(positive.ndim):
+        n = positive.shape[axis]
+        at = at.take(range(n), axis) | at.take(range(1, n + 1), axis)
+    return np.flatnonzero(at)
 
 
 def _edges_across(background: AnyBackground, values: FloatArray) -> tuple[Nodes, Nodes]:
@@ -234,6 +252,9 @@ def _project_part(
         step = sideways / np.maximum(1.0 + height * bend, _OFF_FOCUS)[:, None]
         length = np.linalg.norm(step, axis=1)
         step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]
+        # First back to the zero level: at a kink of f steps along it lead off it.
+        back = (np.abs(off) > _OFF_LEVEL * spacing) & (np.abs(off) > _OFF_LEVEL * length)
+        step[back] = 0.0
         step -= np.clip(off, -spacing, spacing)[:, None] * normal
         y[active] = at + step
         moving = (np.linalg.norm(step, axis=1) > _ARRIVED * spacing) & regular

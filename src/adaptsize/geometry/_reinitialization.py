@@ -70,7 +70,8 @@ def reinitialize(
     nodes, cuts, pieces = nodes[~on_level], cuts[~on_level], pieces[~on_level]
     steps = _COURANT / np.sqrt((1.0 / pieces[:, wide] ** 2).sum(axis=1))
     rest = (positive, nodes, cuts, frame.spacing, frame.shape, steps)
-    return _settle(phi, rest, farthest, spacing, report).reshape(grid.shape)
+    phi = _settle(phi, rest, farthest, spacing, report).reshape(grid.shape)
+    return np.copysign(np.maximum(phi * np.where(values > 0.0, 1.0, -1.0), 0.0), values)
 
 
 def _settle(

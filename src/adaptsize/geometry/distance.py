@@ -28,7 +28,7 @@ def signed_distance(
     *,
     band: float = 3.0,
     method: str = "projection",
-    smoothing: float = 2.0,
+    smoothing: float = 1.5,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
     r"""Return the distance of each node to a boundary, negative inside.
@@ -62,7 +62,7 @@ def signed_distance(
     method : {"projection", "reinitialization"}
         For functions and images: how the distances in the band are found.  Reinitialization
         needs a CartesianGrid, and values of the function at its nodes only.
-    smoothing : float, default 2
+    smoothing : float, default 1.5
         For boolean images: standard deviation of the low-pass filter, in pixels, >= 0.
     progress : callable or bool, optional
         Called as ``progress(text, share)``; True: a bar on the terminal.

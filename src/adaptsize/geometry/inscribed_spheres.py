@@ -21,7 +21,7 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 _SECONDS_PER_CALL = 0.3
 # Two planes meet at an edge if it comes as near to their line as this, over the distance of
 # the points where the ball touches them.
-_AT_EDGE = 0.25
+_AT_EDGE = 0.5
 # Likewise for tips, over what a cone as sharp as the corner angle has.
 _AT_TIP = 1.1
 

@@ -292,20 +292,26 @@ def _fit(
     dim = points.shape[1]
     patch = np.repeat(np.arange(len(nodes)), np.diff(starts, append=len(members)))
     away = points[members] - points[nodes][patch]
-    spread = np.add.reduceat(away[:, :, None] * away[:, None, :], starts)
-    squares, axes = np.linalg.eigh(spread)
+    squares, axes = np.linalg.eigh(_sums_of_products(away.T, starts))
     squares /= np.diff(starts, append=len(members))[:, None]
     largest = squares[:, -1:]
     lengths = np.sqrt(np.where(largest > 0.0, np.maximum(squares, 1e-24 * largest), 1.0))
     to_unit = axes / lengths[:, None, :]
-    unit = np.einsum("pi,pij->pj", away, to_unit[patch])
-    quadratic = [unit[:, a] * unit[:, b] for a, b in combinations_with_replacement(range(dim), 2)]
-    monomials = np.column_stack([np.ones(len(unit)), unit, *quadratic])
-    slopes, good = _slopes_of_fits(
-        np.add.reduceat(monomials[:, :, None] * monomials[:, None, :], starts), dim, least
-    )
-    in_unit = np.einsum("pdk,pk->pd", slopes[patch], monomials)
+    unit = np.einsum("pi,pij->jp", away, to_unit[patch])
+    quadratic = [unit[a] * unit[b] for a, b in combinations_with_replacement(range(dim), 2)]
+    monomials = np.stack([np.ones(len(members)), *unit, *quadratic])
+    slopes, good = _slopes_of_fits(_sums_of_products(monomials, starts), dim, least)
+    in_unit = np.einsum("pdk,kp->pd", slopes[patch], monomials)
     return np.asarray(np.einsum("pij,pj->pi", to_unit[patch], in_unit)), good
+
+
+def _sums_of_products(rows: FloatArray, starts: npt.NDArray[np.int32]) -> FloatArray:
+    """Return the sums over each patch of the products of rows, float64[m, n_rows, n_rows]."""
+    n = len(rows)
+    total = np.empty((len(starts), n, n))
+    for a, b in combinations_with_replacement(range(n), 2):
+        total[:, a, b] = total[:, b, a] = np.add.reduceat(rows[a] * rows[b], starts)
+    return total
 
 
 def _slopes_of_fits(normal: FloatArray, dim: int, least: float) -> tuple[FloatArray, BoolArray]:
