@@ -51,7 +51,7 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     order in the spacing for smooth ones, at the boundary as well.  Patches are the nodes that
     share an edge with the node; at the boundary, and where these do not determine a quadratic
     well, the neighbours of these too.  Where not even they do, a linear function is fitted.
-    O(n) time: 20 to 40 microseconds per node in the plane, 80 to 120 in space.
+    O(n) time: 10 to 20 microseconds per node in the plane, about 40 in space.
 
     References
     ----------
