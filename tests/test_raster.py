@@ -1,0 +1,256 @@
+"""Pictures and volumes from files: what is where, how large, and what is refused."""
+
+import sys
+
+import nibabel
+import nrrd
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image as Pillow
+
+from adaptsize.errors import ImageWarning, MeshFileError
+from adaptsize.io import Image, is_image_file, read_image
+
+
+def corner(shape=(7, 5), dtype=np.uint8):
+    """Rows from the top of a picture that is 0 but for its lower left pixel and the one above."""
+    rows = np.zeros(shape[::-1], dtype)
+    rows[-1, 0], rows[-2, 0] = 3, 2
+    return rows
+
+
+def test_pictures_have_x_to_the_right_and_y_upwards(tmp_path):
+    Pillow.fromarray(corner()).save(tmp_path / "mask.png")
+    image = read_image(tmp_path / "mask.png")
+    assert image.shape == (7, 5)
+    assert (image.values[0, 0], image.values[0, 1], image.values[1, 0]) == (3, 2, 0)
+    assert image.spacing.tolist() == [1.0, 1.0]
+    assert image.origin.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "packbits", "tiff_adobe_deflate"])
+def test_compressed_tiffs_are_the_same_picture(tmp_path, monkeypatch, compression):
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)  # a package that need not be there
+    Pillow.fromarray(corner()).save(tmp_path / "mask.tif", compression=compression)
+    np.testing.assert_array_equal(read_image(tmp_path / "mask.tif").values, corner()[::-1].T)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.int64, np.float32, np.float64])
+def test_tiffs_keep_their_kind_of_pixels(tmp_path, dtype):
+    tifffile.imwrite(tmp_path / "mask.tiff", corner(dtype=dtype))
+    image = read_image(tmp_path / "mask.tiff")
+    assert image.values.dtype == dtype
+    np.testing.assert_array_equal(image.values, corner()[::-1].T)
+
+
+def test_one_bit_pictures_are_masks(tmp_path):
+    Pillow.fromarray(corner() > 0).save(tmp_path / "mask.png")
+    assert read_image(tmp_path / "mask.png").values.dtype == np.bool_
+
+
+def test_the_indices_of_a_palette_are_the_labels(tmp_path):
+    picture = Pillow.fromarray(corner()).convert("P")
+    picture.putpalette([0, 0, 0, 200, 30, 30, 30, 200, 30, 30, 30, 200])
+    picture.putdata(corner().ravel().tolist())
+    picture.save(tmp_path / "labels.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "labels.png").values, corner()[::-1].T)
+
+
+def test_grey_stored_as_colours_is_grey_and_colours_are_refused(tmp_path):
+    rows = np.repeat(corner()[..., None], 3, axis=2)
+    Pillow.fromarray(rows).save(tmp_path / "grey.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "grey.png").values, corner()[::-1].T)
+    rows[2, 3] = (10, 20, 30)
+    Pillow.fromarray(rows).save(tmp_path / "photo.png")
+    with pytest.raises(MeshFileError, match=r"photo\.png: has colours; segment it first"):
+        read_image(tmp_path / "photo.png")
+
+
+def test_transparent_parts_are_refused_and_an_opaque_channel_is_not(tmp_path):
+    rows = np.repeat(corner()[..., None], 4, axis=2)
+    rows[..., 3] = 255
+    Pillow.fromarray(rows).save(tmp_path / "opaque.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "opaque.png").values, corner()[::-1].T)
+    rows[0, 0, 3] = 0
+    Pillow.fromarray(rows).save(tmp_path / "hole.png")
+    with pytest.raises(MeshFileError, match="transparent parts"):
+        read_image(tmp_path / "hole.png")
+
+
+def volume():
+    values = np.zeros((4, 5, 6), np.uint8)
+    values[1, 2, 3], values[3, 0, 0] = 7, 2
+    return values
+
+
+def test_stacks_have_x_y_and_the_page_as_z_with_the_spacing_of_imagej(tmp_path):
+    tifffile.imwrite(
+        tmp_path / "stack.tif",
+        volume().T,
+        imagej=True,
+        resolution=(1 / 0.5, 1 / 0.25),  # pixels per unit
+        metadata={"spacing": 3.0, "unit": "um", "axes": "ZYX"},
+    )
+    image = read_image(tmp_path / "stack.tif")
+    np.testing.assert_array_equal(image.values, volume())
+    np.testing.assert_allclose(image.spacing, [0.5, 0.25, 3.0])
+
+
+def test_stacks_have_the_spacing_of_ome(tmp_path):
+    tifffile.imwrite(
+        tmp_path / "stack.ome.tif",
+        volume().T,
+        photometric="minisblack",
+        metadata={
+            "axes": "ZYX",
+            "PhysicalSizeX": 0.5,
+            "PhysicalSizeY": 0.25,
+            "PhysicalSizeZ": 3.0,
+        },
+    )
+    image = read_image(tmp_path / "stack.ome.tif")
+    np.testing.assert_array_equal(image.values, volume())
+    np.testing.assert_allclose(image.spacing, [0.5, 0.25, 3.0])
+
+
+def test_compressed_stacks_are_read_without_imagecodecs(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    pages = [Pillow.fromarray(page) for page in volume().T]
+    pages[0].save(
+        tmp_path / "stack.tif", save_all=True, append_images=pages[1:], compression="tiff_lzw"
+    )
+    np.testing.assert_array_equal(read_image(tmp_path / "stack.tif").values, volume())
+
+
+#: Axes of the array along z, -x and y of space.
+TURNED = np.array([[0.0, -2.0, 0.0], [0.0, 0.0, 0.5], [3.0, 0.0, 0.0]])
+PLACE = np.array([5.0, 1.0, 2.0])
+
+
+def write_nifti(path, steps):
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = steps, PLACE
+    nibabel.save(nibabel.Nifti1Image(volume(), affine), path)
+
+
+def write_nrrd(path, steps):
+    header = {"space": "left-posterior-superior", "space directions": steps.T}
+    nrrd.write(str(path), volume(), header | {"space origin": PLACE})
+
+
+@pytest.mark.parametrize(
+    ("name", "write"), [("v.nii", write_nifti), ("v.nii.gz", write_nifti), ("v.nrrd", write_nrrd)]
+)
+def test_volumes_lie_where_the_file_says_along_the_axes_of_space(tmp_path, name, write):
+    write(tmp_path / name, TURNED)
+    image = read_image(tmp_path / name)
+    np.testing.assert_allclose(image.spacing, [2.0, 0.5, 3.0])
+    for value in (7, 2):
+        (index,) = np.argwhere(volume() == value)
+        (found,) = np.argwhere(image.values == value)
+        # Affines are stored in single precision.
+        np.testing.assert_allclose(
+            image.origin + image.spacing * found, TURNED @ index + PLACE, rtol=1e-6
+        )
+
+
+@pytest.mark.parametrize(("name", "write"), [("v.nii", write_nifti), ("v.nrrd", write_nrrd)])
+def test_volumes_that_are_askew_keep_their_own_axes_and_that_is_told(tmp_path, name, write):
+    c, s = np.cos(0.3), np.sin(0.3)
+    write(tmp_path / name, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) * 1.5)
+    with pytest.warns(ImageWarning, match="turned in space"):
+        image = read_image(tmp_path / name)
+    np.testing.assert_array_equal(image.values, volume())
+    np.testing.assert_allclose(image.spacing, 1.5, rtol=1e-6)
+
+
+def test_whole_numbers_stored_as_floats_are_labels(tmp_path):
+    nibabel.save(nibabel.Nifti1Image(volume().astype(np.float32), np.eye(4)), tmp_path / "v.nii")
+    assert read_image(tmp_path / "v.nii").values.dtype == np.int32
+    half = nibabel.Nifti1Image(volume() * np.float32(0.5), np.eye(4))
+    nibabel.save(half, tmp_path / "w.nii")
+    assert read_image(tmp_path / "w.nii").values.dtype.kind == "f"
+
+
+def test_one_slice_is_a_picture_and_a_series_in_time_is_refused(tmp_path):
+    nibabel.save(nibabel.Nifti1Image(volume()[:, :, :1], np.eye(4)), tmp_path / "slice.nii")
+    assert read_image(tmp_path / "slice.nii").shape == (4, 5)
+    series = np.stack([volume(), volume()], axis=3)
+    nibabel.save(nibabel.Nifti1Image(series, np.eye(4)), tmp_path / "series.nii")
+    with pytest.raises(MeshFileError, match=r"shape \(4, 5, 6, 2\), where one volume is wanted"):
+        read_image(tmp_path / "series.nii")
+
+
+def test_numpy_arrays_are_taken_as_they_are(tmp_path):
+    np.save(tmp_path / "v.npy", volume())
+    np.testing.assert_array_equal(read_image(tmp_path / "v.npy").values, volume())
+    np.savez(tmp_path / "v.npz", labels=volume(), other=volume() + 1, spacing=[1.0, 2.0, 3.0])
+    image = read_image(tmp_path / "v.npz")
+    np.testing.assert_array_equal(image.values, volume())
+    assert image.spacing.tolist() == [1.0, 2.0, 3.0]
+    named = read_image(tmp_path / "v.npz", name="other")
+    np.testing.assert_array_equal(named.values, volume() + 1)
+    with pytest.raises(MeshFileError, match="has no array 'mask'.*labels, other"):
+        read_image(tmp_path / "v.npz", name="mask")
+    np.savez(tmp_path / "two.npz", one=volume(), two=volume())
+    with pytest.raises(MeshFileError, match="holds 2 arrays that could be an image, give name="):
+        read_image(tmp_path / "two.npz")
+
+
+@pytest.mark.parametrize(
+    "name", ["a.png", "a.tif", "a.nii", "a.nii.gz", "a.nrrd", "a.npy", "a.npz", "a.jpg"]
+)
+@pytest.mark.parametrize("content", [b"", b"hello" * 50, b"\x89PNG\r\n\x1a\n", b"NRRD0004\n"])
+def test_damaged_files_are_one_line_with_their_name(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MeshFileError) as caught:
+        read_image(tmp_path / name)
+    assert str(caught.value).startswith(str(tmp_path / name))
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_files_and_other_kinds_are_told(tmp_path):
+    with pytest.raises(MeshFileError, match="No such file"):
+        read_image(tmp_path / "no.png")
+    (tmp_path / "part.stl").write_bytes(b"solid")
+    with pytest.raises(MeshFileError, match=r"no kind of image that can be read.*\.nrrd"):
+        read_image(tmp_path / "part.stl")
+    assert is_image_file("a/b.NII.GZ")
+    assert is_image_file("mask.v2.png")
+    assert not is_image_file("part.stl.gz")
+
+
+def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypatch):
+    Pillow.fromarray(corner()).save(tmp_path / "mask.tif")
+    monkeypatch.setitem(sys.modules, "tifffile", None)
+    with pytest.raises(MeshFileError, match=r"tifffile.*adaptsize\[image\]"):
+        read_image(tmp_path / "mask.tif")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (
+            (np.ones(4),),
+            r"values must be numbers in a 2-D or 3-D array, got float64 of shape \(4,\)",
+        ),
+        ((np.empty((0, 3)),), "got float64 of shape"),
+        (([["a", "b"]],), "got <U1"),
+        ((np.ones((3, 4)), 0.0), r"spacing must be finite and > 0, got spacing\[0\] = 0.0"),
+        ((np.ones((3, 4)), [1.0, 2.0, 3.0]), r"spacing must be a number or have shape \(2,\)"),
+        ((np.ones((3, 4)), 1.0, [0.0, np.nan]), "origin must be 2 finite numbers"),
+    ],
+)
+def test_images_refuse_what_is_none(arguments, told):
+    with pytest.raises(ValueError, match=told):
+        Image(*arguments)
+
+
+def test_images_own_read_only_copies():
+    values = np.ones((3, 4), bool)
+    image = Image(values)
+    values[0, 0] = False
+    assert image.values[0, 0]
+    for array in (image.values, image.spacing, image.origin):
+        assert not array.flags.writeable
