@@ -12,8 +12,10 @@ from adaptsize.typing import BoolArray, FloatArray
 _ROUNDS = 4
 # so far, in pixels,
 _ASIDE = 1e-3
-# or, if it went farther than that to the other one, to where it was: lines, corners.
+# or to where it was: if it went farther than that to the other side, as at corners,
 _LOST = 0.1
+# and where the object, or the gap, is at most two pixels wide, if it comes nearer than that.
+_THIN = 0.25
 
 
 def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
@@ -35,14 +37,22 @@ def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
     start: FloatArray = np.where(mask, 0.5 - to_outside, to_inside - 0.5)
     if smoothing == 0.0:
         return start
+    thin = _thin_parts(mask) | _thin_parts(~mask)
     level = start
     for _ in range(_ROUNDS):
         once = ndimage.gaussian_filter(level, smoothing, mode="nearest")
         level = 2.0 * once - ndimage.gaussian_filter(once, smoothing, mode="nearest")
         astray = np.where(mask, level, -level)
         level = np.where(mask, np.minimum(level, -_ASIDE), np.maximum(level, _ASIDE))
-        level = np.where(astray > _LOST, start, level)
+        level = np.where((astray > _LOST) | (thin & (astray > -_THIN)), start, level)
     return level
+
+
+def _thin_parts(mask: BoolArray) -> BoolArray:
+    """Return the pixels that lie in no box of three pixels along each axis within the mask."""
+    padded = np.pad(mask, 3, mode="edge")
+    opened = ndimage.binary_opening(padded, np.ones((3,) * mask.ndim, np.bool_))
+    return np.asarray(mask & ~opened[(slice(3, -3),) * mask.ndim])
 
 
 class GridSpline:
