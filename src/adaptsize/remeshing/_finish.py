@@ -54,8 +54,25 @@ def finish(
             break
         if k < _ROUNDS - 1:
             points[at] = there
+        else:
+            _move_if_good(points, cells, at, there)
     _refuse_empty(cells)
     return improved(domain, points, cells, h, n_fixed=n_fixed, report=report)
+
+
+def _move_if_good(
+    points: FloatArray, cells: IntArray, nodes: npt.NDArray[np.intp], there: FloatArray
+) -> None:
+    """Move those of the nodes whose cells stay good.  Changes ``points``."""
+    old = points.copy()
+    points[nodes] = there
+    for _ in range(_ROUNDS):  # taking back one move may spoil another
+        worse = nodes[_worst_of_nodes(points, cells)[nodes] < 0.5 * _FLAT]
+        worse = worse[(points[worse] != old[worse]).any(axis=1)]
+        if len(worse) == 0:
+            return
+        points[worse] = old[worse]
+    points[:] = old
 
 
 def _refuse_empty(cells: IntArray) -> None:

@@ -41,6 +41,9 @@ _ADAPT_EVERY, _ADAPT_UNTIL = 10, 60
 ON_BOUNDARY = 1e-3
 #: Cells this deep in the domain at least are part of it, in sizes.
 _INSIDE = 0.05
+#: Steps are shortened by this factor from then on: where several triangulations are as good, nodes
+#: would swing between them for ever.
+_COOLING = 0.985
 #: The mean way of a step at which nodes have come to rest, in sizes.
 _AT_REST = 2.5e-3
 #: Not before all rules had their turn.
@@ -56,7 +59,7 @@ class Relaxed(NamedTuple):
     n_steps: int
     n_triangulations: int
     last_move: float
-    """Mean length of the last step, in sizes."""
+    """Mean length of the last step, in sizes, as if it had not been shortened."""
     at_rest: bool
 
 
@@ -166,10 +169,11 @@ def relax(
         if changed is not None:
             points, known = changed, None
             continue
-        move = _forces(points, known.edges, h)
+        shortened = _COOLING ** max(0, k - _ADAPT_UNTIL)
+        move = shortened * _forces(points, known.edges, h)
         move[:n_fixed] = 0.0
         moved = _put_back(domain, points + move, h, known.on_boundary, n_fixed)
-        mean = float((np.linalg.norm(moved - points, axis=1) / h).mean())
+        mean = float((np.linalg.norm(moved - points, axis=1) / h).mean()) / shortened
         points = moved
         at_rest = mean < _AT_REST
         if at_rest and k >= _FEWEST:

@@ -19,9 +19,10 @@ from adaptsize.typing import IntArray
 #: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.
 SLIVER_ANGLE = 10.0
 #: Nodes that still move more than this per step are not at rest, in sizes.
-_RESTLESS = 0.01
-#: Share of the domain's measure that the mesh may miss or have in excess.
-_MEASURE_OFF = 0.05
+_RESTLESS = 0.03
+#: Share of the domain's measure that the mesh may miss or have in excess.  Tetrahedra with
+#: edges of 0.6 radii miss 6 % of a ball.
+_MEASURE_OFF = 0.1
 #: A place in the domain without a node this near is not covered, in sizes.
 _COVERED = 1.1
 #: Nodes of different parts this near are looked at for a way between them, in sizes.

@@ -131,10 +131,10 @@ def mesh_from_distance(
     Warns
     -----
     ConvergenceWarning
-        If nodes still moved by more than a hundredth of their size after ``max_iter`` steps.
+        If nodes still moved by more than 3 % of their size per step after ``max_iter`` steps.
     ResolutionWarning
         If the mesh misses a part of the domain, its measure differs from that of
-        the domain by more than 5 %, it has slivers, or a fixed point is in no cell.
+        the domain by more than 10 %, it has slivers, or a fixed point is in no cell.
     """
     domain = _as_domain(distance, lower, upper)
     wanted = sized(_as_function(size), domain)
