@@ -184,23 +184,24 @@ def _tangents(n):
 
 
 @inner
-def _held_radius(held, widest):
-    """Return the least radius at which walls leave no gap between them that is too wide.
+def _holding_wall(held, widest):
+    """Return the last of the walls that leave no gap between them that is too wide.
 
     Parameters
     ----------
-    held : float64[k, 2]
-        Radius at which the ball meets the wall, inf: none, and direction of the wall; sorted
-        by direction, 0 to 2 pi.
+    held : float64[k, 5]
+        Radius at which the ball meets the wall, inf: none; direction of the wall; where it
+        meets it.  Sorted by direction, 0 to 2 pi.
     widest : float64
         Gap between the directions of neighbouring walls that is not too wide.
 
     Returns
     -------
-    float64
-        inf if there are not enough walls.
+    int
+        That with the largest radius of the nearest walls that do; -1: there are none.
     """
     best = math.inf
+    last = -1
     for i in range(held.shape[0]):
         if held[i, 0] >= best:
             continue
@@ -216,13 +217,14 @@ def _held_radius(held, widest):
                 before = direction
         if largest <= widest:
             best = held[i, 0]
-    return best
+            last = i
+    return last
 
 
 @kernel
 def shrink_balls(
     points, cells, normals, boxes, slabs, edge_points, edges, edge_boxes, tips,
-    probes, probe_normals, reaches, tip_of, angles, largest, order, first, last,
+    probes, origins, probe_normals, reaches, tip_of, angles, largest, order, first, last,
     radii, contacts, touched,
 ):  # fmt: skip
     """Fill the radius of the largest ball at each probe that holds nothing of the boundary.
@@ -243,7 +245,9 @@ def shrink_balls(
         Edges along which the boundary bends, and their tree; m_e may be 0.
     tips : float64[n_tips, 3]
         Tips of cones.
-    probes, probe_normals : float64[n_probes, 3]
+    probes, origins, probe_normals : float64[n_probes, 3]
+        A probe at a crease stands a little beside its origin; cells that hold the origin
+        are walls at most.
     reaches : float64[n_probes]
         Distance of each probe to the edges.
     tip_of : int32[n_probes]
@@ -264,11 +268,11 @@ def shrink_balls(
     contacts : float64[n_probes, 3]
         Out: where the ball touches the boundary again; the probe itself where nothing is met.
     touched : int32[n_probes]
-        Out: cell that the ball touches, -1: none.
+        Out: cell that the ball touches, -1: none; between walls, one of them.
     """
     stack = np.empty(_STACK, np.int64)
     edge_stack = np.empty(_STACK, np.int64)
-    held = np.empty((_DIRECTIONS, 2))
+    held = np.empty((_DIRECTIONS, 5))
     m, width = cells.shape
     n_leaves = boxes.shape[0] // 2
     sine, cosine, share = angles[0], angles[1], angles[2]
@@ -338,9 +342,10 @@ def shrink_balls(
                 end = (node - n_leaves + 1) * m // n_leaves
             for t in range(begin, end):
                 a = cells[t, 0]
-                height, cos = 0.0, 0.0
+                height, cos, at_origin = 0.0, 0.0, 0.0
                 for d in range(3):
                     height += normals[t, d] * (p[d] - points[a, d])
+                    at_origin += normals[t, d] * (origins[i, d] - points[a, d])
                     cos += normals[t, d] * n[d]
                 # Seen from behind, in the tangent plane, or without a normal; no steeper than
                 # the separation angle, and so not higher over the tangent plane; out of the ball.
@@ -371,9 +376,11 @@ def shrink_balls(
                 if above * above < sine * sine * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]):
                     continue
                 # Does its plane meet the tangent plane at an edge, seen from q or from p?
-                in_corner = False
                 sin2 = 1.0 - cos * cos
-                if -cos < cosine and sin2 > 1e-12:
+                in_corner = abs(at_origin) <= 1e-9 * largest
+                if in_corner and (cos >= cosine or sin2 <= 1e-12):
+                    continue  # beside the probe, on the same side of the crease
+                if -cos < cosine and sin2 > 1e-12 and not in_corner:
                     for seen_from in range(2):
                         way = 0.0
                         if seen_from == 0:
@@ -417,7 +424,11 @@ def shrink_balls(
                     if rr >= held[k, 0]:
                         continue
                     held[k, 0], held[k, 1] = rr, direction
-                    rr = _held_radius(held, gap_of_walls)
+                    held[k, 2], held[k, 3], held[k, 4] = x, y, z
+                    k = _holding_wall(held, gap_of_walls)
+                    if k < 0:
+                        continue
+                    rr, x, y, z = held[k, 0], held[k, 2], held[k, 3], held[k, 4]
                 if rr >= r:
                     continue
                 r = rr

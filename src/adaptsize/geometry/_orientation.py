@@ -10,15 +10,17 @@ from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
 _MERGE_SHARE = 1e-9
+# A piece is a sheet, not a closed surface with holes, if its normals add up to more of its area.
+_SHEET_SHARE = 0.1
 
 
 def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     """Return a boundary whose normals point outward, as far as that can be told.
 
     Nodes at one place become one.  Where neighbouring facets contradict each other, the
-    fewer (by area) are turned, and a closed piece is turned so that it encloses a positive
-    volume.  Pieces without contradictions are taken as they are, so that cavities stay
-    cavities; if all pieces together enclose a negative volume, all are turned.
+    fewer (by area) are turned, and then the whole piece, if it encloses a negative volume.
+    Pieces without contradictions are taken as they are, so that cavities stay cavities; if
+    all pieces together enclose a negative volume, all are turned.  Holes do not matter.
 
     Parameters
     ----------
@@ -38,17 +40,16 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     merged = SimplexMesh(boundary.points, cells) if cells is not boundary.cells else boundary
     turned, piece, contradicts = _consistent(merged)
     n_pieces = int(piece.max()) + 1
-    volumes = np.where(turned, -1.0, 1.0) * _volumes(merged)
+    sign = np.where(turned, -1.0, 1.0)
+    volumes = sign * _volumes(merged, piece)
     of_piece = np.bincount(piece, volumes, n_pieces)
-    is_open = np.zeros(n_pieces, np.bool_)
-    is_open[piece[(merged.facet_cell_counts == 1)[merged.cell_facets].any(axis=1)]] = True
+    is_sheet = _are_sheets(merged, sign, piece)
     mended = np.zeros(n_pieces, np.bool_)
     mended[piece[contradicts]] = True
-    wrong = mended & ~is_open & (of_piece < 0.0)
-    of_piece = np.where(wrong, -of_piece, of_piece)
+    wrong = mended & ~is_sheet & (of_piece < 0.0)
     turned ^= wrong[piece]
-    if of_piece[~is_open].sum() < 0.0:
-        turned ^= True
+    if np.where(wrong, -of_piece, of_piece)[~is_sheet].sum() < 0.0:
+        turned = ~turned
     if not turned.any():
         return merged, target
     flipped = np.array(merged.cells)
@@ -125,7 +126,25 @@ def _runs_forward(
     return np.asarray(mesh.cells[cell, (v + 1) % 3] < mesh.cells[cell, (v + 2) % 3])
 
 
-def _volumes(mesh: SimplexMesh) -> FloatArray:
-    """Return the share of each cell in the volume that a closed boundary encloses."""
-    corners = mesh.points[mesh.cells] - mesh.points[mesh.cells].mean(axis=(0, 1))
-    return np.asarray(np.linalg.det(corners))
+def _volumes(mesh: SimplexMesh, piece: npt.NDArray[np.intp]) -> FloatArray:
+    """Return the share of each cell in what its piece encloses, reckoned from its middle."""
+    corners = mesh.points[mesh.cells]
+    count = np.bincount(piece)
+    middle = np.stack(
+        [np.bincount(piece, x) / count for x in corners.mean(axis=1).T], axis=1
+    )  # as many rows as pieces
+    return np.asarray(np.linalg.det(corners - middle[piece][:, None, :]))
+
+
+def _are_sheets(
+    mesh: SimplexMesh, sign: FloatArray, piece: npt.NDArray[np.intp]
+) -> npt.NDArray[np.bool_]:
+    """Tell which pieces enclose nothing: of a closed one the normals, times areas, cancel."""
+    edges = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
+    if mesh.cell_dim == 1:
+        normals = edges[:, 0, ::-1] * [1.0, -1.0]
+    else:
+        normals = 0.5 * np.cross(edges[:, 0], edges[:, 1])
+    total = np.stack([np.bincount(piece, sign * x) for x in normals.T], axis=1)
+    area = np.bincount(piece, mesh.measures)
+    return np.asarray(np.linalg.norm(total, axis=1) > _SHEET_SHARE * area)

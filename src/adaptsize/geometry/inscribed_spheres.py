@@ -71,7 +71,86 @@ def inscribed_spheres(
     corner_angle: float = 30.0,
     progress: ProgressCallback | bool | None = None,
 ) -> InscribedSpheres:
-    """Return the largest spheres inside a boundary that touch it at given points."""
+    r"""Return the largest spheres inside a boundary that touch it at given points.
+
+    Of the spheres on the inner side that are tangent to the boundary at a point p with
+    inward normal n, the one through another point q has the radius
+
+    .. math:: r(q) = |q - p|^2 / (2 n \cdot (q - p)),
+
+    and the least one holds nothing of the boundary.  Its centre is a point of the medial axis, its
+    radius the local feature size at p; the ball is shrunk [1]_ in one descent of a tree of boxes.
+
+    Parameters
+    ----------
+    boundary : SimplexMesh
+        Triangles in space or segments in the plane.  Nodes at one place, contradicting
+        orientations, small holes, degenerate and doubled cells are allowed.  Which side is the
+        inner one is told by the orientation, mended where neighbours contradict each other;
+        if the whole encloses a negative volume it is turned.
+    points : array_like of float, shape (n, dim), optional
+        Spheres at the points of the boundary that are closest to these.  By default spheres at
+        the nodes of the boundary.
+    crease_angle : float, default 40
+        Edges where the facets, and nodes where a line, turn by more are sharp; degrees.
+        Each side of a crease gets its own sphere.
+    separation_angle : float, default 40
+        A point q counts if p and q are seen from the centre under a larger angle, in
+        degrees, from 0 to 180: what turns by less is not narrow but curved, or noise.
+    corner_angle : float, default 30
+        Two facets that meet at a crease are a corner if the angle inside is larger, degrees,
+        and a narrow place otherwise.  In a corner the facet across the crease does not bound
+        the sphere, unless there are such facets on all sides: the radius does not go to
+        zero at a corner, and is not larger than a face or an edge between corners is wide.
+    progress : callable, bool or None
+        As in `limit_gradient`.
+
+    Returns
+    -------
+    InscribedSpheres
+        Of `points`, one where the boundary is smooth, on creases one for each side; none
+        where facets without area are all there is.  Radii are inf where nothing is opposite.
+
+    Raises
+    ------
+    ValueError
+        If the boundary is of another kind, the points have another shape, or an angle is out
+        of range.
+
+    See Also
+    --------
+    size_from_feature : sizes from the radii, on every background.
+
+    Notes
+    -----
+    Distances to facets are exact, and radii no more than 1 % larger than the least one.  Facets
+    of a curved boundary lie inside it, by s, say: radii are too small by
+    :math:`s / (2 \sin^2(\sigma / 2))`, 4.3 s with a separation angle :math:`\sigma` of 40, a
+    few per cent where facets turn by 10 degrees.  Where the end of a body is sharper than
+    :math:`\sigma` shows, as at the tip of an ellipse of 2:1, radii are up to 10 % too large.
+
+    Random displacements of the nodes by 5 % of an edge make the radius 6 % smaller in the mean
+    and less than half as large at one node in two hundred; from 20 % on the bumps themselves are
+    the features.
+
+    O(n log n) time, but where the boundary is a sphere, which is touched everywhere.
+
+    References
+    ----------
+    .. [1] J. Ma, S. W. Bae, S. Choi, "3D medial axis point approximation using nearest
+       neighbors and the normal field", The Visual Computer 28 (2012) 7-19.
+
+    Examples
+    --------
+    A plate 10 x 1 in the plane, its nodes at the corners:
+
+    >>> plate = SimplexMesh([[0, 0], [10, 0], [10, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> inscribed_spheres(plate).smallest()
+    array([0.5, 0.5, 0.5, 0.5])
+    >>> spheres = inscribed_spheres(plate, [[3, -1]])
+    >>> spheres.centres, spheres.contacts
+    (array([[3. , 0.5]]), array([[3., 1.]]))
+    """
     finder = SphereFinder(
         boundary,
         crease_angle=crease_angle,
@@ -88,6 +167,18 @@ class SphereFinder:
     ----------
     boundary, crease_angle, separation_angle, corner_angle
         As for `inscribed_spheres`.
+
+    Raises
+    ------
+    ValueError
+        If the boundary is of another kind or an angle is out of range.
+
+    Examples
+    --------
+    >>> square = SimplexMesh([[0, 0], [2, 0], [2, 2], [0, 2]], [[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> finder = SphereFinder(square)
+    >>> finder.near([[1, 0], [1, 0.5]]).smallest(), finder.at_nodes().smallest()
+    (array([1., 1.]), array([1., 1., 1., 1.]))
     """
 
     def __init__(
@@ -109,13 +200,13 @@ class SphereFinder:
         self._solid = Solid.of(boundary, crease)
 
     def at_nodes(self, progress: ProgressCallback | bool | None = None) -> InscribedSpheres:
-        """Return the spheres at the nodes of the boundary."""
+        """Return the spheres at the nodes of the boundary: one for each side of a crease."""
         return self._spheres(self._solid.probes_at_nodes(), self._boundary.n_points, progress)
 
     def near(
         self, points: npt.ArrayLike, progress: ProgressCallback | bool | None = None
     ) -> InscribedSpheres:
-        """Return the spheres at the points of the boundary that are closest to given ones."""
+        """Return the spheres at the points of the boundary closest to given ones, float[n, dim]."""
         given = as_points("points", points, self._boundary.dim)
         return self._spheres(self._solid.probes_near(given), len(given), progress)
 
@@ -153,7 +244,7 @@ def _shrink(
     largest = 1.01 * solid.boundary.diagonal / (2.0 * sine)
     cells = (tree.points, tree.cells, solid.inward, tree.boxes, solid.slabs)
     corners = (bends.points, bends.cells, bends.boxes, solid.tips)
-    where = (probes.starts, probes.normals, *_corners_near(solid, probes, order))
+    where = (probes.starts, probes.points, probes.normals, *_corners_near(solid, probes, order))
     radii, contacts, touched = np.empty(n), np.empty((n, 3)), np.empty(n, np.int32)
     first, step = 0, 1024
     while first < n:

@@ -8,6 +8,8 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, describe
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.geometry.distance import signed_distance
+from adaptsize.geometry.feature_size import feature_size
 from adaptsize.geometry.inscribed_spheres import SphereFinder
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
@@ -30,7 +32,88 @@ def size_from_feature(
     hmax: float | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
-    """Return the size that puts so many elements across narrow places."""
+    r"""Return the size that puts so many elements across the domain, however narrow it is.
+
+    .. math:: h_0(x) = \mathrm{lfs}(x) / R, \qquad R = \mathrm{elements\_across} / 2,
+
+    at nodes inside and on the boundary.  On a mesh, and with a triangulated boundary, lfs(x) is
+    the radius of the largest sphere inside that touches the boundary at the point closest to x,
+    with `inscribed_spheres`: half the width of the domain there.  All of the way from that
+    point to the centre of the sphere has the same size therefore, and a node needs to know of
+    no other node.  With distances it is the distance to the boundary plus that to the
+    medial axis, equation (6) of [1]_ (`adaptsize.geometry.feature_size`), which is never larger
+    than that radius and the same where the domain is equally wide for a while.
+
+    Parameters
+    ----------
+    background : SimplexMesh, CartesianGrid or Octree
+        A mesh of full dimension; the boundary of a domain itself, triangles in space or
+        segments in the plane; a grid or an octree around a domain.
+    boundary : SimplexMesh or array_like of float, optional
+        Triangles in space or segments in the plane, as `inscribed_spheres` takes them.  By
+        default the boundary of the background, or the background.  On a CartesianGrid also
+        the signed distance at its nodes, negative inside.
+    elements_across : float, default 4
+        Twice R of [1]_, > 0.
+    crease_angle, corner_angle : float
+        As for `inscribed_spheres`, degrees.
+    tolerance : float, optional
+        Nodes this far outside ``boundary`` count too, as do, on a background of lower
+        dimension, only those this close to it.  On a grid or an octree by default the diagonal of
+        the largest box beside a node, so that all corners of the boxes that the boundary
+        passes have a size; else 0.001 of the diagonal of the boundary.  Has no meaning without
+        ``boundary`` or with distances.
+    hmin, hmax : float, optional
+        Limits of the size, as in `minimum`.
+    progress : callable, bool or None
+        As in `limit_gradient`.
+
+    Returns
+    -------
+    ndarray of float64, of ``background.nodal_shape``
+        Sizes; ``inf`` outside, and where nothing is opposite (open boundaries), unless ``hmax`` is
+        given.  Never below 1e-6 of the diagonal of the boundary.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range, the background is 1-D or a line in space, or ``boundary``
+        is of another kind, missing on a grid or octree, or has no nodes in it or near it.
+
+    See Also
+    --------
+    limit_gradient : to be called next; where the domain widens fast so does the size.
+
+    Notes
+    -----
+    Every node asks for itself, so what is narrow between the nodes only is not seen: a
+    background must be as fine as narrow places are long, not as they are wide.  A thin plate is
+    seen at its corners alone.  On a surface, sizes that grow from there into the volume give
+    fewer elements across than asked, at least 2 / g log(1 + n g / 2) for n.
+
+    Corners do not drive the size to zero, but the tips of wedges below ``corner_angle`` do.
+
+    O(n log n) time as a rule; see `inscribed_spheres` about its accuracy.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and
+       PDE-based gradient limiting", Engineering with Computers 22 (2006) 95-109.
+
+    Examples
+    --------
+    Two triangles that make a plate 10 x 1:
+
+    >>> plate = SimplexMesh([[0, 0], [10, 0], [10, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> size_from_feature(plate, elements_across=5)
+    array([0.2, 0.2, 0.2, 0.2])
+
+    The same on a grid that is coarser than the plate is thick:
+
+    >>> grid = CartesianGrid([-2, -2], spacing=2.0, shape=(8, 3))
+    >>> size_from_feature(grid, plate.boundary().mesh, elements_across=5)[2]
+    array([0.2, 0.2, 0.2])
+    """
     across = as_number("elements_across", elements_across, lower=0.0, strict=True)
     with reporting(progress) as report:
         if boundary is not None and not isinstance(boundary, SimplexMesh):
@@ -98,8 +181,6 @@ def _not_outside(
     report: ProgressCallback,
 ) -> BoolArray:
     """Tell which nodes lie in the domain or no farther from it than a tolerance."""
-    from adaptsize.geometry.distance import signed_distance
-
     if boundary.dim != background.dim or boundary.cell_dim != background.dim - 1:
         kind = "segments" if background.dim == 2 else "triangles"
         raise ValueError(f"boundary must consist of {kind} in {background.dim}-D, got {boundary!r}")
@@ -135,8 +216,6 @@ def _from_distance(
     report: ProgressCallback,
 ) -> FloatArray:
     """Return the local feature size from distances at the nodes of a grid."""
-    from adaptsize.geometry.feature_size import feature_size
-
     if not isinstance(background, CartesianGrid):
         raise ValueError(
             f"boundary must be a SimplexMesh, or distances on a CartesianGrid, "

@@ -1,0 +1,61 @@
+"""Boundaries of known width, as CAD programs export them: no node where none is needed."""
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from adaptsize import SimplexMesh
+
+
+def hull(points):
+    """The boundary of the convex hull of points in 3-D, normals outward."""
+    points = np.asarray(points, dtype=float)
+    found = ConvexHull(points)
+    cells = found.simplices.copy()
+    corners = points[cells]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normal, found.equations[:, :3]) < 0.0
+    cells[inward] = cells[inward][:, [1, 0, 2]]
+    return SimplexMesh(points, cells)
+
+
+def box(a, b, c):
+    """Twelve triangles."""
+    corners = np.stack(np.meshgrid([0, a], [0, b], [0, c], indexing="ij"), axis=-1)
+    return hull(corners.reshape(-1, 3))
+
+
+def wedge_plate(length, width, thin, thick):
+    """Two plates with a gap that widens from ``thin`` to ``thick`` along x, filled."""
+    return hull([[x, y, z] for x, t in ((0, thin), (length, thick)) for y in (0, width)
+                 for z in (0, t)])  # fmt: skip
+
+
+def outline(points, *more):
+    """Closed polygons: each runs from node to node and back to its first."""
+    loops = [np.asarray(loop, dtype=float) for loop in (points, *more)]
+    cells, first = [], 0
+    for loop in loops:
+        i = first + np.arange(len(loop))
+        cells.append(np.column_stack([i, np.roll(i, -1)]))
+        first += len(loop)
+    return SimplexMesh(np.concatenate(loops), np.concatenate(cells))
+
+
+def circle(n, radius=1.0):
+    """Points of a circle, counter-clockwise."""
+    angle = 2.0 * np.pi * np.arange(n) / n
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def edge_layers(mesh, start, end):
+    """Least number of edges on the way from any node of one set to each of another."""
+    count = np.full(mesh.n_points, mesh.n_points)
+    count[start] = 0
+    i, j = mesh.edges.T
+    while True:
+        new = count.copy()
+        np.minimum.at(new, i, count[j] + 1)
+        np.minimum.at(new, j, count[i] + 1)
+        if (new == count).all():
+            return count[end]
+        count = new
