@@ -12,10 +12,10 @@ import numpy as np
 import adaptsize as ads
 from adaptsize.sizes import recovered_gradient, recovered_hessian
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
-sys.path.insert(0, str(ROOT / "examples"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 import fem_loop
+
 from meshes import jittered_cube, jittered_square
 from test_sizes_error import (
     MESHES,
@@ -26,6 +26,7 @@ from test_sizes_error import (
     wave,
 )
 
+ROOT = Path(__file__).parents[2]
 G = 0.3
 
 
