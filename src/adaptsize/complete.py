@@ -195,6 +195,11 @@ def _sizes_of(
         return of_level_set(grid, phi, wish)
     if background is not None:
         raise ValueError(f"background must be None for an image, got {background!r}")
+    if not isinstance(domain, Image) and np.asarray(domain).dtype.kind not in "biuf":
+        raise ValueError(
+            "domain must be a SimplexMesh, a callable, an Image or an array of numbers, or a tuple "
+            f"(CartesianGrid, distances), got {describe(domain)}"
+        )
     mask = mask_of(as_image(domain))
     return of_mask(mask, distance_to_edge(mask, progress=wish.report), wish)
 

@@ -1,0 +1,116 @@
+"""``adaptsize image`` and ``adaptsize size`` of images: files in, files out, what is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from adaptsize import read, read_size
+from adaptsize.cli.entry import run
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+def call(*arguments):
+    return run([str(word) for word in arguments])
+
+
+@pytest.fixture
+def mask(tmp_path):
+    """A disc of radius 20 pixels, label 5, and a bar, label 9."""
+    y, x = np.mgrid[0:60, 0:100]
+    rows = np.where(np.hypot(x - 30, y - 30) < 20, 5, 0) + np.where((x > 60) & (x < 80), 9, 0)
+    rows[[0, 1, 2, -3, -2, -1]] = 0
+    Pillow.fromarray(rows.astype(np.uint8)).save(tmp_path / "mask.png")
+    return tmp_path / "mask.png"
+
+
+def test_image_writes_a_mesh_with_sizes_and_regions(mask, tmp_path, capsys):
+    output = tmp_path / "mesh.vtu"
+    assert call("image", mask, "-o", output, "--spacing", "0.5", "--elements-across", "5") == 0
+    told = capsys.readouterr()
+    mesh = read(output)
+    assert told.out == f"{output}: {mesh.n_points} points, {mesh.n_cells} cells\n"
+    assert told.err == ""
+    assert sorted(set(mesh.cell_tags)) == [5, 9]
+    assert mesh.measures[mesh.cell_tags == 5].sum() == pytest.approx(np.pi * 100.0, rel=0.02)
+    assert mesh.point_data["h"].min() > 0.0
+
+
+def test_image_takes_labels_and_limits(mask, tmp_path):
+    output = tmp_path / "mesh.vtu"
+    options = ("--hmin", "3", "--hmax", "4", "-K", "2", "-g", "0.1", "--smoothing", "1.5")
+    assert call("image", mask, "-o", output, "--label", "5", *options) == 0
+    mesh = read(output)
+    assert mesh.points[:, 0].max() < 52.0
+    assert 3.0 <= mesh.point_data["h"].min() <= mesh.point_data["h"].max() <= 4.0
+
+
+def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
+    output = tmp_path / "size.vti"
+    assert call("size", mask, "-o", output, "--spacing", "0.5,0.5") == 0
+    told = capsys.readouterr().out
+    assert "curvature " in told
+    assert "% of the area" in told
+    assert "field cause: 0 curvature, 1 feature size, 2 hmin, 3 hmax" in told
+    assert read_size(output).background.spacing.tolist() == [0.5, 0.5]
+    with pytest.raises(ValueError, match=r"cause: .*must be positive"):
+        read_size(output, name="cause")  # -1 outside
+
+
+def test_size_of_a_mesh_writes_its_causes(tmp_path, capsys):
+    output = tmp_path / "size.vtu"
+    assert call("size", DATA / "slit.vtu", "-o", output, "--elements-across", "3") == 0
+    told = capsys.readouterr().out
+    assert "feature size" in told
+    cause = read(output).point_data["cause"]
+    assert set(np.unique(cause)) <= {0, 1, 2, 3}
+    assert len(set(cause)) > 1
+
+
+def test_files_that_hold_sizes_only_get_no_causes(tmp_path, capsys):
+    assert call("size", DATA / "lshape.vtu", "-o", tmp_path / "size.sol", "--hmax", "0.1") == 0
+    assert "field cause" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--spacing", "a"], "--spacing must be one number or several as 1,1,2.5, got 'a'"),
+        (["--label", "4"], "label must be one of 0, 5, 9, got 4"),
+        (["--threshold", "200"], "must have a pixel above 200, got none"),
+        (["--spacing", "0"], "spacing must be finite and > 0"),
+    ],
+)
+def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, capsys, words, told):
+    assert call("image", mask, "-o", tmp_path / "mesh.vtu", *words) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("adaptsize: error: ")
+    assert error.count("\n") == 1
+    assert told in error
+    assert not (tmp_path / "mesh.vtu").exists()
+
+
+def test_options_for_the_other_kind_of_file_are_refused(mask, tmp_path, capsys):
+    assert call("size", mask, "-o", tmp_path / "a.vti", "--field", "h0") == 1
+    assert "--field is not for this kind of file" in capsys.readouterr().err
+    assert call("size", DATA / "lshape.vtu", "-o", tmp_path / "a.vtu", "--label", "3") == 1
+    assert "--label is not for this kind of file" in capsys.readouterr().err
+
+
+def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
+    rows = np.zeros((40, 40), np.uint8)
+    rows[:20, 10:30] = 1
+    Pillow.fromarray(rows).save(tmp_path / "mask.png")
+    assert call("image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu") == 0
+    told = capsys.readouterr().err
+    assert "adaptsize: warning: objects reach the border of the image, at 20 pixels" in told
+
+
+def test_colours_are_refused_with_the_name_of_the_file(tmp_path, capsys):
+    rows = np.zeros((30, 30, 3), np.uint8)
+    rows[10:20, 10:20] = (200, 20, 20)
+    Pillow.fromarray(rows).save(tmp_path / "photo.png")
+    assert call("image", tmp_path / "photo.png", "-o", tmp_path / "mesh.vtu") == 1
+    assert "photo.png: has colours; segment it first" in capsys.readouterr().err
