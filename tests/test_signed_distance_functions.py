@@ -128,7 +128,7 @@ def test_corners_of_the_zero_level():
 def test_distances_go_straight_through_thin_parts_and_between_parts():
     # Two discs 3 spacings apart, each nearest on its side.
     def two(x):
-        return np.minimum(radius(x - [0.9, 0.0]) ** 2, radius(x + [0.9, 0.0]) ** 2) - 0.7**2
+        return np.minimum(radius(x - [0.9, 0.0]) ** 2, radius(x - [-0.9, 0.0]) ** 2) - 0.7**2
 
     grid = CartesianGrid([-2.01, -1.52], 0.13, (32, 25))
     to_left, to_right = (radius(grid.points - [c, 0.0]) - 0.7 for c in (-0.9, 0.9))

@@ -179,14 +179,15 @@ def test_slivers_of_a_cylinder():
 
 def test_what_is_enclosed_twice_is_inside_and_a_cavity_is_not():
     one, other = random_sphere(300, 11), random_sphere(300, 12)
-    shifted = np.concatenate([one.points, other.points + [0.7, 0.0, 0.0]])
+    aside = np.add(other.points, [0.7, 0.0, 0.0])
+    shifted = np.concatenate([one.points, aside])
     both = SimplexMesh(shifted, np.concatenate([one.cells, other.cells + one.n_points]))
     points = np.concatenate([one.points, 0.5 * other.points])
     inner = turn(other).cells + one.n_points
     shell = SimplexMesh(points, np.concatenate([one.cells, inner]))
     grid = CartesianGrid([-1.31, -1.31, -1.31], 0.13, (29, 21, 21))
     to_one = signed_distance(grid, one)
-    to_other = signed_distance(grid, SimplexMesh(other.points + [0.7, 0.0, 0.0], other.cells))
+    to_other = signed_distance(grid, SimplexMesh(aside, other.cells))
     union = signed_distance(grid, both)
     assert_array_equal(union < 0.0, (to_one < 0.0) | (to_other < 0.0))
     to_hole = signed_distance(grid, SimplexMesh(0.5 * other.points, other.cells))

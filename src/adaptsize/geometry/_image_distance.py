@@ -13,7 +13,7 @@ _ROUNDS = 4
 # so far, in pixels,
 _ASIDE = 1e-3
 # or to where it was: if it went farther than that to the other side, as at corners,
-_LOST = 0.1
+_LOST = 0.25
 # and where the object, or the gap, is at most two pixels wide, if it comes nearer than that.
 _THIN = 0.25
 
@@ -49,10 +49,18 @@ def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
 
 
 def _thin_parts(mask: BoolArray) -> BoolArray:
-    """Return the pixels that lie in no box of three pixels along each axis within the mask."""
+    """Return the pixels that lie in no box of three pixels along each axis within the mask.
+
+    Groups of few such pixels are left out: where a round object is flat in the direction of an
+    axis, a row of one or two pixels stands out of it.
+    """
+    box = np.ones((3,) * mask.ndim, np.bool_)
     padded = np.pad(mask, 3, mode="edge")
-    opened = ndimage.binary_opening(padded, np.ones((3,) * mask.ndim, np.bool_))
-    return np.asarray(mask & ~opened[(slice(3, -3),) * mask.ndim])
+    opened = ndimage.binary_opening(padded, box)[(slice(3, -3),) * mask.ndim]
+    group, _ = ndimage.label(mask & ~opened, box)
+    is_large = np.bincount(group.ravel()) >= box.size
+    is_large[0] = False
+    return np.asarray(is_large[group])
 
 
 class GridSpline:

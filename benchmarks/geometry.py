@@ -1,0 +1,128 @@
+"""Speed of what is found out about the geometry, and other libraries on the same input.
+
+    python benchmarks/geometry.py [--quick] [--only NAME ...] [--output benchmarks/results]
+
+One core; kernels compiled beforehand; least process time of two.  Every entry of `CASES` is
+a function that takes ``quick`` and gives one table: a title, its heads and its rows.
+
+*Signed distance*: a bumpy ball of 100,000 triangles on a grid of 128^3 nodes.  Libraries
+that give one distance per point (libigl: tree of boxes and fast winding number; trimesh:
+R-tree and rays) are asked for a sample of the nodes, and the time is scaled up; where they
+are not installed their rows are left out.  "Largest difference" is that of the sample, in
+spacings: within the band, and beyond it.  Writes `geometry.md` and `geometry.json`.
+"""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from _timing import best_of, machine, table, three, write
+from scipy.spatial import ConvexHull
+
+import adaptsize as ads
+
+
+def bumpy_ball(n_points):
+    """Return a closed surface of nearly equal triangles, 2 ``n_points`` - 4 of them."""
+    i = np.arange(n_points) + 0.5
+    z, angle = 1.0 - 2.0 * i / n_points, np.pi * (3.0 - np.sqrt(5.0)) * i
+    ring = np.sqrt(1.0 - z * z)
+    points = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+    cells = ConvexHull(points).simplices
+    corners = points[cells]
+    inward = np.linalg.det(corners) < 0.0
+    cells[inward] = cells[inward][:, [0, 2, 1]]
+    bumps = np.sin(5.0 * points[:, 0]) * np.cos(4.0 * points[:, 1] + points[:, 2])
+    return ads.SimplexMesh(points * (1.0 + 0.15 * bumps[:, None]), cells)
+
+
+def signed_distance(quick):
+    """Time the signed distance of a surface on a grid."""
+    n_points, n_side, n_sample = (2_502, 48, 500) if quick else (50_002, 128, 20_000)
+    surface = bumpy_ball(n_points)
+    grid = ads.CartesianGrid([-1.3] * 3, 2.6 / (n_side - 1), (n_side,) * 3)
+    small = ads.CartesianGrid([-1.3] * 3, 0.2, (14,) * 3)
+    sample = np.random.default_rng(60119).choice(grid.n_points, n_sample, replace=False)
+    points = grid.points[sample]
+    for band in (3.0, np.inf):  # compiled by this
+        ads.signed_distance(small, bumpy_ball(100), band=band)
+    phi, _, own = best_of(2, lambda: ads.signed_distance(grid, surface))
+    rows = [("adaptsize, band 3", grid.n_points, own, phi.ravel()[sample])]
+    few = ads.SimplexMesh(
+        points, np.arange(n_sample // 4 * 4).reshape(-1, 4)
+    )  # nodes without a grid: every distance by the tree
+    exact, _, own = best_of(1, lambda: ads.signed_distance(few, surface))
+    rows.append(("adaptsize, band inf", n_sample, own, exact))
+    for name, peer in (("libigl", _by_libigl), ("trimesh", _by_trimesh)):
+        n = n_sample if name == "libigl" else min(n_sample, 300)
+        asked = peer(surface)
+        if asked is not None:
+            asked(points[:10])
+            found, _, own = best_of(1, partial(asked, points[:n]))
+            rows.append((name, n, own, found))
+    return _compared(grid, surface, rows, exact)
+
+
+def _compared(grid, surface, rows, exact):
+    h = grid.spacing[0]
+    lines, base = [], rows[0][2]
+    for name, n, seconds, found in rows:
+        m = len(found)
+        off = np.abs(np.asarray(found) - exact[:m]) / h
+        near = np.abs(exact[:m]) <= 3.0 * h
+        whole = seconds * grid.n_points / n
+        lines.append(
+            [name, n, three(whole), three(1e6 * seconds / n), three(whole / base),
+             f"{off[near].max():.0e}", f"{off[~near].max():.0e}"]
+        )  # fmt: skip
+    title = f"Signed distance, {surface.n_cells} triangles on {grid.shape[0]}^3 nodes"
+    heads = ["", "nodes timed", "s for all", "µs/node", "times as long",
+             "largest difference in the band", "beyond"]  # fmt: skip
+    return title, heads, lines
+
+
+def _by_libigl(surface):
+    try:
+        import igl
+    except ImportError:
+        return None
+    points, cells = np.array(surface.points), np.array(surface.cells, dtype=np.int64)
+    kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+    return lambda x: igl.signed_distance(x, points, cells, sign_type=kind)[0]
+
+
+def _by_trimesh(surface):
+    try:
+        import rtree  # noqa: F401 - what trimesh finds closest points with
+        import trimesh
+    except ImportError:
+        return None
+    mesh = trimesh.Trimesh(surface.points, surface.cells, process=False)
+    return lambda x: -trimesh.proximity.signed_distance(mesh, x)
+
+
+CASES = {"distance": signed_distance}
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="small problems")
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "results")
+    arguments = parser.parse_args()
+    tables = {name: CASES[name](arguments.quick) for name in arguments.only}
+    parts = [f"## {title}\n\n{table(heads, rows)}\n" for title, heads, rows in tables.values()]
+    report = {name: [dict(zip(heads, row, strict=True)) for row in rows]
+              for name, (_, heads, rows) in tables.items()}  # fmt: skip
+    text = (
+        f"# Geometry\n\n{machine()}; one thread; process time. What is compared: "
+        f"`benchmarks/geometry.py`.\n\n" + "\n".join(parts)
+    )
+    write(arguments.output, "geometry", text, {"machine": machine(), **report})
+
+
+if __name__ == "__main__":
+    main()
