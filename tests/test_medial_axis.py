@@ -196,6 +196,14 @@ def test_walls_that_are_flatter_than_the_tolerance_do_not_meet():
     assert len(medial_axis(grid, phi, curvature_tolerance=above, **options).points) == 0
 
 
+def test_without_tolerance_what_is_found_still_has_normals():
+    shapes = (planar.disc(0.9), planar.ellipse(1.0, 0.5), planar.three_parabolas(2.5, 0.8))
+    for shape in shapes:
+        grid, phi = planar.sampled(shape, 0.02)
+        found = medial_axis(grid, phi, curvature_tolerance=0.0, corner_angle=180.0)
+        np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=1e-12)
+
+
 # In space
 
 

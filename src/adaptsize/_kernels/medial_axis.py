@@ -16,8 +16,8 @@ _ROUNDING = 1e-9
 # them: around the centre of a ball it is as large.
 _SURELY = 0.5
 
-# Crossings this close to a node, in spacings, are at it.
-_AT_NODE = 1e-6
+# Crossings this close to a node, in spacings, are as good as at it.
+_AT_NODE = 0.25
 
 # A node farther from the crossing must be better by this much.
 _FARTHER = 0.02
@@ -127,8 +127,8 @@ def gradient_of_front(phi, k, a, step, away, strides, spacing):
     step : int
         Step in the flat array away from the edge.
     away : float
-        Distance of the node from the crossing, in spacings: at a node of the medial axis itself
-        differences may belong to either front, and that node is not asked.
+        Distance of the node from the crossing, in spacings: at the medial axis
+        differences to either side may be of either front, and the node is not asked.
     strides, spacing : tuples of length 3
 
     Returns

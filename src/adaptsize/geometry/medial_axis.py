@@ -28,6 +28,9 @@ _CURVATURE_TIMES_DIAMETER = 4.0
 # A gradient shorter than that, where a distance has one of length 1, has no direction.
 _DIRECTED = 0.5
 
+# Directions must differ by this much, in radians, to have a normal between them.
+_LEAST_TURN = 1e-3
+
 # Turn of the boundary at a corner, in degrees, from which on its place is told.
 _SHARP = 20.0
 
@@ -209,7 +212,7 @@ def medial_axis(
     found, length = found.taken(directed), length[directed]
     unit = found.gradients / length[:, :, None]
     fronts = look_half_way(grid, values, Fronts(_positions(grid, found), found.depth, unit))
-    turned = gamma * tolerance * float(grid.spacing.max())
+    turned = max(gamma * tolerance * float(grid.spacing.max()), _LEAST_TURN)
     sound = (fronts.cosine < 1.0 - 0.5 * turned**2) & come_from_boundary(grid, values, fronts)
     found, fronts = found.taken(sound), fronts.taken(sound)
     rounded = None

@@ -1,0 +1,244 @@
+"""Measure the figures of docs/medial-axis.md; takes about two minutes.
+
+python docs/measurements/medial_axis.py
+"""
+
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+import adaptsize as ads
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+import planar_shapes as planar
+import solid_shapes as solid
+
+# A point is false if it is farther than that from the true axis, in spacings, and a piece of
+# the true axis missing if no point is closer.
+FALSE, MISSING = 1.5, 2.0
+SHIFTS = np.random.default_rng(20060112).random((5, 2))
+
+
+def line(a, b, n=60_000):
+    """Return points along a line."""
+    return np.linspace(a, b, n)
+
+
+def plane_shapes():
+    """Return name -> (distance, points of the true medial axis without branches into corners)."""
+    turn = np.radians(20.0)
+    end = 0.5 * np.array([np.cos(turn), np.sin(turn)])
+    angle = line(0.0, 2.0 * np.pi, 200_000)
+    along = line(-0.6, -0.2)
+    bent = np.column_stack([along, -0.6 + (along + 0.2) ** 2 / 1.6])
+    bent = bent[bent[:, 0] >= bent[:, 1]]
+    straight = line((-0.2, -0.6), (0.6, -0.6))
+    tips = [0.4 * np.array([np.sin(t), -np.cos(t)]) for t in np.radians([0.0, 120.0, 240.0])]
+    return {
+        "rectangle 2 : 1, by 20 degrees": (
+            planar.turned(planar.rectangle(2.0, 1.0), 20.0),
+            line(-end, end),
+        ),
+        "annulus .4, 1": (
+            planar.annulus(0.4, 1.0),
+            0.7 * np.column_stack([np.cos(angle), np.sin(angle)]),
+        ),
+        "ellipse 2 : 1": (planar.ellipse(1.0, 0.5), line((-0.75, 0.0), (0.75, 0.0))),
+        "L": (
+            planar.letter_l(1.0, 0.8),
+            np.concatenate([bent, bent[:, ::-1], straight, straight[:, ::-1]]),
+        ),
+        "three parabolas": (
+            planar.three_parabolas(2.5, 0.8),
+            np.concatenate([line((0.0, 0.0), tip) for tip in tips]),
+        ),
+        "disc": (planar.disc(0.9), np.zeros((1, 2))),
+        "wavy disc": (planar.wavy_disc(0.9, 0.005, 24), None),
+    }
+
+
+def compare(points, axis, step):
+    """Return the number found, number of false ones, share missing, median and largest error."""
+    if len(points) == 0:
+        return 0, 0, 1.0, np.nan, np.nan
+    off = cKDTree(axis).query(points)[0] / step
+    missing = cKDTree(points).query(axis)[0] / step > MISSING
+    true = off[off <= FALSE]
+    return len(points), (off > FALSE).sum(), missing.mean(), np.median(true), off.max()
+
+
+def row(distance, axis, step, **options):
+    """Return the means over the places of the grid, and the largest error."""
+    results = []
+    for shift in SHIFTS:
+        grid, phi = planar.sampled(distance, step, shift=shift, half=1.15)
+        results.append(compare(ads.medial_axis(grid, phi, **options).points, axis, step))
+    mean, worst = np.mean(results, axis=0), np.max(results, axis=0)
+    return (
+        f"{mean[0]:8.1f} found {mean[1]:6.1f} false {100 * mean[2]:5.1f} % missing, "
+        f"error median {mean[3]:8.1e} largest {worst[4]:6.2f} spacings"
+    )
+
+
+def resolutions():
+    """Print what is found at five resolutions."""
+    for name, (distance, axis) in plane_shapes().items():
+        if axis is None:
+            continue
+        print(name)
+        for n in (10, 20, 40, 80, 160):
+            print(f"  1/{n:<4d}", row(distance, axis, 1.0 / n))
+
+
+def with_branches():
+    """Return name -> (distance, points of the true medial axis with its branches into corners)."""
+    shapes = plane_shapes()
+    turn = np.radians(20.0)
+    back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    quarter = line((0.5, 0.0), (1.0, 0.5))
+    branches = {
+        "rectangle 2 : 1, by 20 degrees": [
+            quarter * sign @ back.T for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1))
+        ]
+    }
+    distance = shapes["three parabolas"][0]
+    upward = line((0.0, 0.0), (0.0, 1.0))
+    upward = upward[distance(upward) < 0.0]
+    branches["three parabolas"] = []
+    for angle in np.radians([0.0, 120.0, 240.0]):
+        unit = np.array([np.sin(angle), np.cos(angle)])
+        branches["three parabolas"].append(upward[:, 1:] * unit)
+    chosen = ("rectangle 2 : 1, by 20 degrees", "ellipse 2 : 1", "three parabolas", "disc")
+    return {
+        name: (shapes[name][0], np.concatenate([shapes[name][1], *branches.get(name, [])]))
+        for name in chosen
+    }
+
+
+def tolerances():
+    """Print what is found with curvature tolerances, no corner taken for one."""
+    for step in (1.0 / 30.0, 1.0 / 60.0, 1.0 / 120.0):
+        for name, (distance, axis) in with_branches().items():
+            print(f"{name}, spacing {step:.4f}")
+            for times in (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0):
+                grid, phi = planar.sampled(distance, step)
+                across = np.ptp(grid.points[phi.ravel() < 0.0], axis=0) + step
+                options = {"curvature_tolerance": times / np.linalg.norm(across)}
+                found = row(distance, axis, step, corner_angle=180.0, **options)
+                print(f"  {times:4.1f} / diameter", found)
+        shape = plane_shapes()["wavy disc"][0]
+        print(f"wavy disc, spacing {step:.4f}")
+        for times in (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0):
+            grid, phi = planar.sampled(shape, step)
+            options = {"curvature_tolerance": times / 2.56, "corner_angle": 180.0}
+            radii = ads.medial_axis(grid, phi, **options).radii
+            print(f"  {times:4.1f} / diameter {len(radii)} points, from {radii.min():.3f}")
+
+
+def factors():
+    """Print what is found with five factors gamma, no corner taken for one."""
+    step = 1.0 / 60.0
+    for name, (distance, axis) in with_branches().items():
+        print(name)
+        for gamma in (1.0, 1.5, 2.0, 2.5, 3.0):
+            print(f"  gamma {gamma}", row(distance, axis, step, gamma=gamma, corner_angle=180.0))
+
+
+def near_the_boundary():
+    """Print the smallest distance of a point from the boundary of disturbed shapes."""
+    for n in (30, 60, 120):
+        grid, phi = planar.sampled(plane_shapes()["wavy disc"][0], 1.0 / n)
+        found = ads.medial_axis(grid, phi)
+        print(f"wavy disc 1/{n}: {len(found.points)} points, from {found.radii.min():.3f}")
+    rng = np.random.default_rng(19731)
+    step = 1.0 / 60.0
+    for part in (0.01, 0.03, 0.1, 0.2, 0.3):
+        for name in ("rectangle 2 : 1, by 20 degrees", "annulus .4, 1", "disc"):
+            distance, axis = plane_shapes()[name]
+            grid, phi = planar.sampled(distance, step)
+            noise = part * step * rng.uniform(-1.0, 1.0, phi.shape)
+            found = ads.medial_axis(grid, phi + noise)
+            _, false, missing, *_ = compare(found.points, axis, step)
+            least = found.radii.min() if len(found.points) else np.nan
+            print(
+                f"noise {part} spacings, {name}: {len(found.points)} points, {false} false, "
+                f"{100 * missing:.0f} % missing, radius from {least:.3f}"
+            )
+
+
+def in_space():
+    """Print what is found in three solids, and the least feature size."""
+    turn = solid.turn_about((1.0, 2.0, 3.0), 40.0)
+    angle = line(0.0, 2.0 * np.pi)
+    sheet = np.stack(
+        np.meshgrid(line(-0.25, 0.25, 600), line(-0.15, 0.15, 360), [0.0]), -1
+    ).reshape(-1, 3)
+    shapes = {
+        "box 1 x .8 x .5": (solid.box(1.0, 0.8, 0.5), sheet),
+        "torus .55, .22": (
+            solid.torus(0.55, 0.22),
+            0.55 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]),
+        ),
+        "cylinder .3, 1.4": (solid.cylinder(0.3, 1.4), line((0.0, 0.0, -0.4), (0.0, 0.0, 0.4))),
+    }
+    for name, (distance, axis) in shapes.items():
+        for n in (16, 32, 64):
+            results, least = [], np.inf
+            for k in range(3):
+                shape = solid.turned(distance, np.linalg.matrix_power(turn, k))
+                grid, phi = solid.sampled(shape, 1.0 / n, half=0.95, shift=(0.3, 0.1, 0.6))
+                found = ads.medial_axis(grid, phi)
+                points = found.points @ np.linalg.matrix_power(turn, k)
+                results.append(compare(points, axis, 1.0 / n))
+                least = min(least, ads.feature_size(grid, phi, found).min())
+            mean, worst = np.mean(results, axis=0), np.max(results, axis=0)
+            print(
+                f"{name} 1/{n}: {mean[0]:.0f} found, {mean[1]:.1f} false, "
+                f"{100 * mean[2]:.1f} % missing, error median {mean[3]:.1e}, "
+                f"largest {worst[4]:.2f} spacings; least feature size {least:.3f}"
+            )
+
+
+def speed(n=256):
+    """Print seconds of this process, and the peak of memory so far."""
+
+    def ribs(x):
+        """Return the distance of a plate with a rib across it."""
+        parts = []
+        for centre, half in (
+            ((0.0, 0.0, -0.3), (0.8, 0.6, 0.1)),
+            ((0.1, 0.0, 0.1), (0.05, 0.5, 0.5)),
+        ):
+            away = np.abs(x - centre) - half
+            parts.append(
+                np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
+            )
+        return np.min(parts, axis=0)
+
+    shapes = {"plate and rib": ribs, "torus": solid.torus(0.6, 0.3), "ball": solid.ball(0.9)}
+    ads.feature_size(*solid.sampled(shapes["torus"], 0.1))  # compiled before it is timed
+    for name, distance in shapes.items():
+        grid = ads.CartesianGrid([-0.95] * 3, 1.9 / (n - 1), (n, n, n))
+        phi = grid.sample(distance)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+        start = time.process_time()
+        found = ads.medial_axis(grid, phi)
+        between = time.process_time()
+        ads.feature_size(grid, phi, found)
+        end = time.process_time()
+        after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+        print(
+            f"{n}^3, {name}: {100 * (phi < 0).mean():.0f} % inside, {len(found.points)} points; "
+            f"medial axis {between - start:.1f} s, feature size {end - between:.1f} s, "
+            f"memory at most {before:.2f} GB before, {after:.2f} GB after"
+        )
+
+
+if __name__ == "__main__":
+    for measure in (resolutions, tolerances, factors, near_the_boundary, in_space, speed):
+        print(f"\n{measure.__name__.replace('_', ' ').upper()}\n")
+        measure()
