@@ -223,6 +223,30 @@ def test_smoothing_keeps_circles_and_damps_noise(dim):
     assert error[2] < error[1] / 1.5
 
 
+def test_smoothing_is_as_often_as_told_and_kinks_are_those_of_the_distance():
+    grid = box(40)
+    phi = grid.sample(ball)
+    phi[3, 5] += 0.02  # something that shows
+    once = phi.copy()
+    for axis in (0, 1, 0, 1):
+        padded = np.pad(once, [(int(d == axis), int(d == axis)) for d in (0, 1)], mode="edge")
+        low, middle, high = (np.moveaxis(padded, axis, 0)[s] for s in _SHIFTS)
+        once = np.moveaxis(0.25 * low + 0.5 * middle + 0.25 * high, 0, axis)
+    by_hand = level_set_curvature(grid, once, at_boundary=False, gradient_tolerance=9.0)
+    smooth = level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=9.0, smoothing=2)
+    inner = (slice(3, -3),) * 2  # at the border the mean of means and the wide mean differ
+    assert_allclose(smooth[inner], by_hand[inner], atol=1e-10)
+    # Averages over 4 spacings shorten the gradient near the middle, that of phi is what counts.
+    found = [
+        level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=0.06, smoothing=n)
+        for n in (0, 32)
+    ]
+    assert_array_equal(*map(np.isfinite, found))
+
+
+_SHIFTS = (slice(None, -2), slice(1, -1), slice(2, None))
+
+
 @given(st.floats(1e-6, 1e6))
 def test_curvature_is_the_inverse_of_a_length(scale):
     grid = box(12, 3)

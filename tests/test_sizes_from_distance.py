@@ -11,7 +11,7 @@ from adaptsize import (
     limit_gradient,
     size_from_curvature,
 )
-from adaptsize.geometry import level_set_curvature
+from adaptsize.geometry import level_set_curvature, signed_distance
 from distance_shapes import RADIUS, Ellipse, ball, box, cylinder, slope, torus
 
 G, K = 0.25, 4.0
@@ -235,6 +235,23 @@ def test_noise_is_smoothed():
         spread.append(np.abs(K * h0[np.isfinite(h0)] / RADIUS - 1.0).mean())
     assert spread[1] < 0.5 * spread[0]
     assert spread[2] < spread[1]
+
+
+@pytest.mark.parametrize("radius", [12.0, 40.0])
+def test_sizes_of_pixels_are_smoothed(radius):
+    # The distance of a mask ripples along the boundary with the steps of the pixels.
+    n = int(2.6 * radius)
+    grid = CartesianGrid([0.0, 0.0], 1.0, (n, n))
+    mask = grid.sample(lambda x: np.linalg.norm(x - n / 2 - 0.2, axis=1) - radius) < 0.0
+    phi = signed_distance(grid, mask)
+    spread = []
+    for smoothing in (0, 16):
+        h0 = size_from_curvature(grid, phi, g=0.0, smoothing=smoothing)
+        ratio = K * h0[np.isfinite(h0)] / radius
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.06)
+        spread.append(np.quantile(ratio, 0.05))
+    assert spread[1] > 0.65
+    assert spread[1] > spread[0] + 0.1
 
 
 def test_inactive_nodes_ask_for_nothing():

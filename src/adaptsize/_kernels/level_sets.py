@@ -20,7 +20,7 @@ def fill_level_set_curvature(phi, distance, shape, spacing, nodes, tolerance, at
     nodes : int64[m]
         Flat indices.
     tolerance : float64
-        Where ``abs(abs(grad phi) - 1)`` is larger there is no value.
+        Where ``abs(abs(grad distance) - 1)`` is larger there is no value.
     at_boundary : bool
         Whether to divide by ``1 - kappa distance``.
     kappa : float64[m, dim - 1]
@@ -40,13 +40,18 @@ def fill_level_set_curvature(phi, distance, shape, spacing, nodes, tolerance, at
             continue
         if dim == 3 and (k < 1 or k > nz - 2):
             continue
+        fx = rx * (distance[at + sx] - distance[at - sx])
+        fy = ry * (distance[at + sy] - distance[at - sy])
+        fz = rz * (distance[at + sz] - distance[at - sz]) if dim == 3 else 0.0
+        # Written so that a gradient that is not finite fails.
+        if not abs(math.sqrt(fx * fx + fy * fy + fz * fz) - 1.0) <= tolerance:
+            continue
         f = 2.0 * phi[at]
         fx = rx * (phi[at + sx] - phi[at - sx])
         fy = ry * (phi[at + sy] - phi[at - sy])
         fz = rz * (phi[at + sz] - phi[at - sz]) if dim == 3 else 0.0
         norm = math.sqrt(fx * fx + fy * fy + fz * fz)
-        # Written so that a gradient that is not finite fails.
-        if not (abs(norm - 1.0) <= tolerance and norm > 0.0):
+        if not norm > 0.0:
             continue
         per = 1.0 / norm
         fx, fy, fz = per * fx, per * fy, per * fz

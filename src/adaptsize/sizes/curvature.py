@@ -67,7 +67,8 @@ def size_from_curvature(
         distances: kinks, and boundaries that turn by more within one spacing.
     smoothing : int, default 0
         1 or 2 averages the curvature over as many layers of neighbours: for scanned
-        surfaces.  Distances are averaged before they are differentiated: for images.
+        surfaces.  Distances are averaged so often before they are differentiated, see
+        `adaptsize.geometry.level_set_curvature`: 16 or so for images.
     tolerance : float, optional
         Distance up to which a node counts as lying on ``boundary``, in the unit of the
         coordinates; 0.001 of the diagonal of ``boundary`` by default.  On a grid, the
