@@ -154,7 +154,8 @@ def plot_causes(
 ) -> Image:
     """Draw which cause controls the size where, off-screen.
 
-    A cell has the colour of most of its nodes; what is outside the domain is grey.
+    A cell has the colour of most of its nodes; what is outside the domain is
+    left out on grids and grey elsewhere.
 
     Parameters
     ----------
@@ -183,8 +184,10 @@ def plot_causes(
     >>> plot_causes(report, path="causes.png")  # doctest: +SKIP
     """
     _check_output(path, width)
-    nodal = report.cause.astype(np.float64)
-    scene = _scene_of_sizes(report.background, nodal, "cause", clip)
+    background = report.background
+    if isinstance(background, CartesianGrid):
+        background = background.with_active(report.cause >= 0)
+    scene = _scene_of_sizes(background, report.cause.astype(np.float64), "cause", clip)
     counts = np.stack([(scene.values[scene.cells] == k).sum(axis=1) for k in report.codes])
     most = np.where(counts.max(axis=0) > 0, counts.argmax(axis=0), np.nan)
     return _draw(

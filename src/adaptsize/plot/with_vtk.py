@@ -97,7 +97,8 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     )
     values = np.where(np.isfinite(scene.values), scene.values, np.nan)
     if scene.classes:
-        values = np.searchsorted(scene.names, values).astype(np.float64)
+        places = np.searchsorted(scene.names, values).astype(np.float64)
+        values = np.where(np.isfinite(values), places, np.nan)
     with _chosen_window():
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=[width, height])
         try:

@@ -1,0 +1,97 @@
+"""Objects in a picture: mask, distance, size and mesh (after Persson's Figure 13).
+
+A mask, as segmenting a photo leaves it, is smoothed; from the distance to its edge come curvature
+and medial axis, from these the sizes, and from distance and sizes the mesh.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from _gallery import DATA, drawing, run, save_drawing
+
+import adaptsize as ads
+from adaptsize.masks import distance_to_edge, mask_of
+from adaptsize.quality import minimum_angles, size_conformity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def main(
+    output_dir: Path, *, width: int = 560, every: int = 1, elements_across: float = 4.0
+) -> dict[str, Any]:
+    """Draw the four stages for data/objects.png; ``every`` takes each n-th pixel only."""
+    picture = ads.read_image(DATA / "objects.png")
+    image = ads.Image(picture.values[::every, ::every], spacing=float(every))
+    mask = mask_of(image)
+    phi = distance_to_edge(mask)
+    size, report = ads.size_function_from_image(
+        image, elements_across=elements_across, full_output=True
+    )
+    mesh = ads.mesh_image(image, elements_across=elements_across)
+
+    figure, (top, right, left, last) = drawing(2, 2, width, shape=0.62)
+    _draw_mask(top, image)
+    _draw_distance(right, mask.grid, phi)
+    _draw_sizes(left, size, phi)
+    _draw_mesh(last, mesh)
+    for panel in (top, right, left, last):
+        panel.set(xlim=(28, 472), ylim=(28, 330), aspect="equal", xticks=[], yticks=[])
+    save_drawing(output_dir / "image.png", figure)
+
+    pixels = every**2 * np.count_nonzero(image.values)
+    kept = size_conformity(mesh, size)
+    return {
+        "objects": len(np.unique(mesh.cell_tags)),
+        "triangles": mesh.n_cells,
+        "area of the mesh over that of the pixels": float(mesh.measures.sum() / pixels),
+        "smallest angle": float(minimum_angles(mesh).min()),
+        "share of edges in band": kept.edges.share_in_band,
+        **{f"share of {name}": share for name, share in report.domain_shares.items()},
+    }
+
+
+def _draw_mask(panel: Axes, image: ads.Image) -> None:
+    step = image.spacing[0]
+    far = step * (np.array(image.shape) - 0.5)
+    extent = (-0.5 * step, far[0], -0.5 * step, far[1])
+    panel.imshow(image.values.T, origin="lower", extent=extent, cmap="gray")
+    panel.set_title("mask, one grey per object")
+
+
+def _draw_distance(panel: Axes, grid: ads.CartesianGrid, phi: npt.NDArray[np.float64]) -> None:
+    medial = ads.medial_axis(grid, phi)
+    x, y = grid.axes
+    filled = panel.contourf(x, y, phi.T, levels=np.arange(-40, 41, 5), cmap="RdBu", extend="both")
+    panel.contour(x, y, phi.T, levels=[0.0], colors="black", linewidths=0.8)
+    panel.plot(*medial.points.T, ".", color="black", markersize=0.8)
+    panel.figure.colorbar(filled, ax=panel, shrink=0.7, label="pixels")
+    panel.set_title("signed distance, edge and medial axis")
+
+
+def _draw_sizes(panel: Axes, size: ads.SizeFunction, phi: npt.NDArray[np.float64]) -> None:
+    from matplotlib.colors import LogNorm
+
+    grid = size.background
+    inside = np.ma.masked_where(phi > 0.0, size.values)
+    x, y = grid.axes
+    drawn = panel.pcolormesh(x, y, inside.T, norm=LogNorm(), cmap="viridis", rasterized=True)
+    ticks = [2, 4, 8, 16]
+    bar = panel.figure.colorbar(drawn, ax=panel, shrink=0.7, ticks=ticks, format="%g")
+    bar.minorticks_off()
+    bar.set_label("pixels")
+    panel.set_title("size h from curvature and width, limited")
+
+
+def _draw_mesh(panel: Axes, mesh: ads.SimplexMesh) -> None:
+    panel.tripcolor(*mesh.points.T, mesh.cells, facecolors=mesh.cell_tags, cmap="Pastel1")
+    panel.triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.3)
+    panel.set_title(f"mesh, {mesh.n_cells} triangles")
+
+
+if __name__ == "__main__":
+    run(main)
