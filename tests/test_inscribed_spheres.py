@@ -134,6 +134,19 @@ def test_wedges_below_the_corner_angle_are_narrow(degrees):
     assert (wide[:3] > 2.0 * x[:3] * np.tan(half)).all()
 
 
+@pytest.mark.parametrize("apex", [[0.5, 0.5], [0.2, 0.7], [0.0, 1.0]])
+def test_triangles_are_as_wide_as_their_inscribed_circle(apex):
+    triangle = outline([[0, 0], [1, 0], apex])
+    sides = triangle.edge_lengths
+    inradius = apex[1] / sides.sum()  # twice the area over the perimeter
+    t = np.linspace(0.0, 1.0, 11)[:, None]
+    points = np.concatenate(
+        [(1 - t) * triangle.points[i] + t * triangle.points[j] for i, j in triangle.cells]
+    )
+    # Larger where the ball at the point meets the end of a wall, and not its inside.
+    assert_radii(smallest(triangle, points), inradius, 1.0, 1.1)
+
+
 @pytest.mark.parametrize("n", [3, 4, 5, 6, 8])
 def test_corners_of_polygons_do_not_drive_the_radius_to_zero(n):
     polygon = outline(circle(n))
@@ -141,16 +154,16 @@ def test_corners_of_polygons_do_not_drive_the_radius_to_zero(n):
     t = np.linspace(0.0, 1.0, 41)[:, None]
     radii = smallest(polygon, (1 - t) * corners[0] + t * corners[1])
     assert radii[20] == pytest.approx(apothem, rel=0.01)
-    # At the corner a side further on is met, at more than half the apothem.
+    # Near corners a side further on is met, at more than half the apothem.
     assert (radii > 0.5 * apothem).all()
-    assert (radii <= 2.0 * apothem * EXCESS).all()
+    assert (radii <= apothem * EXCESS).all()
 
 
 def test_a_face_between_corners_bounds_the_radius():
     # A cut-off corner of a square: the short side is 0.1 sqrt(2) long, the walls at its ends
     # stand at 135 degrees, so that the sphere in its middle has half of it times tan(67.5).
     square = outline([[0.1, 0], [1, 0], [1, 1], [0, 1], [0, 0.1]])
-    radii = smallest(square, [[0.05, 0.05]])
+    radii = smallest(square, [[0.05, 0.05], [0.09, 0.01], [0.02, 0.08]])
     assert_radii(radii, 0.05 * np.sqrt(2) * np.tan(np.deg2rad(67.5)))
 
 
@@ -240,7 +253,7 @@ def test_radii_are_those_of_a_search_over_all_facets(seed):
 
 def test_spheres_hold_nothing_of_the_boundary_and_touch_it_twice():
     mesh, _ = irregular_torus(24, 823)
-    spheres = inscribed_spheres(mesh)
+    spheres = inscribed_spheres(mesh, crease_angle=80.0)  # no corners
     away = np.linalg.norm(spheres.contacts - spheres.centres, axis=1)
     np.testing.assert_allclose(away, spheres.radii, rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(spheres.normals, axis=1), 1.0)
@@ -252,15 +265,15 @@ def test_spheres_hold_nothing_of_the_boundary_and_touch_it_twice():
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-6, 6))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_radii_turn_move_and_scale_with_the_boundary(seed, power):
     rng = np.random.default_rng(seed)
-    base, _ = irregular_torus(12, 824)
+    base, _ = irregular_torus(18, 824)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]  # mirrored as well, at times
     scale = 10.0**power
     moved = SimplexMesh(scale * (base.points @ turn.T + rng.uniform(-5, 5, 3)), base.cells)
     # Another tree leaves other things undone.
-    ratio = smallest(moved) / smallest(base) / scale
+    ratio = smallest(moved, crease_angle=80.0) / smallest(base, crease_angle=80.0) / scale
     assert np.abs(np.log(ratio)).max() < 0.03
     assert np.abs(np.log(np.median(ratio))) < 1e-3
 

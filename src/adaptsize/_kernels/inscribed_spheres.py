@@ -167,6 +167,41 @@ def _touch(points, cells, t, p, n, bound, r):
 
 
 @inner
+def _radius_between(held, last, widest):
+    """Return the radius of the ball on the tangent plane that fits between two walls.
+
+    A ball at p meets a wall at a distance s = r cot(a / 2) of p from a corner of angle a.  One
+    that rolls away from p meets two opposite walls where r is the mean of both radii, weighted by
+    the cotangents.
+
+    Parameters
+    ----------
+    held : float64[k, 6]
+        As for `_holding_wall`.
+    last : int
+        What that returned; the other wall is the nearer one most opposite to it.
+    widest : float64
+        Less than 2 pi - ``widest`` apart are no opposite walls.
+
+    Returns
+    -------
+    float64
+        The radius of the last wall if none is opposite.
+    """
+    best = 2.0 * math.pi - widest - 1e-5
+    radius = held[last, 0]
+    for k in range(held.shape[0]):
+        if held[k, 0] <= held[last, 0]:
+            apart = abs(held[k, 1] - held[last, 1])
+            apart = min(apart, 2.0 * math.pi - apart)
+            if apart > best:
+                best = apart
+                total = held[k, 5] + held[last, 5]
+                radius = (held[k, 5] * held[k, 0] + held[last, 5] * held[last, 0]) / total
+    return radius
+
+
+@inner
 def _tangents(n):
     """Return two unit vectors that are perpendicular to a unit vector and to each other."""
     if abs(n[2]) < 0.9:  # in the plane, n[2] = 0, the second one is the normal of the plane
@@ -189,9 +224,9 @@ def _holding_wall(held, widest):
 
     Parameters
     ----------
-    held : float64[k, 5]
+    held : float64[k, 6]
         Radius at which the ball meets the wall, inf: none; direction of the wall; where it
-        meets it.  Sorted by direction, 0 to 2 pi.
+        meets it; cotangent of half the angle in the corner.  Sorted by direction, 0 to 2 pi.
     widest : float64
         Gap between the directions of neighbouring walls that is not too wide.
 
@@ -264,7 +299,7 @@ def shrink_balls(
     first, last : int
         Only ``order[first:last]`` is worked on.
     radii : float64[n_probes]
-        Out: inf where no cell is met.
+        Out: inf where no cell is met.  Between opposite walls that of a ball beside the probe.
     contacts : float64[n_probes, 3]
         Out: where the ball touches the boundary again; the probe itself where nothing is met.
     touched : int32[n_probes]
@@ -272,7 +307,7 @@ def shrink_balls(
     """
     stack = np.empty(_STACK, np.int64)
     edge_stack = np.empty(_STACK, np.int64)
-    held = np.empty((_DIRECTIONS, 5))
+    held = np.empty((_DIRECTIONS, 6))
     m, width = cells.shape
     n_leaves = boxes.shape[0] // 2
     sine, cosine, share = angles[0], angles[1], angles[2]
@@ -284,6 +319,7 @@ def shrink_balls(
         p = (probes[i, 0], probes[i, 1], probes[i, 2])
         n = (probe_normals[i, 0], probe_normals[i, 1], probe_normals[i, 2])
         r = largest
+        radius = math.inf
         found = -1
         at = p
         e1, e2 = _tangents(n)
@@ -425,17 +461,22 @@ def shrink_balls(
                         continue
                     held[k, 0], held[k, 1] = rr, direction
                     held[k, 2], held[k, 3], held[k, 4] = x, y, z
+                    held[k, 5] = math.sqrt((1.0 - cos) / (1.0 + cos))
                     k = _holding_wall(held, gap_of_walls)
-                    if k < 0:
+                    if k < 0 or held[k, 0] >= r:
                         continue
+                    between = _radius_between(held, k, gap_of_walls)
                     rr, x, y, z = held[k, 0], held[k, 2], held[k, 3], held[k, 4]
+                else:
+                    between = rr
                 if rr >= r:
                     continue
                 r = rr
+                radius = between
                 found = t
                 at = (x, y, z)
         touched[i] = found
-        radii[i] = r if found >= 0 else math.inf
+        radii[i] = radius
         contacts[i, 0], contacts[i, 1], contacts[i, 2] = at[0], at[1], at[2]
         if found >= 0:
             guess = found
