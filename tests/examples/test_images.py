@@ -9,7 +9,7 @@ pytest.importorskip("matplotlib", reason="the examples draw")
 def test_objects_of_a_picture_are_meshed_with_their_labels(run, tmp_path):
     found = run("plot_image", every=2, elements_across=2.0)
     assert found["objects"] == 5
-    assert found["area of the mesh over that of the pixels"] == pytest.approx(1.0, abs=0.02)
+    assert found["area of the mesh over that of the pixels"] == pytest.approx(1.0, abs=0.04)
     assert found["smallest angle"] > 15.0
     assert found["share of edges in band"] > 0.95
     assert (tmp_path / "image.png").stat().st_size > 10_000
