@@ -88,7 +88,7 @@ def signed_distance(
     which walk on from it to the nearest one around.  The result is the distance of a facet,
     so never too small; it is too large, by a few hundredths of a spacing, where many facets
     are equally near, at the centre of a sphere say.  With ``band=inf``, and on other
-    backgrounds, all distances are exact, at ten times the time.
+    backgrounds, all distances are exact, at 25 times the time.
 
     The sign is that of the winding number [1]_, summed by a tree [2]_: inside are the nodes
     around which the surface winds by more than a half, either way.  So all facets may be
@@ -116,11 +116,12 @@ def signed_distance(
 
     *Images.*  The distance to the nearest pixel of the other kind is smoothed by a filter that
     does not shrink convex objects; after each of four rounds every pixel centre is put back to
-    its side, so that nothing is lost that has a pixel.  Mean error on discs of radius 10 to
-    40: 0.07 pixels.  To remove specks and noise, smooth before, and give the result less its
+    its side, so that nothing is lost that has a pixel.  Mean error on discs of radius 5 to
+    80: 0.09 pixels.  To remove specks and noise, smooth before, and give the result less its
     threshold as floats.
 
-    Time is O(n log n) and memory about 60 bytes per node.
+    Memory is 35 bytes per node of a grid for surfaces, 80 for functions and images, with the
+    result; time, 2 to 6 microseconds per node and 10 per facet.
 
     References
     ----------
