@@ -4,11 +4,12 @@ import math
 
 from numba import njit
 
+from adaptsize._kernels.bends import over_crease
 from adaptsize._kernels.local import distance, minimum_on_edge, minimum_on_triangle
 
 
 @njit(cache=True, nogil=True)
-def evaluate_sources(points, axes, queries, carriers, source, sizes, g, one_source, value):
+def evaluate_sources(points, axes, queries, carriers, source, sizes, bent, g, one_source, value):
     """Fill the least size that the sources of nearby nodes allow at each query.
 
     Parameters
@@ -23,6 +24,8 @@ def evaluate_sources(points, axes, queries, carriers, source, sizes, g, one_sour
         Nodes of the source of each node, -1 where there are fewer.
     sizes : float64[n, s]
         Sizes at them.
+    bent : float64[n, 4] or float64[0, 4]
+        Where paths over creases come from, nan for other sources (see bends.py).
     g : float64
     one_source : bool
         Leave queries alone (nan) whose carriers have different sources.
@@ -42,9 +45,15 @@ def evaluate_sources(points, axes, queries, carriers, source, sizes, g, one_sour
             if first < 0:
                 first = i
             elif one_source:
+                same = True
                 for v in range(source.shape[1]):
-                    if source[i, v] != source[first, v]:
-                        least = math.nan
+                    same = same and source[i, v] == source[first, v]
+                if not same and i < bent.shape[0]:  # over two edges of one crease
+                    same = True
+                    for v in range(4):
+                        same = same and bent[i, v] == bent[first, v]
+                if not same:
+                    least = math.nan
             a = source[i, 0]
             if a < 0 or math.isinf(sizes[i, 0]):
                 continue
@@ -55,6 +64,10 @@ def evaluate_sources(points, axes, queries, carriers, source, sizes, g, one_sour
                 c = source[i, 2]
             if b < 0:
                 found = sizes[i, 0] + g * distance(points, axes, x, a)
+            elif len(axes) == 3 and i < bent.shape[0] and not math.isnan(bent[i, 3]):
+                found = over_crease(
+                    points, x, a, b, bent[i, 0], bent[i, 1], bent[i, 2], bent[i, 3], g
+                )[0]
             elif c < 0:
                 found = minimum_on_edge(points, axes, x, a, b, sizes[i, 0], sizes[i, 1], g)[0]
             else:

@@ -22,7 +22,7 @@ _NO_WEIGHT = 1e-14
 # No node; of the type of all node numbers, as each combination of types is compiled anew.
 NONE = np.int64(-1)
 
-# In place of r: an edge along which paths bend.  Its sizes are in ``bent``.
+# In place of r: an edge along which paths bend (see bends.py).
 BEND = np.int64(-2)
 
 
@@ -117,12 +117,10 @@ def has_own_bound(state, axes, h0, i):
 
 
 @inner
-def sizes_of(state, axes, h0, bent, j, p, q, r):
-    """Return the sizes at the nodes of the source (p, q, r) of node j."""
+def sizes_of(state, axes, h0, p, q, r):
+    """Return the sizes at the nodes of the source (p, q, r), which is no crease."""
     if q < 0:
         return state[p, len(axes)], 0.0, 0.0
-    if r == BEND:
-        return bent[j, 0], bent[j, 1], 0.0
     return h0[p], h0[q], h0[r] if r >= 0 else 0.0
 
 

@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
+from adaptsize._kernels.bends import along_creases, reach
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.heap import pop, push_or_decrease
-from adaptsize._kernels.local import distance, minimum_on_edge
+from adaptsize._kernels.local import distance
 from adaptsize._kernels.polish import BETTER, polish
 from adaptsize._kernels.source import (
     BEND,
@@ -28,15 +29,6 @@ from adaptsize._kernels.source import (
     value_from,
 )
 from adaptsize._kernels.visibility import sees, sees_past_its_cells
-
-# Corners that are looked at, at most, to find where a path leaves the boundary.
-_CORNERS = 64
-
-# Share of a triangle by which a corner must be inside it.
-_CLEARLY = 1e-6
-
-# Lines that start outside by less than this angle may be on the boundary.
-_GRAZING = 1e-10
 
 
 @kernel
@@ -138,21 +130,12 @@ def push_lowered(state, h0, key, node, place, size):
 
 
 @inner
-def _take(source, bent, k, p, q, r, u_p, u_q):
-    """Make (p, q, r) the source of node k."""
-    set_source(source, k, p, q, r)
-    if r == BEND:
-        bent[k, 0] = u_p
-        bent[k, 1] = u_q
-
-
-@inner
 def _touches(source, axes, k, p, q, r):
     """Tell whether the source of node k has a node in common with (p, q, r)."""
     found = False
     for v in range(len(axes)):
         i = source[k, v]
-        found = found or (i >= 0 and (i == p or i == q or i == r))
+        found = found or (i >= 0 and (i in (p, q, r)))
     return found
 
 
@@ -217,8 +200,9 @@ def track(
     refused : int32[n + 1, dim]
         In/Out: the last source that each node did not see, and the boundary facet that hid
         the last one (see visibility.py); used if something is hidden.
-    bent : float64[n, 2]
-        In/Out: sizes at the ends of a source that is a `BEND`; used as creases are.
+    bent : float64[n, 4]
+        In/Out: where the paths that bend on a crease come from, a point and the size there (see
+        bends.py); used as creases are.
     key, node, place, size
         In/Out: the heap (see heap.py).
     contested : uint8[n]
@@ -275,7 +259,7 @@ def track(
         p, q, r = source_of(source, axes, j)
         if not straight:
             p, q, r = j, NONE, NONE
-        u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
+        u_p, u_q, u_r = sizes_of(state, axes, h0, p, q, r)
         # A node below h_j may still be lowered by the source of j, but hardly ever: for
         # one node it is cheap to try, for an edge it is not.
         least = u_p if q < 0 else h_j
@@ -285,8 +269,26 @@ def track(
             if h_k <= least:
                 continue
             l1 = l2 = 0.0
+            s0, s1, s2 = p, q, r
             if q < 0:
                 value = u_p + g * distance(state, axes, k, p)
+            elif len(axes) == 3 and r == BEND:
+                value, s0, s1, l1 = along_creases(
+                    state,
+                    crease_ptr,
+                    crease,
+                    k,
+                    p,
+                    q,
+                    bent[j, 0],
+                    bent[j, 1],
+                    bent[j, 2],
+                    bent[j, 3],
+                    g,
+                )
+                if s1 < 0:
+                    s2 = NONE
+                    value = state[s0, dim] + g * distance(state, axes, k, s0)
             else:
                 value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
             if value >= h_k * keep:
@@ -297,10 +299,10 @@ def track(
                 hidden
                 and (p != j or q >= 0)
                 and not sees_past_its_cells(
-                    state, axes, cells, ring_ptr, ring, source, k, p, q, r, l1, l2
+                    state, axes, cells, ring_ptr, ring, source, k, s0, s1, s2, l1, l2
                 )
             ):
-                value = _reach(
+                value = reach(
                     state,
                     axes,
                     nbr_ptr,
@@ -320,9 +322,9 @@ def track(
                     bent,
                     j,
                     k,
-                    p,
-                    q,
-                    r,
+                    s0,
+                    s1,
+                    s2,
                     l1,
                     l2,
                     value,
@@ -331,429 +333,13 @@ def track(
                 if value >= h_k * keep:
                     continue
             else:
-                _take(source, bent, k, p, q, r, u_p, u_q)
+                set_source(source, k, s0, s1, s2)
+                if len(axes) == 3 and s2 == BEND:
+                    for d in range(4):
+                        bent[k, d] = bent[j, d]
             state[k, dim] = value
             push_or_decrease(key, node, place, size, k, value)
     return pops
-
-
-@inner
-def _is_taut(state, outward, i, j, k):
-    """Tell whether a path from node i over node j of the boundary to node k winds around it.
-
-    If not, it can be shortened at j: the domain is on the inner side of the turn.
-    """
-    ux = state[j, 0] - state[i, 0]
-    uy = state[j, 1] - state[i, 1]
-    vx = state[k, 0] - state[j, 0]
-    vy = state[k, 1] - state[j, 1]
-    turn = ux * vy - uy * vx
-    before = ux * outward[j, 1] - uy * outward[j, 0]
-    after = vx * outward[j, 1] - vy * outward[j, 0]
-    return (turn >= 0.0 or (before < 0.0 and after < 0.0)) and (
-        turn <= 0.0 or (before > 0.0 and after > 0.0)
-    )
-
-
-@inner
-def _hider(state, nbr_ptr, nbr, outward, source, j, k, p):
-    """Return a corner that hides p from node k, as a neighbour of k knows; -1 if none does.
-
-    Node j sees p, so that what hides p from k has a corner within the triangle of the three, at
-    which the path from p to k winds around it.
-    """
-    jx = state[j, 0] - state[p, 0]
-    jy = state[j, 1] - state[p, 1]
-    kx = state[k, 0] - state[p, 0]
-    ky = state[k, 1] - state[p, 1]
-    whole = jx * ky - jy * kx
-    for entry in range(nbr_ptr[k] - 1, nbr_ptr[k + 1]):
-        m = nbr[entry] if entry >= nbr_ptr[k] else k  # k itself first
-        c = np.int64(source[m, 0])
-        if c == p or source[m, 1] >= 0 or source[c, 0] != p or source[c, 1] >= 0:
-            continue
-        if outward[c, 0] == 0.0 and outward[c, 1] == 0.0:
-            continue
-        cx = state[c, 0] - state[p, 0]
-        cy = state[c, 1] - state[p, 1]
-        at_k = (jx * cy - jy * cx) * whole
-        at_j = (cx * ky - cy * kx) * whole
-        inside = _CLEARLY * whole * whole
-        if at_k <= inside or at_j <= inside or at_k + at_j >= whole * whole - inside:
-            continue
-        if _is_taut(state, outward, p, c, k):
-            return c
-    return NONE
-
-
-@inner
-def _slide(state, axes, outward, crease_ptr, crease, k, p, top):
-    """Move a bend at node p along the boundary until the line to node k does not start outside.
-
-    Returns the node where the path leaves the boundary, -1 if that has no size up to ``top``.
-    """
-    for _ in range(_CORNERS):
-        wx = state[k, 0] - state[p, 0]
-        wy = state[k, 1] - state[p, 1]
-        bx = outward[p, 0]
-        by = outward[p, 1]
-        if wx * bx + wy * by <= (outward[p, 2] + _GRAZING) * math.sqrt(wx * wx + wy * wy):
-            return p
-        side = bx * wy - by * wx
-        following = NONE
-        for place in range(crease_ptr[p], crease_ptr[p + 1]):
-            i = np.int64(crease[place])
-            along = bx * (state[i, 1] - state[p, 1]) - by * (state[i, 0] - state[p, 0])
-            if along * side > 0.0 and state[i, len(axes)] <= top:
-                following = i
-        if following < 0:
-            return NONE
-        p = following
-    return NONE
-
-
-@inner
-def _pull(
-    state,
-    axes,
-    cells,
-    ring_ptr,
-    ring,
-    patch,
-    clearance,
-    outward,
-    h0,
-    source,
-    refused,
-    k,
-    p,
-):
-    """Pull the path to node k straight where it bends at node p of the boundary, in the plane.
-
-    Returns the last bend or the source that is then left, and whether k is known to see it.
-    """
-    seen = False
-    while outward[p, 0] != 0.0 or outward[p, 1] != 0.0:
-        i = np.int64(source[p, 0])
-        if i == p or source[p, 1] >= 0 or _is_taut(state, outward, i, p, k):
-            break
-        if not sees(
-            state,
-            axes,
-            cells,
-            ring_ptr,
-            ring,
-            patch,
-            clearance,
-            h0,
-            source,
-            refused,
-            k,
-            i,
-            NONE,
-            NONE,
-            0.0,
-            0.0,
-        ):
-            break
-        p = i
-        seen = True
-    return p, seen
-
-
-@inner
-def _reach(
-    state,
-    axes,
-    nbr_ptr,
-    nbr,
-    cells,
-    ring_ptr,
-    ring,
-    patch,
-    clearance,
-    outward,
-    crease_ptr,
-    crease,
-    h0,
-    g,
-    source,
-    refused,
-    bent,
-    j,
-    k,
-    p,
-    q,
-    r,
-    l1,
-    l2,
-    value,
-    keep,
-):
-    """Give node k the source of j, straight or by a path that bends, where the domain is not convex.
-
-    Returns the size; the source of k is set if that lowers k.
-    """
-    dim = len(axes)
-    seen = False
-    if len(axes) == 2 and q < 0:
-        over = state[j, dim] + g * distance(state, axes, k, j)
-        hider = _hider(state, nbr_ptr, nbr, outward, source, j, k, p)
-        if hider >= 0:
-            p = hider
-        p = _slide(state, axes, outward, crease_ptr, crease, k, p, state[j, dim])
-        if p >= 0:
-            p, seen = _pull(
-                state,
-                axes,
-                cells,
-                ring_ptr,
-                ring,
-                patch,
-                clearance,
-                outward,
-                h0,
-                source,
-                refused,
-                k,
-                p,
-            )
-            value = state[p, dim] + g * distance(state, axes, k, p)
-        if p < 0 or value >= over:
-            p = j
-            value = over
-            seen = True
-        if value >= state[k, dim] * keep:
-            return value
-    if seen or sees(
-        state,
-        axes,
-        cells,
-        ring_ptr,
-        ring,
-        patch,
-        clearance,
-        h0,
-        source,
-        refused,
-        k,
-        p,
-        q,
-        r,
-        l1,
-        l2,
-    ):
-        u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
-        _take(source, bent, k, p, q, r, u_p, u_q)
-        return value
-    if len(axes) == 2:
-        return _wind(
-            state,
-            axes,
-            cells,
-            ring_ptr,
-            ring,
-            patch,
-            clearance,
-            outward,
-            h0,
-            g,
-            source,
-            refused,
-            j,
-            k,
-            keep,
-        )
-    return _bend(
-        state,
-        axes,
-        cells,
-        ring_ptr,
-        ring,
-        patch,
-        clearance,
-        crease_ptr,
-        crease,
-        h0,
-        g,
-        source,
-        refused,
-        bent,
-        j,
-        k,
-        p,
-        q,
-        r,
-        keep,
-    )
-
-
-@inner
-def _wind(
-    state,
-    axes,
-    cells,
-    ring_ptr,
-    ring,
-    patch,
-    clearance,
-    outward,
-    h0,
-    g,
-    source,
-    refused,
-    j,
-    k,
-    keep,
-):
-    """Let the path to node k, which does not see the source of j, bend at j or at what hid it.
-
-    That is an edge of the boundary, the last row of ``refused``.  Its nodes have their sizes
-    already if these are below that of j.
-    """
-    dim = len(axes)
-    last = refused.shape[0] - 1
-    best = state[j, dim] + g * distance(state, axes, k, j)
-    found = j
-    for _ in range(_CORNERS):
-        p = np.int64(refused[last, 0])
-        if p < 0:
-            break
-        value = math.inf
-        for end in range(2):
-            i = np.int64(refused[last, end])
-            if i == j or state[i, dim] > state[j, dim]:
-                continue
-            over = state[i, dim] + g * distance(state, axes, k, i)
-            if over < value:
-                value = over
-                p = i
-        if value >= best:
-            break
-        p, seen = _pull(
-            state,
-            axes,
-            cells,
-            ring_ptr,
-            ring,
-            patch,
-            clearance,
-            outward,
-            h0,
-            source,
-            refused,
-            k,
-            p,
-        )
-        if seen or sees(
-            state,
-            axes,
-            cells,
-            ring_ptr,
-            ring,
-            patch,
-            clearance,
-            h0,
-            source,
-            refused,
-            k,
-            p,
-            NONE,
-            NONE,
-            0.0,
-            0.0,
-        ):
-            best = state[p, dim] + g * distance(state, axes, k, p)
-            found = p
-            break
-    if best < state[k, dim] * keep:
-        set_source(source, k, found, NONE, NONE)
-    return best
-
-
-@inner
-def _bend(
-    state,
-    axes,
-    cells,
-    ring_ptr,
-    ring,
-    patch,
-    clearance,
-    crease_ptr,
-    crease,
-    h0,
-    g,
-    source,
-    refused,
-    bent,
-    j,
-    k,
-    p,
-    q,
-    r,
-    keep,
-):
-    """Give node k, which does not see the source of j, a source at j: the node, or a crease.
-
-    The size along a crease is convex for one source, so that its linear interpolant is
-    not below it.  Returns the size; the source of k is set if that lowers k.
-    """
-    dim = len(axes)
-    best = state[j, dim] + g * distance(state, axes, k, j)
-    if best < state[k, dim] * keep:
-        set_source(source, k, j, NONE, NONE)
-    u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
-    for place in range(crease_ptr[j], crease_ptr[j + 1]):
-        i = np.int64(crease[place])
-        u_i, l1, l2 = value_from(state, axes, g, i, p, q, r, u_p, u_q, u_r)
-        value, t = minimum_on_edge(state, axes, k, j, i, state[j, dim], u_i, g)
-        if value >= best or value >= state[k, dim] * keep:
-            continue
-        s0, s1, s2 = source_of(source, axes, i)
-        if not (s0 == p and s1 == q and s2 == r) and not sees(
-            state,
-            axes,
-            cells,
-            ring_ptr,
-            ring,
-            patch,
-            clearance,
-            h0,
-            source,
-            refused,
-            i,
-            p,
-            q,
-            r,
-            l1,
-            l2,
-        ):
-            continue
-        if sees(
-            state,
-            axes,
-            cells,
-            ring_ptr,
-            ring,
-            patch,
-            clearance,
-            h0,
-            source,
-            refused,
-            k,
-            j,
-            i,
-            NONE,
-            t,
-            0.0,
-        ):
-            best = value
-            if i < j:
-                _take(source, bent, k, i, j, BEND, u_i, state[j, dim])
-            else:
-                _take(source, bent, k, j, i, BEND, state[j, dim], u_i)
-    return best
 
 
 @kernel
@@ -814,7 +400,9 @@ def offer_once_more(
                 offered = offered or (same and (len(axes) == 2 or source[m, 2] == r))
             if offered:
                 continue
-            u_p, u_q, u_r = sizes_of(state, axes, h0, bent, j, p, q, r)
+            if len(axes) == 3 and r == BEND:
+                continue
+            u_p, u_q, u_r = sizes_of(state, axes, h0, p, q, r)
             for other in range(nbr_ptr[i], nbr_ptr[i + 1]):
                 k = np.int64(nbr[other])
                 value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
@@ -838,7 +426,7 @@ def offer_once_more(
                     l1,
                     l2,
                 ):
-                    _take(source, bent, k, p, q, r, u_p, u_q)
+                    set_source(source, k, p, q, r)
                     state[k, dim] = value
                     push_or_decrease(key, node, place, size, k, value)
                     lowered += 1

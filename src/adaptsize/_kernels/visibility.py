@@ -329,7 +329,23 @@ def sees(
     p, q, r, l1, l2 = drop_zero_weights(s0, s1, s2, l1, l2)
     most = 64 + 16 * int(cells.shape[0] ** (1.0 / dim))  # several times across the mesh
     seen = _arrives(
-        points, axes, cells, ring_ptr, ring, patch, h0, source, refused, k, p, q, r, s0, s1, s2, most
+        points,
+        axes,
+        cells,
+        ring_ptr,
+        ring,
+        patch,
+        h0,
+        source,
+        refused,
+        k,
+        p,
+        q,
+        r,
+        s0,
+        s1,
+        s2,
+        most,
     )
     if not seen:
         set_source(refused, k, s0, s1, s2)
@@ -388,9 +404,7 @@ def _arrives(
         return False
     way_out = entry
     for _ in range(max_steps):
-        if _is_certified(
-            points, axes, cells, c, way_out, source, h0, patch, k, y, s0, s1, s2
-        ):
+        if _is_certified(points, axes, cells, c, way_out, source, h0, patch, k, y, s0, s1, s2):
             return True
         beyond = _cell_beyond(points, axes, cells, ring_ptr, ring, c, way_out)
         if beyond < 0:

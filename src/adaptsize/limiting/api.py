@@ -237,6 +237,7 @@ def limit_gradient(
             background=background,
             nodes=solution.source,
             sizes=solution.source_sizes,
+            bent=solution.bent,
             bound=problem.h0.ravel(),
             limited=solution.h.ravel(),
             g=float(slope.values[0]),

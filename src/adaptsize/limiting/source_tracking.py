@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -51,6 +51,9 @@ class TrackedSolution(Solution):
     where node i keeps ``h0``."""
     source_sizes: FloatArray
     """float64[n, dim]: the sizes at them, inf where there are fewer."""
+    bent: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    """float64[n, 4] if paths bend on edges: for these nodes a point of space and the size there,
+    from which the size comes over the edge that is the source; nan for others."""
     is_convex: bool = False
     """Whether no straight line leaves the domain."""
 
@@ -154,11 +157,12 @@ def solve_source_tracking(
     (none in two-source problems on Delaunay meshes of up to 640k random points; a few
     in 100 000 with thousands of sources) whose source is handed on by no neighbour.
 
-    *Other domains.*  Sizes are lengths of paths inside the domain: exact in the plane but for
-    nodes whose source is handed on by no neighbour, which are many only where fans of many
-    corners are finer than the mesh (up to 0.4 % too large around holes of 40 corners with
-    3 000 nodes, 0.2 % with 12 000).  In space they are of second order beyond one reflex edge;
-    with two sources and a wall some nodes were up to 0.5 % too large, with a window in it 1.6 %.
+    *Other domains.*  Sizes are lengths of paths inside the domain.  In the plane they were exact
+    to rounding for point sources around slits, stars, mazes and holes of 40 corners: a path is
+    pulled straight, wound around what hides a source, and slides along the boundary.  In space
+    they were exact behind a wall, over two parallel edges; a path over an edge is straight once
+    it is turned about that edge.  Over a second edge at an angle to the first the size is
+    right to second order (1 % of the nodes behind a window with 30 000 nodes, by .5 % at most).
     Sight is cut short by
     certificates (see visibility.py), which may overlook a hole that lies between two
     neighbouring nodes and their common source, narrower than the edge a that joins them:
@@ -188,7 +192,7 @@ def solve_source_tracking(
     )
     kernels.push_lowered(work.state, h0, *work.heap)
     taken, convex = 0, True
-    bent = np.empty((1, 2))
+    bent = np.empty((1, 4))
     if work.heap[3][0] > 0:
         many = 2 * np.count_nonzero(np.isfinite(h0)) > n
         convex, sight = _shape(mesh, domain_is_convex, near_sources=bool(many))
@@ -196,7 +200,7 @@ def solve_source_tracking(
         near = _surroundings(mesh, not convex or (mesh.dim == 3 and moves > 0), sight)
         refused = np.full((1 if convex else n + 1, mesh.dim), -1, np.int32)
         if mesh.dim == 3 and not convex:
-            bent = np.empty((n, 2))
+            bent = np.empty((n, 4))
         known = (work.source, refused, bent)
         contested = np.zeros(n, np.uint8)
         problem = (work.state, work.axes, *near, h0, slope, *known, *work.heap, contested)
@@ -214,9 +218,15 @@ def solve_source_tracking(
         near = _surroundings(mesh, False, _NO_OBSTACLES)
         excess = kernels.largest_edge_excess(work.state, work.axes, *near[:2], slope)
     h = work.state[:n, mesh.dim].copy()
-    sizes = _source_sizes(h, h0, work.source, bent)
+    sizes, bent = _source_sizes(mesh.points, h, h0, slope, work.source, bent)
     return TrackedSolution(
-        h, taken, excess, source=work.source, source_sizes=sizes, is_convex=convex
+        h,
+        taken,
+        excess,
+        source=work.source,
+        source_sizes=sizes,
+        bent=bent,
+        is_convex=convex,
     )
 
 
@@ -245,15 +255,30 @@ def _begin(mesh: SimplexMesh, h0: FloatArray) -> _Work:
     return _Work((0,) * mesh.dim, state, source, heap)
 
 
-def _source_sizes(h: FloatArray, h0: FloatArray, source: IntArray, bent: FloatArray) -> FloatArray:
-    """Return the sizes at the nodes of each source; creases in ``source`` become plain edges."""
+def _source_sizes(
+    points: FloatArray,
+    h: FloatArray,
+    h0: FloatArray,
+    slope: float,
+    source: IntArray,
+    bent: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the sizes at the nodes of each source, and ``bent`` without what is not used.
+
+    Creases in ``source`` become plain edges; ``bent`` is nan for other sources.
+    """
     sizes = np.where(source < 0, np.inf, h0[source])
     alone = np.flatnonzero((source[:, 1:] < 0).all(axis=1))
     sizes[alone, 0] = h[source[alone, 0]]
-    along_crease = np.flatnonzero(source[:, -1] == BEND)
-    sizes[along_crease, :2] = bent[along_crease]
+    along_crease = source[:, -1] == BEND
+    if not along_crease.any():
+        return sizes, np.empty((0, 4))
+    bent[~along_crease] = np.nan
+    ends, come_from = points[source[along_crease, :2]], bent[along_crease]
+    away = np.linalg.norm(ends - come_from[:, None, :3], axis=2)
+    sizes[along_crease, :2] = come_from[:, 3:] + slope * away
     source[along_crease, -1] = -1
-    return sizes
+    return sizes, bent
 
 
 def _shape(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,6 +47,10 @@ class SizeSources:
     convex: bool
     """Whether every straight line between nodes lies in the domain."""
     transform: SizeTransform | None = None
+    bent: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    """float64[n_points, 4], or no rows: where in space a path bends on a reflex edge, which is
+    then the source, a point and the size there from which it comes over that edge; else nan.
+    With several bends the point is turned about the edges before into the line to the last."""
 
     def __post_init__(self) -> None:
         unreached = np.isinf(self.limited)  # where each node counts as its own source so far
@@ -105,6 +109,7 @@ class SizeSources:
         around, weights, _ = self.background.locator.weights(points)
         used = weights > 0.0
         nodes, sizes = self.nodes[around], self.sizes[around]
+        bent = self.bent[around] if len(self.bent) else self.bent
         width = nodes.shape[-1]
         # Only the nodes that are sources here, and a row that the kernel works in.
         needed, number = np.unique(nodes, return_inverse=True)
@@ -121,6 +126,7 @@ class SizeSources:
             carriers,
             number.reshape(-1, width),
             sizes.reshape(-1, width),
+            bent.reshape(-1, 4),
             self.g,
             not self.convex,
             value,
