@@ -152,6 +152,24 @@ def test_a_chamfer_bounds_the_size_by_its_length():
     assert at(grid, size, (-0.88, -0.88)) > 0.8
 
 
+def test_a_hub_between_flanges_is_as_wide_as_it_is():
+    # The tangents of the hub and of a flange's outside meet on the outside, but in the flange.
+    step = 0.0125
+    half = [
+        (-0.6, 0.0), (-0.6, 0.9), (-0.4, 0.9), (-0.4, 0.45), (0.4, 0.45), (0.4, 0.9), (0.6, 0.9),
+        (0.6, 0.0),
+    ]  # fmt: skip
+    corners = np.array(half + [(x, -y) for x, y in half[-2:0:-1]])
+    grid, phi = planar.sampled(planar.polygon(corners), step)
+    found = medial_axis(grid, phi)
+    # Between hub and outside, up to the middle of the hub.
+    off = np.abs(np.abs(found.points[:, 0]) - 0.15 - np.abs(found.points[:, 1]))
+    diagonal = found.points[(off < 0.5 * step) & (np.abs(found.points[:, 1]) < 0.3)]
+    for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        way = np.abs(diagonal[(np.sign(diagonal) == sign).all(axis=1)][:, 1])
+        assert np.diff(np.sort(np.concatenate([[0.0], way, [0.3]]))).max() < 4.0 * step
+
+
 def test_edges_between_corners_may_be_curved():
     # A lens: two arcs of radius 1 that meet at (0, +-0.6), each 2 asin(0.6) long.
     centre = np.array([0.8, 0.0])

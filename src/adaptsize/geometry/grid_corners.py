@@ -17,6 +17,9 @@ _ROUNDED_PATCHES = 0.5
 # ... and how far it may be off because the distance is interpolated, in spacings.
 _INTERPOLATED = 0.5
 
+# Where the boundary is looked for between the corner and a closest point, from the corner.
+_ALONG = (0.25, 0.5)
+
 # How far the point where a front comes from may be from the boundary, in spacings and as a share
 # of the way: farther if the gradient mixes several fronts.
 _FOOT_SPACINGS = 0.5
@@ -136,8 +139,9 @@ def meet_at_corner(
     -----
     From a point at distance r of two pieces, in the directions u and v, the tangent planes
     at their closest points meet at ``r (u + v) / (1 + u.v)``, the apex.  The pieces meet at a
-    corner if the boundary follows the tangents up to there: the distance is zero at the apex and
-    half way to it from both sides.  Corners of a few spacings are not resolved: all are left out.
+    corner if the boundary follows the tangents up to there: the distance is zero at the apex,
+    half way and a quarter of the way from it to either side.  Corners of a few spacings are not
+    resolved: all are left out.
     """
     cosine = fronts.cosine
     # Between the pieces the angle is 180 degrees less that between the directions to them.
@@ -149,8 +153,8 @@ def meet_at_corner(
     # By how much the apex lies beyond a rounding off of radius 1.
     excess = np.sqrt(2.0 / (1.0 + cosine[wide])) - 1.0
     allowed = _INTERPOLATED * float(grid.spacing.max()) + (share * fronts.radii)[wide] * excess
-    there = apex[wide][:, None, :]
-    along = np.concatenate([there, 0.5 * (there + fronts.feet()[wide])], axis=1)
+    there, feet = apex[wide][:, None, :], fronts.feet()[wide]
+    along = np.concatenate([there, *(there + s * (feet - there) for s in _ALONG)], axis=1)
     follows = (np.abs(_interpolated(grid, phi, along)) <= allowed[:, None]).all(axis=1)
     at_corner = wide.copy()
     at_corner[wide] = follows | (fronts.radii[wide] < RESOLVED * grid.spacing.max())
