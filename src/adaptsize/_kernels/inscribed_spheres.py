@@ -463,9 +463,12 @@ def shrink_balls(
                     held[k, 2], held[k, 3], held[k, 4] = x, y, z
                     held[k, 5] = math.sqrt((1.0 - cos) / (1.0 + cos))
                     k = _holding_wall(held, gap_of_walls)
-                    if k < 0 or held[k, 0] >= r:
+                    if k < 0 or held[k, 0] > r:
                         continue
                     between = _radius_between(held, k, gap_of_walls)
+                    if held[k, 0] == r:  # the nearer wall has come nearer
+                        radius = min(radius, between)
+                        continue
                     rr, x, y, z = held[k, 0], held[k, 2], held[k, 3], held[k, 4]
                 else:
                     between = rr
