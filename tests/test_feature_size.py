@@ -32,6 +32,19 @@ def test_between_parallel_walls_it_is_half_their_distance(degrees):
     assert np.isfinite(size[phi <= 0.0]).all()
 
 
+@pytest.mark.parametrize("spacings", [2.5, 3.0, 4.0])
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
+def test_strips_of_a_few_spacings_are_resolved(degrees, spacings):
+    step = 0.02
+    shape = planar.turned(planar.rectangle(1.8, spacings * step), degrees)
+    for shift in ((0.0, 0.0), (0.5, 0.5), (0.31, 0.77)):
+        grid, phi = planar.sampled(shape, step, shift=shift)
+        inside = feature_size(grid, phi)[phi <= 0.0]
+        assert np.median(inside) == pytest.approx(0.5 * spacings * step, rel=0.01)
+        # At the ends the corners are close.
+        assert inside.max() < 4.0 * step
+
+
 def test_plates_on_both_sides_of_a_gap_do_not_see_each_other():
     # Widths of 0.2 and 0.8 with a gap of 0.06: straight across it the narrow one is near.
     x = np.linspace(-1.0, 1.0, 101)

@@ -135,7 +135,7 @@ def medial_axis(
     gamma : float, optional
         Factor on curvatures, > 0, which makes up for their being taken a node away, and for
         one-sided gradients being as of nodes two spacings apart; below 2 smooth
-        fronts are taken for crossings, at 3 centres of discs are lost.
+        fronts are taken for crossings, above it more points are missing.
     patches : array_like of int, of the shape of the grid, optional
         Which smooth piece of the boundary is next to each node.  Only pieces that meet
         have corners then, and they may be rounded off by more.  Without it corners are found
@@ -167,7 +167,8 @@ def medial_axis(
     Points lie within 0.001 to 0.3 spacings of surfaces of the medial axis (third order between
     smooth fronts), within 1.2 of curves in space and points in the plane.  Some are missing, most
     of all where two surfaces of the axis meet, at its rim, and where it is as steep as an
-    edge is long; no attempt is made to link them up.
+    edge is long; no attempt is made to link them up.  The centre of a ball, a single point, may
+    fall between the edges; `feature_size` knows it by its depth.
 
     Gradients are one-sided differences, on the side with the smaller second difference, since
     the upwind side crosses the axis.  The directions of both fronts are then looked up again half
