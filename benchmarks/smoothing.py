@@ -48,7 +48,7 @@ def pliant_forces(points, edges, h):
     wanted = 0.5 * (h[i] + h[j])
     scale = {2: 1.2, 3: 1.15}[dim] * np.clip(np.median(length / wanted), 0.9, 1.15)
     x4 = (length / (scale * wanted)) ** 4
-    force = (1.0 - x4) * np.exp(-x4) * wanted / length
+    force = (1.0 - x4) * np.exp(-x4) * wanted / np.maximum(length, 1e-12 * wanted)
     move = np.empty((n, dim))
     for d in range(dim):
         along = force * edge[:, d]

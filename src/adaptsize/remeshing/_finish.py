@@ -18,7 +18,11 @@ _ROUNDS = 8
 _FLAT = 0.25
 #: Cells of lower quality are to be mended.
 _BAD = {2: 0.6, 3: 0.45}
-_PASSES, _SWEEPS = 10, 10
+_PASSES, _SWEEPS = 12, 10
+#: First length of the steps in which a place for a node is looked for, in sizes.
+_FIRST_STEP = 0.2
+#: Layers of neighbours that are moved too where nothing else helps.
+_WIDEST = 3
 #: Cosine of the angle between a facet and the boundary above which a node is at no edge or corner.
 _STRAIGHT = 0.8
 #: Nodes on the boundary are brought as near as this, in sizes.
@@ -165,7 +169,7 @@ def improved(
     """Return the mesh with its worst cells made better by swaps and moves of single nodes."""
     dim = points.shape[1]
     points, cells = points.copy(), cells.copy()
-    best = (-1.0, 0)
+    best, wider = (-1.0, 0), 0
     for k in range(_PASSES):
         report("improving cells", k / _PASSES)
         if dim == 3:
@@ -174,10 +178,16 @@ def improved(
         fill_quality(points, cells, quality)
         bad = quality < _BAD[dim]
         state = (round(float(quality.min()), 2), -int(bad.sum()))
-        if not bad.any() or state <= best:
+        if state <= best:
+            wider += 1
+            bad = quality < _FLAT
+        best = max(state, best)
+        if not bad.any() or wider > _WIDEST:
             break
-        best = state
-        _move_nodes(domain, points, cells, h, np.unique(cells[bad]), n_fixed)
+        nodes = np.unique(cells[bad])
+        for _ in range(wider):  # the neighbours are in the way
+            nodes = np.unique(cells[np.isin(cells, nodes).any(axis=1)])
+        _move_nodes(domain, points, cells, (1 + wider) * _FIRST_STEP * h, h, nodes, n_fixed)
     return points, cells
 
 
@@ -202,6 +212,7 @@ def _move_nodes(
     domain: ImplicitDomain,
     points: FloatArray,
     cells: IntArray,
+    steps: FloatArray,
     h: FloatArray,
     nodes: npt.NDArray[np.integer],
     n_fixed: int,
@@ -218,7 +229,7 @@ def _move_nodes(
     nodes = np.setdiff1d(nodes, sharp).astype(np.int64)
     before, old = _worst_of_nodes(points, cells), points.copy()
     ring_ptr, ring = topology.rings(cells, len(points))
-    smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, 0.2 * h)
+    smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps)
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
     points[at], _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)

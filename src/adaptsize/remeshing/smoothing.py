@@ -135,6 +135,64 @@ def mesh_from_distance(
     ResolutionWarning
         If the mesh misses a part of the domain, its measure differs from that of
         the domain by more than 10 %, it has slivers, or a fixed point is in no cell.
+
+    See Also
+    --------
+    signed_distance : distances from surfaces, images and other functions.
+    remesh : new meshes from meshes, by generators that keep regions and tags.
+
+    Notes
+    -----
+    The loop of [1]_: random nodes by rejection, Delaunay triangulation, repulsive forces along
+    the edges, nodes that leave the domain put back along the gradient of the distance, by
+    difference quotients.  Nodes are added and removed where edges are far from their size [2]_.
+    In the plane, corners between straight or curved sides are found and fixed; in space,
+    nodes are brought to convex edges.  At the end the worst cells are improved: single nodes are
+    moved, edges and faces of tetrahedra swapped [3]_.
+
+    Guaranteed: positive cells, each once; nodes all used; fixed points where they are.
+    Not guaranteed, but told in the report: that edges have their sizes (95 % and more within
+    sqrt 2 as a rule, if the sizes are limited and the domain is not narrower than they are),
+    angles (as a rule above 25 degrees in the plane, dihedral ones above 15 in space), boundary
+    nodes within 1e-6 sizes of the boundary (1e-4 along edges in space).
+    Parts narrower than about a fifth of the size, and inner edges in space without fixed points
+    along them, are not met.
+
+    Time is that of some 20 triangulations and a call of ``distance`` with all nodes in each
+    step: about 8 s for 20 000 nodes in the plane, and 25 s for 8 000 in space.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, G. Strang, "A simple mesh generator in MATLAB", SIAM Review 46
+       (2004) 329-345.
+    .. [2] F. J. Bossen, P. S. Heckbert, "A pliant method for anisotropic mesh generation", 5th
+       International Meshing Roundtable (1996) 63-74.
+    .. [3] L. A. Freitag, C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping and
+       smoothing", Int. J. Numer. Methods Eng. 40 (1997) 3979-4002.
+
+    Examples
+    --------
+    A disc with a hole, finer at the hole:
+
+    >>> def distance(x):
+    ...     r = np.linalg.norm(x, axis=1)
+    ...     return np.maximum(r - 1.0, 0.25 - r)
+    >>> def size(x):
+    ...     return 0.08 + 0.2 * (np.linalg.norm(x, axis=1) - 0.25)
+    >>> mesh, report = mesh_from_distance(
+    ...     distance, size, [-1.1, -1.1], [1.1, 1.1], full_output=True
+    ... )
+    >>> bool((mesh.signed_measures > 0.0).all()), report.n_components, report.n_slivers
+    (True, 1, 0)
+    >>> bool(np.abs(distance(mesh.boundary().mesh.points)).max() < 1e-6)
+    True
+
+    The size may be a number, and too many elements are refused:
+
+    >>> mesh_from_distance(distance, 1e-5, [-1.1, -1.1], [1.1, 1.1])
+    Traceback (most recent call last):
+    ...
+    adaptsize.errors.TooManyElementsError: the sizes ask for ... elements or more, ...
     """
     domain = _as_domain(distance, lower, upper)
     wanted = sized(_as_function(size), domain)
