@@ -81,7 +81,7 @@ def _on_grid(
     distance[~found] = np.inf
     if not found.all():
         _seed_hull(grid, surface, distance, nearest)
-        corners = same_places(points)[facets]
+        corners = same_places(points, facets)[facets]
         features = Features(points, facets, corners, *topology.rings(corners, len(points)))
         hand_on(frame, features, distance, nearest, report)
     return distance.reshape(grid.shape)

@@ -82,7 +82,7 @@ def is_cycle(surface: SimplexMesh) -> bool:
 
     Nodes at the same place count as one.
     """
-    same = same_places(surface.points)
+    same = same_places(surface.points, surface.cells)
     cells = same[surface.cells]
     if surface.cell_dim == 1:
         balance = np.bincount(cells[:, 0], minlength=len(same)) - np.bincount(
@@ -99,13 +99,18 @@ def is_cycle(surface: SimplexMesh) -> bool:
     return not bool(balance.any())
 
 
-def same_places(points: FloatArray) -> IntArray:
-    """Return for each point the number of its place, from 0 on; those of equal points agree."""
-    low = points.min(axis=0)
-    step = float(np.linalg.norm(points.max(axis=0) - low)) * _SAME
+def same_places(points: FloatArray, cells: IntArray) -> IntArray:
+    """Return for each point the number of its place, from 0 on; those of equal points agree.
+
+    Equal is what differs by rounding, measured by the extent of the points of cells.
+    """
+    used = points[cells]
+    low = used.min(axis=(0, 1))
+    step = float(np.linalg.norm(used.max(axis=(0, 1)) - low)) * _SAME
     if step == 0.0:
         return np.zeros(len(points), np.int32)
-    key = np.round((points - low) / step).astype(np.int64)
+    # Points of no cell may be anywhere; they only must not overflow.
+    key = np.clip(np.round((points - low) / step), -(2.0**60), 2.0**60).astype(np.int64)
     order = np.lexsort(key.T)
     changes = (np.diff(key[order], axis=0) != 0).any(axis=1)
     number = np.empty(len(points), np.int32)
