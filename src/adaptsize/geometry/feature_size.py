@@ -65,7 +65,7 @@ def feature_size(
     to a spacing) and of marching at first order.  In space edges between corners are not looked
     for.
 
-    O(n) time: 4 seconds for 256^3 nodes, of which half are inside; 60 bytes per node besides phi.
+    O(n) time: 4 seconds for 256^3 nodes, of which half are inside; 50 bytes per node besides phi.
 
     References
     ----------
