@@ -10,7 +10,7 @@ import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes, swap
 from adaptsize.background import topology
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning, TooManyElementsError
-from adaptsize.remeshing._finish import improved
+from adaptsize.remeshing._finish import _move_if_good, improved
 from adaptsize.remeshing._implicit_domain import ImplicitDomain
 from adaptsize.remeshing._rejection import examine, sample, sized
 
@@ -310,6 +310,16 @@ def test_tetrahedra_are_improved_by_swaps_too():
     assert (volume_length(new, new_cells) > 0.0).all()
     before, after = (np.sort(volume_length(points, c))[:50].mean() for c in (cells, new_cells))
     assert after > 1.2 * before
+
+
+def test_moves_that_would_invert_cells_are_taken_back():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]])
+    cells = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], np.int32)
+    moved = points.copy()
+    there = np.array([[-0.1, -0.1], [0.5, 1.2]])
+    _move_if_good(moved, cells, np.array([0, 4]), there)
+    np.testing.assert_array_equal(moved[0], there[0])
+    np.testing.assert_array_equal(moved[1:], points[1:])
 
 
 # The kernels.
