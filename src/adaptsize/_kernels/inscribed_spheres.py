@@ -26,6 +26,10 @@ _STACK = 64
 # where the ball touches the boundary all around, as in a sphere.
 _EXCESS = 1e-2
 _MAX_STEPS = 40
+# Squared sine of the angle over the tangent plane from which on a facet is opposite: 60 degrees.
+# Only such facets count at creases, where the normal is that of one side and, on rough
+# surfaces, the next facets stand across it.
+_OPPOSITE = 0.75
 # Corners around a point are remembered for walls of so many directions.
 _DIRECTIONS = 12
 
@@ -323,6 +327,9 @@ def shrink_balls(
         found = -1
         at = p
         e1, e2 = _tangents(n)
+        at_crease = False
+        for d in range(3):
+            at_crease = at_crease or probes[i, d] != origins[i, d]
         for k in range(_DIRECTIONS):
             held[k, 0] = math.inf
         stack[0] = 1
@@ -471,6 +478,10 @@ def shrink_balls(
                         continue
                     rr, x, y, z = held[k, 0], held[k, 2], held[k, 3], held[k, 4]
                 else:
+                    if at_crease and above * above < _OPPOSITE * (
+                        v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+                    ):
+                        continue
                     between = rr
                 if rr >= r:
                     continue

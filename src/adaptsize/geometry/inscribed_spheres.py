@@ -96,7 +96,8 @@ def inscribed_spheres(
         Each side of a crease gets its own sphere.
     separation_angle : float, default 40
         A point q counts if p and q are seen from the centre under a larger angle, in
-        degrees, from 0 to 180: what turns by less is not narrow but curved, or noise.
+        degrees, from 0 to 180: what turns by less is not narrow but curved, or noise.  At
+        creases, whose sides have a normal each, the angle is 120 degrees.
     corner_angle : float, default 30
         Two facets that meet at a crease are a corner if the angle inside is larger, degrees,
         and a narrow place otherwise.  In a corner the facet across the crease does not bound
