@@ -18,6 +18,10 @@ OPTIONAL = (
     "pyvista",
     "vtk",
     "matplotlib",
+    "PIL",
+    "tifffile",
+    "nibabel",
+    "nrrd",
     "rich",
     "typer",
 )
