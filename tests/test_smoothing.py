@@ -224,6 +224,12 @@ def test_a_neck_narrower_than_the_size_is_reported():
     assert report.n_broken + report.n_uncovered > 0
 
 
+def test_a_function_without_slope_is_reported():
+    with pytest.warns(ResolutionWarning, match="no slope"):
+        report = mesh_of(lambda x: np.sign(disc(x)), 0.3, 1.2, full_output=True)[1]
+    assert report.boundary_residual == np.inf
+
+
 def test_too_few_steps_are_reported():
     with pytest.warns(ConvergenceWarning, match="max_iter"):
         mesh_of(ring, ring_size, 1.2, max_iter=1)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
 from adaptsize.quality import Conformity, minimum_angles, size_conformity
+from adaptsize.remeshing._finish import TOLERANCE
 from adaptsize.remeshing._implicit_domain import ImplicitDomain
 from adaptsize.remeshing._rejection import Sampling, Size
 from adaptsize.remeshing._relaxation import Relaxed
@@ -25,6 +26,8 @@ _RESTLESS = 0.03
 _MEASURE_OFF = 0.1
 #: A place in the domain without a node this near is not covered, in sizes.
 _COVERED = 1.1
+#: Nodes of the boundary may be this far from that of the domain, in sizes.
+_OFF_BOUNDARY = 0.05
 #: Nodes of different parts this near are looked at for a way between them, in sizes.
 _NEIGHBOURS = 1.6
 
@@ -48,7 +51,8 @@ class SmoothingReport:
     measure, domain_measure : float
         Area or volume of the mesh, and of the domain as estimated from samples.
     boundary_residual : float
-        Largest distance of a boundary node from the boundary of the domain, in sizes.
+        Largest distance of a boundary node from the boundary of the domain, in sizes; inf
+        where the distance function has no slope.
     boundary_gap : float
         Largest distance of the centroid of a boundary facet from the boundary of the
         domain, in sizes: what chords and cut corners miss.
@@ -108,7 +112,10 @@ def describe(
     skin = mesh.boundary().mesh
     free = np.setdiff1d(mesh.boundary().nodes, fixed_nodes)
     at, h = mesh.points[free], size(mesh.points[free])
-    residual = domain.project(at, h, tolerance=0.0, max_steps=0)[1] / h
+    phi = domain.phi(at)
+    residual = np.linalg.norm(domain.newton_steps(at, phi, h), axis=1) / h
+    is_zero = np.abs(phi) <= TOLERANCE * domain.slope * h
+    residual[(residual == 0.0) & ~is_zero] = np.inf  # no slope: nobody knows
     centres = skin.points[skin.cells].mean(axis=1)
     h = size(centres)
     gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
@@ -189,6 +196,11 @@ def warn_of_faults(report: SmoothingReport) -> None:
         faults.append(
             f"it has {report.n_slivers} slivers, smallest angle "
             f"{report.conformity.angle_min:.2g} degrees"
+        )
+    if report.boundary_residual > _OFF_BOUNDARY:
+        faults.append(
+            f"nodes of its boundary are up to {report.boundary_residual:.2g} sizes from that of "
+            "the domain (inf: distance has no slope there)"
         )
     lost = int(np.count_nonzero(report.fixed_nodes < 0))
     if lost:
