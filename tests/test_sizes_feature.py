@@ -134,7 +134,8 @@ def test_limited_sizes_put_the_elements_across_a_gap_that_varies():
     x, y = mesh.points.T
     width = 10.0 + 0.05 * np.abs(x) ** 1.5  # 10 in the middle to 27.7 at the ends
     mesh = SimplexMesh(np.column_stack([x, y * width / 10.0]), mesh.cells)
-    h = limit_gradient(mesh, size_from_feature(mesh, elements_across=4.0), 0.25)
+    h0 = size_from_feature(mesh, elements_across=4.0)
+    h = limit_gradient(mesh, h0, 0.25, method="fast-marching")
     across = (1.0 / h).reshape(41, 41)
     # The integral of 1 / h along each column of nodes; a column is as long as it is wide.
     count = (0.5 * (across[:, 1:] + across[:, :-1])).mean(axis=1) * width.reshape(41, 41)[:, 0]
@@ -182,13 +183,13 @@ def test_the_rib_of_the_bracket_is_found_thin():
 def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
     from adaptsize import remesh
 
-    plate = wedge_plate(2.0, 1.5, 0.5, 0.9)
+    plate = wedge_plate(1.2, 1.0, 0.5, 0.74)
     chosen = choose_size(plate, elements_across=3.0, g=0.3, hmax=1.0)
     new = remesh(plate, chosen.size, gradient_limit=0.3, hmax=1.0, backend="tetwild")
     x, _, z = new.points.T
     bottom = np.flatnonzero(z < 0.02)
     top = np.flatnonzero(z > 0.5 + 0.2 * x - 0.02)
-    assert len(top) > 50
+    assert len(top) > 20
     assert edge_layers(new, bottom, top).min() >= 3
 
 
