@@ -156,7 +156,7 @@ def mesh_from_distance(
     sqrt 2 as a rule, if the sizes are limited and the domain is not narrower than they are),
     angles (as a rule above 25 degrees in the plane, dihedral ones above 15 in space), boundary
     nodes within 1e-6 sizes of the boundary (1e-4 along edges in space).
-    Parts narrower than about a fifth of the size, and inner edges in space without fixed points
+    Parts narrower than about half of the size, and inner edges in space without fixed points
     along them, are not met.
 
     Time is that of some 20 triangulations and a call of ``distance`` with all nodes in each
