@@ -12,7 +12,7 @@ lint:
 	lint-imports
 
 test:
-	$(PYTHON) -m pytest
+	$(PYTHON) -m pytest -n 2
 
 test-nojit:
 	NUMBA_DISABLE_JIT=1 $(PYTHON) -m pytest tests/kernels
