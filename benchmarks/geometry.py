@@ -13,6 +13,10 @@ spacings: within the band, and beyond it.
 
 *Medial axis*: Algorithm 1 and the marching from it on 256^3 nodes.
 
+*Complete size*: curvature, width and limiting (formulas (18)-(19) of the paper) for the sample
+bracket, as a share of the time that the mesh generator then takes: wall time, as generators
+are processes of their own.
+
 Writes `geometry.md` and `geometry.json`.
 """
 
@@ -25,6 +29,7 @@ from _timing import best_of, machine, table, three, write
 from scipy.spatial import ConvexHull
 
 import adaptsize as ads
+from adaptsize.automatic import choose_size
 
 
 def bumpy_ball(n_points):
@@ -142,7 +147,30 @@ def _plate_and_rib(x):
     return np.min(parts, axis=0)
 
 
-CASES = {"distance": signed_distance, "medial axis": medial_axis}
+def complete_size(quick):
+    """Time the size function of a part beside the meshing with it."""
+    part = ads.read(Path(__file__).parents[1] / "data" / "bracket.stl")
+    options = {"hmin": 2.0} if quick else {}
+    spacing = np.ptp(part.points, axis=0).max() / (40 if quick else 120)
+    grid = ads.CartesianGrid.around(part.points, spacing, 3.0 * spacing)
+    routes = {
+        "on the surface, as `adaptsize remesh` does": lambda: choose_size(part, **options).size,
+        "by distance on a grid": lambda: ads.size_function(part, background=grid, **options),
+    }
+    lines = []
+    for name, route in routes.items():
+        route()  # compiled by this
+        size, seconds, _ = best_of(2, route)
+        mesh, meshing, _ = best_of(1, partial(ads.remesh, part, size))
+        lines.append(
+            [name, size.background.n_points, three(seconds), mesh.n_cells, three(meshing),
+             f"{100.0 * seconds / meshing:.0f} %"]
+        )  # fmt: skip
+    heads = ["size", "nodes", "s size", "tetrahedra", "s meshing", "share"]
+    return "Size function of data/bracket.stl and its meshing, wall time", heads, lines
+
+
+CASES = {"distance": signed_distance, "medial axis": medial_axis, "complete size": complete_size}
 
 
 def main():
