@@ -1,6 +1,6 @@
 """From the STL file of a CAD part to graded tetrahedra, and how well they obey.
 
-The way of Figures 9 and 10 of Persson's paper, from curvature alone: data/bracket.stl,
+The way of Figures 9 and 10 of Persson's paper, from curvature and width: data/bracket.stl,
 an L-bracket in millimetres with bores, a fillet and a thin rib.  Sizes are put on its
 surface, limited, extended inwards, and given to fTetWild, followed by Mmg if that is
 installed.  Takes about half a minute.
