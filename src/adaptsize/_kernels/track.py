@@ -299,7 +299,7 @@ def track(
                 hidden
                 and (p != j or q >= 0)
                 and not sees_past_its_cells(
-                    state, axes, cells, ring_ptr, ring, source, k, s0, s1, s2, l1, l2
+                    state, axes, cells, ring_ptr, ring, patch, h0, source, k, s0, s1, s2, l1, l2
                 )
             ):
                 value = reach(

@@ -198,12 +198,32 @@ def _is_certified(points, axes, cells, c, v, source, h0, patch, k, y, p, q, r):
 
 
 @part
-def sees_past_its_cells(points, axes, cells, ring_ptr, ring, source, k, p, q, r, l1, l2):
-    """Tell whether the first certificate holds where the line from k leaves the cells at k.
+def _is_near(points, axes, cells, c, v, source, k, y0, y1, y2):
+    """Tell whether what serves the facet of cell c opposite to its vertex v, k, is near k + y."""
+    longest = 0.0
+    farthest = 0.0
+    first = cells[c, v - 1]
+    for w in range(1, len(axes) + 1):
+        i = cells[c, v - w]
+        s = source[i, 0]
+        length = (points[i, 0] - points[first, 0]) ** 2 + (points[i, 1] - points[first, 1]) ** 2
+        reach = (points[s, 0] - points[k, 0] - y0) ** 2 + (points[s, 1] - points[k, 1] - y1) ** 2
+        if len(axes) == 3:
+            length += (points[i, 2] - points[first, 2]) ** 2
+            reach += (points[s, 2] - points[k, 2] - y2) ** 2
+        longest = max(longest, length)
+        farthest = max(farthest, reach)
+    return farthest <= _NEAR * _NEAR * longest
+
+
+@part
+def sees_past_its_cells(points, axes, cells, ring_ptr, ring, patch, h0, source, k, p, q, r, l1, l2):
+    """Tell whether the first or last certificate holds where the line from k leaves its cells.
 
     As `sees`, which looks further, but that it may say no.  It is what nearly all lines need,
     and a call of `sees` costs more than this.
     """
+    here = patch[p] if points[p, len(axes)] >= h0[p] else -1
     y0 = points[p, 0]
     y1 = points[p, 1]
     if q >= 0:
@@ -211,6 +231,7 @@ def sees_past_its_cells(points, axes, cells, ring_ptr, ring, source, k, p, q, r,
         y1 += l1 * (points[q, 1] - points[p, 1])
     y0 -= points[k, 0]
     y1 -= points[k, 1]
+    y2 = 0.0
     if len(axes) == 3:
         y2 = points[p, 2]
         if q >= 0:
@@ -224,13 +245,17 @@ def sees_past_its_cells(points, axes, cells, ring_ptr, ring, source, k, p, q, r,
     for place in range(ring_ptr[k], ring_ptr[k + 1]):
         c = ring[place]
         same = True
+        near = here >= 0
         for v in range(len(axes) + 1):
             i = cells[c, v]
             if i != k:
                 same = same and source[i, 0] == p and source[i, 1] == q
                 if len(axes) == 3:
                     same = same and source[i, 2] == r
-        if not same:
+                if near:
+                    s = source[i, 0]
+                    near = patch[s] == here and points[s, len(axes)] >= h0[s]
+        if not (same or near):
             continue
         v = 0
         while cells[c, v] != k:
@@ -264,7 +289,7 @@ def sees_past_its_cells(points, axes, cells, ring_ptr, ring, source, k, p, q, r,
             at_b = (n0 * a0 + n1 * a1 + n2 * a2) * whole
             at_a = -(n0 * b0 + n1 * b1 + n2 * b2) * whole
         if whole != 0.0 and at_a >= 0.0 and at_b >= 0.0 and at_d >= 0.0:
-            seen = True
+            seen = same or _is_near(points, axes, cells, c, v, source, k, y0, y1, y2)
             break
     return seen
 
