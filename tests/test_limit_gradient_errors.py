@@ -227,8 +227,8 @@ mesh = jittered_square(30, seed=94)
 h0 = np.full(mesh.n_points, np.inf)
 h0[0] = 0.1
 limit_gradient(mesh, h0, 0.3, method="positive-coefficient", floor=None)
-print("ready", flush=True)
 try:
+    print("ready", flush=True)  # the signal may come from here on
     for _ in range(100_000):
         limit_gradient(mesh, h0, 0.3, method="positive-coefficient", floor=None, tol=1e-30)
 except KeyboardInterrupt:
