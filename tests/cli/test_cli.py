@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adaptsize import SimplexMesh, read, write
+from adaptsize import SimplexMesh, __version__, read, write
 from adaptsize.cli.entry import run
 from adaptsize.cli.sources import parse_source
 
@@ -306,6 +306,12 @@ def test_help_imports_nothing_heavy():
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert child.stderr.strip() == "set()"
+
+
+def test_python_dash_m_is_the_command():
+    command = [sys.executable, "-m", "adaptsize", "--version"]
+    child = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert child.stdout.strip() == f"adaptsize {__version__}"
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
