@@ -380,3 +380,24 @@ def test_no_points_and_progress():
     assert spheres.smallest().shape == (0,)
     inscribed_spheres(TORUS, progress=lambda text, share: told.append(share))
     assert told[-1] == 1.0
+
+
+def test_within_coarse_facets_no_sphere_stops_at_the_facets_beside():
+    # A torus of 10 x 10 sides: at corners normals turn by up to 25 degrees from those of facets,
+    # so that the facets beside a point stand over its tangent plane, more steeply than the
+    # separation angle (20 degrees) hides.  Its nodes have radii of .84 times 0.3 and more.
+    angles = 2.0 * np.pi * np.arange(10) / 10
+    a, b = np.meshgrid(angles, angles, indexing="ij")
+    ring = 1.0 + 0.3 * np.cos(b)
+    points = np.stack([ring * np.cos(a), ring * np.sin(a), 0.3 * np.sin(b)], axis=-1)
+    i, j = (index.ravel() for index in np.indices((10, 10)))
+    corners = [10 * ((i + di) % 10) + (j + dj) % 10 for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    cells = np.concatenate(
+        [np.column_stack([corners[k] for k in c]) for c in ((0, 1, 2), (0, 2, 3))]
+    )
+    torus = SimplexMesh(points.reshape(-1, 3), cells)
+    weights = np.random.default_rng(1301).dirichlet([0.5] * 3, (len(cells), 100))
+    within = np.einsum("fsv,fvd->fsd", weights, torus.points[cells]).reshape(-1, 3)
+    radii = inscribed_spheres(torus, within).smallest()
+    assert radii.min() > 0.75 * 0.3  # 0.62 with the facets beside
+    assert radii.max() < 0.3

@@ -263,8 +263,8 @@ def _holding_wall(held, widest):
 @kernel
 def shrink_balls(
     points, cells, normals, boxes, slabs, edge_points, edges, edge_boxes, tips,
-    probes, origins, probe_normals, reaches, tip_of, angles, largest, order, first, last,
-    radii, contacts, touched,
+    probes, origins, probe_normals, probe_cells, reaches, tip_of, angles, largest,
+    order, first, last, radii, contacts, touched,
 ):  # fmt: skip
     """Fill the radius of the largest ball at each probe that holds nothing of the boundary.
 
@@ -287,15 +287,19 @@ def shrink_balls(
     probes, origins, probe_normals : float64[n_probes, 3]
         A probe at a crease stands a little beside its origin; cells that hold the origin
         are walls at most.
+    probe_cells : int32[n_probes]
+        Cell that holds each probe, -1 at nodes.  Cells are on its side, and are left out, that
+        turn by less than the separation angle from it, or hang together with it and turn by
+        less than a crease; the normal at the probe may turn from that of its cell as well.
     reaches : float64[n_probes]
         Distance of each probe to the edges.
     tip_of : int32[n_probes]
         Nearest tip, -1: none.
-    angles : float64[5]
+    angles : float64[6]
         Least sine of the angle between q - p and the tangent plane; cosine of the least
         opening angle of a corner; distance of edges from the line where the planes of p and q
         meet, over that of p or q; distance of tips from p and q, over the radius; widest gap
-        between walls that hold a ball.
+        between walls that hold a ball; cosine of the turn of a crease.
     largest : float64
         Radius to start from.
     order : int64[n_probes]
@@ -315,7 +319,7 @@ def shrink_balls(
     m, width = cells.shape
     n_leaves = boxes.shape[0] // 2
     sine, cosine, share = angles[0], angles[1], angles[2]
-    tip_share, gap_of_walls = angles[3], angles[4]
+    tip_share, gap_of_walls, smooth = angles[3], angles[4], angles[5]
     flat = math.sqrt(1.0 - sine * sine)
     guess = -1
     for place in range(first, last):
@@ -390,6 +394,17 @@ def shrink_balls(
                     height += normals[t, d] * (p[d] - points[a, d])
                     at_origin += normals[t, d] * (origins[i, d] - points[a, d])
                     cos += normals[t, d] * n[d]
+                own = probe_cells[i]
+                if own >= 0:
+                    turn = 0.0
+                    for d in range(3):
+                        turn += normals[t, d] * normals[own, d]
+                    same_side = t == own or turn >= flat
+                    if turn > smooth:
+                        for k in range(width * width):
+                            same_side = same_side or cells[t, k // width] == cells[own, k % width]
+                    if same_side:
+                        continue
                 # Seen from behind, in the tangent plane, or without a normal; no steeper than
                 # the separation angle, and so not higher over the tangent plane; out of the ball.
                 if height <= 1e-9 * largest or cos >= flat:

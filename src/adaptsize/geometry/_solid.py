@@ -36,6 +36,8 @@ class Probes(NamedTuple):
     """Into the domain, unit, float64[n, 3]."""
     owners: npt.NDArray[np.intp]
     """What each stands for."""
+    cells: IntArray
+    """In which cell each lies, int32[n], in the order of the tree; -1 at nodes."""
 
 
 class Tree(NamedTuple):
@@ -117,7 +119,13 @@ class Solid:
             slabs,
             inward,
             -at_corners.reshape(-1, width, 3),
-            Probes(points[nodes[known]], starts[known], -parts.sector_normals[known], nodes[known]),
+            Probes(
+                points[nodes[known]],
+                starts[known],
+                -parts.sector_normals[known],
+                nodes[known],
+                np.full(len(known), -1, np.int32),
+            ),
             parts.is_sharp,
             Tree.over(points, parts.bends),
             points[np.unique(nodes[lost & (areas > 0.0)])],
@@ -155,7 +163,8 @@ class Solid:
         first = np.searchsorted(at.owners, nodes, "left")
         count = np.searchsorted(at.owners, nodes, "right") - first
         row = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
-        return Probes(at.points[row], at.starts[row], at.normals[row], np.repeat(owners, count))
+        owners = np.repeat(owners, count)
+        return Probes(at.points[row], at.starts[row], at.normals[row], owners, at.cells[row])
 
     def _inside_cells(
         self,
@@ -171,8 +180,14 @@ class Solid:
         normals = np.einsum("ij,ijk->ik", weights, self.corner_normals[cells])
         lengths = np.linalg.norm(normals, axis=1)
         good = lengths > 0.0  # facets without area have no normal
+        place = np.empty(len(self.tree.order), np.int32)
+        place[self.tree.order] = np.arange(len(place))
         return Probes(
-            points[good], (points + aside)[good], normals[good] / lengths[good, None], owners[good]
+            points[good],
+            (points + aside)[good],
+            normals[good] / lengths[good, None],
+            owners[good],
+            place[cells[good]],
         )
 
     def _across(

@@ -194,11 +194,11 @@ class SphereFinder:
             raise ValueError(
                 f"boundary must consist of segments in 2-D or triangles in 3-D, got {boundary!r}"
             )
-        crease = _as_angle("crease_angle", crease_angle)
+        self._crease = _as_angle("crease_angle", crease_angle)
         self._separation = _as_angle("separation_angle", separation_angle)
         self._corner = _as_angle("corner_angle", corner_angle)
         self._boundary = boundary
-        self._solid = Solid.of(boundary, crease)
+        self._solid = Solid.of(boundary, self._crease)
 
     def at_nodes(self, progress: ProgressCallback | bool | None = None) -> InscribedSpheres:
         """Return the spheres at the nodes of the boundary: one for each side of a crease."""
@@ -215,7 +215,9 @@ class SphereFinder:
         self, probes: Probes, n_owners: int, progress: ProgressCallback | bool | None
     ) -> InscribedSpheres:
         with reporting(progress) as report:
-            radii, contacts = _shrink(self._solid, probes, self._separation, self._corner, report)
+            radii, contacts = _shrink(
+                self._solid, probes, self._separation, self._corner, self._crease, report
+            )
         dim = self._boundary.dim
         contacts = np.where(np.isfinite(radii)[:, None], contacts, np.nan)
         return InscribedSpheres(
@@ -229,7 +231,12 @@ class SphereFinder:
 
 
 def _shrink(
-    solid: Solid, probes: Probes, separation: float, corner: float, report: ProgressCallback
+    solid: Solid,
+    probes: Probes,
+    separation: float,
+    corner: float,
+    crease: float,
+    report: ProgressCallback,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the radius at each probe, and where the sphere touches the boundary again."""
     n = len(probes.points)
@@ -238,14 +245,15 @@ def _shrink(
     opening = math.radians(corner)
     angles = np.array([
         sine, math.cos(opening), _AT_EDGE, _AT_TIP / max(math.tan(0.5 * opening), 1e-3),
-        math.pi + opening + 1e-6,
+        math.pi + opening + 1e-6, math.cos(math.radians(crease)),
     ])  # fmt: skip
     tree, bends = solid.tree, solid.bends
     # No point is farther than the diagonal, nor lower over the tangent plane than the angle.
     largest = 1.01 * solid.boundary.diagonal / (2.0 * sine)
     cells = (tree.points, tree.cells, solid.inward, tree.boxes, solid.slabs)
     corners = (bends.points, bends.cells, bends.boxes, solid.tips)
-    where = (probes.starts, probes.points, probes.normals, *_corners_near(solid, probes, order))
+    near = _corners_near(solid, probes, order)
+    where = (probes.starts, probes.points, probes.normals, probes.cells, *near)
     radii, contacts, touched = np.empty(n), np.empty((n, 3)), np.empty(n, np.int32)
     first, step = 0, 1024
     while first < n:
