@@ -3,7 +3,7 @@ PYTHON ?= python
 KERNELS := $(shell cat src/adaptsize/_kernels/*.py | cksum | cut -d' ' -f1)
 export NUMBA_CACHE_DIR ?= $(CURDIR)/.numba_cache/$(KERNELS)
 
-.PHONY: lint test test-nojit test-bounds examples bench clean
+.PHONY: lint test test-nojit test-bounds docs gallery examples bench clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -20,6 +20,14 @@ test-nojit:
 test-bounds:
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(NUMBA_CACHE_DIR)-bounds $(PYTHON) -m pytest tests/kernels tests/laws
 
+# Warnings are errors; nothing is fetched.
+docs:
+	$(PYTHON) -m sphinx -W --keep-going docs docs/_build
+
+# Run the examples and put their pictures into docs/figures.
+gallery:
+	$(PYTHON) docs/_ext/refresh_pictures.py $(NAMES)
+
 examples:
 	set -e; for script in examples/*.py; do [ -e "$$script" ] || continue; $(PYTHON) "$$script"; done
 
@@ -28,4 +36,5 @@ bench:
 
 clean:
 	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
+	rm -rf docs/_build docs/api docs/gallery docs/project docs/results
 	rm -f bracket.vtu bracket.png

@@ -120,7 +120,7 @@ def inscribed_spheres(
 
     See Also
     --------
-    size_from_feature : sizes from the radii, on every background.
+    adaptsize.size_from_feature : sizes from the radii, on every background.
 
     Notes
     -----

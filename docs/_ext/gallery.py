@@ -1,0 +1,162 @@
+"""The gallery: a page per example, made from its docstring, its pictures and its code."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# What Persson's paper shows, and where no example answers: the page that does.
+FIGURES = {
+    1: "background grids",
+    2: "a shock of the distance, between two parabolas",
+    3: "medial axes of planar shapes",
+    4: "gradient limiting in one dimension",
+    5: "sizes from the curvature of a boundary",
+    6: "a slit between small sizes and large ones",
+    7: "curvature, feature size and gradient limiting together",
+    8: "a size function of a geometry with smooth boundaries",
+    9: "a size function in space, and tetrahedra",
+    10: "narrow regions in space",
+    11: "the schemes on a Cartesian grid",
+    12: "adaptation for compressible flow over a bump",
+    13: "objects in an image",
+    14: "g(x), different from place to place",
+    15: "g(h), different from size to size",
+}
+ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md#how-points-are-found)"}
+
+
+@dataclass(frozen=True)
+class Example:
+    """One script: what its docstring says, and which pictures it writes."""
+
+    path: Path
+    title: str
+    text: str
+    pictures: tuple[str, ...]
+    figures: tuple[int, ...]
+    first_line_of_code: int
+
+    @property
+    def name(self) -> str:
+        """The name of the script and of its page, such as ``plot_slit``."""
+        return self.path.stem
+
+
+def read_examples(folder: Path) -> list[Example]:
+    """Return the examples in a folder, those of the paper's figures first, in their order."""
+    examples = [read_example(path) for path in folder.glob("[!_]*.py")]
+    return sorted(examples, key=lambda e: (e.figures or (99,), e.name))
+
+
+def read_example(path: Path) -> Example:
+    """Return what a script says of itself; it is not run."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    docstring = ast.get_docstring(tree)
+    if not docstring:
+        raise ValueError(f"{path.name} has no docstring, of which its page would be made")
+    title, _, text = docstring.partition("\n")
+    numbers = re.findall(r"Figures? ((?:\d+(?:, | and )?)+)", docstring)
+    figures = sorted({int(number) for found in numbers for number in re.findall(r"\d+", found)})
+    return Example(
+        path=path,
+        title=title.rstrip("."),
+        text=text.strip(),
+        pictures=tuple(dict.fromkeys(_pictures(tree))) or (f"{path.stem.removeprefix('plot_')}.png",),
+        figures=tuple(figures),
+        first_line_of_code=tree.body[1].lineno,
+    )
+
+
+def missing_pictures(examples: Sequence[Example], figures: Path) -> list[str]:
+    """Return one line for each picture that an example writes and the folder does not have."""
+    return [
+        f"{example.path.name} writes {picture}, which is not in {figures.name}: make gallery"
+        for example in examples
+        for picture in example.pictures
+        if not (figures / picture).is_file()
+    ]
+
+
+def page_of(example: Example) -> str:
+    """Return the page of an example, in Markdown, for a folder beside ``figures``."""
+    script = f"../../examples/{example.path.name}"
+    pictures = [f"![{example.title}](../figures/{picture})" for picture in example.pictures]
+    code = [
+        f"```{{literalinclude}} {script}",
+        ":language: python",
+        f":lines: {example.first_line_of_code}-",
+        "```",
+    ]
+    parts = [
+        f"# {example.title}",
+        *pictures,
+        example.text,
+        f"[Download the script]({script}); what it shares with others is in "
+        "[_gallery.py](../../examples/_gallery.py).",
+        "\n".join(code),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def index_of(examples: Sequence[Example]) -> str:
+    """Return the first page of the gallery: the figures of the paper, then all pictures."""
+    rows = []
+    for number, subject in FIGURES.items():
+        answers = [f"[{e.title}]({e.name}.md)" for e in examples if number in e.figures]
+        shown = "; ".join(answers) or ELSEWHERE.get(number, "")
+        rows.append(f"| {number} | {subject} | {shown} |")
+    cards = [
+        "\n".join(
+            [
+                "::::{container} card",
+                f"[![{e.title}](../figures/{e.pictures[0]})]({e.name}.md)",
+                "",
+                f"[{e.title}]({e.name}.md)",
+                "::::",
+            ]
+        )
+        for e in examples
+    ]
+    return "\n".join(
+        [
+            "# Gallery",
+            "",
+            "Each picture is drawn by a script in `examples/`, which the tests run at a coarser",
+            "setting. `python examples/plot_slit.py` writes its pictures to `examples/output/`.",
+            "",
+            "## All examples",
+            "",
+            ":::::{container} gallery",
+            "\n".join(cards),
+            ":::::",
+            "",
+            "## Figure by figure",
+            "",
+            "The figures of Persson's paper and the examples that draw the like:",
+            "",
+            "| figure | of | here |",
+            "|---:|---|---|",
+            *rows,
+            "",
+            "```{toctree}",
+            ":hidden:",
+            "",
+            *[e.name for e in examples],
+            "```",
+            "",
+        ]
+    )
+
+
+def _pictures(tree: ast.Module) -> Iterator[str]:
+    """Yield the names in ``output_dir / "name.png"``."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.BinOp(
+                left=ast.Name(id="output_dir"), op=ast.Div(), right=ast.Constant(value=str(name))
+            ) if name.endswith(".png"):
+                yield name

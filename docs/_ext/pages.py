@@ -1,0 +1,132 @@
+"""What the site adds to the pages: those from elsewhere in the project, links to them, contents.
+
+The pages in ``docs/`` are plain Markdown, whose links lead to files; so they can be read where
+the project is kept, without this site.  Here links to examples, results and the like are led to
+their pages, and the tree of contents is put at the end of the first page.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import gallery
+from sphinx.application import Sphinx
+from sphinx.util import logging
+
+DOCS = Path(__file__).parents[1]
+ROOT = DOCS.parent
+LOG = logging.getLogger(__name__)
+
+# Pages that are elsewhere in the project: where, and their name here.
+COPIES = {
+    "CHANGELOG.md": "project/changelog",
+    "CONTRIBUTING.md": "project/contributing",
+    "data/README.md": "project/samples",
+}
+# Links to folders, and what answers to them here.
+FOLDERS = {
+    "examples": "gallery/index",
+    "benchmarks/results": "benchmarks",
+    "docs/decisions": "decisions/README",
+    "docs/how-to": "how-to/README",
+}
+CONTENTS = {
+    "How to": "how-to/*",
+    "Examples": ["gallery/index"],
+    "Methods": [
+        "limiting", "source-tracking", "octrees", "distance", "medial-axis", "feature-size",
+        "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
+        "adaptive-loops",
+    ],
+    "Reference": ["api", "command-line", "files", "solvers", "benchmarks", "citations"],
+    "Project": ["decisions/README", *COPIES.values()],
+}  # fmt: skip
+LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write the pages that are made from other files, and tell of missing pictures."""
+    examples = gallery.read_examples(ROOT / "examples")
+    for line in gallery.missing_pictures(examples, DOCS / "figures"):
+        LOG.warning(line)
+    pages = {f"gallery/{e.name}": gallery.page_of(e) for e in examples}
+    pages["gallery/index"] = gallery.index_of(examples)
+    pages |= {
+        name: (ROOT / source).read_text(encoding="utf-8") for source, name in _copies().items()
+    }
+    for folder in ("gallery", "results", "project"):
+        for old in (DOCS / folder).glob("*.md"):
+            if f"{folder}/{old.stem}" not in pages:
+                old.unlink()
+    for name, text in pages.items():
+        target = DOCS / f"{name}.md"
+        target.parent.mkdir(exist_ok=True)
+        if not target.exists() or target.read_text(encoding="utf-8") != text:
+            target.write_text(text, encoding="utf-8")
+
+
+def mend_page(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Lead the links of a page to other pages; add the contents to the first one."""
+    if not (DOCS / f"{docname}.md").exists():
+        return
+    homes = {name: path for path, name in _copies().items()}
+    folder = Path(homes.get(docname, f"docs/{docname}.md")).parent
+
+    def mended(match: re.Match[str]) -> str:
+        return f"]({target_of(match[1], folder, docname)}{match[2] or ''})"
+
+    source[0] = LINK.sub(mended, source[0])
+    if docname == app.config.root_doc:
+        source[0] += contents()
+    elif docname == "decisions/README":
+        source[0] += _toctree("", sorted(p.stem for p in (DOCS / "decisions").glob("0*.md")))
+    elif docname == "benchmarks":
+        source[0] += _toctree("", sorted(set(_copies().values()) - set(COPIES.values())))
+
+
+def target_of(link: str, folder: Path, docname: str) -> str:
+    """Return where a link of a page that is at home in ``folder`` leads to on the site."""
+    path = os.path.normpath(folder / link)
+    pages = _copies() | FOLDERS
+    pages |= {f"examples/{p.name}": f"gallery/{p.stem}" for p in ROOT.glob("examples/[!_]*.py")}
+    if path in pages:
+        path = f"docs/{pages[path]}.md"
+    elif not (ROOT / path).is_file():
+        return link  # to be told by the reader of the page
+    return os.path.relpath(path, Path("docs", docname).parent)
+
+
+def contents() -> str:
+    """Return the hidden trees of contents; pages that nobody listed end up among the methods."""
+    listed = {name for names in CONTENTS.values() for name in names}
+    found = [p.stem for p in sorted(DOCS.glob("*.md"))]
+    others = [name for name in found if name not in listed and name != "index"]
+    parts = []
+    for caption, wanted in CONTENTS.items():
+        if isinstance(wanted, str):
+            names = sorted(str(p.relative_to(DOCS).with_suffix("")) for p in DOCS.glob(wanted))
+        else:
+            names = [name for name in wanted if list(DOCS.glob(f"{name}.*"))]
+        parts.append(_toctree(caption, names + (others if caption == "Methods" else [])))
+    return "".join(parts)
+
+
+def _copies() -> dict[str, str]:
+    results = ROOT.glob("benchmarks/results/*.md")
+    return COPIES | {f"benchmarks/results/{p.name}": f"results/{p.stem}" for p in results}
+
+
+def _toctree(caption: str, names: list[str]) -> str:
+    entries = "\n".join(f"/{name}" if "/" in name or caption else name for name in names)
+    heading = f":caption: {caption}\n" if caption else ""
+    return f"\n\n```{{toctree}}\n:hidden:\n{heading}\n{entries}\n```\n"
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", write_pages)
+    app.connect("source-read", mend_page)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
