@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,21 @@ _SORT_FROM = 2000
 _SECONDS_PER_CALL = 0.3
 # Squares of coordinates must stay in the range of float64.
 _FARTHEST = 1e150
+
+
+class CellTree(NamedTuple):
+    """The tree of a locator, as kernels take it."""
+
+    points: FloatArray
+    """float64[n, 3], times ``scale``, padded with zeros."""
+    cells: IntArray
+    """int32[m, k + 1] into ``points``, in the order of the tree."""
+    boxes: FloatArray
+    """float64[2 * n_leaves, 6], see `adaptsize._kernels.interpolate.fill_boxes`."""
+    cell_of_place: IntArray
+    """``cell_of_place[i]`` is the cell of the mesh that row i of ``cells`` is."""
+    scale: float
+    """Power of two."""
 
 
 class SimplexLocator:
@@ -97,6 +112,15 @@ class SimplexLocator:
         self._cells = cells[order]
         self._boxes = np.empty((2 * n_leaves, 6))
         fill_boxes(self._points, self._cells, self._boxes)
+
+    @property
+    def tree(self) -> CellTree:
+        """The tree, for other searches in it."""
+        return CellTree(self._points, self._cells, self._boxes, self._cell_of_place, self._scale)
+
+    def along_curve(self, points: FloatArray) -> npt.NDArray[np.int64]:
+        """Return an order of points in which those that are near each other follow each other."""
+        return self._along_curve(_in_space(points * self._scale))
 
     def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return for each point the cell that contains it, or else the closest cell.

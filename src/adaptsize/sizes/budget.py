@@ -16,6 +16,13 @@ from adaptsize.typing import FloatArray
 #: Elements of edge length 1 per unit of measure: of segments, regular triangles and tetrahedra.
 ELEMENTS_PER_MEASURE = {1: 1.0, 2: 4.0 / math.sqrt(3.0), 3: 6.0 * math.sqrt(2.0)}
 
+#: Cells that generators make per cell predicted, by dimension of the cells: medians of what was
+#: measured (docs/adaptive-loops.md).
+CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
+    ("mmg", 2): 1.02,
+    ("mmg", 3): 1.08,
+}
+
 # Logarithm of the scale: a hundredth of a per cent of the size.
 _TOLERANCE = 1e-4
 # Up to which logarithm a scale is sought, and what stands for that of nothing.
@@ -58,6 +65,11 @@ def predicted_elements(mesh: SimplexMesh, size: npt.ArrayLike) -> float:
     d = mesh.cell_dim
     density = (h**-d)[mesh.cells].mean(axis=1)
     return float(ELEMENTS_PER_MEASURE[d] * (mesh.measures * density).sum())
+
+
+def calibration(backend: str | None, cell_dim: int) -> float:
+    """Return how many cells a generator makes per cell predicted; 1 for those not measured."""
+    return CELLS_PER_PREDICTED.get((backend or "", cell_dim), 1.0)
 
 
 def present_sizes(mesh: SimplexMesh) -> FloatArray:

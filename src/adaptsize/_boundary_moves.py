@@ -1,0 +1,244 @@
+"""Boundary nodes moved onto the true boundary, as far as the cells allow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize.background import SimplexMesh, topology
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+#: Takes points near the boundary, float64[n, dim], returns the points of the boundary for them.
+Projection: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
+ProjectionLike: TypeAlias = Projection | Mapping[int, Projection]
+
+#: A cell may lose so much of its measure, and of its quality, before moves are shortened.
+_LEAST_MEASURE = 0.3
+_LEAST_QUALITY = 0.5
+#: Triangles in space may turn by so much (cosine).
+_LEAST_TURN = 0.5
+#: The least share of a move; what would be shorter is none.
+_SHORTEST = 1.0 / 32.0
+#: Moves shorter than this share of the diagonal count as none.
+_NO_MOVE = 1e-12
+
+
+@dataclass(frozen=True)
+class BoundaryMoves:
+    """What became of the nodes that were to be projected.
+
+    Attributes
+    ----------
+    n_nodes : int
+        Nodes that were projected.
+    n_corners : int
+        Nodes left alone: corners, ridges, and those between two projections.
+    n_shortened : int
+        Nodes that were not moved all the way, for the sake of their cells.
+    largest_move : float
+        Longest way of a node.
+    largest_rest : float
+        Longest way that is missing.
+    """
+
+    n_nodes: int
+    n_corners: int
+    n_shortened: int
+    largest_move: float
+    largest_rest: float
+
+    def __str__(self) -> str:
+        """Return one line."""
+        text = (
+            f"{self.n_nodes} nodes moved by up to {self.largest_move:.3g}, "
+            f"{self.n_corners} corner and ridge nodes kept"
+        )
+        if self.n_shortened:
+            text += (
+                f"; {self.n_shortened} moves shortened for the cells, "
+                f"up to {self.largest_rest:.3g} is missing"
+            )
+        return text
+
+
+def check_projection(project: object) -> None:
+    """Raise a ValueError if ``project`` is neither a callable nor a mapping of tags to such."""
+    good = callable(project)
+    if isinstance(project, Mapping):
+        good = all(callable(p) and isinstance(t, int | np.integer) for t, p in project.items())
+    if not good:
+        raise ValueError(
+            "project must be a callable that takes and returns points, or a mapping of boundary "
+            f"tags to such, got {describe(project)}"
+        )
+
+
+def move_to_boundary(
+    mesh: SimplexMesh, project: ProjectionLike, corner_angle: float
+) -> tuple[SimplexMesh, BoundaryMoves]:
+    """Return the mesh with its boundary nodes moved, and what became of them.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    project : callable, or mapping of int to callable
+        For all boundary nodes (of triangles in space: all nodes), or for the nodes of the
+        facets with a tag.
+    corner_angle : float
+        Degrees between two facets from which on their common nodes are left alone.
+
+    Raises
+    ------
+    ValueError
+        If ``project`` returns another shape, or numbers that are not finite.
+    """
+    facets, kind, projections = _facets_to_move(mesh, project)
+    kept = _between_kinds(mesh.n_points, facets, kind) | _corners(mesh, facets, corner_angle)
+    target = np.array(mesh.points)
+    moving = np.zeros(mesh.n_points, np.bool_)
+    for number, projection in enumerate(projections):
+        nodes = np.unique(facets[kind == number])
+        nodes = nodes[~kept[nodes]]
+        moving[nodes] = True
+        target[nodes] = _projected(projection, mesh.points[nodes])
+    on_any = np.unique(facets[kind >= 0])
+    move = target - mesh.points
+    share = _allowed_shares(mesh, move, moving)
+    length = np.linalg.norm(move, axis=1)
+    report = BoundaryMoves(
+        n_nodes=int(np.count_nonzero(moving)),
+        n_corners=int(np.count_nonzero(kept[on_any])),
+        n_shortened=int(np.count_nonzero(share[moving] < 1.0)),
+        largest_move=float((share * length).max(initial=0.0)),
+        largest_rest=float(((1.0 - share) * length)[moving].max(initial=0.0)),
+    )
+    return replace(mesh, points=mesh.points + share[:, None] * move), report
+
+
+def _facets_to_move(
+    mesh: SimplexMesh, project: ProjectionLike
+) -> tuple[IntArray, npt.NDArray[np.int64], list[Projection]]:
+    """Return facets, the number of the projection of each (-1: none), and the projections."""
+    if mesh.cell_dim < mesh.dim and callable(project):
+        return mesh.cells, np.zeros(mesh.n_cells, np.int64), [project]
+    facets = mesh.facets[mesh.facet_cell_counts == 1]
+    if callable(project):
+        return facets, np.zeros(len(facets), np.int64), [project]
+    kind = np.full(len(facets), -1)
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        tagged = np.sort(mesh.tagged_facets, axis=1)
+        numbers = np.full(len(tagged), -1)
+        for number, tag in enumerate(project):
+            numbers[mesh.facet_tags == tag] = number
+        # Boundary facets that are tagged come twice: once is enough.
+        rows = topology.unique_rows(np.concatenate([facets, tagged]), mesh.n_points)[1]
+        single = ~np.isin(rows[: len(facets)], rows[len(facets) :])
+        facets = np.concatenate([facets[single], tagged])
+        kind = np.concatenate([kind[single], numbers])
+    return facets, kind, list(project.values())
+
+
+def _between_kinds(n: int, facets: IntArray, kind: npt.NDArray[np.int64]) -> BoolArray:
+    """Return which nodes belong to facets of two kinds."""
+    lowest, highest = np.full(n, np.iinfo(np.int64).max), np.full(n, -2)
+    of_node = np.repeat(kind[:, None], facets.shape[1], axis=1)
+    np.minimum.at(lowest, facets, of_node)
+    np.maximum.at(highest, facets, of_node)
+    return np.asarray((highest >= -1) & (lowest != highest))
+
+
+def _corners(mesh: SimplexMesh, facets: IntArray, angle: float) -> BoolArray:
+    """Return which nodes lie where two facets meet at an angle, or more than two meet."""
+    skin = SimplexMesh(mesh.points, facets)
+    corner = np.zeros(mesh.n_points, np.bool_)
+    count = skin.facet_cell_counts
+    corner[skin.facets[count > 2]] = True
+    if mesh.cell_dim < mesh.dim:  # the rim of a surface
+        corner[skin.facets[count == 1]] = True
+    order = np.argsort(skin.cell_facets.ravel(), kind="stable")
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    pair = np.flatnonzero(count == 2)
+    width = facets.shape[1]
+    one, two = order[start[pair]], order[start[pair] + 1]
+    across = [
+        _height(mesh.points, facets, places // width, places % width) for places in (one, two)
+    ]
+    # Away from the common ridge on both sides: opposite where the boundary is flat.
+    cosine = -np.einsum("nd,nd->n", *across)
+    corner[skin.facets[pair[cosine < np.cos(np.radians(angle))]]] = True
+    return corner
+
+
+def _height(
+    points: FloatArray,
+    facets: IntArray,
+    rows: npt.NDArray[np.intp],
+    opposite: npt.NDArray[np.intp],
+) -> FloatArray:
+    """Return unit vectors in facets to the given corners, across the opposite sides."""
+    width = facets.shape[1]
+    corners = points[facets[rows]]
+    tip = corners[np.arange(len(rows)), opposite]
+    foot = corners[np.arange(len(rows)), (opposite + 1) % width]
+    height = tip - foot
+    if width == 3:
+        side = corners[np.arange(len(rows)), (opposite + 2) % width] - foot
+        along = np.einsum("nd,nd->n", height, side) / np.einsum("nd,nd->n", side, side)
+        height = height - along[:, None] * side
+    length = np.linalg.norm(height, axis=1, keepdims=True)
+    return np.asarray(height / np.maximum(length, np.finfo(float).tiny))
+
+
+def _projected(projection: Projection, points: FloatArray) -> FloatArray:
+    """Return checked results of a projection."""
+    result = as_float_array("project(points)", projection(points.copy()), points.shape)
+    refuse_where("project(points)", ~np.isfinite(result), result, "must be finite")
+    return result
+
+
+def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> FloatArray:
+    """Return how much of each move leaves all cells valid, 0 to 1."""
+    moving = moving & (np.linalg.norm(move, axis=1) > _NO_MOVE * mesh.diagonal)
+    share = np.where(moving, 1.0, 0.0)
+    cells = mesh.cells[moving[mesh.cells].any(axis=1)]
+    before = _shape(mesh.points, cells)
+    while True:
+        bad = _is_worse(before, _shape(mesh.points + share[:, None] * move, cells))
+        if not bad.any():
+            return share
+        # A bad cell has a node that moves, so this ends: without moves a cell is as it was.
+        nodes = np.unique(cells[bad])
+        share[nodes] = np.where(share[nodes] > _SHORTEST, 0.5 * share[nodes], 0.0)
+
+
+def _shape(points: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return measures as vectors (of one component but for triangles in space), and lengths^k."""
+    corners = points[cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    k = edges.shape[1]
+    if k == edges.shape[2]:
+        measure = np.linalg.det(edges)[:, None]
+    else:
+        measure = np.cross(edges[:, 0], edges[:, 1])
+    square = (edges**2).sum(axis=(1, 2))
+    for i, j in combinations(range(1, k + 1), 2):
+        square += ((corners[:, i] - corners[:, j]) ** 2).sum(axis=1)
+    return measure, square ** (0.5 * k)
+
+
+def _is_worse(
+    before: tuple[FloatArray, FloatArray], after: tuple[FloatArray, FloatArray]
+) -> BoolArray:
+    """Return which cells have lost too much of their measure or shape, or have turned."""
+    old, new = np.linalg.norm(before[0], axis=1), np.linalg.norm(after[0], axis=1)
+    along = np.einsum("nd,nd->n", before[0], after[0])
+    left = np.divide(along, old**2, out=np.ones_like(old), where=old > 0.0)
+    shape = left * before[1] / np.maximum(after[1], np.finfo(float).tiny)
+    turned = along < _LEAST_TURN * old * new
+    return np.asarray((left < _LEAST_MEASURE) | (shape < _LEAST_QUALITY) | turned)

@@ -1,0 +1,373 @@
+"""Measures of the overlaps of the cells of two meshes, by clipping.
+
+A simplex is cut by the half spaces of another one after the other.  In the plane what is left
+is a convex polygon; in space it is kept as a list of tetrahedra, because a plane cuts a
+tetrahedron into tetrahedra and prisms, and a prism is three of them.  Coordinates are taken
+relative to a corner of the simplex that is cut, so that none is larger than the two cells.
+"""
+
+import numpy as np
+
+from adaptsize._kernels.compiling import inner, kernel
+
+# A triangle cut three times has at most six corners.
+_CORNERS = 8
+# A tetrahedron cut by a plane leaves at most three, and so for each of four planes.
+_PIECES = 81
+_STACK = 64
+
+
+@inner
+def _triangles_overlap(old_points, old_cells, k, new_points, new_cells, c, here, there):
+    """Return the area that old cell k and new cell c have in common.
+
+    ``here`` and ``there`` are float64[8, 2], scratch; others as in `fill_overlaps`.
+    """
+    x0, y0 = new_points[new_cells[c, 0], 0], new_points[new_cells[c, 0], 1]
+    n = 3
+    for v in range(3):
+        here[v, 0] = new_points[new_cells[c, v], 0] - x0
+        here[v, 1] = new_points[new_cells[c, v], 1] - y0
+    i, j, m = old_cells[k, 0], old_cells[k, 1], old_cells[k, 2]
+    turn = (old_points[j, 0] - old_points[i, 0]) * (old_points[m, 1] - old_points[i, 1]) - (
+        old_points[j, 1] - old_points[i, 1]
+    ) * (old_points[m, 0] - old_points[i, 0])
+    if turn == 0.0:
+        return 0.0
+    if turn < 0.0:
+        j, m = m, j
+    for _ in range(3):
+        # The side from i to j; what lies to its left is kept.
+        ax, ay = old_points[i, 0] - x0, old_points[i, 1] - y0
+        ex, ey = old_points[j, 0] - old_points[i, 0], old_points[j, 1] - old_points[i, 1]
+        left = 0
+        px, py = here[n - 1, 0], here[n - 1, 1]
+        before = ex * (py - ay) - ey * (px - ax)
+        for v in range(n):
+            qx, qy = here[v, 0], here[v, 1]
+            after = ex * (qy - ay) - ey * (qx - ax)
+            if (before >= 0.0) != (after >= 0.0):
+                t = before / (before - after)
+                there[left, 0] = px + t * (qx - px)
+                there[left, 1] = py + t * (qy - py)
+                left += 1
+            if after >= 0.0:
+                there[left, 0] = qx
+                there[left, 1] = qy
+                left += 1
+            px, py, before = qx, qy, after
+        if left < 3:
+            return 0.0
+        n = left
+        here, there = there, here
+        i, j, m = j, m, i
+    twice = 0.0
+    for v in range(1, n - 1):
+        twice += (here[v, 0] - here[0, 0]) * (here[v + 1, 1] - here[0, 1]) - (
+            here[v, 1] - here[0, 1]
+        ) * (here[v + 1, 0] - here[0, 0])
+    return 0.5 * abs(twice)
+
+
+@inner
+def _between(pieces, p, i, j, t, corner):
+    """Set ``corner`` to the point at share t of the way from corner i to j of a piece."""
+    for d in range(3):
+        corner[d] = pieces[p, i, d] + t * (pieces[p, j, d] - pieces[p, i, d])
+
+
+@inner
+def _add_prism(prism, pieces, n):
+    """Append the three tetrahedra of a prism; return the new number of pieces.
+
+    Parameters
+    ----------
+    prism : float64[6, 3]
+        Corners of one triangle, then the corresponding ones of the other.
+    pieces : float64[81, 4, 3]
+        In/Out.
+    n : int
+    """
+    for t in range(3):
+        for v in range(4):
+            for d in range(3):
+                pieces[n + t, v, d] = prism[t + v, d]
+    return n + 3
+
+
+@inner
+def _cut(pieces, n, normal, origin, kept, prism):
+    """Cut tetrahedra by a half space; return how many are left.
+
+    Parameters
+    ----------
+    pieces : float64[81, 4, 3]
+    n : int
+    normal, origin : float64[3]
+        What has ``(x - origin) . normal >= 0`` is kept.
+    kept : float64[81, 4, 3]
+        Out.
+    prism : float64[6, 3]
+        Scratch.
+    """
+    m = 0
+    height = np.empty(4)
+    order = np.empty(4, np.int64)
+    for p in range(n):
+        # Corners that are kept come first in ``order``.
+        n_in = 0
+        n_out = 0
+        for v in range(4):
+            height[v] = 0.0
+            for d in range(3):
+                height[v] += (pieces[p, v, d] - origin[d]) * normal[d]
+            if height[v] >= 0.0:
+                order[n_in] = v
+                n_in += 1
+            else:
+                n_out += 1
+                order[4 - n_out] = v
+        if n_in == 0:
+            continue
+        if n_in == 4:
+            for v in range(4):
+                for d in range(3):
+                    kept[m, v, d] = pieces[p, v, d]
+            m += 1
+            continue
+        if n_in == 1:
+            i = order[0]
+            for d in range(3):
+                kept[m, 0, d] = pieces[p, i, d]
+            for v in range(1, 4):
+                j = order[v]
+                _between(pieces, p, i, j, height[i] / (height[i] - height[j]), kept[m, v])
+            m += 1
+            continue
+        if n_in == 3:  # the tip is cut off
+            o = order[3]
+            for v in range(3):
+                i = order[v]
+                for d in range(3):
+                    prism[v, d] = pieces[p, i, d]
+                _between(pieces, p, i, o, height[i] / (height[i] - height[o]), prism[3 + v])
+        else:  # an edge is cut off
+            for v in range(2):
+                i = order[v]
+                for d in range(3):
+                    prism[3 * v, d] = pieces[p, i, d]
+                for w in range(2):
+                    j = order[2 + w]
+                    t = height[i] / (height[i] - height[j])
+                    _between(pieces, p, i, j, t, prism[3 * v + 1 + w])
+        m = _add_prism(prism, kept, m)
+    return m
+
+
+@inner
+def _six_volumes(x, a, b, c, d):
+    """Return (b - a) x (c - a) . (d - a) of four rows of x, float64[.., 3]."""
+    e0, e1, e2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    f0, f1, f2 = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+    g0, g1, g2 = x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2]
+    return g0 * (e1 * f2 - e2 * f1) + g1 * (e2 * f0 - e0 * f2) + g2 * (e0 * f1 - e1 * f0)
+
+
+@inner
+def _set_plane(corners, v, normal, origin):
+    """Set the plane of the side opposite to corner v of four, its normal towards the corner."""
+    a, b, c = (v + 1) % 4, (v + 2) % 4, (v + 3) % 4
+    e0, e1, e2 = (
+        corners[b, 0] - corners[a, 0], corners[b, 1] - corners[a, 1], corners[b, 2] - corners[a, 2]
+    )  # fmt: skip
+    f0, f1, f2 = (
+        corners[c, 0] - corners[a, 0], corners[c, 1] - corners[a, 1], corners[c, 2] - corners[a, 2]
+    )  # fmt: skip
+    normal[0] = e1 * f2 - e2 * f1
+    normal[1] = e2 * f0 - e0 * f2
+    normal[2] = e0 * f1 - e1 * f0
+    side = 0.0
+    for d in range(3):
+        origin[d] = corners[a, d]
+        side += (corners[v, d] - corners[a, d]) * normal[d]
+    if side < 0.0:
+        for d in range(3):
+            normal[d] = -normal[d]
+
+
+@inner
+def _tetrahedra_overlap(
+    old_points, old_cells, k, new_points, new_cells, c, corners, planes, here, there, prism
+):
+    """Return the volume that old cell k and new cell c have in common.
+
+    ``corners`` float64[4, 3], ``planes`` float64[2, 3], ``here`` and ``there``
+    float64[81, 4, 3] and ``prism`` float64[6, 3] are scratch; others as in `fill_overlaps`.
+    """
+    first = new_cells[c, 0]
+    for v in range(4):
+        for d in range(3):
+            here[0, v, d] = new_points[new_cells[c, v], d] - new_points[first, d]
+            corners[v, d] = old_points[old_cells[k, v], d] - new_points[first, d]
+    if _six_volumes(corners, 0, 1, 2, 3) == 0.0:
+        return 0.0
+    # A side of the new cell that has all of the old one beyond it: nothing to be cut.
+    for v in range(4):
+        _set_plane(here[0], v, planes[0], planes[1])
+        beyond = True
+        for w in range(4):
+            height = 0.0
+            for d in range(3):
+                height += (corners[w, d] - planes[1, d]) * planes[0, d]
+            beyond = beyond and height <= 0.0
+        if beyond:
+            return 0.0
+    n = 1
+    for v in range(4):
+        _set_plane(corners, v, planes[0], planes[1])
+        n = _cut(here, n, planes[0], planes[1], there, prism)
+        if n == 0:
+            return 0.0
+        here, there = there, here
+    total = 0.0
+    for p in range(n):
+        total += abs(_six_volumes(here[p], 0, 1, 2, 3))
+    return total / 6.0
+
+
+@inner
+def _set_box(points, cells, c, box):
+    """Set ``box``, float64[6], to the lower and the upper corner of the box around a cell."""
+    for d in range(3):
+        box[d] = points[cells[c, 0], d]
+        box[3 + d] = box[d]
+        for v in range(1, cells.shape[1]):
+            box[d] = min(box[d], points[cells[c, v], d])
+            box[3 + d] = max(box[3 + d], points[cells[c, v], d])
+
+
+@inner
+def _apart(box, other):
+    """Tell whether two boxes, float64[6], have no point in common."""
+    apart = False
+    for d in range(3):
+        apart = apart or box[d] > other[3 + d] or box[3 + d] < other[d]
+    return apart
+
+
+@kernel
+def fill_overlaps(
+    old_points, old_cells, boxes, new_points, new_cells, order, first, last, counts, found, measures
+):
+    """Find the old cells that overlap each new cell, and the measures of the overlaps.
+
+    Parameters
+    ----------
+    old_points : float64[n, 3]
+        Padded with zeros in the plane.
+    old_cells : int32[m, k + 1]
+        Triangles in the plane or tetrahedra, in the order of a tree of boxes.
+    boxes : float64[2 * n_leaves, 6]
+        From `adaptsize._kernels.interpolate.fill_boxes`.
+    new_points : float64[n_new, 3]
+    new_cells : int32[m_new, k + 1]
+    order : int64[m_new]
+        Order to work in.
+    first, last : int
+        Only ``order[first:last]`` is worked on, and less if ``found`` is full.
+    counts : int64[m_new]
+        Out: number of old cells that overlap each new cell.
+    found : int32[room]
+        Out: old cells, those of one new cell after the other.
+    measures : float64[room]
+        Out: their overlaps, > 0.
+
+    Returns
+    -------
+    int
+        Place in ``order`` at which to go on; ``first`` if ``found`` has no room for one cell.
+    int
+        Number of entries of ``found`` that are filled.
+    """
+    n_cells = old_cells.shape[0]
+    n_leaves = boxes.shape[0] // 2
+    planar = old_cells.shape[1] == 3
+    stack = np.empty(_STACK, np.int64)
+    box, other = np.empty(6), np.empty(6)
+    polygon, polygon_too = np.empty((_CORNERS, 2)), np.empty((_CORNERS, 2))
+    here, there = np.empty((_PIECES, 4, 3)), np.empty((_PIECES, 4, 3))
+    corners, planes, prism = np.empty((4, 3)), np.empty((2, 3)), np.empty((6, 3))
+    used = 0
+    for place in range(first, last):
+        c = order[place]
+        start = used
+        _set_box(new_points, new_cells, c, box)
+        stack[0] = 1
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if _apart(box, boxes[node]):
+                continue
+            if node < n_leaves:
+                stack[top] = 2 * node
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            leaf = node - n_leaves
+            for k in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+                _set_box(old_points, old_cells, k, other)
+                if _apart(box, other):
+                    continue
+                if planar:
+                    measure = _triangles_overlap(
+                        old_points, old_cells, k, new_points, new_cells, c, polygon, polygon_too
+                    )
+                else:
+                    measure = _tetrahedra_overlap(
+                        old_points, old_cells, k, new_points, new_cells, c,
+                        corners, planes, here, there, prism,
+                    )  # fmt: skip
+                if measure > 0.0:
+                    if used == found.shape[0]:
+                        return place, start
+                    found[used] = k
+                    measures[used] = measure
+                    used += 1
+        counts[c] = used - start
+    return last, used
+
+
+@kernel
+def combine(start, found, weights, values, result):
+    """Fill means of rows of values, kept between the least and the largest that count.
+
+    Parameters
+    ----------
+    start : int64[n_new + 1]
+        Row i takes part in ``start[i]:start[i + 1]`` of the next two.
+    found : int32[n]
+        Rows of ``values``.
+    weights : float64[n]
+        >= 0; need not sum to 1.
+    values : float64[n_old, k]
+    result : float64[n_new, k]
+        Out; left as it is in rows of which all weights are zero.
+    """
+    for i in range(start.shape[0] - 1):
+        total = 0.0
+        for place in range(start[i], start[i + 1]):
+            total += weights[place]
+        if total <= 0.0:
+            continue
+        for j in range(values.shape[1]):
+            mean = 0.0
+            low = np.inf
+            high = -np.inf
+            for place in range(start[i], start[i + 1]):
+                if weights[place] > 0.0:
+                    value = values[found[place], j]
+                    mean += weights[place] / total * value
+                    low = min(low, value)
+                    high = max(high, value)
+            result[i, j] = min(max(mean, low), high)

@@ -1,0 +1,405 @@
+"""`adapt`: one turn of an adaptive loop."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._adaptation_report import (
+    BUDGET_TOLERANCE,
+    AdaptReport,
+    boundary_distance,
+    lost_tags,
+)
+from adaptsize._boundary_moves import (
+    BoundaryMoves,
+    ProjectionLike,
+    check_projection,
+    move_to_boundary,
+)
+from adaptsize._checks import as_number, describe
+from adaptsize._next_sizes import (
+    BoundLike,
+    NextSizes,
+    Verdict,
+    Wishes,
+    as_bound,
+    as_indicator,
+    check_goal,
+    next_sizes,
+    verdict,
+)
+from adaptsize._progress import reporting
+from adaptsize.background import SimplexMesh
+from adaptsize.errors import ResolutionWarning
+from adaptsize.nodal_size import SizeFunction
+from adaptsize.quality import size_conformity
+from adaptsize.remeshing import remesh
+from adaptsize.remeshing.registry import choose_backend
+from adaptsize.sizes import predicted_elements
+from adaptsize.sizes.budget import calibration
+from adaptsize.transfer import FieldTransfer, as_fields
+from adaptsize.typing import GradientLimit, ProgressCallback
+
+Fields: TypeAlias = Mapping[str, npt.ArrayLike]
+Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
+_Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
+
+
+@dataclass(frozen=True)
+class AdaptResult:
+    """What `adapt` returns.
+
+    Attributes
+    ----------
+    mesh : SimplexMesh
+        The next mesh, with the transferred fields as its point and cell data; the old mesh
+        itself if ``remeshed`` is False.
+    size : SizeFunction
+        The sizes asked for, on the old mesh.
+    fields, cell_fields : dict of str to ndarray
+        The fields on ``mesh``; as they were given if it is the old mesh.
+    remeshed : bool
+        Whether ``mesh`` is a new one.  False ends a loop.
+    converged : bool
+        Whether the old mesh is what was asked for: its error within the tolerance, or its
+        sizes and their number as wanted.
+    reason : str
+        Why there is a new mesh, or none.
+    report : AdaptReport
+        ``print(result.report)`` for a few lines.
+    """
+
+    mesh: SimplexMesh
+    size: SizeFunction
+    fields: Arrays
+    cell_fields: Arrays
+    remeshed: bool
+    converged: bool
+    reason: str
+    report: AdaptReport
+
+    def __str__(self) -> str:
+        """Return the reason and the report."""
+        return f"{self.reason}\n{self.report}"
+
+
+def adapt(
+    mesh: SimplexMesh,
+    indicator: npt.ArrayLike | None = None,
+    *,
+    order: float = 1,
+    h0: BoundLike | None = None,
+    target_elements: float | None = None,
+    tolerance: float | None = None,
+    g: GradientLimit | None = 0.25,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    max_refine: float = 4.0,
+    max_coarsen: float = 2.0,
+    backend: str = "auto",
+    fields: Fields | None = None,
+    cell_fields: Fields | None = None,
+    conservative: bool = True,
+    keep_integral: bool = False,
+    project: ProjectionLike | None = None,
+    corner_angle: float = 30.0,
+    enough: float = 0.85,
+    coarsen_converged: bool = False,
+    boundary_tolerance: float = 1.2e-3,
+    max_elements: float = 5_000_000,
+    timeout: float | None = 3600.0,
+    progress: ProgressCallback | bool | None = None,
+) -> AdaptResult:
+    """Return the next mesh of an adaptive loop, with the fields of the present one on it.
+
+    One turn: sizes from error indicators, upper bounds on the size, or both; limited to a
+    gradient; a new mesh of these sizes; fields transferred, tags kept, and a report of it all.
+    A mesh that has the sizes already is returned as it is.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane, tetrahedra, or triangles in space.
+    indicator : array_like of float, shape (n_cells,), optional
+        Error of each cell, >= 0; ``sqrt(sum(indicator**2))`` is the error in all.  Needs a goal:
+        ``tolerance``, ``target_elements`` or both.
+    order : float, default 1
+        Power of the size with which the error goes, see `size_from_error`.
+    h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
+        Upper bounds on the size, taken at the nodes of ``mesh``; inf where nothing is asked.
+        Beside ``indicator`` a bound that holds whatever the goal; alone, the sizes wanted.
+    target_elements : float, optional
+        Number of cells of the next mesh, >= 1, after all limits.  With ``h0`` alone, the bounds
+        are scaled to it.  With ``tolerance``, at most so many.
+    tolerance : float, optional
+        Error to be reached, > 0; sizes are for 0.95 of it.
+    g : float, array_like, callable, tuple or None, default 0.25
+        Gradient limit, as `limit_gradient` takes it; None: the sizes are not limited.
+    hmin, hmax : float, optional
+        Limits of the size.
+    max_refine, max_coarsen : float, default 4 and 2
+        Bounds on the change by ``indicator``, see `size_from_error`.
+    backend : str, default "auto"
+        Mesh generator, see `remesh`.
+    fields : mapping of str to array_like, optional
+        Nodal fields, shape (n_points, ...), interpolated; see `FieldTransfer.nodal`.
+    cell_fields : mapping of str to array_like, optional
+        Cell fields, shape (n_cells, ...); see `FieldTransfer.cells`.
+    conservative, keep_integral : bool
+        How cell fields are transferred, see `FieldTransfer.cells`; for triangles in space
+        ``conservative`` must be False.
+    project : callable, or mapping of int to callable, optional
+        Takes float64[n, dim], nodes near the boundary, and returns the points of the true boundary
+        for them.  A mapping has one for the facets of each tag, also of tagged facets inside.
+        Called with the new boundary nodes except corners, ridges and those between two
+        projections.  Moves that would spoil a cell are shortened.
+    corner_angle : float, default 30
+        Degrees between two boundary facets from which on their common nodes count as corners.
+    enough : float, default 0.85
+        No new mesh if this share of the next mesh is there already (edges within sqrt 2 of the
+        new sizes, each counted as the cells that come in its place), the number of cells
+        would change by less than 15 %, and the tolerance does not need more cells.  Above 1:
+        always a new mesh.
+    coarsen_converged : bool, default False
+        Whether a mesh whose error is within the tolerance is made anew, coarser where it may be.
+    boundary_tolerance : float
+        How far the new boundary may be from the old one, over the diagonal; see `remesh`.
+    max_elements : float
+        Above this, no generator is started.
+    timeout : float or None
+        Seconds after which a generator is stopped; None: never.
+    progress : callable, bool or None
+        Called with a text and the share done or None; True shows a bar.  Raising in it, or
+        Ctrl-C, stops the work.
+
+    Returns
+    -------
+    AdaptResult
+        ``mesh``, ``size``, ``fields``, ``cell_fields``, ``remeshed``, ``converged``, ``reason``
+        and ``report``.
+
+    Raises
+    ------
+    ValueError
+        If an argument is wrong, before any work; sizes that are free (inf) after limiting.
+    TooManyElementsError
+        If the sizes ask for more than ``max_elements``.
+    BackendUnavailableError
+        If no generator is installed for this mesh: triangles need Mmg.
+    BackendError
+        If the generator failed; BackendTimeoutError if it was stopped.
+
+    Warns
+    -----
+    ResolutionWarning
+        If a tag has vanished from the mesh.
+
+    See Also
+    --------
+    size_from_error, size_from_hessian, limit_gradient, remesh, transfer_fields : the steps.
+
+    Notes
+    -----
+    The number of cells is what the generator was measured to make of sizes; if its mesh is off by
+    more than 15 % although the limits allow the number, a second mesh is made with what the first
+    one taught.  Boundary nodes stay on the boundary of the old mesh: on straight ones to rounding,
+    at curved ones within ``boundary_tolerance``; the report tells how far they are.  Mmg
+    keeps tags of cells and facets exactly; fTetWild does not know them, and they are looked up.
+
+    Examples
+    --------
+    With Mmg installed, a mesh that is to be fine at the origin:
+
+    >>> import numpy as np
+    >>> x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9))
+    >>> from scipy.spatial import Delaunay
+    >>> points = np.column_stack([x.ravel(), y.ravel()])
+    >>> mesh = SimplexMesh(points, Delaunay(points).simplices)
+    >>> eta = np.exp(-9.0 * np.linalg.norm(points[mesh.cells].mean(axis=1), axis=1))
+    >>> result = adapt(mesh, eta, target_elements=500, fields={"x": points[:, 0]})
+    >>> result.remeshed, bool(result.report.budget_met)
+    (True, True)
+    >>> bool(np.abs(result.fields["x"] - result.mesh.points[:, 0]).max() < 1e-12)
+    True
+
+    A loop to a tolerance::
+
+        for cycle in range(20):
+            u, eta = solve(mesh)
+            result = ads.adapt(mesh, eta, tolerance=1e-3, fields={"u": u})
+            print(result)
+            if not result.remeshed:
+                break
+            mesh = result.mesh
+    """
+    task = _task(mesh)
+    wishes = Wishes(
+        indicator=as_indicator(indicator, mesh), h0=as_bound(h0, mesh), order=order,
+        target_elements=target_elements, tolerance=tolerance, g=g, hmin=hmin, hmax=hmax,
+        max_refine=max_refine, max_coarsen=max_coarsen,
+    )  # fmt: skip
+    check_goal(wishes)
+    enough = as_number("enough", enough, lower=0.0)
+    corner_angle = as_number("corner_angle", corner_angle, lower=0.0)
+    if project is not None:
+        check_projection(project)
+    cargo = _Cargo(
+        as_fields("fields", fields, mesh.n_points),
+        as_fields("cell_fields", cell_fields, mesh.n_cells),
+        conservative,
+        keep_integral,
+    )
+    if cargo.cell_fields and conservative:
+        FieldTransfer(mesh, mesh).refuse_surfaces()
+    generator = choose_backend(backend, task, keep_facets=False).name
+    options: dict[str, Any] = {
+        "backend": generator,
+        "target": "triangles" if task == "surface" else "auto",
+        "tolerance": boundary_tolerance,
+        "max_elements": max_elements,
+        "timeout": timeout,
+    }
+    with reporting(progress) as report:
+        report("sizes", None)
+        found = next_sizes(mesh, wishes, calibration(generator, mesh.cell_dim))
+        judged = verdict(mesh, found, wishes, enough, coarsen_converged)
+        if not judged.remesh:
+            made = _Made(mesh, 0, 0.0, None)
+        else:
+            options["progress"] = report
+            found, made = _new_mesh(mesh, found, wishes, options)
+            made = _projected(made, project, corner_angle)
+        return _result(mesh, found, wishes, judged, made, cargo, generator, report)
+
+
+@dataclass(frozen=True)
+class _Cargo:
+    """Fields to be taken along, and how."""
+
+    fields: Arrays
+    cell_fields: Arrays
+    conservative: bool
+    keep_integral: bool
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A new mesh and how it came about."""
+
+    mesh: SimplexMesh
+    n_meshes: int
+    boundary_distance: float
+    moves: BoundaryMoves | None
+
+
+def _task(mesh: SimplexMesh) -> _Task:
+    """Return what is to be remeshed."""
+    kind = (mesh.cell_dim, mesh.dim) if isinstance(mesh, SimplexMesh) else None
+    if kind == (3, 3):
+        return "tetrahedra"
+    if kind == (2, 2):
+        return "plane triangles"
+    if kind == (2, 3):
+        return "surface"
+    raise ValueError(f"mesh must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}")
+
+
+def _new_mesh(
+    mesh: SimplexMesh, found: NextSizes, wishes: Wishes, options: dict[str, Any]
+) -> tuple[NextSizes, _Made]:
+    """Return a mesh of the sizes found; if it misses the number asked for, those of a second."""
+    new = remesh(mesh, SizeFunction(mesh, found.h), **options)
+    target, n_meshes = wishes.target_elements, 1
+    missed = target is not None and abs(new.n_cells / target - 1.0) > BUDGET_TOLERANCE
+    if missed and found.in_reach:
+        factor = new.n_cells / predicted_elements(mesh, found.h)
+        second = next_sizes(mesh, wishes, factor)
+        other = remesh(mesh, SizeFunction(mesh, second.h), **options)
+        n_meshes = 2
+        if abs(np.log(other.n_cells / target)) < abs(np.log(new.n_cells / target)):
+            found, new = second, other
+    return found, _Made(new, n_meshes, boundary_distance(mesh, new), None)
+
+
+def _projected(made: _Made, project: ProjectionLike | None, angle: float) -> _Made:
+    if project is None:
+        return made
+    new, moves = move_to_boundary(made.mesh, project, angle)
+    return _Made(new, made.n_meshes, made.boundary_distance, moves)
+
+
+def _result(
+    old: SimplexMesh,
+    found: NextSizes,
+    wishes: Wishes,
+    judged: Verdict,
+    made: _Made,
+    cargo: _Cargo,
+    generator: str,
+    progress: ProgressCallback,
+) -> AdaptResult:
+    """Return fields on the new mesh, and the report."""
+    size, new = SizeFunction(old, found.h), made.mesh
+    fields, cell_fields = cargo.fields, cargo.cell_fields
+    how: dict[str, str] = {}
+    integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
+    if judged.remesh:
+        transfer = FieldTransfer(old, new, progress=progress)
+        fields = {name: transfer.nodal(values) for name, values in cargo.fields.items()}
+        cell_fields = {
+            name: transfer.cells(
+                values, conservative=cargo.conservative, keep_integral=cargo.keep_integral
+            )
+            for name, values in cargo.cell_fields.items()
+        }
+        how, integrals = _told(transfer, cargo, cell_fields)
+        new = new.with_data(point_data=fields, cell_data=cell_fields)
+    before = size_conformity(old, size)
+    after = size_conformity(new, size) if judged.remesh else before
+    lost = lost_tags(old, new)
+    if lost:
+        warnings.warn(
+            f"the new mesh has no more {', '.join(lost)}: parts smaller than the sizes vanish",
+            ResolutionWarning,
+            stacklevel=3,
+        )
+    report = AdaptReport(
+        n_points_before=old.n_points, n_points_after=new.n_points,
+        n_cells_before=old.n_cells, n_cells_after=new.n_cells,
+        backend=generator, n_meshes=made.n_meshes,
+        target_elements=wishes.target_elements, tolerance=wishes.tolerance,
+        predicted_elements=found.predicted, error=wishes.error,
+        share_in_band=judged.in_band, share_too_long=judged.too_long,
+        share_too_short=judged.too_short, before=before, after=after,
+        measure_before=float(old.measures.sum()), measure_after=float(new.measures.sum()),
+        boundary_distance=made.boundary_distance, moves=made.moves,
+        lost_tags=lost, kept_tags=old.cell_tags is not None or old.facet_tags is not None,
+        transferred=how, integrals=integrals,
+    )  # fmt: skip
+    return AdaptResult(
+        new, size, fields, cell_fields, judged.remesh, judged.converged, judged.reason, report
+    )
+
+
+def _told(
+    transfer: FieldTransfer, cargo: _Cargo, cell_fields: Arrays
+) -> tuple[dict[str, str], dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
+    """Return how fields were transferred, and the integrals of cell fields."""
+    how = {}
+    integrals = {}
+    for name, values in cargo.fields.items():
+        how[name] = "nearest node" if values.dtype.kind in "biu" else "interpolated"
+    for name, values in cargo.cell_fields.items():
+        how[name] = "value at the centroid"
+        if values.dtype.kind in "biu":
+            continue
+        if cargo.conservative:
+            how[name] = "conservative"
+        integrals[name] = transfer.integrals(values, cell_fields[name])
+    return how, integrals
