@@ -139,7 +139,7 @@ class FieldTransfer:
     array([0., 1., 3., 2., 1.])
     >>> heat = transfer.cells([1.0, 3.0])
     >>> heat.round(3), float((heat * new.measures).sum())
-    (array([1.   , 1.   , 2.333, 2.   ]), 2.0)
+    (array([1. , 1. , 2.6, 2.6]), 2.0)
     """
 
     def __init__(
