@@ -1,7 +1,7 @@
 """The largest h <= h0 with |grad h| <= g."""
 
 from adaptsize.limiting.api import limit_gradient
-from adaptsize.limiting.solution import LimitingInfo
+from adaptsize.limiting.info import LimitingInfo
 from adaptsize.limiting.sources import SizeSources
 
 __all__ = ["LimitingInfo", "SizeSources", "limit_gradient"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
 from typing import Literal, overload
 
@@ -12,10 +13,9 @@ from adaptsize._checks import as_float_array, as_number, as_sizes, describe, one
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
+from adaptsize.limiting.info import LimitingInfo, Record
 from adaptsize.limiting.problem import Problem
-from adaptsize.limiting.solution import LimitingInfo, describe_solution
-from adaptsize.limiting.source_tracking import TrackedSolution
-from adaptsize.limiting.sources import SizeSources
+from adaptsize.limiting.warm_start import refuse_others, resume
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 # Products of four lengths and two g must stay in the range of float64.
@@ -31,7 +31,7 @@ def limit_gradient(
     method: str = ...,
     order: int = ...,
     floor: Literal["hopf-lax"] | None = ...,
-    initial: npt.ArrayLike | None = ...,
+    initial: npt.ArrayLike | LimitingInfo | None = ...,
     tol: float = ...,
     max_iter: int | None = ...,
     face_sources: bool = ...,
@@ -47,7 +47,7 @@ def limit_gradient(
     method: str = ...,
     order: int = ...,
     floor: Literal["hopf-lax"] | None = ...,
-    initial: npt.ArrayLike | None = ...,
+    initial: npt.ArrayLike | LimitingInfo | None = ...,
     tol: float = ...,
     max_iter: int | None = ...,
     face_sources: bool = ...,
@@ -62,7 +62,7 @@ def limit_gradient(
     method: str = "auto",
     order: int = 1,
     floor: Literal["hopf-lax"] | None = "hopf-lax",
-    initial: npt.ArrayLike | None = None,
+    initial: npt.ArrayLike | LimitingInfo | None = None,
     tol: float = 1e-3,
     max_iter: int | None = None,
     face_sources: bool = True,
@@ -198,7 +198,8 @@ def limit_gradient(
     bound = _as_bound("h0", h0, background)
     if np.isinf(bound).all():
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    _refuse_idle_options(schemes, method, order, initial, max_iter)
+    earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
+    _refuse_idle_options(schemes, method, order, guess, max_iter)
     slope, transform = gradient_limit.resolve(domain, g, bound)
 
     def transformed(sizes: FloatArray) -> FloatArray:
@@ -206,7 +207,7 @@ def limit_gradient(
 
     if floor not in ("hopf-lax", None):
         raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
-    start = None if initial is None else _as_bound("initial", initial, background)
+    start = None if guess is None else _as_bound("initial", guess, background)
     with reporting(progress) as report:
         problem = Problem(
             h0=transformed(bound),
@@ -223,28 +224,21 @@ def limit_gradient(
         )
         if method == "auto":
             method = schemes.choose_method(domain, problem)
-        solution = schemes.solve(domain, method, problem)
+        solution = None
+        if earlier is not None:
+            refuse_others(earlier, background, method, problem)
+            solution = resume(earlier.record, method, problem)
+        if solution is None:
+            solution = schemes.solve(domain, method, problem)
     h = solution.h if transform is None else transform.backward(solution.h)
     h = np.minimum(h, bound)  # the way back from Phi rounds
     if not full_output:
         return h
-    active = getattr(domain, "active", None)
-    n_inactive = 0 if active is None else int(np.count_nonzero(~active))
-    steepest, ratio = schemes.slopes(domain, solution.h, slope)
-    sources = None
-    if isinstance(solution, TrackedSolution):
-        sources = SizeSources(
-            background=background,
-            nodes=solution.source,
-            sizes=solution.source_sizes,
-            bent=solution.bent,
-            bound=problem.h0.ravel(),
-            limited=solution.h.ravel(),
-            g=float(slope.values[0]),
-            convex=solution.is_convex,
-            transform=transform,
-        )
-    return h, describe_solution(method, problem.h0, solution, n_inactive, steepest, ratio, sources)
+    if np.may_share_memory(bound, h0):
+        bound = bound.copy()
+    problem = replace(problem, report=_silent, initial=None)
+    record = Record(background, domain, bound, h.copy(), transform, problem, solution)
+    return h, LimitingInfo(method, solution.iterations, solution.converged, record)
 
 
 def _domain(background: object) -> SimplexMesh | CartesianGrid:
@@ -298,3 +292,7 @@ def _refuse_idle_options(
         raise ValueError(f"initial is for method={only}, got method={method!r}")
     if max_iter is not None and (not isinstance(max_iter, int | np.integer) or max_iter < 1):
         raise ValueError(f"max_iter must be an integer >= 1 or None, got {max_iter!r}")
+
+
+def _silent(text: str, share: float | None) -> None:
+    """Take a report and do nothing."""

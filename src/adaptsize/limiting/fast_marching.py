@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
     from adaptsize.limiting.gradient_limit import Slope
 
 # Nodes accepted between two reports, which also let Ctrl-C through: about 0.1 s.
-_CHUNK = 50_000
+CHUNK = 50_000
 
 # A candidate must be lower by more than rounding to count.
-_KEEP = 1.0 - 1e-14
+KEEP = 1.0 - 1e-14
 
 # Before policy iteration, which then needs half as many steps, marching goes on until nothing
 # falls by more than this.
@@ -30,6 +31,14 @@ _KEEP_ROUGHLY = 1.0 - 1e-3
 # Nodes accepted per node before policy iteration takes over.  Meshes of generators need
 # 1.0 to 1.2; more means that obtuse slivers make nodes depend on each other in circles.
 _PATIENCE = 8
+
+
+class Stars(NamedTuple):
+    """For each node the other vertices of its cells (see `adaptsize._kernels.march.fill_stars`)."""
+
+    star_ptr: npt.NDArray[np.int64]
+    star: IntArray
+    owner: IntArray
 
 
 def solve_fast_marching(
@@ -50,7 +59,7 @@ def solve_fast_marching(
         inf allowed.
     slope : Slope
     residual : bool
-        Whether to spend one more sweep on the residual (0 is told otherwise).
+        Whether to offer one more sweep for the residual (0 is told otherwise).
     report : callable
 
     Returns
@@ -107,39 +116,70 @@ def _march(
     candidate = np.empty(n)
     heap = (np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64))
     sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
-    kernels.queue_lowered(h, candidate, _KEEP, *heap)
+    kernels.queue_lowered(h, candidate, KEEP, *heap)
 
-    # Along edges every node is accepted once, in order.
-    most = np.inf if march is kernels.march_edges else _PATIENCE * n + _CHUNK
     accepted = 0
+    stars = None
     if heap[3][0] > 0:
-        geometry = (mesh.points, axes, (0,) * mesh.cell_dim, *_stars(mesh, slope))
-        while heap[3][0] > 0 and accepted < most:
-            accepted += march(*geometry, h, *limit, *heap, _KEEP, _CHUNK)
-            report("limiting the gradient", min(accepted / n, 1.0))
+        stars = stars_of(mesh, slope)
+        geometry = (mesh.points, axes, (0,) * mesh.cell_dim, *stars)
+        # Along edges every node is accepted once, in order.
+        most = None if march is kernels.march_edges else patience(n)
+        accepted = accept_all(march, geometry, h, slope, heap, most, report)
         if heap[3][0] > 0:
             # What is missing now are small changes; first give every node a finite size.
-            kernels.march_edges(*geometry, h, *limit, *heap, _KEEP, 1 << 62)
+            kernels.march_edges(*geometry, h, *limit, *heap, KEEP, 1 << 62)
             sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
             kernels.queue_lowered(h, candidate, _KEEP_ROUGHLY, *heap)
             while heap[3][0] > 0:
-                march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, _CHUNK)
+                march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, CHUNK)
                 report("limiting the gradient", 1.0)
             h = iterate_policies(mesh, slope, h, report)
 
-    residual = 0.0
-    if with_residual:
-        sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
-        finite = np.isfinite(h)
-        excess = np.maximum(h[finite] - candidate[finite], 0.0)
-        residual = float(excess.max() / h[finite].max())
-    return Solution(h, accepted, residual)
+    residual = partial(residual_of, mesh, slope, h, sweep) if with_residual else 0.0
+    return Solution(h, accepted, residual, memory=stars)
 
 
-def _stars(mesh: SimplexMesh, slope: Slope) -> tuple[npt.NDArray[np.int64], IntArray, IntArray]:
-    """Return for each node the other vertices of its cells (see `fill_stars`)."""
+def patience(n: int) -> int:
+    """Return how many acceptances on n nodes are the most before other means are taken."""
+    return _PATIENCE * n + CHUNK
+
+
+def accept_all(
+    march: Callable[..., int],
+    geometry: tuple[Any, ...],
+    h: FloatArray,
+    slope: Slope,
+    heap: tuple[Any, ...],
+    most: int | None,
+    report: ProgressCallback,
+) -> int:
+    """March (In/Out: h, heap) until the heap is empty or so many nodes were accepted.
+
+    ``geometry`` is what the kernels of march.py take first.
+    """
+    accepted = 0
+    while heap[3][0] > 0 and (most is None or accepted < most):
+        accepted += march(*geometry, h, slope.values, slope.step, *heap, KEEP, CHUNK)
+        report("limiting the gradient", min(accepted / len(h), 1.0))
+    return accepted
+
+
+def residual_of(
+    mesh: SimplexMesh, slope: Slope, h: FloatArray, sweep: Callable[..., None]
+) -> float:
+    """Return by how much a size is above a local update, relative to the largest finite size."""
+    candidate = np.empty(mesh.n_points)
+    sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, slope.values, slope.step, candidate)
+    finite = np.isfinite(h)
+    excess = np.maximum(h[finite] - candidate[finite], 0.0)
+    return float(excess.max() / h[finite].max())
+
+
+def stars_of(mesh: SimplexMesh, slope: Slope) -> Stars:
+    """Return the stars of the nodes; the owners only where g varies."""
     star_ptr = np.empty(mesh.n_points + 1, np.int64)
     star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
     owner = np.empty(mesh.cells.size if slope.step else 0, np.int32)
     kernels.fill_stars(mesh.cells, star_ptr, star, owner)
-    return star_ptr, star, owner
+    return Stars(star_ptr, star, owner)

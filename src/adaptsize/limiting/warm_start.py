@@ -1,0 +1,89 @@
+"""Limiting again after few bounds have changed: is it the same problem, and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.limiting.changes import Changes
+from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.warm_marching import resume_edge_based, resume_fast_marching
+
+if TYPE_CHECKING:
+    from adaptsize.limiting.info import LimitingInfo, Record
+    from adaptsize.limiting.problem import Problem
+
+_ON_SIMPLICES: dict[str, Callable[..., Solution | None]] = {
+    "fast-marching": resume_fast_marching,
+    "edge-based": resume_edge_based,
+}
+_ON_GRIDS: dict[str, Callable[..., Solution | None]] = {}
+
+
+def resume(record: Record, method: str, problem: Problem) -> Solution | None:
+    """Return the solution of a problem from that of an earlier one.
+
+    None if the method cannot, or not in this case: then it is to be solved anew.
+    """
+    schemes = _ON_GRIDS if isinstance(record.domain, CartesianGrid) else _ON_SIMPLICES
+    if method not in schemes or problem.order != 1:
+        return None
+    changes = Changes.between(record.problem.h0, problem.h0, record.solution.h)
+    return schemes[method](record.domain, record.solution, problem, changes)
+
+
+def refuse_others(
+    info: LimitingInfo,
+    background: SimplexMesh | CartesianGrid | Octree,
+    method: str,
+    problem: Problem,
+) -> None:
+    """Raise a ValueError if the earlier call was about something else than new bounds."""
+    before = info.record.problem
+    if info.method != method:
+        raise ValueError(
+            f"initial must come from the same method: it is of method={info.method!r}, "
+            f"this call of method={method!r}"
+        )
+    if not is_same(info.record.background, background):
+        raise ValueError(
+            f"initial must come from the same background: it is of {info.record.background!r}, "
+            f"this call of {background!r}; leave it out after remeshing"
+        )
+    if not _equal(before.slope.values, problem.slope.values):
+        raise ValueError("initial must come from a call with the same g, but g is another one now")
+    for name in ("order", "face_sources", "floor"):
+        then, now = getattr(before, name), getattr(problem, name)
+        if then != now:
+            raise ValueError(f"initial must come from a call with {name}={now!r}, got {then!r}")
+
+
+def is_same(a: object, b: object) -> bool:
+    """Tell whether two backgrounds have the same nodes and cells."""
+    if a is b:
+        return True
+    if isinstance(a, SimplexMesh) and isinstance(b, SimplexMesh):
+        return _equal(a.points, b.points) and _equal(a.cells, b.cells)
+    if isinstance(a, Octree) and isinstance(b, Octree):
+        return (
+            a.root_shape == b.root_shape
+            and _equal(a.lower, b.lower)
+            and _equal(a.upper, b.upper)
+            and _equal(a.levels, b.levels)
+        )
+    if isinstance(a, CartesianGrid) and isinstance(b, CartesianGrid):
+        return (
+            a.shape == b.shape
+            and _equal(a.origin, b.origin)
+            and _equal(a.spacing, b.spacing)
+            and (a.active is None) == (b.active is None)
+            and (a.active is None or _equal(a.active, b.active))
+        )
+    return False
+
+
+def _equal(a: object, b: object) -> bool:
+    return a is b or bool(np.array_equal(a, b))  # type: ignore[arg-type]
