@@ -46,7 +46,7 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, 
     panels = [
         ("gradient limit g(h(x))\n0.6 for small, 0.2 for large elements",
          plot_size(mesh, g_of_h(h), label="g(h)", width=width)),
-        (f"size, {SMALLEST} to {h.max():.2f}\nlargest error {np.abs(error).max():.4f}",
+        (f"size, {SMALLEST} to {h.max():.2f}\nlargest error {np.abs(error).max():.0e}",
          plot_size(mesh, h, width=width)),
     ]  # fmt: skip
     if has_mmg():

@@ -65,7 +65,8 @@ def read_example(path: Path) -> Example:
         path=path,
         title=title.rstrip("."),
         text=text.strip(),
-        pictures=tuple(dict.fromkeys(_pictures(tree))) or (f"{path.stem.removeprefix('plot_')}.png",),
+        pictures=tuple(dict.fromkeys(_pictures(tree)))
+        or (f"{path.stem.removeprefix('plot_')}.png",),
         figures=tuple(figures),
         first_line_of_code=tree.body[1].lineno,
     )
