@@ -23,6 +23,8 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("mmg", 3): 1.08,
 }
 
+_GAUSS_POINTS = 16
+
 # Logarithm of the scale: a hundredth of a per cent of the size.
 _TOLERANCE = 1e-4
 # Up to which logarithm a scale is sought, and what stands for that of nothing.
@@ -30,30 +32,35 @@ _REACH = 40.0
 _NOTHING = -700.0
 
 
-def predicted_elements(mesh: SimplexMesh, size: npt.ArrayLike) -> float:
-    """Return how many elements of the given sizes fill a mesh.
+def predicted_elements(
+    mesh: SimplexMesh, size: npt.ArrayLike, *, backend: str | None = None
+) -> float:
+    r"""Return how many elements of the given sizes fill a mesh.
+
+    The measure of the domain over that of a regular simplex of edge h, h linear in each cell,
+
+    .. math:: c_d \int h^{-d} \, dx, \qquad c_1 = 1, \; c_2 = 4 / \sqrt 3, \; c_3 = 6 \sqrt 2,
+
+    with d the dimension of the cells.
 
     Parameters
     ----------
     mesh : SimplexMesh
     size : array_like of float, shape (n_points,)
-        Wanted edge lengths at the nodes, positive; ``inf`` counts nothing.
+        Wanted edge lengths at the nodes, positive; cells with ``inf`` at a node count nothing.
+    backend : str, optional
+        Times what this mesh generator was measured to make per element so counted (medians).
 
     Returns
     -------
     float
-        The measure of each cell over that of a regular simplex of edge h, with 1 / h^d, d the
-        dimension of the cells, averaged over its nodes.
+        Without ``backend``: generators make about as many triangles, and more tetrahedra, which
+        cannot all be regular.
 
     Raises
     ------
     ValueError
         If the sizes have another shape or are not positive.
-
-    Notes
-    -----
-    Generators make about as many triangles; tetrahedra cannot all be regular, and
-    generators differ.
 
     Examples
     --------
@@ -63,8 +70,42 @@ def predicted_elements(mesh: SimplexMesh, size: npt.ArrayLike) -> float:
     """
     h = as_sizes("size", size, (mesh.n_points,))
     d = mesh.cell_dim
-    density = (h**-d)[mesh.cells].mean(axis=1)
-    return float(ELEMENTS_PER_MEASURE[d] * (mesh.measures * density).sum())
+    counted = ELEMENTS_PER_MEASURE[d] * (mesh.measures * mean_density(h[mesh.cells])).sum()
+    return calibration(backend, d) * float(counted)
+
+
+def mean_density(corner_sizes: FloatArray) -> FloatArray:
+    r"""Return the mean of h^-d over simplices of d dimensions on which h is linear.
+
+    The mean of :math:`H^{-(d+1)}` over a simplex of H linear is the product of the
+    :math:`1 / H_i` at its corners.  With H = h + s, and integrated over s > 0,
+
+    .. math:: \overline{h^{-d}} = d \int_0^\infty \prod_i \frac{1}{h_i + s} \, ds,
+
+    by Gauss' rule after :math:`s = m (1 + x) / (1 - x)`, with m between the least and the largest
+    corner: exact for constants, to 1e-12 where they differ by a factor of 16, to 1e-4 for 1000.
+
+    Parameters
+    ----------
+    corner_sizes : float64[n, d + 1]
+        Positive; inf gives 0.
+
+    Returns
+    -------
+    float64[n]
+    """
+    d = corner_sizes.shape[1] - 1
+    free = np.isinf(corner_sizes.max(axis=1))
+    h = np.where(free[:, None], 1.0, corner_sizes)
+    m = np.sqrt(h.min(axis=1)) * np.sqrt(h.max(axis=1))
+    over_m = h / m[:, None]  # powers of small or large sizes stay in range
+    total = np.zeros(len(m))
+    for x, weight in zip(*np.polynomial.legendre.leggauss(_GAUSS_POINTS), strict=True):
+        product = np.full(len(m), 2.0 * d * weight * (1.0 - x) ** (d - 1))
+        for i in range(d + 1):
+            product /= over_m[:, i] * (1.0 - x) + (1.0 + x)
+        total += product
+    return np.where(free, 0.0, total * m**-d)
 
 
 def calibration(backend: str | None, cell_dim: int) -> float:
