@@ -243,7 +243,7 @@ def test_bad_arguments_are_refused():
     with pytest.raises(ValueError, match="phi must be negative"):
         feature_size(grid, np.abs(phi) + 1.0)
     other = medial_axis(*planar.sampled(planar.disc(0.9), 0.1))
-    with pytest.raises(ValueError, match="medial must be of a grid of shape"):
+    with pytest.raises(ValueError, match="medial must be of a background of shape"):
         feature_size(grid, phi, other)
 
 

@@ -488,7 +488,7 @@ def test_bad_arguments_are_refused():
         medial_axis(grid, phi[1:])
     with pytest.raises(ValueError, match="phi must be negative at one node at least"):
         medial_axis(grid, np.abs(phi))
-    with pytest.raises(ValueError, match="grid must be a CartesianGrid"):
+    with pytest.raises(ValueError, match="distances at nodes are for a CartesianGrid"):
         medial_axis(grid.mesh, phi)
     with pytest.raises(ValueError, match="gamma must be finite and > 0"):
         medial_axis(grid, phi, gamma=0.0)

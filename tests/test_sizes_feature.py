@@ -202,7 +202,7 @@ def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
         ((structured_square(2),), {"elements_across": 0.0}, "elements_across must be finite and >"),
         ((CartesianGrid([0, 0], 1.0, (3, 3)),), {}, "boundary must be given"),
         ((structured_square(2).boundary().mesh, structured_square(2)), {}, "consist of segments"),
-        ((structured_square(2), np.zeros(9)), {}, "distances on a CartesianGrid"),
+        ((structured_square(2), np.zeros(9)), {}, "nodes are for a CartesianGrid"),
         ((SimplexMesh([[0.0], [1.0]], [[0, 1]]),), {}, "background must be a volume"),
         ((structured_square(2), outline(circle(8))), {"tolerance": -1.0}, "tolerance must be"),
     ],

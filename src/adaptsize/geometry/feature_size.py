@@ -1,4 +1,4 @@
-"""Local feature size on a Cartesian grid, from the medial axis."""
+"""Local feature size from the medial axis, on grids, octrees and meshes."""
 
 from __future__ import annotations
 
@@ -8,19 +8,29 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._progress import reporting
-from adaptsize.background import CartesianGrid
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.geometry._handing_on import AnyBackground
+from adaptsize.geometry.closest_points import DistanceFunction
 from adaptsize.geometry.grid_edges import corner_points, edge_lengths
 from adaptsize.geometry.marching import march_distance
-from adaptsize.geometry.medial_axis import MedialAxis, checked_distance, medial_axis
+from adaptsize.geometry.medial_axis import distance_on, medial_axis
+from adaptsize.geometry.medial_points import MedialAxis
+from adaptsize.geometry.octree_feature_size import feature_size_on_mesh
+from adaptsize.geometry.octree_medial_axis import (
+    SEPARATION_ANGLE,
+    boundary_on,
+    medial_axis_on_mesh,
+)
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 
 def feature_size(
-    grid: CartesianGrid,
-    phi: npt.ArrayLike,
+    background: AnyBackground,
+    boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None = None,
     medial: MedialAxis | None = None,
     *,
     edges: bool = True,
+    crease_angle: float = 40.0,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
     r"""Return the local feature size inside the domain: half the width of the part.
@@ -33,24 +43,30 @@ def feature_size(
 
     Parameters
     ----------
-    grid : CartesianGrid
-        Any spacing for each axis; inactive nodes are outside.
-    phi : array_like of float, of the shape of the grid
-        Signed distance from the boundary, negative inside.
+    background : CartesianGrid, Octree or SimplexMesh
+        Inactive nodes of a grid are outside.
+    boundary : SimplexMesh, callable or array_like of float
+        As for `medial_axis`: triangles or segments, or signed distances, at the nodes of a grid or
+        as a function.
     medial : MedialAxis, optional
         What `medial_axis` found, if its options should differ from the defaults.
     edges : bool, optional
         In the plane: whether the size is at most the length of a boundary edge between two
-        corners, and larger away from it by the distance.
+        corners, and larger away from it by the distance.  On octrees and meshes only with a
+        boundary of segments.
+    crease_angle : float, optional
+        On octrees and meshes: nodes of the boundary where it turns by more are corners, degrees.
     progress : callable or bool, optional
         Called with a text and the share done; True shows a bar on a terminal.
         Raising in it (or Ctrl-C) stops the work.
 
     Returns
     -------
-    ndarray of float64, of the shape of the grid
+    ndarray of float64, of the nodal shape
         inf outside and at inactive nodes.  Finite at all others: each part of the domain has a
-        deepest node, which counts as a point of the medial axis if no other is near.
+        deepest node, which counts as a point of the medial axis if no other is near.  On octrees
+        and meshes also at nodes outside of cells that reach into the domain: the feature size of
+        the boundary next to them.
 
     Raises
     ------
@@ -87,32 +103,76 @@ def feature_size(
     >>> float(size[4, 4].round(1))  # at the corner
     0.7
     """
-    values = checked_distance(grid, phi)
     with reporting(progress) as report:
-        if medial is None:
-            medial = medial_axis(grid, values, progress=report)
-        elif medial.distances.shape != grid.shape:
-            raise ValueError(
-                f"medial must be of a grid of shape {grid.shape}, got {medial.distances.shape}"
-            )
-        inside = values <= 0.0
-        if grid.active is not None:
-            inside &= grid.active
-        seeds = medial.distances.copy()
-        seeds[_deepest(grid, values, inside, seeds)] = 0.0
-        size = march_distance(
-            grid, seeds, where=inside, report=report, text="marching from the medial axis"
+        if isinstance(background, CartesianGrid):
+            values = distance_on(background, boundary, report)
+            if medial is None:
+                medial = medial_axis(background, values, progress=report)
+            _refuse_other(medial, background.shape)
+            return _on_grid(background, values, medial, edges, report)
+        return feature_size_with(
+            background,
+            boundary,
+            medial,
+            crease_angle=crease_angle if edges else None,
+            report=report,
         )
-        _reach_diagonally(grid, inside, size)
-        size[inside] -= values[inside]
-        if edges and grid.dim == 2:
-            longest = edge_lengths(grid, values, corner_points(grid, medial.corners))
-            if np.isfinite(longest).any():
-                near = inside | np.isfinite(longest)
-                grown = march_distance(
-                    grid, longest, where=near, report=report, text="marching from edges"
-                )
-                size[inside] = np.minimum(size[inside], grown[inside])
+
+
+def feature_size_with(
+    background: SimplexMesh | Octree,
+    boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None,
+    medial: MedialAxis | None = None,
+    *,
+    crease_angle: float | None = 40.0,
+    corner_angle: float = 30.0,
+    report: ProgressCallback,
+) -> FloatArray:
+    """Do what `feature_size` says on an octree or a mesh, looking at its nodes once only.
+
+    ``crease_angle=None``: edges do not count.
+    """
+    mesh, asked = boundary_on(background, boundary)
+    nodes = asked.from_nodes(background, report)
+    if medial is None:
+        medial = medial_axis_on_mesh(mesh, asked, nodes, SEPARATION_ANGLE, corner_angle, report)
+    _refuse_other(medial, (mesh.n_points,))
+    return feature_size_on_mesh(mesh, asked, nodes, medial, crease_angle, report)
+
+
+def _refuse_other(medial: MedialAxis, shape: tuple[int, ...]) -> None:
+    if medial.distances.shape != shape:
+        raise ValueError(
+            f"medial must be of a background of shape {shape}, got {medial.distances.shape}"
+        )
+
+
+def _on_grid(
+    grid: CartesianGrid,
+    values: FloatArray,
+    medial: MedialAxis,
+    edges: bool,
+    report: ProgressCallback,
+) -> FloatArray:
+    """Return the local feature size on a grid."""
+    inside = values <= 0.0
+    if grid.active is not None:
+        inside &= grid.active
+    seeds = medial.distances.copy()
+    seeds[_deepest(grid, values, inside, seeds)] = 0.0
+    size = march_distance(
+        grid, seeds, where=inside, report=report, text="marching from the medial axis"
+    )
+    _reach_diagonally(grid, inside, size)
+    size[inside] -= values[inside]
+    if edges and grid.dim == 2:
+        longest = edge_lengths(grid, values, corner_points(grid, medial.corners))
+        if np.isfinite(longest).any():
+            near = inside | np.isfinite(longest)
+            grown = march_distance(
+                grid, longest, where=near, report=report, text="marching from edges"
+            )
+            size[inside] = np.minimum(size[inside], grown[inside])
     return size
 
 

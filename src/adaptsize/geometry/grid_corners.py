@@ -1,8 +1,9 @@
-"""Corners of a boundary that is given by its distance on a Cartesian grid."""
+"""Fronts that meet, and whether they come from two sides of a corner of the boundary."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,10 @@ _NEAR = 1.5
 
 # Looks half way to the boundary for the direction of a front.
 _LOOKS = 2
+
+
+#: Takes points, float64[..., dim]; returns their distance from the boundary, with or without sign.
+Distance: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 class Fronts(NamedTuple):
@@ -109,9 +114,14 @@ def come_from_boundary(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> 
     return np.asarray(((off <= allowed[:, None]) | np.isinf(off)).all(axis=1))
 
 
+def distance_on_grid(grid: CartesianGrid, phi: FloatArray) -> Distance:
+    """Return the distance between the nodes of a grid, inf outside of it."""
+    return lambda points: _interpolated(grid, phi, points)
+
+
 def meet_at_corner(
-    grid: CartesianGrid,
-    phi: FloatArray,
+    distance: Distance,
+    spacing: float,
     fronts: Fronts,
     corner_angle: float,
     rounded: FloatArray | None = None,
@@ -120,8 +130,9 @@ def meet_at_corner(
 
     Parameters
     ----------
-    grid : CartesianGrid
-    phi : float64[shape]
+    distance : callable
+    spacing : float
+        Of the nodes between which the distance is interpolated; 0 if it is exact.
     fronts : Fronts
     corner_angle : float
         Least angle of a corner inside the domain, in degrees.
@@ -152,12 +163,12 @@ def meet_at_corner(
     apex[wide] += fronts.radii[wide, None] * together
     # By how much the apex lies beyond a rounding off of radius 1.
     excess = np.sqrt(2.0 / (1.0 + cosine[wide])) - 1.0
-    allowed = _INTERPOLATED * float(grid.spacing.max()) + (share * fronts.radii)[wide] * excess
+    allowed = _INTERPOLATED * spacing + (share * fronts.radii)[wide] * excess
     there, feet = apex[wide][:, None, :], fronts.feet()[wide]
     along = np.concatenate([there, *(there + s * (feet - there) for s in _ALONG)], axis=1)
-    follows = (np.abs(_interpolated(grid, phi, along)) <= allowed[:, None]).all(axis=1)
+    follows = (np.abs(distance(along)) <= allowed[:, None]).all(axis=1)
     at_corner = wide.copy()
-    at_corner[wide] = follows | (fronts.radii[wide] < RESOLVED * grid.spacing.max())
+    at_corner[wide] = follows | (fronts.radii[wide] < RESOLVED * spacing)
     return at_corner, apex
 
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe
+from adaptsize._checks import as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.geometry.closest_points import DistanceFunction
 from adaptsize.geometry.distance import signed_distance
-from adaptsize.geometry.feature_size import feature_size
+from adaptsize.geometry.feature_size import feature_size, feature_size_with
 from adaptsize.geometry.inscribed_spheres import SphereFinder
+from adaptsize.geometry.medial_axis import distance_on, medial_axis
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+
+METHODS = ("auto", "spheres", "medial-axis")
 
 # Where sharp edges end in nothing, sizes must not ask for more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
@@ -22,8 +26,9 @@ _TOLERANCE_SHARE = 1e-3
 
 def size_from_feature(
     background: SimplexMesh | CartesianGrid | Octree,
-    boundary: SimplexMesh | npt.ArrayLike | None = None,
+    boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None = None,
     *,
+    method: str = "auto",
     elements_across: float = 4.0,
     crease_angle: float = 40.0,
     corner_angle: float = 30.0,
@@ -36,27 +41,30 @@ def size_from_feature(
 
     .. math:: h_0(x) = \mathrm{lfs}(x) / R, \qquad R = \mathrm{elements\_across} / 2,
 
-    at nodes inside and on the boundary.  On a mesh, and with a triangulated boundary, lfs(x) is
-    the radius of the largest sphere inside that touches the boundary at the point closest to x,
-    with `inscribed_spheres`: half the width of the domain there.  All of the way from that
-    point to the centre of the sphere has the same size therefore, and a node needs to know of
-    no other node.  With distances it is the distance to the boundary plus that to the
-    medial axis, equation (6) of [1]_ (`adaptsize.geometry.feature_size`), which is never larger
-    than that radius and the same where the domain is equally wide for a while.
+    at nodes inside and on the boundary.  With ``"spheres"`` lfs(x) is the radius of the largest
+    sphere inside that touches the boundary at the point closest to x, with `inscribed_spheres`:
+    half the width of the domain there.  All of the way from that point to the centre of the
+    sphere has the same size therefore, and a node needs to know of no other node.  With
+    ``"medial-axis"`` it is the distance to the boundary plus that to the medial axis, equation
+    (6) of [1]_ (`adaptsize.feature_size`), which is never larger than that radius and
+    the same where the domain is equally wide for a while: where it widens it grows slower.
 
     Parameters
     ----------
     background : SimplexMesh, CartesianGrid or Octree
         A mesh of full dimension; the boundary of a domain itself, triangles in space or
         segments in the plane; a grid or an octree around a domain.
-    boundary : SimplexMesh or array_like of float, optional
+    boundary : SimplexMesh, callable or array_like of float, optional
         Triangles in space or segments in the plane, as `inscribed_spheres` takes them.  By
-        default the boundary of the background, or the background.  On a CartesianGrid also
-        the signed distance at its nodes, negative inside.
+        default the boundary of the background, or the background.  For the medial axis also
+        the signed distance, negative inside: a function of points, or on a CartesianGrid an array.
+    method : {"auto", "spheres", "medial-axis"}
+        What the local feature size is.  By default the medial axis for distances, else spheres.
     elements_across : float, default 4
         Twice R of [1]_, > 0.
     crease_angle, corner_angle : float
-        As for `inscribed_spheres`, degrees.
+        As for `inscribed_spheres`, degrees.  For the medial axis on grids only the default
+        ``crease_angle`` is known.
     tolerance : float, optional
         Nodes this far outside ``boundary`` count too, as do, on a background of lower
         dimension, only those this close to it.  On a grid or an octree by default the diagonal of
@@ -115,19 +123,46 @@ def size_from_feature(
     array([0.2, 0.2, 0.2])
     """
     across = as_number("elements_across", elements_across, lower=0.0, strict=True)
+    one_of("method", method, METHODS)
+    by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)
+    if method == "spheres" and by_distance:
+        raise ValueError(f"method='spheres' needs a SimplexMesh, got {describe(boundary)}")
+    options = {"crease_angle": crease_angle, "corner_angle": corner_angle}
     with reporting(progress) as report:
-        if boundary is not None and not isinstance(boundary, SimplexMesh):
-            lfs, smallest = _from_distance(background, boundary, report), 0.0
+        if method == "medial-axis" or by_distance:
+            lfs = _by_medial_axis(background, boundary, **options, report=report)
+            is_grid = isinstance(background, CartesianGrid)
+            smallest = 0.0 if is_grid else _SMALLEST_SHARE * background.diagonal
         else:
-            options = {"crease_angle": crease_angle, "corner_angle": corner_angle}
             if boundary is None:
                 lfs, source = _at_own_nodes(background, options, report)
             else:
+                assert isinstance(boundary, SimplexMesh)
                 source = boundary
                 lfs = _near_boundary(background, boundary, tolerance, options, report)
             smallest = _SMALLEST_SHARE * source.diagonal
     h0 = np.maximum(2.0 * lfs / across, smallest)
     return minimum(h0.reshape(background.nodal_shape), hmin=hmin, hmax=hmax)
+
+
+def _by_medial_axis(
+    background: SimplexMesh | CartesianGrid | Octree,
+    boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None,
+    *,
+    crease_angle: float,
+    corner_angle: float,
+    report: ProgressCallback,
+) -> FloatArray:
+    """Return the distance from the boundary and the medial axis together."""
+    if boundary is None and not isinstance(background, SimplexMesh):
+        raise ValueError(f"boundary must be given, as there is none in {background!r}")
+    if isinstance(background, CartesianGrid):
+        boundary = distance_on(background, boundary, report)
+        medial = medial_axis(background, boundary, corner_angle=corner_angle, progress=report)
+        return feature_size(background, boundary, medial, progress=report)
+    return feature_size_with(
+        background, boundary, crease_angle=crease_angle, corner_angle=corner_angle, report=report
+    )
 
 
 def _at_own_nodes(
@@ -208,17 +243,3 @@ def _reach(
     diagonals = np.linalg.norm(background.leaf_sizes, axis=1)
     np.maximum.at(reach, background.leaf_corners, diagonals[:, None])
     return reach
-
-
-def _from_distance(
-    background: SimplexMesh | CartesianGrid | Octree,
-    phi: npt.ArrayLike,
-    report: ProgressCallback,
-) -> FloatArray:
-    """Return the local feature size from distances at the nodes of a grid."""
-    if not isinstance(background, CartesianGrid):
-        raise ValueError(
-            f"boundary must be a SimplexMesh, or distances on a CartesianGrid, "
-            f"got {describe(phi)} on {background!r}"
-        )
-    return feature_size(background, phi, progress=report)

@@ -1,0 +1,46 @@
+"""What is found of a medial axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from adaptsize.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MedialAxis:
+    """Points of a medial axis on the edges of a Cartesian grid.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+        Where two fronts meet, each on an edge of the grid.
+    normals : float64[n, dim]
+        Unit normals of the medial axis there, of either sign.  Where the axis is a curve in space
+        (or a point in the plane) one of the directions across it.
+    radii : float64[n]
+        Distance of each point from the boundary.
+    angles : float64[n]
+        Angle in degrees between the ways to the two nearest points of the boundary: 180 between
+        parallel walls.
+    distances : float64 of the shape of the grid
+        Distance from the medial axis at the ends of these edges, inf at all other nodes.
+    corners : float64[m, dim]
+        Where the boundary has corners of which crossings close to it come, one for each of these
+        crossings: many for one corner, and in space points of sharp edges.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    radii: FloatArray
+    angles: FloatArray
+    distances: FloatArray
+    corners: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            getattr(self, name).flags.writeable = False
+
+    def __repr__(self) -> str:
+        """Say how many points."""
+        return f"MedialAxis({len(self.points)} points)"
