@@ -26,7 +26,7 @@ class AdaptReport:
     backend : str
         The mesh generator.
     n_meshes : int
-        How often it was called: twice if the first mesh missed the number of elements.
+        How many meshes were made: more than one if the first missed the number of elements.
     target_elements, tolerance : float or None
         What was asked for.
     predicted_elements : float
@@ -97,7 +97,9 @@ class AdaptReport:
         lines = [f"{self.n_cells_before} {kind}, {self.n_points_before} nodes"]
         if self.n_meshes:
             lines[0] += f" -> {self.n_cells_after} {kind}, {self.n_points_after} nodes"
-            lines[0] += f" ({self.backend}" + (", second try)" if self.n_meshes > 1 else ")")
+            lines[0] += f" ({self.backend}" + (
+                f", try {self.n_meshes})" if self.n_meshes > 1 else ")"
+            )
         lines.append(f"expected {self.predicted_elements:.0f}" + self._asked())
         if self.error is not None:
             wanted = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"

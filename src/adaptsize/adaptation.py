@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -49,6 +50,9 @@ from adaptsize.typing import GradientLimit, ProgressCallback
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 _Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
+
+#: Meshes that are made at most for a number of elements.
+_MOST_MESHES = 3
 
 
 @dataclass(frozen=True)
@@ -207,10 +211,11 @@ def adapt(
     Notes
     -----
     The number of cells is what the generator was measured to make of sizes; if its mesh is off by
-    more than 15 % although the limits allow the number, a second mesh is made with what the first
-    one taught.  Boundary nodes stay on the boundary of the old mesh: on straight ones to rounding,
-    at curved ones within ``boundary_tolerance``; the report tells how far they are.  Mmg
-    keeps tags of cells and facets exactly; fTetWild does not know them, and they are looked up.
+    more than 15 % although the limits allow the number, another one is made with what was learnt,
+    up to three, and the nearest is taken.  Boundary nodes stay on the boundary of the old mesh: on
+    straight ones to rounding, at curved ones within ``boundary_tolerance``; the report tells how
+    far they are.  Mmg keeps tags of cells and facets exactly; fTetWild does not know them, and
+    they are looked up.
 
     Examples
     --------
@@ -313,18 +318,35 @@ def _task(mesh: SimplexMesh) -> _Task:
 def _new_mesh(
     mesh: SimplexMesh, found: NextSizes, wishes: Wishes, options: dict[str, Any]
 ) -> tuple[NextSizes, _Made]:
-    """Return a mesh of the sizes found; if it misses the number asked for, those of a second."""
+    """Return a mesh of the sizes found; if it misses the number asked for, others."""
     new = remesh(mesh, SizeFunction(mesh, found.h), **options)
-    target, n_meshes = wishes.target_elements, 1
-    missed = target is not None and abs(new.n_cells / target - 1.0) > BUDGET_TOLERANCE
-    if missed and found.in_reach:
-        factor = new.n_cells / predicted_elements(mesh, found.h)
-        second = next_sizes(mesh, wishes, factor)
-        other = remesh(mesh, SizeFunction(mesh, second.h), **options)
-        n_meshes = 2
-        if abs(np.log(other.n_cells / target)) < abs(np.log(new.n_cells / target)):
-            found, new = second, other
+    best, n_meshes, target = (found, new), 1, wishes.target_elements
+    asked: list[float] = []
+    made: list[float] = []
+    while target is not None and found.in_reach and n_meshes < _MOST_MESHES:
+        asked.append(math.log(predicted_elements(mesh, found.h)))
+        made.append(math.log(new.n_cells))
+        if abs(math.expm1(made[-1] - math.log(target))) <= BUDGET_TOLERANCE:
+            break
+        found = next_sizes(mesh, wishes, target / math.exp(_to_ask(asked, made, math.log(target))))
+        new = remesh(mesh, SizeFunction(mesh, found.h), **options)
+        n_meshes += 1
+        if abs(math.log(new.n_cells / target)) < abs(math.log(best[1].n_cells / target)):
+            best = (found, new)
+    found, new = best
     return found, _Made(new, n_meshes, boundary_distance(mesh, new), None)
+
+
+def _to_ask(asked: list[float], made: list[float], wanted: float) -> float:
+    """Return the logarithm of the number to ask for, from what was asked for and made."""
+    order = np.argsort(made)
+    below = [i for i in order if made[i] < wanted]
+    above = [i for i in order if made[i] >= wanted]
+    if below and above and asked[below[-1]] < asked[above[0]]:
+        i, j = below[-1], above[0]
+        return float(np.interp(wanted, [made[i], made[j]], [asked[i], asked[j]]))
+    nearest = int(np.argmin(np.abs(np.subtract(made, wanted))))
+    return asked[nearest] + wanted - made[nearest]
 
 
 def _projected(made: _Made, project: ProjectionLike | None, angle: float) -> _Made:
