@@ -19,6 +19,8 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: A cell with less than this share of its measure in the old domain counts as outside.
 _OUTSIDE = 1e-9
+#: How far a point is moved into a cell to tell on which side of a slit it is, over its size.
+_ASIDE = 1e-8
 # A compiled loop cannot be interrupted; one call of it should last about this long.
 _SECONDS_PER_CALL = 0.3
 # Overlaps of a call; grows if one new cell has more.
@@ -181,7 +183,8 @@ class FieldTransfer:
         ndarray, shape (n_points of the new mesh, ...)
             Linearly interpolated, exact for linear fields inside the old mesh; between the
             values of the corners of the old cell.  Nodes outside the old mesh, and those in no
-            cell, get the value at the nearest point of it.
+            cell, get the value at the nearest point of it.  At slits, where old nodes coincide,
+            each new node gets the value of its side.
 
         Raises
         ------
@@ -287,7 +290,36 @@ class FieldTransfer:
 
     @cached_property
     def _located(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        return self.old.locator.nearest(self.new.points)
+        cells, weights, distances = self.old.locator.nearest(self.new.points)
+        if _has_slits(self.old):
+            nodes = self.new.boundary().nodes
+            cells, weights = cells.copy(), weights.copy()
+            cells[nodes], weights[nodes] = self._on_their_side(nodes)
+        return cells, weights, distances
+
+    def _on_their_side(self, nodes: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return old cells and weights for new nodes, on the side of a slit on which they are.
+
+        Where two old nodes coincide a place belongs to both; a point a little inside a new
+        cell at the node tells which is meant.
+        """
+        old, new = self.old, self.new
+        one_cell = np.zeros(new.n_points, np.intp)
+        one_cell[new.cells] = np.arange(new.n_cells)[:, None]
+        points = new.points[nodes]
+        inside = new.points[new.cells[one_cell[nodes]]].mean(axis=1)
+        cells, weights, _ = old.locator.nearest(points + _ASIDE * (inside - points))
+        # What the node itself has of that cell, which it may miss by a hair.
+        corners = old.points[old.cells[cells]]
+        edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
+        sound = np.abs(np.linalg.det(edges)) > 0.0
+        found = np.linalg.solve(edges[sound], (points - corners[:, 0])[sound][..., None])[..., 0]
+        found = np.column_stack([1.0 - found.sum(axis=1), found])
+        near = np.abs(found - weights[sound]).max(axis=1) <= 1e3 * _ASIDE
+        found = np.clip(found, 0.0, 1.0)
+        kept = np.flatnonzero(sound)[near]
+        weights[kept] = found[near] / found[near].sum(axis=1, keepdims=True)
+        return cells, weights
 
     @property
     def _nodes(self) -> tuple[IntArray, FloatArray]:
@@ -318,6 +350,14 @@ class FieldTransfer:
                     new[:, j] += min(missing / total, 1.0) * room
             np.clip(new[:, j], low, high, out=new[:, j])
         return _like(new, made)
+
+
+def _has_slits(mesh: SimplexMesh) -> bool:
+    """Return whether nodes of the boundary coincide: the two faces of a crack."""
+    if mesh.cell_dim != mesh.dim:
+        return False
+    points = mesh.boundary().mesh.points
+    return len(np.unique(points, axis=0)) < len(points)
 
 
 def as_fields(
