@@ -2,7 +2,8 @@
 
 A crease is an edge along which the boundary turns inwards.  A node whose path bends on a
 crease (p, q) has the source (p, q, `BEND`), and in ``bent`` a point and the size there, from which
-it comes in a straight line up to the crease (see `image_of`).
+it comes in a straight line up to the crease (see `image_of`), and the numbers of the nodes between
+which that point was before it was turned about creases.
 
 ``axes`` is a tuple of which only the length counts, the embedding dimension.
 """
@@ -502,6 +503,11 @@ def _bend(
                 bent[k, 1] = py
                 bent[k, 2] = pz
                 bent[k, 3] = u
+                r0, r1, r2 = source_of(source, axes, i)
+                bends_before = r2 == BEND
+                bent[k, 4] = bent[i, 4] if bends_before else r0
+                bent[k, 5] = bent[i, 5] if bends_before else r1
+                bent[k, 6] = bent[i, 6] if bends_before else r2
     return best
 
 
@@ -589,7 +595,7 @@ def reach(
     ):
         set_source(source, k, p, q, r)
         if len(axes) == 3 and r == BEND:
-            for d in range(4):
+            for d in range(7):
                 bent[k, d] = bent[j, d]
         return value
     if len(axes) == 2:

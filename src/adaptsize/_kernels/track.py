@@ -200,14 +200,14 @@ def track(
     refused : int32[n + 1, dim]
         In/Out: the last source that each node did not see, and the boundary facet that hid
         the last one (see visibility.py); used if something is hidden.
-    bent : float64[n, 4]
-        In/Out: where the paths that bend on a crease come from, a point and the size there (see
-        bends.py); used as creases are.
+    bent : float64[n, 7]
+        In/Out: where the paths that bend on a crease come from, a point and the size there, and
+        the nodes of that source (see bends.py); used as creases are.
     key, node, place, size
         In/Out: the heap (see heap.py).
     contested : uint8[n]
-        In/Out: set for nodes that refused a source because theirs, which does not touch it, is
-        better.
+        In/Out: 1 is set for nodes that refused a source because theirs, which does not touch it, is
+        better.  2 is set by the caller for nodes in the heap whose sources have been polished.
     hidden : bool
         Whether straight lines may leave the mesh.
     straight : bool
@@ -228,7 +228,9 @@ def track(
     while size[0] > 0 and pops < max_pops:
         j = np.int64(pop(key, node, place, size))
         pops += 1
-        if moves > 0:
+        if contested[j] >= 2:
+            contested[j] -= 2
+        elif moves > 0:
             value, p, q, r, l1, l2 = polish(
                 state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, source, j, moves
             )
@@ -293,7 +295,7 @@ def track(
                 value, l1, l2 = value_from(state, axes, g, k, p, q, r, u_p, u_q, u_r)
             if value >= h_k * keep:
                 if value > h_k and not _touches(source, axes, k, p, q, r):
-                    contested[k] = 1
+                    contested[k] |= 1
                 continue
             if (
                 hidden
@@ -335,11 +337,75 @@ def track(
             else:
                 set_source(source, k, s0, s1, s2)
                 if len(axes) == 3 and s2 == BEND:
-                    for d in range(4):
+                    for d in range(7):
                         bent[k, d] = bent[j, d]
             state[k, dim] = value
+            contested[k] &= 1
             push_or_decrease(key, node, place, size, k, value)
     return pops
+
+
+@kernel
+def polish_again(
+    state,
+    axes,
+    nbr_ptr,
+    nbr,
+    cells,
+    ring_ptr,
+    ring,
+    patch,
+    clearance,
+    h0,
+    g,
+    source,
+    refused,
+    key,
+    node,
+    place,
+    size,
+    nodes,
+    hidden,
+    moves,
+):
+    """Look for better sources next to those of some nodes, and queue the nodes that find one.
+
+    Parameters
+    ----------
+    nodes : int32[m]
+    others
+        As for `track`.
+    """
+    dim = len(axes)
+    for index in range(nodes.shape[0]):
+        j = np.int64(nodes[index])
+        value, p, q, r, l1, l2 = polish(
+            state, axes, nbr_ptr, nbr, cells, ring_ptr, ring, h0, g, source, j, moves
+        )
+        if value < state[j, dim] * BETTER and (
+            not hidden
+            or sees(
+                state,
+                axes,
+                cells,
+                ring_ptr,
+                ring,
+                patch,
+                clearance,
+                h0,
+                source,
+                refused,
+                j,
+                p,
+                q,
+                r,
+                l1,
+                l2,
+            )
+        ):
+            state[j, dim] = value
+            set_source(source, j, p, q, r)
+            push_or_decrease(key, node, place, size, j, value)
 
 
 @kernel

@@ -196,7 +196,9 @@ def limit_gradient(
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
     method = one_of("method", method, ("auto", *schemes.METHODS))
     bound = _as_bound("h0", h0, background)
-    if np.isinf(bound).all():
+    if full_output and np.may_share_memory(bound, h0):  # type: ignore[arg-type]
+        bound = bound.copy()  # what the next call compares with
+    if bound.min() == np.inf:
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
     _refuse_idle_options(schemes, method, order, guess, max_iter)
@@ -234,10 +236,16 @@ def limit_gradient(
     h = np.minimum(h, bound)  # the way back from Phi rounds
     if not full_output:
         return h
-    if np.may_share_memory(bound, h0):
-        bound = bound.copy()
     problem = replace(problem, report=_silent, initial=None)
-    record = Record(background, domain, bound, h.copy(), transform, problem, solution)
+    record = Record(
+        background,
+        domain,
+        bound,
+        h.copy() if transform else solution.h,
+        transform,
+        problem,
+        solution,
+    )
     return h, LimitingInfo(method, solution.iterations, solution.converged, record)
 
 
@@ -248,11 +256,9 @@ def _domain(background: object) -> SimplexMesh | CartesianGrid:
             "background must be a SimplexMesh, a CartesianGrid or an Octree, "
             f"got {describe(background)}"
         )
-    if isinstance(background, CartesianGrid):
-        lowest, highest = background.lower, background.upper
-    else:
-        lowest, highest = background.points.min(axis=0), background.points.max(axis=0)
-    farthest = max(float(highest.max()), -float(lowest.min()))
+    is_grid = isinstance(background, CartesianGrid)
+    corners = [background.lower, background.upper] if is_grid else [background.points]
+    farthest = max(max(float(c.max()), -float(c.min())) for c in corners)
     if farthest != 0.0 and not 1.0 / _FARTHEST <= farthest <= _FARTHEST:
         raise ValueError(
             f"background must have coordinates of {1.0 / _FARTHEST:g} to {_FARTHEST:g} in size, "

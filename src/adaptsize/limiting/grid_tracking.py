@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -148,11 +149,27 @@ def solve_grid_tracking(
     tracks = _begin(grid, bounds, geometry, face_sources and polish > 0)
     _start(grid, u, bounds, geometry, tracks)
     accepted = _accept_all(grid, u, bounds, geometry, tracks, polish, report)
+    return _finish(grid, u, bounds, tracks, slope, accepted, residual=residual)
+
+
+def _finish(
+    grid: CartesianGrid,
+    u: FloatArray,
+    bounds: FloatArray,
+    tracks: _Tracks,
+    slope: float,
+    accepted: int,
+    *,
+    residual: bool,
+) -> TrackedSolution:
+    """Return what was found; sources and residual are told apart when they are asked for."""
     h = _unpad(grid, u)
-    source, sizes = _sources(grid, u, bounds, tracks)
-    excess = _largest_edge_excess(grid, h, slope) if residual else 0.0
     return TrackedSolution(
-        h, accepted, excess, source=source, source_sizes=sizes, is_convex=not tracks.hidden
+        h,
+        accepted,
+        partial(_largest_edge_excess, grid, h, slope) if residual else 0.0,
+        find_sources=partial(_sources, grid, u, bounds, tracks),
+        is_convex=not tracks.hidden,
     )
 
 
@@ -293,7 +310,7 @@ def _accept_all(
 
 def _sources(
     grid: CartesianGrid, u: FloatArray, bounds: FloatArray, tracks: _Tracks
-) -> tuple[IntArray, FloatArray]:
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the nodes of the source of each node, numbered without border, and their sizes."""
     number = np.full(u.size, -1, np.int32)
     _inside(grid, number)[...] = np.arange(grid.n_points, dtype=np.int32).reshape(grid.shape)
@@ -308,7 +325,7 @@ def _sources(
         nodes[long, 1] = number[end[long]]
     if tracks.hidden:
         sizes[np.isnan(sizes)] = np.inf
-    return nodes, sizes
+    return nodes, sizes, np.empty((0, 4))
 
 
 def _inside(grid: CartesianGrid, padded: npt.NDArray[Any]) -> npt.NDArray[Any]:

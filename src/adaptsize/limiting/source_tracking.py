@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -33,7 +35,10 @@ if TYPE_CHECKING:
 _CHUNK = 50_000
 
 # A candidate must be lower by more than rounding to count.
-_KEEP = 1.0 - 1e-13
+KEEP = 1.0 - 1e-13
+
+# Most moves of a source over neighbouring edges and triangles each time a node is taken.
+POLISH = 5
 
 # Nodes taken per node before sizes go along edges only, which always comes to an end.
 _PATIENCE = 20
@@ -42,23 +47,43 @@ _PATIENCE = 20
 _SECOND_CHANCES = 4
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TrackedSolution(Solution):
     """Limited sizes and, for each node, where its size comes from."""
 
-    source: IntArray
-    """int32[n, dim]: the nodes of the source, ascending, -1 where there are fewer; i itself
-    where node i keeps ``h0``."""
-    source_sizes: FloatArray
-    """float64[n, dim]: the sizes at them, inf where there are fewer."""
-    bent: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    """float64[n, 4] if paths bend on edges: for these nodes a point of space and the size there,
-    from which the size comes over the edge that is the source; nan for others."""
+    find_sources: Callable[[], tuple[IntArray, FloatArray, FloatArray]]
+    """Returns the sources, the sizes at their nodes, and where paths bend."""
     is_convex: bool = False
     """Whether no straight line leaves the domain."""
 
+    @cached_property
+    def _sources(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        return self.find_sources()
 
-class _Work(NamedTuple):
+    @property
+    def source(self) -> IntArray:
+        """int32[n, dim]: the nodes of the source, ascending, -1 where there are fewer.
+
+        i itself where node i keeps ``h0``.
+        """
+        return self._sources[0]
+
+    @property
+    def source_sizes(self) -> FloatArray:
+        """float64[n, dim]: the sizes at them, inf where there are fewer."""
+        return self._sources[1]
+
+    @property
+    def bent(self) -> FloatArray:
+        """float64[n, 4] if paths bend on edges, else no rows.
+
+        For the nodes of such paths a point of space and the size there, from which the size comes
+        over the edge that is the source; nan for others.
+        """
+        return self._sources[2]
+
+
+class Work(NamedTuple):
     """What `track` changes."""
 
     axes: tuple[int, ...]
@@ -80,6 +105,18 @@ class _Surroundings(NamedTuple):
     patch: IntArray
     clearance: FloatArray
     outward: FloatArray
+
+
+class Tracks(NamedTuple):
+    """What tracking knows in the end, but for the sizes."""
+
+    near: _Surroundings
+    convex: bool
+    dense: bool
+    """Whether two neighbours have finite bounds."""
+    source: IntArray
+    """As in `track`: with `BEND` for creases."""
+    bent: FloatArray
 
 
 class _Obstacles(NamedTuple):
@@ -107,7 +144,7 @@ def solve_source_tracking(
     slope: float,
     *,
     domain_is_convex: bool | Literal["auto"] = "auto",
-    polish: int = 5,
+    polish: int = POLISH,
     face_sources: bool = True,
     residual: bool,
     report: ProgressCallback,
@@ -186,48 +223,85 @@ def solve_source_tracking(
     if mesh.dim == 1:
         return _along_line(mesh, h0, slope, residual, report)
     n = mesh.n_points
-    work = _begin(mesh, h0)
+    work = begin(mesh, h0)
     dense = kernels.start_from_cells(
-        work.axes, mesh.cells, h0, slope, face_sources, _KEEP, work.state, work.source
+        work.axes, mesh.cells, h0, slope, face_sources, KEEP, work.state, work.source
     )
     kernels.push_lowered(work.state, h0, *work.heap)
-    taken, convex = 0, True
-    bent = np.empty((1, 4))
+    taken, tracks = 0, None
     if work.heap[3][0] > 0:
         many = 2 * np.count_nonzero(np.isfinite(h0)) > n
         convex, sight = _shape(mesh, domain_is_convex, near_sources=bool(many))
         moves = polish if dense and face_sources else 0
-        near = _surroundings(mesh, not convex or (mesh.dim == 3 and moves > 0), sight)
-        refused = np.full((1 if convex else n + 1, mesh.dim), -1, np.int32)
-        if mesh.dim == 3 and not convex:
-            bent = np.empty((n, 4))
-        known = (work.source, refused, bent)
+        # To resume the work the cells around nodes are needed.
+        rings = residual or not convex or (mesh.dim == 3 and moves > 0)
+        bent = np.empty((n if mesh.dim == 3 and not convex else 1, 7))
+        near = _surroundings(mesh, rings, sight)
+        tracks = Tracks(near, convex, bool(dense), work.source, bent)
         contested = np.zeros(n, np.uint8)
-        problem = (work.state, work.axes, *near, h0, slope, *known, *work.heap, contested)
-        chances = _SECOND_CHANCES
-        while work.heap[3][0] > 0:
-            straight = taken < _PATIENCE * n
-            taken += kernels.track(*problem, not convex, straight, moves, _KEEP, _CHUNK)
-            report("limiting the gradient", min(taken / n, 1.0))
-            if work.heap[3][0] == 0 and straight and chances > 0 and contested.any():
-                chances -= 1
-                kernels.offer_once_more(*problem, not convex, _KEEP)
+        taken = follow(work, tracks, h0, slope, moves, contested, report)
         report("limiting the gradient", 1.0)
-    excess = 0.0
-    if residual:
-        near = _surroundings(mesh, False, _NO_OBSTACLES)
-        excess = kernels.largest_edge_excess(work.state, work.axes, *near[:2], slope)
-    h = work.state[:n, mesh.dim].copy()
-    sizes, bent = _source_sizes(mesh.points, h, h0, slope, work.source, bent)
+    return finish(mesh, work, tracks, h0, slope, taken, residual=residual)
+
+
+def follow(
+    work: Work,
+    tracks: Tracks,
+    h0: FloatArray,
+    slope: float,
+    moves: int,
+    contested: npt.NDArray[np.uint8],
+    report: ProgressCallback,
+) -> int:
+    """Track (In/Out: work, tracks.bent, contested) until the heap is empty; return nodes taken."""
+    n, dim = len(h0), len(work.axes)
+    hidden = not tracks.convex
+    refused = np.full((n + 1 if hidden else 1, dim), -1, np.int32)
+    known = (work.source, refused, tracks.bent)
+    problem = (work.state, work.axes, *tracks.near, h0, slope, *known, *work.heap, contested)
+    taken, chances = 0, _SECOND_CHANCES
+    while work.heap[3][0] > 0:
+        straight = taken < _PATIENCE * n
+        taken += kernels.track(*problem, hidden, straight, moves, KEEP, _CHUNK)
+        report("limiting the gradient", min(taken / n, 1.0))
+        if work.heap[3][0] == 0 and straight and chances > 0 and contested.any():
+            chances -= 1
+            kernels.offer_once_more(*problem, hidden, KEEP)
+    return taken
+
+
+def finish(
+    mesh: SimplexMesh,
+    work: Work,
+    tracks: Tracks | None,
+    h0: FloatArray,
+    slope: float,
+    taken: int,
+    *,
+    residual: bool,
+) -> TrackedSolution:
+    """Return what was found; sources and residual are told apart when they are asked for."""
+    h = work.state[: mesh.n_points, mesh.dim].copy()
+    bent = np.empty((1, 7)) if tracks is None else tracks.bent
+    near = None if tracks is None else tracks.near
     return TrackedSolution(
         h,
         taken,
-        excess,
-        source=work.source,
-        source_sizes=sizes,
-        bent=bent,
-        is_convex=convex,
+        partial(_residual_of, mesh, near, h, slope) if residual else 0.0,
+        memory=tracks,
+        find_sources=partial(_source_sizes, mesh.points, h, h0, slope, work.source, bent),
+        is_convex=tracks is None or tracks.convex,
     )
+
+
+def _residual_of(
+    mesh: SimplexMesh, near: _Surroundings | None, h: FloatArray, slope: float
+) -> float:
+    """Return the largest (h_i - h_j - g |x_i - x_j|) / h_i over the edges."""
+    if near is None:
+        near = _surroundings(mesh, False, _NO_OBSTACLES)
+    work = begin(mesh, h)
+    return float(kernels.largest_edge_excess(work.state, work.axes, near.nbr_ptr, near.nbr, slope))
 
 
 def _along_line(
@@ -236,14 +310,26 @@ def _along_line(
     """Solve on segments of a line, where sizes along edges are exact; sources are the nodes."""
     limit = Slope(np.array([slope]))
     found = solve_edge_based(mesh, h0, limit, residual=residual, report=report)
-    source = np.arange(mesh.n_points, dtype=np.int32)[:, None]
-    sizes = found.h[:, None].copy()
+    return as_tracked(found)
+
+
+def as_tracked(found: Solution) -> TrackedSolution:
+    """Return sizes along edges as tracked ones: the source of a node of a line is itself."""
+
+    def find_sources() -> tuple[IntArray, FloatArray, FloatArray]:
+        source = np.arange(len(found.h), dtype=np.int32)[:, None]
+        return source, found.h[:, None].copy(), np.empty((0, 4))
+
     return TrackedSolution(
-        found.h, found.iterations, found.residual, source=source, source_sizes=sizes
+        found.h,
+        found.iterations,
+        found.missed_by,
+        memory=found.memory,
+        find_sources=find_sources,
     )
 
 
-def _begin(mesh: SimplexMesh, h0: FloatArray) -> _Work:
+def begin(mesh: SimplexMesh, h0: FloatArray) -> Work:
     """Return sizes h0, every node its own source, and an empty heap."""
     n = mesh.n_points
     state = np.empty((n + 1, mesh.dim + 1))  # the last row is work space of the kernels
@@ -252,7 +338,7 @@ def _begin(mesh: SimplexMesh, h0: FloatArray) -> _Work:
     source = np.full((n, mesh.dim), -1, np.int32)
     source[:, 0] = np.arange(n)
     heap = (np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64))
-    return _Work((0,) * mesh.dim, state, source, heap)
+    return Work((0,) * mesh.dim, state, source, heap)
 
 
 def _source_sizes(
@@ -262,23 +348,24 @@ def _source_sizes(
     slope: float,
     source: IntArray,
     bent: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the sizes at the nodes of each source, and ``bent`` without what is not used.
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the sources, the sizes at their nodes, and ``bent`` without what is not used.
 
-    Creases in ``source`` become plain edges; ``bent`` is nan for other sources.
+    Creases become plain edges; ``bent`` is nan for other sources.
     """
     sizes = np.where(source < 0, np.inf, h0[source])
     alone = np.flatnonzero((source[:, 1:] < 0).all(axis=1))
     sizes[alone, 0] = h[source[alone, 0]]
     along_crease = source[:, -1] == BEND
     if not along_crease.any():
-        return sizes, np.empty((0, 4))
-    bent[~along_crease] = np.nan
+        return source, sizes, np.empty((0, 4))
+    bent = np.where(along_crease[:, None], bent[:, :4], np.nan)
     ends, come_from = points[source[along_crease, :2]], bent[along_crease]
     away = np.linalg.norm(ends - come_from[:, None, :3], axis=2)
     sizes[along_crease, :2] = come_from[:, 3:] + slope * away
+    source = source.copy()
     source[along_crease, -1] = -1
-    return sizes, bent
+    return source, sizes, bent
 
 
 def _shape(

@@ -89,11 +89,18 @@ def _take_back(
     if len(raised) == 0:
         return
     n = len(h)
-    limit = (problem.slope.values, problem.slope.step)
+    given = (h, problem.h0, problem.slope.values, problem.slope.step, edges)
     lost, found, count = np.zeros(n, np.bool_), np.empty(n, np.int32), 0
-    given = (h, problem.h0, *limit, edges, *heap)
-    repair.queue(h, raised, *heap)
-    while heap[3][0] > 0:
-        count = repair.find_lost(*geometry, *given, lost, found, count, CHUNK)
+    waiting, suspect, ends = (
+        np.zeros(n, np.bool_),
+        np.empty(n, np.int32),
+        np.array([0, len(raised)]),
+    )
+    suspect[: len(raised)] = raised[np.argsort(h[raised], kind="stable")]
+    waiting[raised] = True
+    while ends[1] > 0:
+        count = repair.find_lost(
+            *geometry, *given, lost, found, count, suspect, waiting, ends, CHUNK
+        )
         problem.report("limiting the gradient", None)
-    repair.begin_again(*geometry, *given, lost, found[:count])
+    repair.begin_again(*geometry, *given, *heap, lost, found[:count])

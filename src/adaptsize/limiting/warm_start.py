@@ -11,12 +11,14 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.changes import Changes
 from adaptsize.limiting.solution import Solution
 from adaptsize.limiting.warm_marching import resume_edge_based, resume_fast_marching
+from adaptsize.limiting.warm_tracking import resume_source_tracking
 
 if TYPE_CHECKING:
     from adaptsize.limiting.info import LimitingInfo, Record
     from adaptsize.limiting.problem import Problem
 
 _ON_SIMPLICES: dict[str, Callable[..., Solution | None]] = {
+    "source-tracking": resume_source_tracking,
     "fast-marching": resume_fast_marching,
     "edge-based": resume_edge_based,
 }
