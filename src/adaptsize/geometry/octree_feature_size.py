@@ -19,6 +19,9 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 _ON_BOUNDARY = 1e-12
 # Halvings of the step in which a deepest point is looked for.
 _CLIMBS = 24
+# Balls around a node and around a point of the medial axis, the latter larger by this factor, must
+# overlap for the straight way between them to be in the domain.
+_OVERLAP = 1.2
 # At nodes outside the feature size is at least this share of that of their neighbours inside.
 _OUTSIDE_SHARE = 0.5
 
@@ -55,7 +58,7 @@ def feature_size_on_mesh(
     """
     inside = nodes.depth >= -_ON_BOUNDARY * mesh.diagonal
     seeds = medial.distances.copy()
-    _add_deepest(mesh, boundary, nodes.depth, inside, medial, seeds)
+    centres = _add_deepest(mesh, boundary, nodes.depth, inside, seeds)
     inner = _inner_cells(mesh, inside)
     size = np.where(inside, np.inf, seeds + nodes.depth)
     marched = march_through_mesh(
@@ -64,6 +67,7 @@ def feature_size_on_mesh(
         report=report,
         text="marching from the medial axis",
     )
+    _correct(inner, nodes.depth[inner.nodes], medial, centres, boundary, marched)
     marched += nodes.depth[inner.nodes]
     _bound_outside(inner, marched)
     if crease_angle is not None and mesh.dim == 2 and isinstance(boundary, SurfaceBoundary):
@@ -75,6 +79,30 @@ def feature_size_on_mesh(
             marched = np.minimum(marched, grown)
     np.minimum.at(size, inner.nodes, marched)
     return size
+
+
+def _correct(
+    inner: _Inner,
+    depth: FloatArray,
+    medial: MedialAxis,
+    centres: FloatArray,
+    boundary: Boundary,
+    distances: FloatArray,
+) -> None:
+    """Lower marched distances (In/Out) to those of the nearest points of the medial axis.
+
+    Marching bends the ways through large cells.  Points count that are as near as they are only
+    within the domain: the balls around node and point must nearly overlap.
+    """
+    from scipy.spatial import cKDTree
+
+    points = np.concatenate([medial.points, centres])
+    if len(points) == 0:
+        return
+    radii = np.concatenate([medial.radii, boundary.distance(centres)])
+    straight, nearest = cKDTree(points).query(inner.mesh.points)
+    joined = straight <= _OVERLAP * radii[nearest] + depth
+    distances[joined] = np.minimum(distances, straight)[joined]
 
 
 def _bound_outside(inner: _Inner, size: FloatArray) -> None:
@@ -141,10 +169,11 @@ def _add_deepest(
     boundary: Boundary,
     depth: FloatArray,
     inside: BoolArray,
-    medial: MedialAxis,
     seeds: FloatArray,
-) -> None:
+) -> FloatArray:
     """Lower distances (In/Out) around the centres of balls that touch on all sides.
+
+    Returns the centres.
 
     They are next to nodes that are deeper than all around, where no point of the axis is near.
     """
@@ -156,7 +185,7 @@ def _add_deepest(
         known[edges[:, a]] |= np.isfinite(seeds[edges[:, b]])
     deepest = np.flatnonzero(inside & ~known & (depth >= highest))
     if len(deepest) == 0:
-        return
+        return np.empty((0, mesh.dim))
     ring = edges[np.isin(edges, deepest).any(axis=1)]
     reach = np.zeros(mesh.n_points)
     lengths = np.linalg.norm(mesh.points[ring[:, 0]] - mesh.points[ring[:, 1]], axis=1)
@@ -171,6 +200,7 @@ def _add_deepest(
         np.minimum.at(seeds, other, away)
     away = np.linalg.norm(mesh.points[deepest] - centres, axis=1)
     seeds[deepest] = np.minimum(seeds[deepest], away)
+    return centres
 
 
 def _climb(

@@ -19,7 +19,7 @@ from adaptsize.geometry.closest_points import (
 )
 from adaptsize.geometry.grid_corners import Fronts, meet_at_corner
 from adaptsize.geometry.medial_points import MedialAxis
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 # Least angle, in degrees, between the directions to the boundary unless another one is given.
 SEPARATION_ANGLE = 40.0
@@ -32,11 +32,13 @@ _HALVINGS = 8
 _ON_BOUNDARY = 1e-6
 # ... there it is looked for this far along the edge.
 _OFF_BOUNDARY = 1.0 / 64.0
-# A ball that touches the boundary twice is one of the medial axis if nothing is closer to its
-# centre by more than this share of the radius, ...
-_EMPTY = 0.1
-# ... and if the centre is not farther from the edge than this, in lengths of the edge.
-_ASIDE = 1.5
+# How far inward from an edge on which directions turn fast points are looked for, in its lengths.
+_FARTHEST = 2.0
+# An end of an edge this close to the normal of a point, as the sine of the angle, is as far from
+# the medial axis as from the point; ...
+_ASIDE = 0.02
+# ... from others the axis is looked for at their foot, up to this share of the way to it aside.
+_ACROSS = 0.125
 
 
 class Meetings(NamedTuple):
@@ -44,9 +46,17 @@ class Meetings(NamedTuple):
 
     fronts: Fronts
     ends: npt.NDArray[np.int64]
-    """Nodes of the edge, int64[n, 2]."""
-    distances: FloatArray
-    """How far the medial axis is from these nodes, float64[n, 2]."""
+    """Nodes of the edge that led there, int64[n, 2]."""
+
+    def taken(self, which: BoolArray) -> Meetings:
+        """Return some of the points."""
+        return Meetings(self.fronts.taken(which), self.ends[which])
+
+    @property
+    def normals(self) -> FloatArray:
+        """Unit normals of the medial axis, of either sign, float64[n, dim]."""
+        across = self.fronts.directions[:, 0] - self.fronts.directions[:, 1]
+        return np.asarray(across / np.linalg.norm(across, axis=1)[:, None])
 
 
 @dataclass(frozen=True)
@@ -112,20 +122,16 @@ def find_meetings(
         part = edges[first : first + _EDGES_AT_ONCE].astype(np.int64)
         stretch = _candidates(mesh, boundary, nodes, part, least)
         stretch = _narrowed(boundary, stretch, least)
-        jumps = np.diff(stretch.at, axis=1)[:, 0] < 1.5 * 0.5**_HALVINGS
-        found.append(_crossings(boundary, stretch.taken(jumps)))
-        found.append(_centres(boundary, stretch.taken(~jumps)))
+        jumps = _has_jump(stretch)
+        found.append(_crossings(stretch.taken(jumps)))
+        found.append(_beside(boundary, stretch.taken(~jumps), least))
         report("finding the medial axis", min(1.0, (first + _EDGES_AT_ONCE) / len(edges)))
     return _joined(found)
 
 
 def _joined(parts: list[Meetings]) -> Meetings:
     fronts = Fronts(*(np.concatenate(a) for a in zip(*(p.fronts for p in parts), strict=True)))
-    return Meetings(
-        fronts,
-        np.concatenate([p.ends for p in parts]),
-        np.concatenate([p.distances for p in parts]),
-    )
+    return Meetings(fronts, np.concatenate([p.ends for p in parts]))
 
 
 def _candidates(
@@ -179,44 +185,72 @@ def _narrowed(boundary: Boundary, stretch: _Stretch, least: float) -> _Stretch:
     return stretch
 
 
-def _crossings(boundary: Boundary, stretch: _Stretch) -> Meetings:
-    """Return where, on edges, two fronts are equally far from the boundary."""
+def _crossings(stretch: _Stretch) -> Meetings:
+    """Return where two fronts are equally far from the boundary."""
     # Depths fall in the direction outward.
     slopes = -(stretch.outward * stretch.way[:, None, :]).sum(axis=2)
     low, high = stretch.at.T
     gap = stretch.depth[:, 1] - stretch.depth[:, 0] - slopes[:, 1] * (high - low)
     at = np.clip(low + gap / (slopes[:, 0] - slopes[:, 1]), low, high)
     depth = stretch.depth[:, 0] + slopes[:, 0] * (at - low)
-    points = stretch.points(at)
-    normals = stretch.outward[:, 1] - stretch.outward[:, 0]
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    across = np.abs((normals * stretch.way).sum(axis=1))
-    distances = across[:, None] * np.column_stack([at, 1.0 - at])
     inside = (stretch.depth > 0.0).all(axis=1) & (depth > 0.0)
-    fronts = Fronts(points, depth, stretch.outward)
-    return Meetings(fronts.taken(inside), stretch.ends[inside], distances[inside])
+    fronts = Fronts(stretch.points(at), depth, stretch.outward)
+    return Meetings(fronts, stretch.ends).taken(np.asarray(inside))
 
 
-def _centres(boundary: Boundary, stretch: _Stretch) -> Meetings:
-    """Return the centres of balls that touch the boundary at the closest points of both ends."""
-    feet = [
-        stretch.points(stretch.at[:, side])
-        + stretch.depth[:, side, None] * stretch.outward[:, side]
-        for side in range(2)
-    ]
-    apart = stretch.outward[:, 0] - stretch.outward[:, 1]
-    radii = ((feet[0] - feet[1]) * apart).sum(axis=1) / (apart**2).sum(axis=1)
-    ways = radii[:, None] * stretch.outward.sum(axis=1)
-    points = 0.5 * (feet[0] + feet[1] - ways)
-    seen = boundary.seen_from(points)
-    length = np.linalg.norm(stretch.way, axis=1)
+def _beside(boundary: Boundary, stretch: _Stretch, least: float) -> Meetings:
+    """Return where fronts meet on the way inward from where directions turn fast.
+
+    The normal of the boundary leads to the centre of curvature, which is as far as the turn is
+    fast: one length of the edge if the directions turn by one radian on it.  The medial axis
+    lies on the way to it.
+    """
     middle = stretch.points(stretch.at.mean(axis=1))
-    good = (np.abs(seen.depth - radii) <= _EMPTY * radii) & (radii > 0.0)
-    good &= np.linalg.norm(points - middle, axis=1) <= _ASIDE * length
-    ends = np.stack([stretch.start, stretch.start + stretch.way], axis=1)
-    distances = np.linalg.norm(ends - points[:, None, :], axis=2)
-    fronts = Fronts(points, seen.depth, stretch.outward)
-    return Meetings(fronts.taken(good), stretch.ends[good], distances[good])
+    seen = boundary.seen_from(middle)
+    inside = seen.depth > 0.0
+    nodes, start, outward = stretch.ends[inside], middle[inside], seen.outward[inside]
+    edge = stretch.way[inside]
+    way = -_FARTHEST * np.linalg.norm(edge, axis=1)[:, None] * outward
+    far = boundary.seen_from(start + way)
+    ray = _Stretch(
+        nodes,
+        start,
+        way,
+        np.tile([0.0, 1.0], (len(start), 1)),
+        np.column_stack([seen.depth[inside], far.depth]),
+        np.stack([outward, far.outward], axis=1),
+    )
+    ray = _narrowed(boundary, ray.taken(ray.cosine <= least), least)
+    return _crossings(ray.taken(_has_jump(ray)))
+
+
+def _has_jump(stretch: _Stretch) -> BoolArray:
+    """Return where the directions differ however close the points are."""
+    return np.asarray(np.diff(stretch.at, axis=1)[:, 0] < 1.5 * 0.5**_HALVINGS)
+
+
+def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: float) -> FloatArray:
+    """Return how far the medial axis is from the ends of the edges, float64[n, 2].
+
+    That is the distance from the plane tangent to it, if the axis goes on in that plane up to the
+    foot of the end: if directions jump there as well.  Else it is the distance from the point.
+    """
+    normals = found.normals[:, None, :]
+    away = points[found.ends] - found.fronts.points[:, None, :]
+    across = (away * normals).sum(axis=2)
+    along = away - across[:, :, None] * normals
+    distances = np.linalg.norm(away, axis=2)
+    aside = np.linalg.norm(along, axis=2)
+    asked = np.nonzero(aside > _ASIDE * distances)
+    foot = (found.fronts.points[:, None, :] + along)[asked]
+    off = _ACROSS * aside[asked][:, None] * normals[asked[0], 0]
+    sides = [boundary.seen_from(foot + sign * off) for sign in (-1.0, 1.0)]
+    turn = sides[1].outward - sides[0].outward
+    goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= least
+    goes_on &= (turn * off).sum(axis=1) > 0.0
+    goes_on &= (sides[0].depth > 0.0) & (sides[1].depth > 0.0)
+    distances[asked] = np.where(goes_on, np.abs(across[asked]), distances[asked])
+    return distances
 
 
 def medial_axis_on_mesh(
@@ -232,14 +266,13 @@ def medial_axis_on_mesh(
         raise ValueError("boundary must have nodes of the background in it, got none")
     found = find_meetings(mesh, boundary, nodes, np.radians(separation_angle), report)
     at_corner, apex = meet_at_corner(boundary.distance, 0.0, found.fronts, corner_angle)
-    fronts, ends = found.fronts.taken(~at_corner), found.ends[~at_corner]
-    normals = fronts.directions[:, 0] - fronts.directions[:, 1]
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    found = found.taken(~at_corner)
+    fronts, least = found.fronts, float(np.cos(np.radians(separation_angle)))
     distances = np.full(mesh.n_points, np.inf)
-    np.minimum.at(distances, ends, found.distances[~at_corner])
+    np.minimum.at(distances, found.ends, _distances(mesh.points, boundary, found, least))
     return MedialAxis(
         points=fronts.points,
-        normals=normals,
+        normals=found.normals,
         radii=fronts.radii,
         angles=np.degrees(np.arccos(np.clip(fronts.cosine, -1.0, 1.0))),
         distances=distances,
