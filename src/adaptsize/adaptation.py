@@ -266,9 +266,11 @@ def adapt(
     options: dict[str, Any] = {
         "backend": generator,
         "target": "triangles" if task == "surface" else "auto",
-        "tolerance": boundary_tolerance,
-        "max_elements": max_elements,
-        "timeout": timeout,
+        "tolerance": as_number("boundary_tolerance", boundary_tolerance, lower=0.0, strict=True),
+        "max_elements": as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
+        "timeout": None
+        if timeout is None
+        else as_number("timeout", timeout, lower=0.0, strict=True),
     }
     with reporting(progress) as report:
         report("sizes", None)
