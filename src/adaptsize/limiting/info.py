@@ -102,7 +102,7 @@ class LimitingInfo:
 
     @property
     def largest_edge_slope(self) -> float:
-        """Largest (h_i - h_j) / (g |x_i - x_j|) over all edges.
+        """Largest ``(h_i - h_j) / (g |x_i - x_j|)`` over all edges.
 
         1 to rounding, or less, is what the schemes promise.
         """
@@ -110,7 +110,7 @@ class LimitingInfo:
 
     @property
     def cell_gradient_quantiles(self) -> dict[float, float]:
-        """Quantiles (0.5, 0.9, 0.99, 1) of |grad h| / g of the interpolant.
+        """Quantiles (0.5, 0.9, 0.99, 1) of ``|grad h| / g`` of the interpolant.
 
         Over the cells that are not degenerate (on grids: at the centre of each box).  May exceed
         1 around point sources and where fronts meet: exact nodal values do so too.
