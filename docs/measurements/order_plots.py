@@ -79,7 +79,8 @@ def limited(problem: _problems.Problem, near: float = 0.0, **options) -> tuple[f
         bound = np.where(known.reshape(bound.shape), problem.exact, np.inf)
     h = ads.limit_gradient(mesh, bound, problem.g, **options)
     error = np.abs(h[problem.nodes] - problem.exact).mean()
-    return 100.0 / (bound.size ** (1.0 / mesh.dim) - 1.0), error
+    spacing = mean_edge(mesh) if isinstance(mesh, ads.SimplexMesh) else mesh.spacing[0]
+    return spacing, error
 
 
 def scheme(name, make, sizes, **options):
