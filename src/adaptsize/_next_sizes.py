@@ -26,6 +26,8 @@ BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | np
 _AIM = 0.95
 #: An edge is good while neither halving nor doubling it would bring it nearer to its size.
 _BAND = 0.5 * math.log(2.0)
+#: No mesh that has an edge this many times too long is good enough.
+_MUCH_TOO_LONG = 3.0
 #: More elements than this times the present number are worth something if the error is too large.
 _MORE = 1.02
 #: Prediction and number asked for this close: the number is in reach of the limits.
@@ -136,23 +138,23 @@ def next_sizes(mesh: SimplexMesh, wishes: Wishes, factor: float) -> NextSizes:
         # For its speed: it is called some ten times, and generators miss sizes by more.
         return limit_gradient(mesh, held, wishes.g, method="fast-marching")
 
-    def from_error(**goal: float) -> FloatArray:
+    def from_error(tolerance: float | None, target: float | None) -> FloatArray:
         assert wishes.indicator is not None
         return size_from_error(
             mesh, wishes.indicator, order=wishes.order, max_refine=wishes.max_refine,
             max_coarsen=wishes.max_coarsen, hmin=wishes.hmin, hmax=wishes.hmax, limit=finished,
-            **goal,
+            tolerance=tolerance, target_elements=target,
         )  # fmt: skip
 
     target, capped = wishes.target_elements, False
     h: FloatArray | None = None
     if wishes.tolerance is not None:
-        h = from_error(tolerance=_AIM * wishes.tolerance)
+        h = from_error(_AIM * wishes.tolerance, None)
         capped = target is not None and factor * predicted_elements(mesh, h) > target
     if target is not None and (h is None or capped):
         goal = max(target / factor, 1.0)
         if wishes.indicator is not None:
-            h = from_error(target_elements=goal)
+            h = from_error(None, goal)
         else:
             h = _scaled(mesh, wishes, finished, goal)
     elif h is None:
@@ -200,6 +202,8 @@ def verdict(
         return Verdict(False, True, reason, *shares)
     ratio = found.predicted / mesh.n_cells
     same = shares[0] >= enough and abs(ratio - 1.0) <= BUDGET_TOLERANCE
+    # A place that is much too coarse matters, however few cells it takes.
+    same = same and _pieces(mesh, found.h).max() <= _MUCH_TOO_LONG
     finer = tolerance is not None and not within and ratio > _MORE
     if not same or finer:
         reason = (
@@ -221,14 +225,24 @@ def verdict(
     return Verdict(False, met, reason, *shares)
 
 
+def _pieces(mesh: SimplexMesh, h: FloatArray) -> FloatArray:
+    """Return into how many pieces of the wanted size each edge should be cut, h linear in it."""
+    i, j = mesh.edges.T
+    mean = 0.5 * (h[i] + h[j])
+    half = np.abs(h[i] - h[j]) / (2.0 * mean)  # below 1
+    # The mean of 1/h over the mean's inverse is artanh(x) / x.
+    near = half < 1e-4
+    growth = np.where(near, 1.0, np.arctanh(half) / np.where(near, 1.0, half))
+    return np.asarray(mesh.edge_lengths / mean * growth)
+
+
 def _shares(mesh: SimplexMesh, h: FloatArray) -> tuple[float, float, float]:
     """Return the shares of the next mesh that are there, too long and too short.
 
     An edge that is to be cut into r counts as the r^d that come in its place: a few cells that
     are much too long at a singular point are most of the next mesh.
     """
-    i, j = mesh.edges.T
-    ratio = mesh.edge_lengths / (0.5 * (h[i] + h[j]))
+    ratio = _pieces(mesh, h)
     weight = np.maximum(ratio, 1.0) ** mesh.cell_dim
     with np.errstate(divide="ignore"):
         off = np.log(ratio)

@@ -167,9 +167,9 @@ def adapt(
         Degrees between two boundary facets from which on their common nodes count as corners.
     enough : float, default 0.85
         No new mesh if this share of the next mesh is there already (edges within sqrt 2 of the
-        new sizes, each counted as the cells that come in its place), the number of cells
-        would change by less than 15 %, and the tolerance does not need more cells.  Above 1:
-        always a new mesh.
+        new sizes, each counted as the cells that come in its place), no edge is 3 times too
+        long, the number of cells would change by less than 15 %, and the tolerance does not
+        need more cells.  Above 1: always a new mesh.
     coarsen_converged : bool, default False
         Whether a mesh whose error is within the tolerance is made anew, coarser where it may be.
     boundary_tolerance : float
