@@ -34,14 +34,19 @@ FOLDERS = {
     "docs/how-to": "how-to/README",
 }
 CONTENTS = {
-    "How to": "how-to/*",
+    "How to": [
+        "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
+        "how-to/export",
+    ],
     "Examples": ["gallery/index"],
     "Methods": [
         "limiting", "source-tracking", "octrees", "distance", "medial-axis", "feature-size",
         "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
         "adaptive-loops",
     ],
-    "Reference": ["api", "command-line", "files", "solvers", "benchmarks", "citations"],
+    "Reference": [
+        "api", "command-line", "files", "solvers", "promises", "benchmarks", "citations",
+    ],
     "Project": ["decisions/README", *COPIES.values()],
 }  # fmt: skip
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
@@ -106,10 +111,7 @@ def contents() -> str:
     others = [name for name in found if name not in listed and name != "index"]
     parts = []
     for caption, wanted in CONTENTS.items():
-        if isinstance(wanted, str):
-            names = sorted(str(p.relative_to(DOCS).with_suffix("")) for p in DOCS.glob(wanted))
-        else:
-            names = [name for name in wanted if list(DOCS.glob(f"{name}.*"))]
+        names = [name for name in wanted if list(DOCS.glob(f"{name}.*"))]
         parts.append(_toctree(caption, names + (others if caption == "Methods" else [])))
     return "".join(parts)
 
