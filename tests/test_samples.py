@@ -10,7 +10,15 @@ import pytest
 import trimesh
 
 DATA = Path(__file__).parents[1] / "data"
-NAMES = ["bracket.stl", "slit.vtu", "curved.vtu", "lshape.vtu", "shell.vtu", "block.vtu"]
+NAMES = [
+    "bracket.stl",
+    "slit.vtu",
+    "curved.vtu",
+    "lshape.vtu",
+    "shell.vtu",
+    "block.vtu",
+    "deer.ply",
+]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -39,6 +47,20 @@ def test_bracket_has_slivers_and_no_bend_that_may_pass_for_curvature():
     assert (np.rad2deg(bracket.face_angles).min(axis=1) < 5.0).mean() > 0.4
     bend = np.rad2deg(bracket.face_adjacency_angles)
     assert not ((bend > 15.0) & (bend < 60.0)).any()
+
+
+def test_deer_is_a_closed_scan_with_antlers():
+    deer = trimesh.load(DATA / "deer.ply")
+    assert deer.is_watertight
+    assert deer.is_winding_consistent
+    assert deer.euler_number == 2
+    # Up to the tips of the antlers, which end in balls of radius 0.6 at a height of 117.
+    assert deer.extents[2] == pytest.approx(117.5, abs=0.3)
+    tip = deer.vertices[(deer.vertices[:, 2] > 112.0) & (deer.vertices[:, 1] > 14.0)]
+    across = tip - tip.mean(axis=0)
+    thickness = 2.0 * np.linalg.svd(across, compute_uv=False)[1:] * np.sqrt(2.0 / len(tip))
+    assert (thickness > 1.0).all()
+    assert (thickness < 2.0).all()
 
 
 def test_shell_is_rolled_without_stretching():
