@@ -134,4 +134,5 @@ def march_through_mesh(
         keep = _KEEP if accepted < _PATIENCE * n + _CHUNK_OF_MESH else _KEEP_ROUGHLY
         accepted += mesh_kernels.march(*stars, u, *slope, *heap, keep, _CHUNK_OF_MESH)
         report(text, min(accepted / n, 1.0))
+    report(text, 1.0)
     return u

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -11,14 +10,13 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry._orientation import oriented
 from adaptsize.geometry.closest_points import Boundary, Depths, SurfaceBoundary
+from adaptsize.geometry.deepest_points import climb
 from adaptsize.geometry.marching import march_through_mesh
 from adaptsize.geometry.medial_points import MedialAxis
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Nodes this close to the boundary count as on it, in diagonals of the background.
 _ON_BOUNDARY = 1e-12
-# Halvings of the step in which a deepest point is looked for.
-_CLIMBS = 24
 # Balls around a node and around a point of the medial axis, the latter larger by this factor, must
 # overlap for the straight way between them to be in the domain.
 _OVERLAP = 1.2
@@ -59,8 +57,10 @@ def feature_size_on_mesh(
     inside = nodes.depth >= -_ON_BOUNDARY * mesh.diagonal
     seeds = medial.distances.copy()
     centres = _add_deepest(mesh, boundary, nodes.depth, inside, seeds)
-    inner = _inner_cells(mesh, inside)
     size = np.where(inside, np.inf, seeds + nodes.depth)
+    if not inside.any():
+        return size
+    inner = _inner_cells(mesh, inside)
     marched = march_through_mesh(
         inner.mesh,
         np.where(inner.inside, seeds[inner.nodes], np.inf),
@@ -101,7 +101,7 @@ def _correct(
         return
     radii = np.concatenate([medial.radii, boundary.distance(centres)])
     straight, nearest = cKDTree(points).query(inner.mesh.points)
-    joined = straight <= _OVERLAP * radii[nearest] + depth
+    joined = straight <= _OVERLAP * radii[nearest] + np.abs(depth)
     distances[joined] = np.minimum(distances, straight)[joined]
 
 
@@ -190,36 +190,17 @@ def _add_deepest(
     reach = np.zeros(mesh.n_points)
     lengths = np.linalg.norm(mesh.points[ring[:, 0]] - mesh.points[ring[:, 1]], axis=1)
     np.maximum.at(reach, ring, lengths[:, None])
-    centres = _climb(boundary, mesh.points[deepest], depth[deepest], reach[deepest])
+    centres, reached = climb(boundary, mesh.points[deepest], reach[deepest])
     number = np.full(mesh.n_points, -1)
-    number[deepest] = np.arange(len(deepest))
+    number[deepest[reached]] = np.arange(len(centres))
     for a, b in ((0, 1), (1, 0)):
         at = number[ring[:, a]]
         own, other = at[at >= 0], ring[at >= 0, b]
         away = np.linalg.norm(mesh.points[other] - centres[own], axis=1)
         np.minimum.at(seeds, other, away)
-    away = np.linalg.norm(mesh.points[deepest] - centres, axis=1)
-    seeds[deepest] = np.minimum(seeds[deepest], away)
+    away = np.linalg.norm(mesh.points[deepest[reached]] - centres, axis=1)
+    seeds[deepest[reached]] = np.minimum(seeds[deepest[reached]], away)
     return centres
-
-
-def _climb(
-    boundary: Boundary, points: FloatArray, depth: FloatArray, reach: FloatArray
-) -> FloatArray:
-    """Return the deepest points within reach of others, by a search in all directions."""
-    best, height, step = points.copy(), depth.copy(), 0.5 * reach
-    directions = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=points.shape[1])))
-    for _ in range(_CLIMBS):
-        tried = best[:, None, :] + step[:, None, None] * directions
-        away = np.linalg.norm(tried - points[:, None, :], axis=2)
-        found = np.where(away <= reach[:, None], boundary.distance(tried), -np.inf)
-        top = found.argmax(axis=1)
-        row = np.arange(len(best))
-        better = found[row, top] > height
-        best[better] = tried[row, top][better]
-        height[better] = found[row, top][better]
-        step = np.where(better, step, 0.5 * step)
-    return best
 
 
 def edge_lengths(line: SimplexMesh, crease_angle: float) -> FloatArray:

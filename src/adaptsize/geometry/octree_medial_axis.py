@@ -32,6 +32,8 @@ _HALVINGS = 8
 _ON_BOUNDARY = 1e-6
 # ... there it is looked for this far along the edge.
 _OFF_BOUNDARY = 1.0 / 64.0
+# Rates at which depths change along an edge differ by more.
+_ROUNDING = 1e-12
 # How far inward from an edge on which directions turn fast points are looked for, in its lengths.
 _FARTHEST = 2.0
 # An end of an edge this close to the normal of a point, as the sine of the angle, is as far from
@@ -191,7 +193,11 @@ def _crossings(stretch: _Stretch) -> Meetings:
     slopes = -(stretch.outward * stretch.way[:, None, :]).sum(axis=2)
     low, high = stretch.at.T
     gap = stretch.depth[:, 1] - stretch.depth[:, 0] - slopes[:, 1] * (high - low)
-    at = np.clip(low + gap / (slopes[:, 0] - slopes[:, 1]), low, high)
+    bend = slopes[:, 0] - slopes[:, 1]
+    # An edge that runs along the axis meets it anywhere.
+    on_axis = bend <= _ROUNDING * np.abs(slopes).max(axis=1, initial=0.0)
+    at = np.clip(low + gap / np.where(on_axis, 1.0, bend), low, high)
+    at[on_axis] = 0.5 * (low + high)[on_axis]
     depth = stretch.depth[:, 0] + slopes[:, 0] * (at - low)
     inside = (stretch.depth > 0.0).all(axis=1) & (depth > 0.0)
     fronts = Fronts(stretch.points(at), depth, stretch.outward)
@@ -250,7 +256,7 @@ def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: f
     goes_on &= (turn * off).sum(axis=1) > 0.0
     goes_on &= (sides[0].depth > 0.0) & (sides[1].depth > 0.0)
     distances[asked] = np.where(goes_on, np.abs(across[asked]), distances[asked])
-    return distances
+    return np.asarray(distances)
 
 
 def medial_axis_on_mesh(
@@ -262,9 +268,9 @@ def medial_axis_on_mesh(
     report: ProgressCallback,
 ) -> MedialAxis:
     """Return the medial axis from what the nodes of a mesh see; angles in degrees."""
-    if not (nodes.depth > 0.0).any() and not isinstance(boundary, OwnBoundary):
-        raise ValueError("boundary must have nodes of the background in it, got none")
     found = find_meetings(mesh, boundary, nodes, np.radians(separation_angle), report)
+    if len(found.ends) == 0 and not (nodes.depth > 0.0).any():
+        raise ValueError("boundary must have a node or an edge of the background in it, got none")
     at_corner, apex = meet_at_corner(boundary.distance, 0.0, found.fronts, corner_angle)
     found = found.taken(~at_corner)
     fronts, least = found.fronts, float(np.cos(np.radians(separation_angle)))
