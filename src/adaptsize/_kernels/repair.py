@@ -320,13 +320,15 @@ def cells_around(ring_ptr, ring, nodes, cell_marks, node_marks, cells, near):
 
 
 @kernel
-def queue_behind_lowered(state, axes, g, source, keep, key, node, place, size):
+def queue_behind_lowered(state, axes, g, source, fell, keep, key, node, place, size):
     """Lower and queue the nodes whose source, a node, has a lower size than it handed on.
 
     Parameters
     ----------
     state, axes, g, source
         As in `adaptsize._kernels.track.track`.
+    fell : bool[n]
+        The nodes that may have been lowered.
     keep : float
     key, node, place, size
         In/Out: the heap (see heap.py).
@@ -334,7 +336,7 @@ def queue_behind_lowered(state, axes, g, source, keep, key, node, place, size):
     dim = len(axes)
     for k in range(source.shape[0]):
         p = source[k, 0]
-        if p == k or source[k, 1] >= 0:
+        if not fell[p] or p == k or source[k, 1] >= 0:
             continue
         value = state[p, dim] + g * distance(state, axes, k, p)
         if value < state[k, dim] * keep:

@@ -434,6 +434,7 @@ def offer_once_more(
     contested,
     hidden,
     keep,
+    alone,
 ):
     """Offer the sources that a node refused to the nodes behind it.
 
@@ -444,6 +445,9 @@ def offer_once_more(
     Parameters
     ----------
     As for `track`; ``contested`` is cleared.
+    alone : int32[n, dim]
+        Every node as its own source; used if something is hidden.  Sources are offered over two
+        edges here, so that paths on both sides of a hole would certify that lines go through it.
 
     Returns
     -------
@@ -483,7 +487,7 @@ def offer_once_more(
                     patch,
                     clearance,
                     h0,
-                    source,
+                    alone,
                     refused,
                     k,
                     p,

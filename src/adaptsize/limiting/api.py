@@ -196,7 +196,7 @@ def limit_gradient(
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
     method = one_of("method", method, ("auto", *schemes.METHODS))
     bound = _as_bound("h0", h0, background)
-    if full_output and np.may_share_memory(bound, h0):  # type: ignore[arg-type]
+    if full_output and np.may_share_memory(bound, h0):
         bound = bound.copy()  # what the next call compares with
     if bound.min() == np.inf:
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
@@ -256,8 +256,10 @@ def _domain(background: object) -> SimplexMesh | CartesianGrid:
             "background must be a SimplexMesh, a CartesianGrid or an Octree, "
             f"got {describe(background)}"
         )
-    is_grid = isinstance(background, CartesianGrid)
-    corners = [background.lower, background.upper] if is_grid else [background.points]
+    if isinstance(background, CartesianGrid):
+        corners = [background.lower, background.upper]
+    else:
+        corners = [background.points]
     farthest = max(max(float(c.max()), -float(c.min())) for c in corners)
     if farthest != 0.0 and not 1.0 / _FARTHEST <= farthest <= _FARTHEST:
         raise ValueError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,9 @@ _PATIENCE = 20
 
 # Rounds of second chances for nodes between two sources.
 _SECOND_CHANCES = 4
+
+
+Heap: TypeAlias = tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +92,7 @@ class Work(NamedTuple):
     axes: tuple[int, ...]
     state: FloatArray
     source: IntArray
-    heap: tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]
+    heap: Heap
 
 
 class _Surroundings(NamedTuple):
@@ -108,7 +111,10 @@ class _Surroundings(NamedTuple):
 
 
 class Tracks(NamedTuple):
-    """What tracking knows in the end, but for the sizes."""
+    """What tracking knows in the end."""
+
+    axes: tuple[int, ...]
+    state: FloatArray
 
     near: _Surroundings
     convex: bool
@@ -237,7 +243,7 @@ def solve_source_tracking(
         rings = residual or not convex or (mesh.dim == 3 and moves > 0)
         bent = np.empty((n if mesh.dim == 3 and not convex else 1, 7))
         near = _surroundings(mesh, rings, sight)
-        tracks = Tracks(near, convex, bool(dense), work.source, bent)
+        tracks = Tracks(work.axes, work.state, near, convex, bool(dense), work.source, bent)
         contested = np.zeros(n, np.uint8)
         taken = follow(work, tracks, h0, slope, moves, contested, report)
         report("limiting the gradient", 1.0)
@@ -266,7 +272,8 @@ def follow(
         report("limiting the gradient", min(taken / n, 1.0))
         if work.heap[3][0] == 0 and straight and chances > 0 and contested.any():
             chances -= 1
-            kernels.offer_once_more(*problem, hidden, KEEP)
+            alone = _alone(n, dim) if hidden else work.source
+            kernels.offer_once_more(*problem, hidden, KEEP, alone)
     return taken
 
 
@@ -335,10 +342,19 @@ def begin(mesh: SimplexMesh, h0: FloatArray) -> Work:
     state = np.empty((n + 1, mesh.dim + 1))  # the last row is work space of the kernels
     state[:n, : mesh.dim] = mesh.points
     state[:n, mesh.dim] = h0
-    source = np.full((n, mesh.dim), -1, np.int32)
+    return Work((0,) * mesh.dim, state, _alone(n, mesh.dim), empty_heap(n))
+
+
+def empty_heap(n: int) -> Heap:
+    """Return an empty heap for n nodes (see heap.py)."""
+    return np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64)
+
+
+def _alone(n: int, dim: int) -> IntArray:
+    """Return every node as its own source."""
+    source = np.full((n, dim), -1, np.int32)
     source[:, 0] = np.arange(n)
-    heap = (np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64))
-    return Work((0,) * mesh.dim, state, source, heap)
+    return source
 
 
 def _source_sizes(

@@ -17,7 +17,7 @@ from adaptsize.limiting.source_tracking import (
     Tracks,
     Work,
     as_tracked,
-    begin,
+    empty_heap,
     finish,
     follow,
 )
@@ -76,21 +76,26 @@ def resume_source_tracking(
     if len(back) > _MOST * mesh.n_points:
         return None
     h0, slope = problem.h0, float(problem.slope.values[0])
-    work = begin(mesh, earlier.h)._replace(source=before.source.copy())
+    work = Work(before.axes, before.state.copy(), before.source.copy(), empty_heap(mesh.n_points))
     work.state[back, mesh.dim] = h0[back]
     work.source[back] = -1
     work.source[back, 0] = back
     contested = np.zeros(mesh.n_points, np.uint8)
     dense = _begin_around(mesh, work, before, problem, changes, back, contested)
     tracks = before._replace(
-        source=work.source, bent=before.bent.copy(), dense=before.dense or dense
+        state=work.state, source=work.source, bent=before.bent.copy(), dense=before.dense or dense
     )
     moves = POLISH if tracks.dense and problem.face_sources else 0
     if moves > 0:
         _polish_around(mesh, work, tracks, problem, changes, fate)
     taken = follow(work, tracks, h0, slope, moves, contested, problem.report)
     for _ in range(_ROUNDS):
-        repair.queue_behind_lowered(work.state, work.axes, slope, work.source, KEEP, *work.heap)
+        fell = work.state[:-1, mesh.dim] < earlier.h
+        repair.queue_behind_lowered(
+            work.state, work.axes, slope, work.source, fell, KEEP, *work.heap
+        )
+        if work.heap[3][0] == 0:
+            break
         taken += follow(work, tracks, h0, slope, moves, contested, problem.report)
     return finish(mesh, work, tracks, h0, slope, taken, residual=problem.residual)
 
