@@ -1,0 +1,214 @@
+"""Flow over a bump at Mach 0.95, its mesh adapted to second derivatives of the density.
+
+Figure 12 of Persson's paper (section 7.1).
+
+    python examples/plot_euler_bump.py [DIRECTORY]
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import _euler as euler
+import numpy as np
+import numpy.typing as npt
+from _gallery import drawing, run, save_drawing
+
+import adaptsize as ads
+from adaptsize.errors import ConvergenceWarning, ResolutionWarning
+from adaptsize.quality import minimum_angles, radius_ratios
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = npt.NDArray[np.float64]
+
+MACH = 0.95
+G = 0.25
+#: Corners of the domain; the bump is an arc of a circle from (0, 0) to (1, 0).
+LOW, HIGH = np.array([-3.0, 0.0]), np.array([5.0, 4.0])
+THICKNESS = 0.1
+RADIUS = (0.25 + THICKNESS**2) / (2.0 * THICKNESS)
+CENTRE = np.array([0.5, THICKNESS - RADIUS])
+CORNERS = np.array([LOW, [0, 0], [1, 0], [HIGH[0], LOW[1]], HIGH, [LOW[0], HIGH[1]]])
+#: Sizes are held between these.
+HMIN, HMAX = 0.004, 0.6
+#: Imbalance of mass, summed over all triangles, over the inflow, that counts as converged.
+TOLERANCE = 1e-4
+#: Windows of the pictures: left, right, bottom, top.
+AROUND, AT_SHOCK = (-1.0, 3.0, 0.0, 2.5), (0.95, 1.95, 0.0, 0.625)
+NAMES = ("without", "with")
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A mesh and the flow on it."""
+
+    mesh: ads.SimplexMesh
+    solution: euler.Solution
+
+
+def main(
+    output_dir: Path, *, n_triangles: int = 8000, n_cycles: int = 4, width: int = 560
+) -> dict[str, float | str]:
+    """Adapt in so many cycles, without and with gradient limiting, from the same first mesh."""
+    first = solve(mesh_for(first_size(n_triangles)), tolerance=10.0 * TOLERANCE)
+    found: dict[str, float | str] = {}
+    turns = {}
+    for name in NAMES:
+        turn = first
+        for cycle in range(n_cycles):
+            wanted = n_triangles * min(1.0, 0.4 * 2.0**cycle)
+            turn = adapted(turn, wanted, limited=name == "with")
+        turns[name] = turn
+        found |= {f"{key}, {name} limiting": value for key, value in told(turn).items()}
+    draw_meshes(output_dir / "euler_bump.png", turns, width)
+    draw_comparison(output_dir / "euler_bump_comparison.png", turns, width)
+    return found
+
+
+def channel(x: FloatArray) -> FloatArray:
+    """Return a distance to the boundary, negative in the channel above the bump."""
+    away = np.abs(x - 0.5 * (LOW + HIGH)) - 0.5 * (HIGH - LOW)
+    box = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
+    return np.asarray(np.maximum(box, RADIUS - np.linalg.norm(x - CENTRE, axis=1)))
+
+
+def is_wall(x: FloatArray) -> npt.NDArray[np.bool_]:
+    """Tell of points of the boundary whether they are on the lower wall."""
+    inside = (x[:, 0] > LOW[0] + 1e-9) & (x[:, 0] < HIGH[0] - 1e-9)
+    return np.asarray(inside & (x[:, 1] < THICKNESS + 1e-9))
+
+
+def first_size(n_triangles: int) -> ads.SizeFunction:
+    """Return sizes that are small around the bump, for a quarter of the triangles."""
+    grid = ads.CartesianGrid.around(np.array([LOW, HIGH]), spacing=0.1, margin=0.2)
+    away = np.maximum(np.abs(grid.points - [0.75, 0.5]) - [0.75, 0.5], 0.0)
+    return ads.SizeFunction(
+        grid, (5.5 / np.sqrt(n_triangles) + 0.15 * np.hypot(*away.T)).reshape(grid.shape)
+    )
+
+
+def mesh_for(size: ads.SizeFunction) -> ads.SimplexMesh:
+    """Return a mesh of the channel; its boundary nodes lie on the true boundary."""
+    with warnings.catch_warnings():
+        # Sizes that are not limited cannot be met; how bad the triangles are is told below.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        warnings.simplefilter("ignore", ResolutionWarning)
+        return ads.mesh_from_distance(channel, size, LOW - 0.1, HIGH + 0.1, fixed_points=CORNERS)
+
+
+def solve(
+    mesh: ads.SimplexMesh, start: FloatArray | None = None, *, tolerance: float = TOLERANCE
+) -> Turn:
+    """Return the flow on a mesh."""
+    flow = euler.FlowMesh.of(mesh, is_wall)
+    stream = euler.free_stream(MACH)
+    return Turn(mesh, euler.solve(flow, stream, start, tolerance=tolerance, max_steps=400))
+
+
+def adapted(turn: Turn, n_triangles: float, *, limited: bool) -> Turn:
+    """Return the next mesh and the flow on it, from that on the present mesh."""
+    mesh, solution = turn.mesh, turn.solution
+    density = solution.at_nodes(solution.w)[:, 0]
+    h = ads.size_from_hessian(
+        mesh,
+        density,
+        target_elements=n_triangles,
+        hmin=HMIN,
+        hmax=HMAX,
+        limit=(lambda h0: ads.limit_gradient(mesh, h0, G, method="fast-marching"))
+        if limited
+        else None,
+    )
+    new = mesh_for(ads.SizeFunction(mesh, h))
+    fields = {"conserved": euler.conserved(solution.w)}
+    start = ads.transfer_fields(mesh, new, cell_fields=fields).cell_fields["conserved"]
+    return solve(new, euler.primitive(start))
+
+
+def told(turn: Turn) -> dict[str, float | str]:
+    """Return the figures of a mesh and of the flow on it."""
+    mesh, solution = turn.mesh, turn.solution
+    angles, ratios = minimum_angles(mesh), radius_ratios(mesh)
+    boundary = mesh.points[mesh.boundary().nodes]
+    wave = euler.mach_number(solution.w)
+    return {
+        "triangles": mesh.n_cells,
+        "smallest edge": float(mesh.edge_lengths.min()),
+        "smallest angle": float(angles.min()),
+        "angle of the worst hundredth": float(np.quantile(angles, 0.01)),
+        "triangles with angles below 20": int((angles < 20.0).sum()),
+        "worst radius ratio": float(ratios.min()),
+        "mean radius ratio": float(ratios.mean()),
+        "boundary nodes off the boundary": float(np.abs(channel(boundary)).max()),
+        "steps": solution.steps,
+        "converged": str(solution.converged),
+        "imbalance": float(solution.history[-1]),
+        "mass lost": solution.mass_lost,
+        "largest Mach number": float(wave.max()),
+    }
+
+
+def draw_meshes(path: Path, turns: dict[str, Turn], width: int) -> None:
+    """Draw meshes, whole and at the shocks, and Mach numbers: without above, with below."""
+    figure, panels = drawing(3, 2, width, shape=0.72)
+    for row, name in enumerate(NAMES):
+        turn = turns[name]
+        mesh, solution = turn.mesh, turn.solution
+        triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
+        angles = minimum_angles(mesh)
+        whole, zoom, flow = panels[3 * row : 3 * row + 3]
+        whole.triplot(*triangles, color="black", linewidth=0.18)
+        title = f"{name} gradient limiting: {mesh.n_cells} triangles"
+        window(whole, AROUND, title)
+        colours = zoom.tripcolor(*triangles, angles, vmin=0, vmax=60, cmap="RdYlGn",
+                                 edgecolors="black", linewidth=0.2)  # fmt: skip
+        figure.colorbar(colours, ax=zoom, label="smallest angle", shrink=0.7)
+        window(zoom, AT_SHOCK, f"at the shocks; worst {angles.min():.1f}°")
+        draw_flow(flow, turn)
+        window(flow, AROUND, f"Mach number; {solution.steps} steps")
+    save_drawing(path, figure)
+
+
+def draw_flow(panel: Axes, turn: Turn) -> None:
+    """Draw the Mach number, and the line where it is 1."""
+    mesh, solution = turn.mesh, turn.solution
+    mach = solution.at_nodes(euler.mach_number(solution.w))
+    triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
+    colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap="turbo")
+    panel.tricontour(*triangles, mach, levels=[1.0], colors="black", linewidths=0.8)
+    panel.figure.colorbar(colours, ax=panel, shrink=0.7, ticks=[0.4, 0.8, 1.2, 1.6, 2.0])
+
+
+def window(panel: Axes, box: tuple[float, float, float, float], title: str) -> None:
+    """Show a part of the plane, the same scale along both axes."""
+    panel.set(xlim=box[:2], ylim=box[2:], aspect="equal")
+    panel.set_title(title, fontsize="medium")
+
+
+def draw_comparison(path: Path, turns: dict[str, Turn], width: int) -> None:
+    """Draw angles, convergence, and the density along a line, with and without limiting."""
+    figure, (angle, steps, line) = drawing(3, 1, width, shape=0.8)
+    along = np.column_stack([np.linspace(0.9, 2.4, 1500), np.full(1500, 0.3)])
+    for name, colour in zip(NAMES, ("tab:red", "tab:green"), strict=True):
+        mesh, solution = turns[name].mesh, turns[name].solution
+        look = {"color": colour, "label": f"{name} limiting"}
+        angle.hist(minimum_angles(mesh), bins=np.arange(0, 61, 2), histtype="step", **look)
+        steps.semilogy(np.arange(solution.steps), solution.history, **look)
+        cells = mesh.locator.nearest(along)[0]
+        line.plot(along[:, 0], solution.w[cells, 0], linewidth=1.0, **look)
+    angle.set(title="smallest angles of the triangles", xlabel="degrees", ylabel="triangles")
+    steps.axhline(TOLERANCE, color="black", linewidth=0.6)
+    steps.set(title="convergence on the last mesh", xlabel="steps", ylabel="imbalance / inflow")
+    line.set(title="density at y = 0.3", xlabel="x")
+    for panel in (angle, steps, line):
+        panel.legend()
+    save_drawing(path, figure)
+
+
+if __name__ == "__main__":
+    run(main)
