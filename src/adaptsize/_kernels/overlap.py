@@ -70,10 +70,10 @@ def _triangles_overlap(old_points, old_cells, k, new_points, new_cells, c, here,
 
 
 @inner
-def _between(pieces, p, i, j, t, corner):
-    """Set ``corner`` to the point at share t of the way from corner i to j of a piece."""
+def _between(pieces, p, i, j, t, corners, v):
+    """Set row v of ``corners`` to the point at share t of the way from corner i to j of a piece."""
     for d in range(3):
-        corner[d] = pieces[p, i, d] + t * (pieces[p, j, d] - pieces[p, i, d])
+        corners[v, d] = pieces[p, i, d] + t * (pieces[p, j, d] - pieces[p, i, d])
 
 
 @inner
@@ -96,7 +96,7 @@ def _add_prism(prism, pieces, n):
 
 
 @inner
-def _cut(pieces, n, normal, origin, kept, prism):
+def _cut(pieces, n, normal, origin, kept, prism, height, order):
     """Cut tetrahedra by a half space; return how many are left.
 
     Parameters
@@ -108,11 +108,9 @@ def _cut(pieces, n, normal, origin, kept, prism):
     kept : float64[81, 4, 3]
         Out.
     prism : float64[6, 3]
-        Scratch.
+        Scratch, as are height, float64[4], and order, int64[4].
     """
     m = 0
-    height = np.empty(4)
-    order = np.empty(4, np.int64)
     for p in range(n):
         # Corners that are kept come first in ``order``.
         n_in = 0
@@ -141,7 +139,9 @@ def _cut(pieces, n, normal, origin, kept, prism):
                 kept[m, 0, d] = pieces[p, i, d]
             for v in range(1, 4):
                 j = order[v]
-                _between(pieces, p, i, j, height[i] / (height[i] - height[j]), kept[m, v])
+                t = height[i] / (height[i] - height[j])
+                for d in range(3):
+                    kept[m, v, d] = pieces[p, i, d] + t * (pieces[p, j, d] - pieces[p, i, d])
             m += 1
             continue
         if n_in == 3:  # the tip is cut off
@@ -150,7 +150,7 @@ def _cut(pieces, n, normal, origin, kept, prism):
                 i = order[v]
                 for d in range(3):
                     prism[v, d] = pieces[p, i, d]
-                _between(pieces, p, i, o, height[i] / (height[i] - height[o]), prism[3 + v])
+                _between(pieces, p, i, o, height[i] / (height[i] - height[o]), prism, 3 + v)
         else:  # an edge is cut off
             for v in range(2):
                 i = order[v]
@@ -159,7 +159,7 @@ def _cut(pieces, n, normal, origin, kept, prism):
                 for w in range(2):
                     j = order[2 + w]
                     t = height[i] / (height[i] - height[j])
-                    _between(pieces, p, i, j, t, prism[3 * v + 1 + w])
+                    _between(pieces, p, i, j, t, prism, 3 * v + 1 + w)
         m = _add_prism(prism, kept, m)
     return m
 
@@ -196,36 +196,63 @@ def _set_plane(corners, v, normal, origin):
 
 
 @inner
-def _tetrahedra_overlap(
-    old_points, old_cells, k, new_points, new_cells, c, corners, planes, here, there, prism
-):
-    """Return the volume that old cell k and new cell c have in common.
+def _is_beyond(normal, origin, corners):
+    """Tell whether four corners, float64[4, 3], all lie behind a plane or in it."""
+    beyond = True
+    for w in range(4):
+        height = 0.0
+        for d in range(3):
+            height += (corners[w, d] - origin[d]) * normal[d]
+        beyond = beyond and height <= 0.0
+    return beyond
 
-    ``corners`` float64[4, 3], ``planes`` float64[2, 3], ``here`` and ``there``
-    float64[81, 4, 3] and ``prism`` float64[6, 3] are scratch; others as in `fill_overlaps`.
+
+@inner
+def _set_planes(corners, normals, origins):
+    """Set the planes of the four sides of a tetrahedron, float64[4, 3] each, normals inwards."""
+    for v in range(4):
+        _set_plane(corners, v, normals[v], origins[v])
+
+
+@inner
+def _tetrahedra_overlap(
+    old_points, old_cells, k, start, cut, sides, corners, normals, origins, here, there, prism,
+    height, order,
+):  # fmt: skip
+    """Return the volume that old cell k and a new cell have in common.
+
+    Parameters
+    ----------
+    old_points, old_cells, k
+        As in `fill_overlaps`.
+    start : float64[3]
+        First corner of the new cell, from which coordinates are taken.
+    cut : float64[4, 3]
+        Corners of the new cell.
+    sides : float64[2, 4, 3]
+        Normals and origins of its planes.
+    corners, normals, origins, here, there, prism, height, order
+        Scratch: float64[4, 3] three times, float64[81, 4, 3] twice; as in `_cut`.
     """
-    first = new_cells[c, 0]
     for v in range(4):
         for d in range(3):
-            here[0, v, d] = new_points[new_cells[c, v], d] - new_points[first, d]
-            corners[v, d] = old_points[old_cells[k, v], d] - new_points[first, d]
+            corners[v, d] = old_points[old_cells[k, v], d] - start[d]
+    # A side of one cell that has all of the other beyond it: nothing to be cut.
+    for v in range(4):
+        if _is_beyond(sides[0, v], sides[1, v], corners):
+            return 0.0
     if _six_volumes(corners, 0, 1, 2, 3) == 0.0:
         return 0.0
-    # A side of the new cell that has all of the old one beyond it: nothing to be cut.
+    _set_planes(corners, normals, origins)
     for v in range(4):
-        _set_plane(here[0], v, planes[0], planes[1])
-        beyond = True
-        for w in range(4):
-            height = 0.0
-            for d in range(3):
-                height += (corners[w, d] - planes[1, d]) * planes[0, d]
-            beyond = beyond and height <= 0.0
-        if beyond:
+        if _is_beyond(normals[v], origins[v], cut):
             return 0.0
     n = 1
     for v in range(4):
-        _set_plane(corners, v, planes[0], planes[1])
-        n = _cut(here, n, planes[0], planes[1], there, prism)
+        for d in range(3):
+            here[0, v, d] = cut[v, d]
+    for v in range(4):
+        n = _cut(here, n, normals[v], origins[v], there, prism, height, order)
         if n == 0:
             return 0.0
         here, there = there, here
@@ -296,12 +323,20 @@ def fill_overlaps(
     box, other = np.empty(6), np.empty(6)
     polygon, polygon_too = np.empty((_CORNERS, 2)), np.empty((_CORNERS, 2))
     here, there = np.empty((_PIECES, 4, 3)), np.empty((_PIECES, 4, 3))
-    corners, planes, prism = np.empty((4, 3)), np.empty((2, 3)), np.empty((6, 3))
+    prism, height, corner_order = np.empty((6, 3)), np.empty(4), np.empty(4, np.int64)
+    begin, cut, sides = np.empty(3), np.empty((4, 3)), np.empty((2, 4, 3))
+    corners, normals, origins = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
     used = 0
     for place in range(first, last):
         c = order[place]
         start = used
         _set_box(new_points, new_cells, c, box)
+        if not planar:
+            for v in range(4):
+                for d in range(3):
+                    begin[d] = new_points[new_cells[c, 0], d]
+                    cut[v, d] = new_points[new_cells[c, v], d] - begin[d]
+            _set_planes(cut, sides[0], sides[1])
         stack[0] = 1
         top = 1
         while top > 0:
@@ -325,8 +360,8 @@ def fill_overlaps(
                     )
                 else:
                     measure = _tetrahedra_overlap(
-                        old_points, old_cells, k, new_points, new_cells, c,
-                        corners, planes, here, there, prism,
+                        old_points, old_cells, k, begin, cut, sides,
+                        corners, normals, origins, here, there, prism, height, corner_order,
                     )  # fmt: skip
                 if measure > 0.0:
                     if used == found.shape[0]:

@@ -19,8 +19,8 @@ ELEMENTS_PER_MEASURE = {1: 1.0, 2: 4.0 / math.sqrt(3.0), 3: 6.0 * math.sqrt(2.0)
 #: Cells that generators make per cell predicted, by dimension of the cells: medians of what was
 #: measured (docs/adaptive-loops.md).
 CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
-    ("mmg", 2): 1.03,
-    ("mmg", 3): 1.20,
+    ("mmg", 2): 1.00,
+    ("mmg", 3): 1.22,
     ("tetwild", 3): 1.04,
 }
 

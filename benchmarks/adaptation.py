@@ -1,0 +1,111 @@
+"""Cost of the transfer of fields between two meshes, per new node or cell.
+
+    python benchmarks/adaptation.py [--quick] [--output benchmarks/results]
+
+One core; kernels compiled beforehand; process time, best of three.  Both meshes are Delaunay
+meshes of a grid with its nodes moved by up to 0.3 spacings, of the square and of the cube; the new
+one has as many nodes along an edge as the table says, the old one a tenth more.  *Tree*:
+building the tree of the old cells, once per mesh.  *Nodal*: location and interpolation of one
+scalar field, and *more* each further field.  *Overlaps*: measures of all overlaps, once for
+all fields; *conservative* and *at centroids* are then the cost of one scalar cell field.
+Writes `adaptation.md` and `adaptation.json`.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from _timing import arguments_of, machine, table, three, write
+
+from adaptsize import FieldTransfer, SimplexMesh
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from meshes import jittered_cube, jittered_square
+
+CASES = ((2, 100), (2, 250), (2, 500), (3, 16), (3, 28), (3, 36))
+QUICK_CASES = ((2, 40), (3, 10))
+
+
+def pair(dim, n):
+    make = jittered_square if dim == 2 else jittered_cube
+    return make(round(1.1 * n), 61), make(n, 62)
+
+
+def seconds(work):
+    start = time.process_time()
+    result = work()
+    return result, time.process_time() - start
+
+
+def once(old, new):
+    """Return the seconds of each part, on meshes without anything kept."""
+    old, new = (SimplexMesh(m.points, m.cells) for m in (old, new))
+    rng = np.random.default_rng(63)
+    nodal, by_cell = rng.random(old.n_points), rng.random(old.n_cells)
+    took = {}
+    _, took["tree"] = seconds(lambda: old.locator)
+    transfer = FieldTransfer(old, new)
+    _, took["nodal"] = seconds(lambda: transfer.nodal(nodal))
+    _, took["more"] = seconds(lambda: transfer.nodal(nodal))
+    overlap, took["overlaps"] = seconds(lambda: transfer.overlap)
+    _, took["at centroids"] = seconds(lambda: transfer.cells(by_cell, conservative=False))
+    made, took["conservative"] = seconds(lambda: transfer.cells(by_cell))
+    before, after = transfer.integrals(by_cell, made)
+    return took, overlap.nnz / new.n_cells, float(abs(after / before - 1.0))
+
+
+def measured(dim, n):
+    old, new = pair(dim, n)
+    runs = [once(old, new) for _ in range(3)]
+    took = {part: min(run[0][part] for run in runs) for part in runs[0][0]}
+    per = {
+        part: 1e6 * s / {"tree": old.n_cells, "nodal": new.n_points, "more": new.n_points}.get(
+            part, new.n_cells
+        )
+        for part, s in took.items()
+    }  # fmt: skip
+    return {
+        "dim": dim, "old_cells": old.n_cells, "new_cells": new.n_cells,
+        "new_nodes": new.n_points, "seconds": took, "microseconds": per,
+        "overlaps_per_cell": runs[0][1], "integral_changed": max(run[2] for run in runs),
+    }  # fmt: skip
+
+
+def main():
+    arguments = arguments_of(__doc__)
+    for dim, n in QUICK_CASES:
+        once(*pair(dim, n // 2))  # compile
+    rows = [measured(*case) for case in (QUICK_CASES if arguments.quick else CASES)]
+    parts = ("tree", "nodal", "more", "overlaps", "conservative", "at centroids")
+    text = "\n".join(
+        [
+            "# Transfer of fields",
+            "",
+            "Microseconds: of the tree per old cell, of nodal fields per new node, of the rest per "
+            "new cell.",
+            "",
+            table(
+                ["cells", "old", "new", *parts, "overlaps per cell", "integral changed by"],
+                [
+                    [
+                        "triangles" if row["dim"] == 2 else "tetrahedra",
+                        row["old_cells"],
+                        row["new_cells"],
+                        *[three(row["microseconds"][part]) for part in parts],
+                        three(row["overlaps_per_cell"]),
+                        f"{row['integral_changed']:.0e}",
+                    ]
+                    for row in rows
+                ],
+            ),
+            "",
+            f"{machine()}. Written by `benchmarks/adaptation.py`.",
+            "",
+        ]
+    )
+    write(arguments.output, "adaptation", text, {"machine": machine(), "transfer": rows})
+
+
+if __name__ == "__main__":
+    main()
