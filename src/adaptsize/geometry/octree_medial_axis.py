@@ -213,19 +213,58 @@ def _beside(boundary: Boundary, stretch: _Stretch, least: float) -> Meetings:
     """
     middle = stretch.points(stretch.at.mean(axis=1))
     seen = boundary.seen_from(middle)
+    length = np.linalg.norm(stretch.way, axis=1)
     inside = seen.depth > 0.0
-    nodes, start, outward = stretch.ends[inside], middle[inside], seen.outward[inside]
-    edge = stretch.way[inside]
-    way = -_FARTHEST * np.linalg.norm(edge, axis=1)[:, None] * outward
-    far = boundary.seen_from(start + way)
-    ray = _Stretch(
-        nodes,
-        start,
-        way,
-        np.tile([0.0, 1.0], (len(start), 1)),
-        np.column_stack([seen.depth[inside], far.depth]),
-        np.stack([outward, far.outward], axis=1),
+    way = -_FARTHEST * length[:, None] * seen.outward
+    return _on_the_way(
+        boundary,
+        stretch.ends[inside],
+        middle[inside],
+        way[inside],
+        Depths(seen.depth[inside], seen.outward[inside]),
+        least,
     )
+
+
+def _beyond_corners(
+    points: FloatArray, boundary: Boundary, corners: Meetings, least: float
+) -> Meetings:
+    """Return where the two fronts of a corner meet a third one: on the rim of the medial axis.
+
+    The rim lies on the way from a meeting at a corner away from it, which is gone a little to
+    either side, where only one of the two fronts is the nearest.
+    """
+    fronts, normals = corners.fronts, corners.normals
+    length = np.linalg.norm(np.diff(points[corners.ends], axis=1)[:, 0], axis=1)
+    inward = -fronts.directions.sum(axis=1)
+    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    found = []
+    for side in range(2):
+        aside = (1.0 - 2.0 * side) * _OFF_BOUNDARY * length
+        start = fronts.points + aside[:, None] * normals
+        outward = fronts.directions[:, side]
+        # On its own side the depth below a plane front grows by that, less the step aside.
+        depth = fronts.radii - aside * (normals * outward).sum(axis=1)
+        way = _FARTHEST * length[:, None] * inward
+        good = depth > 0.0
+        seen = Depths(depth[good], outward[good])
+        found.append(_on_the_way(boundary, corners.ends[good], start[good], way[good], seen, least))
+    return _joined(found)
+
+
+def _on_the_way(
+    boundary: Boundary,
+    ends: npt.NDArray[np.int64],
+    start: FloatArray,
+    way: FloatArray,
+    seen: Depths,
+    least: float,
+) -> Meetings:
+    """Return where another front is met first on ways from points that see one."""
+    far = boundary.seen_from(start + way)
+    depth = np.column_stack([seen.depth, far.depth])
+    outward = np.stack([seen.outward, far.outward], axis=1)
+    ray = _Stretch(ends, start, way, np.tile([0.0, 1.0], (len(ends), 1)), depth, outward)
     ray = _narrowed(boundary, ray.taken(ray.cosine <= least), least)
     return _crossings(ray.taken(_has_jump(ray)))
 
@@ -271,9 +310,12 @@ def medial_axis_on_mesh(
     found = find_meetings(mesh, boundary, nodes, np.radians(separation_angle), report)
     if len(found.ends) == 0 and not (nodes.depth > 0.0).any():
         raise ValueError("boundary must have a node or an edge of the background in it, got none")
+    least = float(np.cos(np.radians(separation_angle)))
     at_corner, apex = meet_at_corner(boundary.distance, 0.0, found.fronts, corner_angle)
-    found = found.taken(~at_corner)
-    fronts, least = found.fronts, float(np.cos(np.radians(separation_angle)))
+    rim = _beyond_corners(mesh.points, boundary, found.taken(at_corner), least)
+    in_corner = meet_at_corner(boundary.distance, 0.0, rim.fronts, corner_angle)[0]
+    found = _joined([found.taken(~at_corner), rim.taken(~in_corner)])
+    fronts = found.fronts
     distances = np.full(mesh.n_points, np.inf)
     np.minimum.at(distances, found.ends, _distances(mesh.points, boundary, found, least))
     return MedialAxis(
