@@ -347,6 +347,20 @@ def test_moves_that_would_invert_cells_are_shortened():
         assert report.n_shortened > 0
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]), st.floats(0.01, 3.0))
+def test_no_move_inverts_a_cell_and_none_is_longer_than_asked(seed, dim, far):
+    rng = np.random.default_rng(seed)
+    mesh = jittered_square(7, seed, half_width=1.0) if dim == 2 else jittered_cube(4, seed % 9)
+    moved, report = move_to_boundary(mesh, lambda x: x + far * rng.normal(size=x.shape), 30.0)
+    sound = np.abs(mesh.signed_measures) > 1e-10 * mesh.diagonal**dim
+    assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
+    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.boundary().nodes)
+    assert_array_equal(moved.points[inner], mesh.points[inner])
+    assert report.n_shortened <= report.n_nodes
+    way = np.linalg.norm(moved.points - mesh.points, axis=1).max()
+    assert way == pytest.approx(report.largest_move, rel=1e-9, abs=1e-12)
+
+
 def test_corners_and_ridges_stay_and_so_do_nodes_inside():
     square = structured_square(6, half_width=1.0)
     moved, report = move_to_boundary(square, lambda x: 1.02 * x, 30.0)
@@ -377,6 +391,13 @@ def test_projections_by_tag_move_their_facets_only():
         assert_array_equal(changed, expected)
         assert report.n_nodes == 5
         assert_array_equal(moved.facet_tags, tags)
+
+
+def test_nodes_that_are_there_already_are_not_called_shortened():
+    mesh = disc(4)
+    moved, report = move_to_boundary(mesh, to_circle, 30.0)
+    assert (report.n_nodes, report.n_shortened) == (24, 0)
+    assert_allclose(moved.points, mesh.points, atol=1e-15)
 
 
 def test_a_projection_that_returns_nonsense_is_named():

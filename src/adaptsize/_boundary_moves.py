@@ -109,10 +109,12 @@ def move_to_boundary(
         target[nodes] = _projected(projection, mesh.points[nodes])
     on_any = np.unique(facets[kind >= 0])
     move = target - mesh.points
-    share = _allowed_shares(mesh, move, moving)
     length = np.linalg.norm(move, axis=1)
+    n_nodes = int(np.count_nonzero(moving))
+    moving &= length > _NO_MOVE * mesh.diagonal
+    share = _allowed_shares(mesh, move, moving)
     report = BoundaryMoves(
-        n_nodes=int(np.count_nonzero(moving)),
+        n_nodes=n_nodes,
         n_corners=int(np.count_nonzero(kept[on_any])),
         n_shortened=int(np.count_nonzero(share[moving] < 1.0)),
         largest_move=float((share * length).max(initial=0.0)),
@@ -204,7 +206,6 @@ def _projected(projection: Projection, points: FloatArray) -> FloatArray:
 
 def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> FloatArray:
     """Return how much of each move leaves all cells valid, 0 to 1."""
-    moving = moving & (np.linalg.norm(move, axis=1) > _NO_MOVE * mesh.diagonal)
     share = np.where(moving, 1.0, 0.0)
     cells = mesh.cells[moving[mesh.cells].any(axis=1)]
     before = _shape(mesh.points, cells)

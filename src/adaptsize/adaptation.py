@@ -213,7 +213,8 @@ def adapt(
     The number of cells is what the generator was measured to make of sizes; if its mesh is off by
     more than 15 % although the limits allow the number, another one is made with what was learnt,
     up to three, and the nearest is taken.  Boundary nodes stay on the boundary of the old mesh: on
-    straight ones to rounding, at curved ones within ``boundary_tolerance``; the report tells how
+    straight ones to rounding (fTetWild: within ``boundary_tolerance``), at curved ones by Mmg up
+    to 3.4 times that tolerance was measured, as it rounds coarse facets off; the report tells how
     far they are.  Mmg keeps tags of cells and facets exactly; fTetWild does not know them, and
     they are looked up.
 
