@@ -45,6 +45,11 @@ class Example:
         """The name of the script and of its page, such as ``plot_slit``."""
         return self.path.stem
 
+    @property
+    def short_title(self) -> str:
+        """The title up to its first colon, comma or bracket, for lists of contents."""
+        return re.split(r"[:,(]", self.title)[0].strip()
+
 
 def read_examples(folder: Path) -> list[Example]:
     """Return the examples in a folder, those of the paper's figures first, in their order."""
@@ -146,7 +151,7 @@ def index_of(examples: Sequence[Example]) -> str:
             "```{toctree}",
             ":hidden:",
             "",
-            *[e.name for e in examples],
+            *[f"{e.short_title} <{e.name}>" for e in examples],
             "```",
             "",
         ]
