@@ -77,11 +77,18 @@ def feature_size(
     -----
     Between parallel walls half their distance; on the boundary of a smooth part the distance
     from the medial axis; at corners not zero but the distance from the first place
-    that is narrow for another reason, see `medial_axis`.  The error is that of the medial axis (up
-    to a spacing) and of marching at first order.  In space edges between corners are not looked
-    for.
+    that is narrow for another reason, see `medial_axis`.  In space edges between corners are not
+    looked for.
 
-    O(n) time: 4 seconds for 256^3 nodes, of which half are inside; 50 bytes per node besides phi.
+    *On grids* the error is that of the medial axis (up to a spacing) and of marching at first
+    order.  O(n) time: 4 seconds for 256^3 nodes, of which half are inside; 50 bytes per node
+    besides phi.
+
+    *On octrees and meshes* half the distance of parallel walls is exact, however many leaves lie
+    between them; elsewhere the size is too large by up to what the nearest point of the axis is
+    farther away than the axis, whose points are about an edge apart.  Refine by the size, and ask
+    again, where that is too much.  Where two nodes outside have a narrow place between them only,
+    these know of it, and no others.
 
     References
     ----------
@@ -102,6 +109,16 @@ def feature_size(
     array([0.5, 0.5, 0.5])
     >>> float(size[4, 4].round(1))  # at the corner
     0.7
+
+    Known on an octree whose nodes all lie outside:
+
+    >>> from adaptsize import Octree
+    >>> tree = Octree([-2.0, -2.0], [6.0, 6.0], (4, 4), [0] * 16)
+    >>> strip = SimplexMesh([[-1, 1], [5, 1], [5, 1.5], [-1, 1.5]],
+    ...                     [[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> size = feature_size(tree, strip, edges=False)
+    >>> size[np.isfinite(size)].round(12)
+    array([0.25, 0.25, 0.25, 0.25, 0.25, 0.25])
     """
     with reporting(progress) as report:
         if isinstance(background, CartesianGrid):

@@ -9,12 +9,13 @@ from adaptsize.typing import FloatArray
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MedialAxis:
-    """Points of a medial axis on the edges of a Cartesian grid.
+    """Points of a medial axis, found on the edges of a grid, an octree or a mesh.
 
     Parameters
     ----------
     points : float64[n, dim]
-        Where two fronts meet, each on an edge of the grid.
+        Where two fronts meet: on an edge, or, on octrees and meshes around curves of the axis and
+        at its rim, off it by up to two of its lengths.
     normals : float64[n, dim]
         Unit normals of the medial axis there, of either sign.  Where the axis is a curve in space
         (or a point in the plane) one of the directions across it.
@@ -23,7 +24,7 @@ class MedialAxis:
     angles : float64[n]
         Angle in degrees between the ways to the two nearest points of the boundary: 180 between
         parallel walls.
-    distances : float64 of the shape of the grid
+    distances : float64 of the nodal shape
         Distance from the medial axis at the ends of these edges, inf at all other nodes.
     corners : float64[m, dim]
         Where the boundary has corners of which crossings close to it come, one for each of these

@@ -176,6 +176,12 @@ def _narrowed(boundary: Boundary, stretch: _Stretch, least: float) -> _Stretch:
         middle = 0.5 * (part.at[:, 0] + part.at[:, 1])
         is_inside = np.asarray((part.depth > 0.0).all(axis=1))
         seen = boundary.seen_from(part.points(middle), is_inside)
+        near = _ON_BOUNDARY * np.linalg.norm(part.way, axis=1)
+        blind = np.flatnonzero(np.abs(seen.depth) <= near)
+        if len(blind):  # on the boundary; not so beside it
+            middle[blind] += _OFF_BOUNDARY * np.diff(part.at[blind], axis=1)[:, 0]
+            beside = boundary.seen_from(part.points(middle)[blind])
+            seen.depth[blind], seen.outward[blind] = beside
         cosines = (part.outward * seen.outward[:, None, :]).sum(axis=2)
         first = cosines[:, 0] < cosines[:, 1]
         jumps = cosines.min(axis=1, initial=1.0) <= least
