@@ -1,7 +1,7 @@
 """Make the sample files of this folder, each the same on every run.
 
 Needs, for this script only: ``pip install manifold3d gmsh`` (solids by manifold3d,
-the meshes of plane and solid domains by gmsh).
+the meshes of plane and solid domains by gmsh), and for plate.vtk scikit-fem.
 
     python data/make_samples.py              # every file, beside this script
     python data/make_samples.py bracket.stl --into /tmp
@@ -9,6 +9,7 @@ the meshes of plane and solid domains by gmsh).
 
 import argparse
 import struct
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -184,6 +185,40 @@ def _plane_mesh(gmsh: object) -> tuple[FloatArray, IntArray, IntArray, IntArray]
     gmsh.model.mesh.generate(2)  # type: ignore[attr-defined]
     points, cells, tags = _taken_from(gmsh, {2: 3, 1: 2})
     return points[:, :2], cells[2], cells[1], tags[1]
+
+
+def make_plate(path: Path) -> None:
+    """Write a plate 100 x 60 with a hole and a stiff inlay, pulled at its ends, as a VTK file.
+
+    With the names of a simulation program: cells have ``Material`` 10 (plate) or 20 (inlay) and
+    an ``ElementId``; nodes have ``displacement`` in millimetres and ``von_mises`` in MPa,
+    for a pull of 100 MPa, plane stress, computed on this mesh with linear elements.
+    """
+    sys.path.insert(0, str(Path(__file__).parent.parent / "examples"))
+    from plot_hot_spot import HOLE, RADIUS, stresses, von_mises
+
+    from adaptsize import SimplexMesh
+
+    with _gmsh() as gmsh:
+        occ, model = gmsh.model.occ, gmsh.model  # type: ignore[attr-defined]
+        plate = occ.addRectangle(0.0, 0.0, 0.0, 100.0, 60.0)
+        hole = occ.addDisk(*HOLE, 0.0, RADIUS, RADIUS)
+        inlay = occ.addDisk(68.0, 30.0, 0.0, 9.0, 9.0)
+        cut, _ = occ.cut([(2, plate)], [(2, hole)])
+        occ.fragment(cut, [(2, inlay)])
+        occ.synchronize()
+        for _, face in model.getEntities(2):
+            material = 10 if model.getBoundingBox(2, face)[0] < 1.0 else 20
+            model.addPhysicalGroup(2, [face], material)
+        away = f"Sqrt((x-{HOLE[0]})^2 + (y-{HOLE[1]})^2) - {RADIUS}"
+        _size_by_formula(gmsh, f"Min(4, 1.8 + 0.25 * Fabs({away}))")
+        model.mesh.generate(2)
+        points, cells, tags = _taken_from(gmsh, {2: 3})
+    mesh = SimplexMesh(points[:, :2], cells[2], cell_tags=tags[2])
+    moved = np.column_stack([stresses(mesh)[0], np.zeros(mesh.n_points)])
+    fields = {"displacement": moved, "von_mises": von_mises(mesh)}
+    numbers = {"Material": [tags[2]], "ElementId": [np.arange(1, mesh.n_cells + 1)]}
+    _write(path, points[:, :2], [("triangle", cells[2])], fields, numbers)
 
 
 # --- a surface in space -----------------------------------------------------------
@@ -383,6 +418,7 @@ SAMPLES = {
     "slit.vtu": make_slit,
     "curved.vtu": make_curved,
     "lshape.vtu": make_lshape,
+    "plate.vtk": make_plate,
     "shell.vtu": make_shell,
     "block.vtu": make_block,
 }

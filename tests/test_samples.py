@@ -17,6 +17,7 @@ NAMES = [
     "lshape.vtu",
     "shell.vtu",
     "block.vtu",
+    "plate.vtk",
     "deer.ply",
 ]
 

@@ -1,0 +1,200 @@
+"""The corner of a cube without an octant: tetrahedra for edges and a corner, by Mmg and fTetWild.
+
+A solution with the singularities of the Fichera corner, known everywhere: the sum of
+r^(2/3) for the distances r from the three inner edges.  Linear elements by scikit-fem, the error
+estimated by `adaptsize.zz_indicator`, and `adaptsize.adapt` to twice as many tetrahedra.
+
+    python examples/plot_fichera.py [DIRECTORY]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from _gallery import drawing, run, save_drawing
+from scipy.sparse import diags_array
+from scipy.sparse.linalg import cg
+from skfem import Basis, BilinearForm, ElementTetP1, Functional, LinearForm, MeshTet, condense
+from skfem.helpers import dot, grad
+
+import adaptsize as ads
+from adaptsize.plot import plot_size
+from adaptsize.quality import minimum_angles, radius_ratios
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = npt.NDArray[np.float64]
+G = 0.3
+OCTANT = (1.0, -1.0, 1.0)  # the one that is missing: pictures are taken from there
+
+
+class Turn(NamedTuple):
+    """A mesh and what was found on it."""
+
+    mesh: ads.SimplexMesh
+    unknowns: int
+    error: float
+    indicator: FloatArray
+    iterations: int
+
+
+def main(
+    output_dir: Path,
+    *,
+    width: int = 560,
+    targets: Sequence[int] = (4000, 8000, 16000, 32000, 64000),
+    tetwild_targets: Sequence[int] = (4000, 8000, 16000),
+    finest: int = 16,
+) -> dict[str, float | str]:
+    """Adapt for each number of ``targets``; cut the cube into up to 2 * ``finest`` cells."""
+    start = solve(fichera(4))
+    n = [4 * 2**k for k in range(10) if 4 * 2**k <= finest]
+    loops = {
+        "uniform": [start, *(solve(fichera(k)) for k in n[1:])],
+        "Mmg": adapted(start, "mmg", targets),
+        "fTetWild": adapted(start, "tetwild", tetwild_targets),
+    }
+    draw(output_dir / "fichera.png", loops, width)
+    return {key: value for name, turns in loops.items() for key, value in told(name, turns).items()}
+
+
+def adapted(start: Turn, backend: str, targets: Sequence[int]) -> list[Turn]:
+    """Return the turns of a loop."""
+    turns = [start]
+    for target in targets:
+        result = ads.adapt(
+            turns[-1].mesh, turns[-1].indicator, order=1, target_elements=target, g=G,
+            max_refine=8.0, backend=backend,
+        )  # fmt: skip
+        turns.append(solve(result.mesh))
+    return turns
+
+
+def fichera(n: int) -> ads.SimplexMesh:
+    """Return (-1, 1)^3 without an octant, each unit in n cubes of six tetrahedra."""
+    x = np.linspace(-1.0, 1.0, 2 * n + 1)
+    m = MeshTet.init_tensor(x, x, x)
+    outwards = m.p[:, m.t].mean(axis=1) * np.reshape(OCTANT, (3, 1))
+    m = m.restrict(np.flatnonzero(~(outwards > 0.0).all(axis=0)))
+    return ads.SimplexMesh(m.p.T, m.t.T)
+
+
+def solve(mesh: ads.SimplexMesh) -> Turn:
+    """Return error, indicators and iterations (conjugate gradients, diagonal preconditioner)."""
+    m = MeshTet(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
+    basis = Basis(m, ElementTetP1(), intorder=4)
+    u = exact_solution(m.p)  # to stay on the boundary
+    matrix, load, _, free = condense(
+        laplace.assemble(basis), weak_load.assemble(basis), x=u, D=basis.get_dofs()
+    )
+    steps: list[FloatArray] = []
+    diagonal = diags_array(1.0 / matrix.diagonal())
+    u[free], _ = cg(matrix, load, rtol=1e-8, M=diagonal, callback=steps.append)
+    square = energy_error.assemble(basis, u=basis.interpolate(u))
+    eta = ads.zz_indicator(mesh, u)
+    return Turn(mesh, len(free), float(square) ** 0.5, eta, len(steps))
+
+
+@BilinearForm
+def laplace(u, v, w):
+    return dot(grad(u), grad(v))
+
+
+@LinearForm
+def weak_load(v, w):
+    return dot(exact_gradient(w.x), grad(v))
+
+
+@Functional
+def energy_error(w):
+    return ((w["u"].grad - exact_gradient(w.x)) ** 2).sum(axis=0)
+
+
+def exact_solution(x: FloatArray) -> FloatArray:
+    """Return the sum of r^(2/3) over the three inner edges."""
+    return sum((away**2).sum(axis=0) ** (1.0 / 3.0) for away in from_edges(x))
+
+
+def exact_gradient(x: FloatArray) -> FloatArray:
+    """Return its gradient, (2/3) r^(-1/3) in the direction away from each edge."""
+    return sum(2.0 / 3.0 * away * (away**2).sum(axis=0) ** (-2.0 / 3.0) for away in from_edges(x))
+
+
+def from_edges(x: FloatArray) -> list[FloatArray]:
+    """Return the vectors from the closest points of the three inner edges."""
+    vectors = []
+    for axis, sign in enumerate(OCTANT):
+        away = np.array(x)
+        away[axis] = np.where(sign * away[axis] > 0.0, 0.0, away[axis])
+        vectors.append(away)
+    return vectors
+
+
+def told(name: str, turns: list[Turn]) -> dict[str, float | str]:
+    """Return what is to be said of a loop."""
+    last = turns[-1]
+    adapted_meshes = [t.mesh for t in turns[1:]]
+    return {
+        f"{name}: tetrahedra": last.mesh.n_cells,
+        f"{name}: unknowns": last.unknowns,
+        f"{name}: error": last.error,
+        f"{name}: rate": rate(turns[-3:]),
+        f"{name}: estimate over error": float(np.linalg.norm(last.indicator)) / last.error,
+        f"{name}: iterations": last.iterations,
+        f"{name}: smallest angle": min(float(minimum_angles(m).min()) for m in adapted_meshes),
+        f"{name}: worst radius ratio": min(float(radius_ratios(m).min()) for m in adapted_meshes),
+        f"{name}: smallest edge": float(last.mesh.edge_lengths.min()),
+    }
+
+
+def rate(turns: list[Turn]) -> float:
+    """Return the power of the number of unknowns with which the error goes, by least squares."""
+    unknowns, errors = (np.log([getattr(t, k) for t in turns]) for k in ("unknowns", "error"))
+    return float(np.polyfit(unknowns, errors, 1)[0])
+
+
+def draw(path: Path, loops: dict[str, list[Turn]], width: int) -> None:
+    """Draw errors, a mesh from outside, and meshes behind a cut through the corner."""
+    figure, panels = drawing(2, 2, width, shape=0.85)
+    draw_errors(panels[0], loops)
+    shown = {name: turns[min(3, len(turns) - 1)].mesh for name, turns in loops.items()}
+    for panel, name, clip in zip(
+        panels[1:], ("Mmg", "Mmg", "fTetWild"), (None, "x", "x"), strict=True
+    ):
+        panel.imshow(plot_size(shown[name], edges_at_nodes(shown[name]), clip=clip, width=width))
+        where = "from outside" if clip is None else "behind x = 0"
+        panel.set_title(f"{name}, {shown[name].n_cells} tetrahedra, {where}")
+        panel.axis("off")
+    save_drawing(path, figure)
+
+
+def edges_at_nodes(mesh: ads.SimplexMesh) -> FloatArray:
+    """Return the mean length of the edges at each node."""
+    total = np.bincount(mesh.edges.ravel(), np.repeat(mesh.edge_lengths, 2))
+    return total / np.bincount(mesh.edges.ravel())
+
+
+def draw_errors(panel: Axes, loops: dict[str, list[Turn]]) -> None:
+    """Draw the error over the unknowns, and the slopes of theory."""
+    for (name, turns), style in zip(loops.items(), ("ks--", "o-", "^-"), strict=True):
+        x, y = [t.unknowns for t in turns], [t.error for t in turns]
+        panel.loglog(x, y, style, markersize=5, label=name)
+    for name, power, label in (("uniform", -2 / 9, "$N^{-2/9}$"), ("Mmg", -1 / 3, "$N^{-1/3}$")):
+        last = loops[name][-1]
+        x = np.array([loops[name][len(loops[name]) // 2].unknowns, last.unknowns])
+        y = 1.15 * last.error * (x / last.unknowns) ** power
+        panel.loglog(x, y, "0.5", linewidth=1)
+        panel.annotate(label, (x[1], y[1]), (4, 0), textcoords="offset points")
+    panel.set(xlabel="number of unknowns N", ylabel="energy error", title="error over unknowns")
+    panel.legend()
+    panel.grid(alpha=0.3)
+    panel.tick_params(axis="x", which="minor", labelbottom=False)
+
+
+if __name__ == "__main__":
+    run(main)

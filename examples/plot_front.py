@@ -1,0 +1,277 @@
+"""A source of heat that travels: meshes that follow it, fields that go along.
+
+A burner goes round on an insulated plate.  Each eight time steps the mesh is made anew: fine
+where the burner will be until the next one, and as fine behind it as the second derivatives
+of the temperature ask for.  The sizes live on one background that stays, so that each
+limiting starts from the one before.  The temperature is interpolated to the new mesh; the heat
+that this loses is found by a conservative transfer of means of triangles, and put back in
+the next time step, where it was lost.
+
+Measured, for a burner of radius 0.02, once round in 188 steps and 24 meshes:
+
+| | nodes | difference from the uniform mesh of 40 401 nodes | heat lost |
+|---|---:|---:|---:|
+| meshes that follow | 6893 (mean) | 0.9 % | 4e-15; 2.4 % by interpolation alone |
+| uniform | 6889 | 1.5 % | 7e-15 |
+
+Transfers keep the gain small.  Where heat conducts seven times as well, the trail is wide and
+smooth, and 38 meshes of five steps were worse than the uniform one (1.4 against 1.0 %).
+3.6 % of the bounds change from one mesh to the next; limiting from the last sizes takes
+half of the time of limiting anew, and differs from it by rounding only.
+
+    python examples/plot_front.py [DIRECTORY]
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from _gallery import drawing, run, save_drawing
+from scipy.sparse.linalg import splu
+from skfem import Basis, BilinearForm, ElementTriP1, LinearForm, MeshTri
+from skfem.helpers import dot, grad
+
+import adaptsize as ads
+from adaptsize.quality import minimum_angles
+
+FloatArray = npt.NDArray[np.float64]
+G = 0.25
+DIFFUSIVITY = 3e-4
+SPEED = 2.0 * np.pi * 0.3  # once round in the unit of time
+HMAX = 0.1
+TOLERANCE = 0.004  # of second derivatives, over the largest temperature
+LAG = 1.5  # bounds that change by less stay
+
+
+class Plan(NamedTuple):
+    """How fine everything is."""
+
+    radius: float
+    """Of the burner: exp(-(r / radius)^2 / 2)."""
+    end: float
+    """When to stop, in turns of the burner."""
+    steps_per_mesh: int = 8
+
+    @property
+    def hmin(self) -> float:
+        """Edges at the burner."""
+        return self.radius / 4.0
+
+    @property
+    def step(self) -> float:
+        """Time step, in which the burner goes half its radius."""
+        return 0.5 * self.radius / SPEED
+
+    @property
+    def n_steps(self) -> int:
+        """Time steps in all."""
+        return round(self.end / self.step)
+
+    @property
+    def heat(self) -> float:
+        """What the burner gives in all these steps, 1 in the unit of time."""
+        return self.n_steps * self.step
+
+
+class State(NamedTuple):
+    """A mesh, the temperature at its nodes, and what the transfer to it lost per area."""
+
+    mesh: ads.SimplexMesh
+    u: FloatArray
+    missing: FloatArray
+
+
+def main(
+    output_dir: Path, *, width: int = 480, radius: float = 0.02, end: float = 1.0
+) -> dict[str, float]:
+    plan = Plan(radius, end)
+    background = square(plan.hmin)
+    follower = Follower(background, plan)
+    states = followed(follower, plan)
+    counts = [state.mesh.n_points for state in states]
+    fine = advance(start(background), 0, plan.n_steps, plan)
+    coarse = advance(start(square(1.0 / (np.mean(counts) ** 0.5 - 1.0))), 0, plan.n_steps, plan)
+    draw(output_dir / "front.png", states, fine, plan, width)
+    lost = [abs(float(state.mesh.measures @ state.missing)) for state in states]
+    return {
+        "meshes": len(states),
+        "nodes, mean": float(np.mean(counts)),
+        "nodes, most": max(counts),
+        "nodes, uniform": background.n_points,
+        "times fewer nodes": background.n_points / float(np.mean(counts)),
+        "error": difference(states[-1], fine),
+        "error, uniform with as few nodes": difference(coarse, fine),
+        "heat lost by interpolation": sum(lost) / plan.heat,
+        "heat lost, put back": drift(states[-1], plan),
+        "heat lost, uniform": drift(fine, plan),
+        "smallest angle": min(float(minimum_angles(state.mesh).min()) for state in states),
+        "share of bounds changed": float(np.mean(follower.changed)),
+        "cost of limiting, warm over cold": float(np.divide(*np.median(follower.seconds, axis=0))),
+        "largest difference, warm and cold": max(follower.differences),
+    }
+
+
+def followed(follower: Follower, plan: Plan) -> list[State]:
+    """Return the state at the end of each mesh."""
+    state = start(follower.next_mesh(None, 0.0))
+    states = []
+    for first in range(0, plan.n_steps, plan.steps_per_mesh):
+        if first > 0:
+            state = on_new_mesh(state, follower.next_mesh(state, first * plan.step))
+        state = advance(state, first, min(plan.steps_per_mesh, plan.n_steps - first), plan)
+        states.append(state)
+    return states
+
+
+class Follower:
+    """Makes meshes from sizes on one background, which change little from time to time."""
+
+    def __init__(self, background: ads.SimplexMesh, plan: Plan) -> None:
+        self.background, self.plan = background, plan
+        self.h0 = np.full(background.n_points, HMAX)
+        self.info: ads.LimitingInfo | None = None
+        self.changed: list[float] = []
+        self.differences: list[float] = []
+        self.seconds: list[tuple[float, float]] = []
+
+    def next_mesh(self, state: State | None, now: float) -> ads.SimplexMesh:
+        """Return a mesh for the next few steps."""
+        wanted = np.full(self.background.n_points, HMAX)
+        mesh = self.background
+        if state is not None:
+            mesh = state.mesh
+            sizes = ads.size_from_hessian(
+                mesh, state.u, tolerance=TOLERANCE * state.u.max(), hmin=self.plan.hmin, hmax=HMAX
+            )
+            wanted = ads.SizeFunction(mesh, sizes)(self.background.points)
+        ahead = now + self.plan.step * np.arange(self.plan.steps_per_mesh + 1)
+        for place in burner(ahead):
+            away = np.linalg.norm(self.background.points - place, axis=1)
+            wanted[away < 2.0 * self.plan.radius] = self.plan.hmin
+        # Fewer changes, less work.
+        new = (wanted < self.h0 / LAG) | (wanted > LAG * self.h0)
+        self.h0 = np.where(new, wanted, self.h0)
+        return ads.remesh(mesh, ads.SizeFunction(self.background, self.limited(new.mean())))
+
+    def limited(self, share: float) -> FloatArray:
+        """Return the limited sizes; compare with limiting from nothing."""
+        start = time.process_time()
+        h, info = ads.limit_gradient(
+            self.background, self.h0, G, method="fast-marching",
+            initial=self.info, full_output=True,
+        )  # fmt: skip
+        warm = time.process_time()
+        cold = ads.limit_gradient(
+            self.background, self.h0, G, method="fast-marching", full_output=True
+        )[0]
+        if self.info is not None:
+            self.changed.append(float(share))
+            self.seconds.append((warm - start, time.process_time() - warm))
+            self.differences.append(float(np.abs(h - cold).max()))
+        self.info = info
+        return h
+
+
+def burner(when: npt.ArrayLike) -> FloatArray:
+    """Return where the burner is, (n, 2)."""
+    angle = 2.0 * np.pi * np.asarray(when, dtype=np.float64)
+    return 0.5 + 0.3 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def square(h: float) -> ads.SimplexMesh:
+    """Return the unit square in equal triangles."""
+    x = np.linspace(0.0, 1.0, round(1.0 / h) + 1)
+    m = MeshTri.init_tensor(x, x)
+    return ads.SimplexMesh(m.p.T, m.t.T)
+
+
+def start(mesh: ads.SimplexMesh) -> State:
+    """Return a cold plate."""
+    return State(mesh, np.zeros(mesh.n_points), np.zeros(mesh.n_cells))
+
+
+def on_new_mesh(state: State, mesh: ads.SimplexMesh) -> State:
+    """Return the temperature interpolated, and the heat that this lost, cell by cell."""
+    transfer = ads.FieldTransfer(state.mesh, mesh)
+    u = transfer.nodal(state.u)
+    kept = transfer.cells(state.u[state.mesh.cells].mean(axis=1))  # the heat per area
+    return State(mesh, u, kept - u[mesh.cells].mean(axis=1))
+
+
+def advance(state: State, first: int, n_steps: int, plan: Plan) -> State:
+    """Return the state after so many steps of the implicit Euler method."""
+    m = MeshTri(np.ascontiguousarray(state.mesh.points.T), np.ascontiguousarray(state.mesh.cells.T))
+    basis = Basis(m, ElementTriP1(), intorder=4)
+    mass = heat_capacity.assemble(basis)
+    solve = splu((mass + plan.step * conduction.assemble(basis)).tocsc()).solve
+    put_back = constant_in_cells.assemble(basis, c=state.missing[:, None] + basis.zero_w())
+    u = state.u
+    for step in range(first, first + n_steps):
+        place = burner((step + 1) * plan.step)
+        flame = heating.assemble(basis, place=place[:, None, None], radius=plan.radius)
+        # Heat 1 per unit of time, to the last bit on each mesh.
+        u = solve(mass @ u + plan.step * flame / flame.sum() + put_back)
+        put_back = 0.0
+    return state._replace(u=u)
+
+
+@BilinearForm
+def heat_capacity(u, v, w):
+    return u * v
+
+
+@BilinearForm
+def conduction(u, v, w):
+    return DIFFUSIVITY * dot(grad(u), grad(v))
+
+
+@LinearForm
+def heating(v, w):
+    return np.exp(-0.5 * ((w.x - w.place) ** 2).sum(axis=0) / w.radius**2) * v
+
+
+@LinearForm
+def constant_in_cells(v, w):
+    return w["c"] * v
+
+
+def drift(state: State, plan: Plan) -> float:
+    """Return how much heat is missing, over what the burner gave."""
+    heat = state.mesh.measures @ state.u[state.mesh.cells].mean(axis=1)
+    return abs(1.0 - float(heat) / plan.heat)
+
+
+def difference(state: State, fine: State) -> float:
+    """Return the L2 norm of the difference from the fine solution, over its own."""
+    there = state.mesh.locator.interpolate(state.u, fine.mesh.points)[0]
+    return float(np.linalg.norm(there - fine.u) / np.linalg.norm(fine.u))
+
+
+def draw(path: Path, states: list[State], fine: State, plan: Plan, width: int) -> None:
+    """Draw temperatures, and below them their meshes, at three times."""
+    figure, panels = drawing(3, 2, width, shape=1.0)
+    chosen = [(len(states) - 1) * k // 3 for k in (1, 2, 3)]
+    top = float(fine.u.max())
+    for number, above, below in zip(chosen, panels[:3], panels[3:], strict=True):
+        state = states[number]
+        now = plan.step * min((number + 1) * plan.steps_per_mesh, plan.n_steps)
+        image = above.tripcolor(
+            *state.mesh.points.T, state.mesh.cells, state.u, shading="gouraud", cmap="inferno",
+            vmin=0.0, vmax=top, rasterized=True,
+        )  # fmt: skip
+        above.set_title(f"temperature, t = {now:.2f}")
+        below.triplot(*state.mesh.points.T, state.mesh.cells, color="k", linewidth=0.2)
+        below.set_title(f"{state.mesh.n_points} nodes")
+        for panel in (above, below):
+            panel.plot(*burner(now), "o", color="#33bbee", markersize=4)
+            panel.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
+    figure.colorbar(image, ax=panels[:3], label="temperature", shrink=0.8)
+    save_drawing(path, figure)
+
+
+if __name__ == "__main__":
+    run(main)
