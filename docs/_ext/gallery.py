@@ -26,7 +26,7 @@ FIGURES = {
     14: "g(x), different from place to place",
     15: "g(h), different from size to size",
 }
-ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md#how-points-are-found)"}
+ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md)"}
 
 
 @dataclass(frozen=True)
