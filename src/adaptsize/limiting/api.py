@@ -13,9 +13,10 @@ from adaptsize._checks import as_float_array, as_number, as_sizes, describe, one
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
+from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.info import LimitingInfo, Record
 from adaptsize.limiting.problem import Problem
-from adaptsize.limiting.warm_start import refuse_others, resume
+from adaptsize.limiting.warm_start import refuse_background, refuse_others, resume, with_start
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 # Products of four lengths and two g must stay in the range of float64.
@@ -202,22 +203,24 @@ def limit_gradient(
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
     _refuse_idle_options(schemes, method, order, guess, max_iter)
-    slope, transform = gradient_limit.resolve(domain, g, bound)
-
-    def transformed(sizes: FloatArray) -> FloatArray:
-        return sizes if transform is None else transform.forward(sizes)
-
+    record = None if earlier is None else earlier.record
+    # A record of another background is refused below, when all else is known.
+    if record is not None and record.bound.shape != bound.shape:
+        refuse_background(record, background)
+    slope, transform = gradient_limit.resolve(
+        domain, g, bound, None if record is None else record.transform
+    )
     if floor not in ("hopf-lax", None):
         raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
     start = None if guess is None else _as_bound("initial", guess, background)
     with reporting(progress) as report:
         problem = Problem(
-            h0=transformed(bound),
+            h0=_forward(bound, transform, record),
             slope=slope,
             order=order,
             floor=floor is not None,
             # Below h0 it is within the table of the transformation.
-            initial=None if start is None else transformed(np.minimum(start, bound)),
+            initial=None if start is None else _forward(np.minimum(start, bound), transform),
             tol=as_number("tol", tol, lower=0.0, strict=True),
             max_iter=max_iter,
             face_sources=bool(face_sources),
@@ -228,25 +231,44 @@ def limit_gradient(
             method = schemes.choose_method(domain, problem)
         solution = None
         if earlier is not None:
-            refuse_others(earlier, background, method, problem)
-            solution = resume(earlier.record, method, problem)
+            refuse_others(earlier, background, method, problem, transform)
+            problem = with_start(earlier.record, method, problem)
+            solution = resume(earlier.record, method, problem, transform)
         if solution is None:
             solution = schemes.solve(domain, method, problem)
-    h = solution.h if transform is None else transform.backward(solution.h)
-    h = np.minimum(h, bound)  # the way back from Phi rounds
+    h = np.minimum(_backward(solution.h, transform, record), bound)  # the way back rounds
     if not full_output:
         return h
     problem = replace(problem, report=_silent, initial=None)
-    record = Record(
-        background,
-        domain,
-        bound,
-        h.copy() if transform else solution.h,
-        transform,
-        problem,
-        solution,
-    )
-    return h, LimitingInfo(method, solution.iterations, solution.converged, record)
+    own = solution.h if transform is None else h.copy()
+    found = Record(background, domain, bound, own, transform, problem, solution)
+    return h, LimitingInfo(method, solution.iterations, solution.converged, found)
+
+
+def _forward(
+    sizes: FloatArray, transform: SizeTransform | None, record: Record | None = None
+) -> FloatArray:
+    """Return transformed bounds; those that are in the record are not worked out again."""
+    if transform is None:
+        return sizes
+    if record is None or record.transform is not transform:
+        return transform.forward(sizes)
+    transformed = record.problem.h0.copy()
+    changed = sizes != record.bound
+    transformed[changed] = transform.forward(sizes[changed])
+    return transformed
+
+
+def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | None) -> FloatArray:
+    """Return the sizes of a solution; those that are in the record are not worked out again."""
+    if transform is None:
+        return u
+    if record is None or record.transform is not transform:
+        return transform.backward(u)
+    h = record.h.copy()
+    changed = u != record.solution.h
+    h[changed] = transform.backward(u[changed])
+    return h
 
 
 def _domain(background: object) -> SimplexMesh | CartesianGrid:

@@ -95,6 +95,25 @@ class SizeTransform:
             self._extend_to(4.0 * float(self._h[-1]))
         return np.where(np.isinf(phi), np.inf, np.interp(phi, self._phi, self._h))
 
+    def is_of(self, g_of_h: GradientOfSize) -> bool:
+        """Tell whether a limit is that of the table: the same function, or of the same values."""
+        if g_of_h is self._g_of_h:
+            return True
+        return bool(np.array_equal(self._of(g_of_h, self._h), self._g(self._h)))
+
+    def is_same_limit(self, other: SizeTransform) -> bool:
+        """Tell whether another table is of the same limit."""
+        return self.is_of(other._g_of_h)
+
+    def reaches(self, smallest: float) -> bool:
+        """Tell whether a size is in the table, which grows to larger ones by itself."""
+        return bool(smallest >= self._h[0])
+
+    def grow_to(self, largest: float) -> None:
+        """Have a size in the table."""
+        if largest > self._h[-1]:
+            self._extend_to(largest)
+
     def _extend_to(self, largest: float) -> None:
         start = float(self._h[-1])
         count = max(2, math.ceil(_PER_E_FOLD * math.log(largest / start)))
@@ -108,7 +127,11 @@ class SizeTransform:
         self._phi = np.concatenate([self._phi, phi])
 
     def _g(self, h: FloatArray) -> FloatArray:
-        g = np.asarray(self._g_of_h(h), dtype=np.float64)
+        return self._of(self._g_of_h, h)
+
+    @staticmethod
+    def _of(g_of_h: GradientOfSize, h: FloatArray) -> FloatArray:
+        g = np.asarray(g_of_h(h), dtype=np.float64)
         if g.shape not in ((), h.shape):
             raise ValueError(f"g(h) must return one limit per size, shape {h.shape}, got {g.shape}")
         g = np.broadcast_to(g, h.shape)
@@ -120,9 +143,14 @@ class SizeTransform:
 
 
 def resolve(
-    background: SimplexMesh | CartesianGrid, g: GradientLimit, h0: FloatArray
+    background: SimplexMesh | CartesianGrid,
+    g: GradientLimit,
+    h0: FloatArray,
+    earlier: SizeTransform | None = None,
 ) -> tuple[Slope, SizeTransform | None]:
     """Return the slopes in space and, where g depends on h, the change of variable.
+
+    That is ``earlier`` if it is of the same limit and knows the sizes.
 
     Raises
     ------
@@ -137,7 +165,11 @@ def resolve(
     else:
         return _in_space(background, g), None
     finite = h0[np.isfinite(h0)]
-    transform = SizeTransform(g_of_h, float(finite.min()), float(finite.max()))
+    least, largest = float(finite.min()), float(finite.max())
+    if earlier is not None and earlier.is_of(g_of_h) and earlier.reaches(least):
+        earlier.grow_to(largest)
+        return _in_space(background, g_of_x), earlier
+    transform = SizeTransform(g_of_h, least, largest)
     return _in_space(background, g_of_x), transform
 
 

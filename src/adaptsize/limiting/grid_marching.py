@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -121,21 +122,28 @@ def _march(
     del candidate
 
     steepest = float(slope.values.max())
-    accepted = _accept_all(grid, u, geometry, edges, steepest, seeds, report)
-    residual = 0.0
-    if with_residual:
-        candidate = np.empty(u.size)
-        kernels.sweep_grid(u, *geometry, edges, candidate)
-        finite = np.isfinite(u)
-        excess = np.maximum(u[finite] - candidate[finite], 0.0)
-        residual = float(excess.max() / u[finite].max())
+    accepted = accept_all(grid, u, geometry, edges, steepest, seeds, report)
+    residual = partial(residual_of, u, geometry, edges) if with_residual else 0.0
     if order == 2:
         u = _refine(grid, u, bounds, geometry, report)
         _keep_edges(grid, u, geometry, steepest, report)
     return Solution(unpad(grid, u), accepted, residual)
 
 
-def _accept_all(
+def residual_of(
+    u: FloatArray,
+    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
+    edges: bool,
+) -> float:
+    """Return by how much a padded size is above its update, relative to the largest finite one."""
+    candidate = np.empty(u.size)
+    kernels.sweep_grid(u, *geometry, edges, candidate)
+    finite = np.isfinite(u)
+    excess = np.maximum(u[finite] - candidate[finite], 0.0)
+    return float(excess.max() / u[finite].max())
+
+
+def accept_all(
     grid: CartesianGrid,
     u: FloatArray,
     geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
@@ -172,7 +180,7 @@ def _keep_edges(
     kernels.sweep_grid(u, *geometry, True, candidate)
     seeds = np.flatnonzero(candidate < u * _KEEP).astype(np.int32)
     u[seeds] = candidate[seeds]
-    _accept_all(grid, u, geometry, True, steepest, seeds, report)
+    accept_all(grid, u, geometry, True, steepest, seeds, report)
 
 
 def _refine(

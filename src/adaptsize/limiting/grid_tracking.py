@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _CHUNK = 500_000
 
 # A candidate must be lower by more than rounding to count.
-_KEEP = 1.0 - 1e-14
+KEEP = 1.0 - 1e-14
 
 # Isolated sources offer themselves to all nodes so many steps around.  With 2000 of them among
 # 90 000 nodes of a square 0 or 1 node was wrong, without these offers 6 to 22.
@@ -31,11 +31,14 @@ _REACH = 6
 # That may cost so many offers per node, of a fifth of the time of accepting it.
 _OFFERS = 10
 
+# Most moves of a source over neighbouring segments each time a node is accepted.
+POLISH = 5
+
 # Nodes accepted per node of the grid before sources stay where they are; so it comes to an end.
 _PATIENCE = 20
 
 
-class _Geometry(NamedTuple):
+class Geometry(NamedTuple):
     """The padded grid as the kernels take it; a grid of one axis as a column of a square one."""
 
     strides: tuple[int, ...]
@@ -49,7 +52,7 @@ class _Geometry(NamedTuple):
     slope: float
 
 
-class _Tracks(NamedTuple):
+class Tracks(NamedTuple):
     """Where sizes come from, and what may hide it."""
 
     source: IntArray
@@ -58,12 +61,21 @@ class _Tracks(NamedTuple):
     hidden: bool
 
 
+class Memory(NamedTuple):
+    """What tracking knows in the end; arrays are padded."""
+
+    u: FloatArray
+    bounds: FloatArray
+    geometry: Geometry
+    tracks: Tracks
+
+
 def solve_grid_tracking(
     grid: CartesianGrid,
     h0: FloatArray,
     slope: float,
     *,
-    polish: int = 5,
+    polish: int = POLISH,
     face_sources: bool = True,
     residual: bool,
     report: ProgressCallback,
@@ -148,28 +160,24 @@ def solve_grid_tracking(
     u = bounds.copy()
     tracks = _begin(grid, bounds, geometry, face_sources and polish > 0)
     _start(grid, u, bounds, geometry, tracks)
-    accepted = _accept_all(grid, u, bounds, geometry, tracks, polish, report)
-    return _finish(grid, u, bounds, tracks, slope, accepted, residual=residual)
+    seeds = np.flatnonzero(tracks.source != np.arange(u.size)).astype(np.int32)
+    accepted = accept_all(grid, u, bounds, geometry, tracks, polish, seeds, report)
+    memory = Memory(u, bounds, geometry, tracks)
+    return finish(grid, memory, slope, accepted, residual=residual)
 
 
-def _finish(
-    grid: CartesianGrid,
-    u: FloatArray,
-    bounds: FloatArray,
-    tracks: _Tracks,
-    slope: float,
-    accepted: int,
-    *,
-    residual: bool,
+def finish(
+    grid: CartesianGrid, memory: Memory, slope: float, accepted: int, *, residual: bool
 ) -> TrackedSolution:
-    """Return what was found; sources and residual are told apart when they are asked for."""
-    h = _unpad(grid, u)
+    """Return what was found; sources and residual are told when they are asked for."""
+    h = _unpad(grid, memory.u)
     return TrackedSolution(
         h,
         accepted,
         partial(_largest_edge_excess, grid, h, slope) if residual else 0.0,
-        find_sources=partial(_sources, grid, u, bounds, tracks),
-        is_convex=not tracks.hidden,
+        memory=memory,
+        find_sources=partial(_sources, grid, memory.u, memory.bounds, memory.tracks),
+        is_convex=not memory.tracks.hidden,
     )
 
 
@@ -189,7 +197,7 @@ def _unpad(grid: CartesianGrid, padded: FloatArray) -> FloatArray:
     return unpad(grid, padded)
 
 
-def _geometry(grid: CartesianGrid, slope: float) -> _Geometry:
+def _geometry(grid: CartesianGrid, slope: float) -> Geometry:
     dim = max(grid.dim, 2)
     strides = strides_of_padded(grid) if grid.dim > 1 else (3, 1)
     spacing = np.append(grid.spacing, [grid.spacing[0]] * (dim - grid.dim))
@@ -198,7 +206,7 @@ def _geometry(grid: CartesianGrid, slope: float) -> _Geometry:
     offsets = np.zeros((len(vectors), 4))
     offsets[:, :dim] = vectors * spacing
     offsets[:, 3] = np.linalg.norm(offsets, axis=1)
-    return _Geometry(
+    return Geometry(
         strides,
         tuple(1.0 / s for s in strides),
         (np.array(vectors) * strides).sum(axis=1).astype(np.int64),
@@ -224,7 +232,7 @@ def _partners(vectors: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return partners
 
 
-def _begin(grid: CartesianGrid, bounds: FloatArray, geometry: _Geometry, segments: bool) -> _Tracks:
+def _begin(grid: CartesianGrid, bounds: FloatArray, geometry: Geometry, segments: bool) -> Tracks:
     """Return every node as its own source."""
     end = np.full(1, -2, np.int32)
     if segments:
@@ -237,7 +245,7 @@ def _begin(grid: CartesianGrid, bounds: FloatArray, geometry: _Geometry, segment
         if has_neighbour.any():
             end = np.where(has_neighbour, -1, -2).astype(np.int32)
     hidden = grid.active is not None and not grid.active.all()
-    tracks = _Tracks(
+    tracks = Tracks(
         np.arange(bounds.size, dtype=np.int32),
         end,
         np.zeros(bounds.size if hidden else 1, np.uint8),
@@ -252,17 +260,16 @@ def _start(
     grid: CartesianGrid,
     u: FloatArray,
     bounds: FloatArray,
-    geometry: _Geometry,
-    tracks: _Tracks,
+    geometry: Geometry,
+    tracks: Tracks,
 ) -> None:
     """Lower the neighbours of all nodes with finite bounds, and of isolated ones more around."""
     strides, per_stride, *_, spacing, slope = geometry
     sources = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
-    offers = (_OFFERS * grid.n_points / sources.size) ** (1.0 / max(grid.dim, 2))
-    reach = min(_REACH, int((offers - 1.0) / 2.0))
+    reach = reach_of(grid, sources.size)
     if tracks.end.size > 1 or reach < 1:
         least_distance = float(1.0 / np.sqrt((1.0 / grid.spacing**2).sum()))
-        kernels.start_grid(u, bounds, *geometry, *tracks, _KEEP, least_distance)
+        kernels.start_grid(u, bounds, *geometry, *tracks, KEEP, least_distance)
         return
     sources = sources[np.argsort(bounds[sources], kind="stable")]
     shape = grid.shape if grid.dim > 1 else (grid.shape[0], 1)
@@ -278,21 +285,27 @@ def _start(
         tracks.source,
         tracks.clear,
         tracks.hidden,
-        _KEEP,
+        KEEP,
     )
 
 
-def _accept_all(
+def reach_of(grid: CartesianGrid, n_sources: int) -> int:
+    """Return within how many steps so many isolated sources offer themselves."""
+    offers = (_OFFERS * grid.n_points / n_sources) ** (1.0 / max(grid.dim, 2))
+    return min(_REACH, int((offers - 1.0) / 2.0))
+
+
+def accept_all(
     grid: CartesianGrid,
     u: FloatArray,
     bounds: FloatArray,
-    geometry: _Geometry,
-    tracks: _Tracks,
+    geometry: Geometry,
+    tracks: Tracks,
     polish: int,
+    seeds: IntArray,
     report: ProgressCallback,
 ) -> int:
-    """March from the nodes that are lowered already; return how many nodes were accepted."""
-    seeds = np.flatnonzero(tracks.source != np.arange(u.size)).astype(np.int32)
+    """March from the seeds, which are lowered already; return how many nodes were accepted."""
     if seeds.size == 0:
         return 0
     diagonal = float(np.linalg.norm(geometry.spacing[: max(grid.dim, 2)]))
@@ -301,7 +314,7 @@ def _accept_all(
     accepted, newly = 0, _CHUNK
     while newly == _CHUNK:
         moves = polish if accepted < _PATIENCE * grid.n_points else 0
-        newly = kernels.track_grid(u, bounds, *geometry, *tracks, moves, _KEEP, *queue, _CHUNK)
+        newly = kernels.track_grid(u, bounds, *geometry, *tracks, moves, KEEP, *queue, _CHUNK)
         accepted += newly
         report("limiting the gradient", min(accepted / grid.n_points, 1.0))
     report("limiting the gradient", 1.0)
@@ -309,7 +322,7 @@ def _accept_all(
 
 
 def _sources(
-    grid: CartesianGrid, u: FloatArray, bounds: FloatArray, tracks: _Tracks
+    grid: CartesianGrid, u: FloatArray, bounds: FloatArray, tracks: Tracks
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the nodes of the source of each node, numbered without border, and their sizes."""
     number = np.full(u.size, -1, np.int32)

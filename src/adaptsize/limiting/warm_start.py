@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.changes import Changes
+from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.warm_grids import (
+    resume_grid_edges,
+    resume_grid_marching,
+    resume_grid_tracking,
+)
 from adaptsize.limiting.warm_marching import resume_edge_based, resume_fast_marching
 from adaptsize.limiting.warm_tracking import resume_source_tracking
 
@@ -22,14 +29,22 @@ _ON_SIMPLICES: dict[str, Callable[..., Solution | None]] = {
     "fast-marching": resume_fast_marching,
     "edge-based": resume_edge_based,
 }
-_ON_GRIDS: dict[str, Callable[..., Solution | None]] = {}
+_ON_GRIDS: dict[str, Callable[..., Solution | None]] = {
+    "source-tracking": resume_grid_tracking,
+    "fast-marching": resume_grid_marching,
+    "edge-based": resume_grid_edges,
+}
 
 
-def resume(record: Record, method: str, problem: Problem) -> Solution | None:
+def resume(
+    record: Record, method: str, problem: Problem, transform: SizeTransform | None
+) -> Solution | None:
     """Return the solution of a problem from that of an earlier one.
 
     None if the method cannot, or not in this case: then it is to be solved anew.
     """
+    if transform is not record.transform:  # sizes below those of the table
+        return None
     schemes = _ON_GRIDS if isinstance(record.domain, CartesianGrid) else _ON_SIMPLICES
     if method not in schemes or problem.order != 1:
         return None
@@ -42,6 +57,7 @@ def refuse_others(
     background: SimplexMesh | CartesianGrid | Octree,
     method: str,
     problem: Problem,
+    transform: SizeTransform | None,
 ) -> None:
     """Raise a ValueError if the earlier call was about something else than new bounds."""
     before = info.record.problem
@@ -50,17 +66,34 @@ def refuse_others(
             f"initial must come from the same method: it is of method={info.method!r}, "
             f"this call of method={method!r}"
         )
-    if not is_same(info.record.background, background):
-        raise ValueError(
-            f"initial must come from the same background: it is of {info.record.background!r}, "
-            f"this call of {background!r}; leave it out after remeshing"
-        )
-    if not _equal(before.slope.values, problem.slope.values):
+    refuse_background(info.record, background)
+    then, now = info.record.transform, transform
+    same = then is now or (then is not None and now is not None and then.is_same_limit(now))
+    if not (same and _equal(before.slope.values, problem.slope.values)):
         raise ValueError("initial must come from a call with the same g, but g is another one now")
     for name in ("order", "face_sources", "floor"):
         then, now = getattr(before, name), getattr(problem, name)
         if then != now:
             raise ValueError(f"initial must come from a call with {name}={now!r}, got {then!r}")
+
+
+def refuse_background(record: Record, background: SimplexMesh | CartesianGrid | Octree) -> None:
+    """Raise a ValueError if the earlier call was about another background."""
+    if not is_same(record.background, background):
+        raise ValueError(
+            f"initial must come from the same background: it is of {record.background!r}, "
+            f"this call of {background!r}; leave it out after remeshing"
+        )
+
+
+def with_start(record: Record, method: str, problem: Problem) -> Problem:
+    """Return the problem with the earlier sizes as the start of an iteration that takes any."""
+    if method != "hamilton-jacobi":
+        return problem
+    start = record.solution.h
+    if np.isinf(start[np.isfinite(problem.h0)]).any():
+        return problem  # a component had no bound
+    return replace(problem, initial=np.minimum(start, problem.h0))
 
 
 def is_same(a: object, b: object) -> bool:

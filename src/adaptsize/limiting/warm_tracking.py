@@ -105,8 +105,8 @@ def _fates(before: Tracks, changes: Changes, n: int) -> npt.NDArray[np.uint8]:
     changed = np.zeros(n, np.bool_)
     changed[changes.nodes] = True
     fate = np.zeros(n, np.uint8)
+    fate[changes.lowered] = _BACK  # and so what bends there
     repair.find_dependents(before.source, before.bent, changed, fate)
-    fate[changes.lowered] = _BACK
     return fate
 
 
