@@ -117,6 +117,7 @@ def run_line(line):
         subprocess.run([find_program(program), *arguments], check=True, capture_output=True)
 
 
+@pytest.mark.timeout(900)  # fTetWild, and kernels to be compiled, on a busy machine
 @pytest.mark.skipif(not available_backends()["mmg"].installed, reason="the pages use Mmg")
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_run(page, workplace):
