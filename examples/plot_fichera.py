@@ -1,8 +1,20 @@
 """The corner of a cube without an octant: tetrahedra for edges and a corner, by Mmg and fTetWild.
 
-A solution with the singularities of the Fichera corner, known everywhere: the sum of
-r^(2/3) for the distances r from the three inner edges.  Linear elements by scikit-fem, the error
-estimated by `adaptsize.zz_indicator`, and `adaptsize.adapt` to twice as many tetrahedra.
+A solution with the singularities of the Fichera corner, known everywhere: the sum of r^(2/3) for
+the distances r from the three inner edges.  Linear elements by scikit-fem, the error estimated by
+`adaptsize.zz_indicator`, and `adaptsize.adapt` to a number of tetrahedra that doubles from 4000.
+Measured, with the power of the number of unknowns over the last three:
+
+| | tetrahedra | unknowns | energy error | power | smallest angle | iterations |
+|---|---:|---:|---:|---:|---:|---:|
+| uniform | 172 032 | 25 695 | 0.363 | -0.25 | 45 | 104 |
+| Mmg | 60 617 | 8826 | 0.322 | -0.29 | 15.3 | 76 |
+| fTetWild | 17 983 | 2612 | 0.455 | -0.32 | 23.6 | 56 |
+
+In theory uniform meshes reach -2/9 and the best of isotropic elements -1/3, after a long
+way: the share of the error that is next to the edges falls slowly.  The angle is the smallest
+dihedral one of all meshes of the loop; iterations are those of conjugate gradients,
+preconditioned by the diagonal, to 1e-8.  The pictures colour by the length of edges.
 
     python examples/plot_fichera.py [DIRECTORY]
 """

@@ -1,0 +1,102 @@
+"""The snippets of docs/solvers.md run as they stand, where the solver is installed."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adaptsize.remeshing import available_backends
+
+PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
+BLOCK = re.compile(
+    r"^(?:<!-- needs: (?P<needs>\S+) -->\n)?```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL
+)
+
+pytestmark = pytest.mark.skipif(
+    not available_backends()["mmg"].installed, reason="the page remeshes by Mmg"
+)
+
+
+def names_after(section):
+    """Run the blocks of a section of the page one after the other; return what they leave."""
+    text = PAGE.read_text(encoding="utf-8")
+    start = text.index(f"\n## {section}\n") + 1
+    end = text.find("\n## ", start)
+    blocks = list(BLOCK.finditer(text, start, len(text) if end < 0 else end))
+    assert blocks, f"no snippets under {section}"
+    names = {"__name__": "page"}
+    for block in blocks:
+        if block["needs"] and importlib.util.find_spec(block["needs"]) is None:
+            pytest.skip(f"needs {block['needs']}")
+        line = text.count("\n", 0, block.start("code"))
+        exec(compile("\n" * line + block["code"], str(PAGE), "exec"), names)
+    return names
+
+
+def measure(points, cells):
+    corners = points[cells]
+    return np.linalg.det(corners[:, 1:] - corners[:, :1]) / 2.0
+
+
+def test_every_block_of_the_page_stands_in_a_section_that_is_run():
+    sections = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    with_blocks = [s.split("\n", 1)[0] for s in sections if BLOCK.search(s)]
+    assert with_blocks == ["Plain arrays", "scikit-fem", "DOLFINx"]
+    assert PAGE.read_text(encoding="utf-8").count("```python") == 4
+
+
+def test_plain_arrays():
+    names = names_after("Plain arrays")
+    points, cells = names["points"], names["cells"]
+    assert len(cells) == pytest.approx(500, rel=0.15)
+    areas = measure(points, cells)
+    assert (areas > 0.0).all()
+    assert areas.sum() == pytest.approx(1.0, rel=1e-12)
+    # Fine where the indicator is large.
+    away = np.linalg.norm(points[cells].mean(axis=1) - 0.5, axis=1)
+    assert areas[away < 0.2].mean() < 0.5 * areas[away > 0.5].mean()
+
+
+def test_scikit_fem():
+    names = names_after("scikit-fem")
+    m = names["m"]
+    areas = measure(m.p.T, m.t.T)
+    assert np.abs(areas).sum() == pytest.approx(1.0, rel=1e-12)
+    right = m.subdomains["right"]
+    assert np.abs(areas[right]).sum() == pytest.approx(0.5, rel=1e-12)
+    assert (m.p[0, m.t[:, right]].mean(axis=0) > 0.5).all()
+    bottom = m.facets[:, m.boundaries["bottom"]]
+    assert (m.p[1, bottom] == 0.0).all()
+    lengths = np.abs(m.p[0, bottom[1]] - m.p[0, bottom[0]])
+    assert lengths.sum() == pytest.approx(1.0, rel=1e-12)
+    assert np.median(lengths) == pytest.approx(0.05, rel=0.3)
+
+
+def test_the_loop_with_scikit_fem_makes_the_number_of_elements():
+    pytest.importorskip("skfem")
+    text = PAGE.read_text(encoding="utf-8")
+    loop = next(b["code"] for b in BLOCK.finditer(text) if "init_lshaped" in b["code"])
+    names = {"__name__": "page"}
+    exec(compile(loop, str(PAGE), "exec"), names)
+    m = names["m"]
+    assert m.nelements == pytest.approx(1000, rel=0.15)
+    # Fine at the inner corner.
+    lengths = np.linalg.norm(m.p[:, m.facets[0]] - m.p[:, m.facets[1]], axis=0)
+    away = np.linalg.norm(m.p[:, m.facets].mean(axis=1), axis=0)
+    assert lengths[away < 0.1].mean() < 0.4 * lengths[away > 0.5].mean()
+
+
+def test_dolfinx():
+    names = names_after("DOLFINx")
+    domain, mesh = names["domain"], names["mesh"]
+    assert mesh.n_cells == pytest.approx(500, rel=0.15)
+    geometry = domain.geometry
+    assert geometry.dofmap.shape == mesh.cells.shape
+    np.testing.assert_array_equal(
+        geometry.x[:, :2], mesh.points[geometry.input_global_indices]
+    )  # the same bits, in another order
+    again = measure(geometry.x[:, :2], geometry.dofmap)
+    cells = domain.topology.original_cell_index
+    np.testing.assert_allclose(np.abs(again), mesh.measures[cells], rtol=1e-9)
