@@ -92,6 +92,11 @@ def mend_page(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] += _toctree("", sorted(set(_copies().values()) - set(COPIES.values())))
 
 
+def read_again(app: Sphinx, *_: Any) -> list[str]:
+    """Return the pages that list others, which may have come or gone since the last build."""
+    return [app.config.root_doc, "benchmarks", "decisions/README"]
+
+
 def target_of(link: str, folder: Path, docname: str) -> str:
     """Return where a link of a page that is at home in ``folder`` leads to on the site."""
     path = os.path.normpath(folder / link)
@@ -130,5 +135,6 @@ def _toctree(caption: str, names: list[str]) -> str:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
     app.connect("builder-inited", write_pages)
+    app.connect("env-get-outdated", read_again)
     app.connect("source-read", mend_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
