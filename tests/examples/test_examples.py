@@ -166,4 +166,5 @@ def test_adaptive_loop_beats_uniform_meshes(run):
     found = run("fem_loop", n_cycles=3)
     # Uniform meshes have order 1/3 here, the best adapted ones 1/2.
     assert found["order in the number of nodes"] > 0.4
-    assert found["error at last"] < 0.3 * found["error at first"]
+    # A uniform mesh of twice the nodes has 0.8 of it.
+    assert found["error at last"] < 0.35 * found["error at first"]
