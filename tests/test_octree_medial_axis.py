@@ -253,6 +253,17 @@ def test_plates_on_both_sides_of_a_gap_do_not_see_each_other():
     assert size[in_thick].min() > 0.9 * 0.4
 
 
+def test_a_gap_narrower_than_the_leaves_is_no_part_of_the_domain():
+    # Edges lead across it from inside to inside, and the boundary is inward from both of its ends.
+    left = np.array([(-1.02, -0.3), (-0.02, -0.3), (-0.02, 0.3), (-1.02, 0.3)])
+    boundary = outline(left, left + np.array([1.04, 0.0]))
+    tree = around(to(boundary), 0.2)
+    found = medial_axis(tree, boundary)
+    assert len(found.points) > 4
+    np.testing.assert_allclose(found.points[:, 1], 0.0, atol=0.01)
+    assert np.abs(found.points[:, 0]).min() > 0.31
+
+
 def test_it_follows_a_width_that_varies():
     # Floor and roof that differ by an angle w: the sum of the distances from the nearer one and
     # from the plane half way between them.

@@ -259,7 +259,7 @@ def gap_that_varies():
     # The sum of the distances from the nearer wall and from the plane half way between both.
     slope = np.arctan(0.18)
     tree = tree_at(wedge, 0.3)
-    for rounds in range(4):
+    for rounds in range(2):
         lfs = ads.feature_size(tree, wedge)
         spheres = 2.0 * ads.size_from_feature(tree, wedge)
         x, y, z = tree.points.T
@@ -290,8 +290,8 @@ def bracket():
         print(
             f"round {rounds}: {tree.n_points} nodes, {known.sum()} inside, finest "
             f"{tree.leaf_sizes.min():.3f}; {len(medial.points)} points; least "
-            f"{lfs[known].min():.3f}, at {100 * (lfs[known] < 0.95).mean():.1f} % below .95; over spheres "
-            f"{share.round(2)}; {t_axis:.2f} + {t_size:.2f} s, spheres {t_spheres:.2f} s"
+            f"{lfs[known].min():.3f}, at {100 * (lfs[known] < 0.95).mean():.1f} % below .95; over "
+            f"spheres {share.round(2)}; {t_axis:.2f} + {t_size:.2f} s, spheres {t_spheres:.2f} s"
         )
         tree = refined(tree, part, 1, across=2.0, least=0.8)
 

@@ -114,8 +114,7 @@ def find_meetings(
     Returns
     -------
     Meetings
-        Where the directions jump, on the edge; where they turn fast, at the centre of the ball
-        that touches the boundary on both sides, which may be off the edge by its length.
+        Where the directions jump, on the edge; where they only turn fast, off it.
     """
     least = float(np.cos(separation))
     edges = mesh.edges
@@ -169,7 +168,7 @@ def _candidates(
 
 
 def _narrowed(boundary: Boundary, stretch: _Stretch, least: float) -> _Stretch:
-    """Halve the parts of edges as long as the directions at their ends differ enough."""
+    """Halve the parts of edges (In/Out) as long as the directions at their ends differ enough."""
     going = np.arange(len(stretch.ends))
     for _ in range(_HALVINGS):
         part = stretch.taken(going)
@@ -267,7 +266,8 @@ def _on_the_way(
     least: float,
 ) -> Meetings:
     """Return where another front is met first on ways from points that see one."""
-    far = boundary.seen_from(start + way)
+    # In the ball around a point inside everything is.
+    far = boundary.seen_from(start + way, np.linalg.norm(way, axis=1) < seen.depth)
     depth = np.column_stack([seen.depth, far.depth])
     outward = np.stack([seen.outward, far.outward], axis=1)
     ray = _Stretch(ends, start, way, np.tile([0.0, 1.0], (len(ends), 1)), depth, outward)
@@ -295,7 +295,8 @@ def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: f
     asked = np.nonzero(aside > _ASIDE * distances)
     foot = (found.fronts.points[:, None, :] + along)[asked]
     off = _ACROSS * aside[asked][:, None] * normals[asked[0], 0]
-    sides = [boundary.seen_from(foot + sign * off) for sign in (-1.0, 1.0)]
+    is_inside = (1.0 + _ACROSS) * aside[asked] < found.fronts.radii[asked[0]]
+    sides = [boundary.seen_from(foot + sign * off, is_inside) for sign in (-1.0, 1.0)]
     turn = sides[1].outward - sides[0].outward
     goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= least
     goes_on &= (turn * off).sum(axis=1) > 0.0
