@@ -53,6 +53,17 @@ def structured_square(n, *, half_width=50.0):
     return SimplexMesh(points, np.concatenate([lower, upper]))
 
 
+def slit_square(n):
+    """The square (-1, 1)^2 with a slit of no width: y = 0, x > 0; n is even."""
+    mesh = structured_square(n, half_width=1.0)
+    on_slit = np.flatnonzero((np.abs(mesh.points[:, 1]) < 1e-12) & (mesh.points[:, 0] > 1e-12))
+    twin = np.arange(mesh.n_points)
+    twin[on_slit] = mesh.n_points + np.arange(len(on_slit))
+    above = mesh.points[mesh.cells].mean(axis=1)[:, 1] > 0.0
+    points = np.concatenate([mesh.points, mesh.points[on_slit]])
+    return SimplexMesh(points, np.where(above[:, None], twin[mesh.cells], mesh.cells))
+
+
 def random_sphere(n, seed, *, radius=1.0):
     """Convex hull of n random points on a sphere: an irregular closed surface."""
     rng = np.random.default_rng(seed)

@@ -16,7 +16,7 @@ from adaptsize.remeshing import registry
 from adaptsize.sizes import predicted_elements
 from adaptsize.sizes.budget import mean_density
 from backends.shapes import facet_areas, two_region_block, two_region_rectangle
-from meshes import jittered_cube, jittered_square, random_sphere, structured_square
+from meshes import jittered_cube, jittered_square, random_sphere, slit_square, structured_square
 
 SEED = 93187
 
@@ -221,6 +221,16 @@ def test_a_loop_ends_at_the_tolerance(generator):
     assert again.mesh.n_cells < mesh.n_cells
 
 
+def test_an_error_a_little_above_the_tolerance_is_worth_a_mesh(generator):
+    # The sizes differ by a few per cent only: by themselves not worth it, as the bounds show.
+    mesh = structured_square(20, half_width=1.0)
+    result = adapt(mesh, mesh.measures, tolerance=np.linalg.norm(mesh.measures) / 1.005)
+    assert result.report.share_in_band > 0.85
+    assert abs(result.report.predicted_elements / mesh.n_cells - 1.0) < 0.15
+    assert result.remeshed
+    assert not adapt(mesh, h0=result.size).remeshed
+
+
 def test_a_tolerance_that_the_limits_do_not_allow_ends_the_loop_too(generator):
     mesh = structured_square(20, half_width=1.0)
     h = 0.1145
@@ -306,6 +316,21 @@ def test_triangles_in_space_are_adapted():
     assert result.remeshed
     assert_allclose(np.linalg.norm(result.mesh.points, axis=1), 1.0, rtol=1e-12)
     assert np.linalg.norm(result.fields["x"] - result.mesh.points, axis=1).max() < 0.2
+
+
+def test_a_slit_stays_one_and_values_stay_on_their_sides():
+    pytest.importorskip("mmgpy")
+    mesh = slit_square(12)
+    middle = mesh.points[mesh.cells].mean(axis=1)
+    upper = np.zeros(mesh.n_points)
+    upper[mesh.cells[(middle > 0.0).all(axis=1)]] = 1.0
+    result = adapt(mesh, indicator(mesh), target_elements=1500, fields={"upper": upper})
+    new = result.mesh
+    assert new.boundary().mesh.measures.sum() == pytest.approx(8.0 + 2.0, rel=1e-12)
+    on_slit = (np.abs(new.points[:, 1]) < 1e-12) & (new.points[:, 0] > 0.2)
+    above = np.zeros(new.n_points, bool)
+    above[new.cells[new.points[new.cells].mean(axis=1)[:, 1] > 0.0]] = True
+    assert_allclose(result.fields["upper"][on_slit], above[on_slit], atol=1e-6)
 
 
 # ---- curved boundaries

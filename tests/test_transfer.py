@@ -9,7 +9,14 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from adaptsize import FieldTransfer, SimplexMesh, transfer_fields
-from meshes import jittered_cube, jittered_square, random_sphere, random_square, structured_square
+from meshes import (
+    jittered_cube,
+    jittered_square,
+    random_sphere,
+    random_square,
+    slit_square,
+    structured_square,
+)
 
 SEED = 50671
 
@@ -275,17 +282,6 @@ def test_triangles_in_space_by_nearest_point():
     assert transfer.cells(old.measures, conservative=False).shape == (new.n_cells,)
     with pytest.raises(ValueError, match="conservative must be False for triangles in space"):
         transfer.cells(old.measures)
-
-
-def slit_square(n):
-    """The square (-1, 1)^2 with a slit of no width: y = 0, x > 0; n is even."""
-    mesh = structured_square(n, half_width=1.0)
-    on_slit = np.flatnonzero((np.abs(mesh.points[:, 1]) < 1e-12) & (mesh.points[:, 0] > 1e-12))
-    twin = np.arange(mesh.n_points)
-    twin[on_slit] = mesh.n_points + np.arange(len(on_slit))
-    above = mesh.points[mesh.cells].mean(axis=1)[:, 1] > 0.0
-    points = np.concatenate([mesh.points, mesh.points[on_slit]])
-    return SimplexMesh(points, np.where(above[:, None], twin[mesh.cells], mesh.cells))
 
 
 def test_nodes_on_a_slit_get_the_values_of_their_side():
