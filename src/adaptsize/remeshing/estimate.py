@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +10,9 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import TooManyElementsError
 from adaptsize.remeshing.sizing import Size
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, mean_density
 from adaptsize.typing import FloatArray
 
-#: Cells of edge length 1 per unit of measure: regular triangles and tetrahedra.
-_CELLS_PER_MEASURE = {1: 1.0, 2: 4.0 / math.sqrt(3.0), 3: 6.0 * math.sqrt(2.0)}
 _COLUMNS = 40
 
 
@@ -30,10 +28,9 @@ def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
     Returns
     -------
     float
-        Sum of cell measures over that of a regular simplex with edges h, with 1/h^k
-        averaged over nodes and centroid of each cell.  Details of the size
-        smaller than the cells are missed; meshes made by generators differ from it
-        by some ten per cent.
+        Sum of cell measures over that of a regular simplex with edges h, h linear between
+        the nodes and the centroid of each cell.  Details of the size smaller than the cells
+        are missed; Mmg makes about as many triangles, and 1.2 times as many tetrahedra.
 
     Examples
     --------
@@ -42,10 +39,14 @@ def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
     115
     """
     k = mesh.cell_dim
-    nodal = size(mesh.points) ** -k
-    central = size(mesh.points[mesh.cells].mean(axis=1)) ** -k
-    density = 0.5 * (nodal[mesh.cells].mean(axis=1) + central)
-    return float(_CELLS_PER_MEASURE[k] * (mesh.measures * density).sum())
+    corners = size(mesh.points)[mesh.cells]
+    central = size(mesh.points[mesh.cells].mean(axis=1))
+    density = np.zeros(mesh.n_cells)
+    for v in range(k + 1):  # the parts of a cell between its sides and its centroid
+        part = corners.copy()
+        part[:, v] = central
+        density += mean_density(part) / (k + 1)
+    return float(ELEMENTS_PER_MEASURE[k] * (mesh.measures * density).sum())
 
 
 def estimate_n_enclosed(surface: SimplexMesh, size: Size) -> float:
@@ -57,7 +58,7 @@ def estimate_n_enclosed(surface: SimplexMesh, size: Size) -> float:
     points, volume = _sample_inside(surface)
     inside = 0.0
     if len(points):
-        inside = _CELLS_PER_MEASURE[3] * volume * float((size(points) ** -3.0).mean())
+        inside = ELEMENTS_PER_MEASURE[3] * volume * float((size(points) ** -3.0).mean())
     return max(inside, estimate_n_cells(surface, size))
 
 
