@@ -7,13 +7,13 @@ from 200 to 12 800.  Measured, with the power of the number of unknowns over the
 | | unknowns | energy error | power | smallest angle | iterations |
 |---|---:|---:|---:|---:|---:|
 | P1, uniform | 2945 | 0.0496 | -0.31 | 45 | 147 |
-| P1, limited | 5844 | 0.0101 | -0.51 | 24.2 | 260 |
-| P1, not limited | 5836 | 0.0101 | -0.51 | 26.2 | 260 |
+| P1, limited | 5996 | 0.0100 | -0.51 | 22.5 | 263 |
+| P1, not limited | 6066 | 0.0099 | -0.51 | 24.6 | 267 |
 | P2, uniform | 12033 | 0.0197 | -0.33 | 45 | 337 |
-| P2, limited | 23990 | 0.00014 | -1.08 | 24.5 | 573 |
-| P2, not limited | 23837 | 0.00014 | -1.06 | 20.2 | 578 |
+| P2, limited | 24684 | 0.00014 | -1.08 | 19.7 | 611 |
+| P2, not limited | 24736 | 0.00013 | -1.06 | 26.8 | 611 |
 
-The best there is are -1/2 and -1.  The angle is the smallest of all meshes of the loop;
+The best there is are -1/2 and -1.  Two turns for each number for P2, one for P1.  The angle is the smallest of all meshes of the loop;
 iterations are those of conjugate gradients, preconditioned by the diagonal, to 1e-10.
 
 In this loop limiting changes nothing: sizes that share an error equally are smooth of
