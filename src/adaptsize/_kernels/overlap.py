@@ -6,6 +6,8 @@ tetrahedron into tetrahedra and prisms, and a prism is three of them.  Coordinat
 relative to a corner of the simplex that is cut, so that none is larger than the two cells.
 """
 
+import math
+
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
@@ -15,6 +17,8 @@ _CORNERS = 8
 # A tetrahedron cut by a plane leaves at most three, and so for each of four planes.
 _PIECES = 81
 _STACK = 64
+# Where corners lie from a plane.
+_BEHIND, _ACROSS, _BEFORE = -1, 0, 1
 
 
 @inner
@@ -111,15 +115,20 @@ def _cut(pieces, n, normal, origin, kept, prism, height, order):
         Scratch, as are height, float64[4], and order, int64[4].
     """
     m = 0
+    n0, n1, n2 = normal[0], normal[1], normal[2]
+    o0, o1, o2 = origin[0], origin[1], origin[2]
     for p in range(n):
         # Corners that are kept come first in ``order``.
         n_in = 0
         n_out = 0
         for v in range(4):
-            height[v] = 0.0
-            for d in range(3):
-                height[v] += (pieces[p, v, d] - origin[d]) * normal[d]
-            if height[v] >= 0.0:
+            above = (
+                (pieces[p, v, 0] - o0) * n0
+                + (pieces[p, v, 1] - o1) * n1
+                + (pieces[p, v, 2] - o2) * n2
+            )
+            height[v] = above
+            if above >= 0.0:
                 order[n_in] = v
                 n_in += 1
             else:
@@ -196,15 +205,21 @@ def _set_plane(corners, v, normal, origin):
 
 
 @inner
-def _is_beyond(normal, origin, corners):
-    """Tell whether four corners, float64[4, 3], all lie behind a plane or in it."""
-    beyond = True
+def _side_of(normal, origin, corners):
+    """Tell where four corners, float64[4, 3], lie: all behind a plane (or in it), before, both."""
+    lowest = math.inf
+    highest = -math.inf
     for w in range(4):
-        height = 0.0
-        for d in range(3):
-            height += (corners[w, d] - origin[d]) * normal[d]
-        beyond = beyond and height <= 0.0
-    return beyond
+        height = (
+            (corners[w, 0] - origin[0]) * normal[0]
+            + (corners[w, 1] - origin[1]) * normal[1]
+            + (corners[w, 2] - origin[2]) * normal[2]
+        )
+        lowest = min(lowest, height)
+        highest = max(highest, height)
+    if highest <= 0.0:
+        return _BEHIND
+    return _BEFORE if lowest >= 0.0 else _ACROSS
 
 
 @inner
@@ -217,7 +232,7 @@ def _set_planes(corners, normals, origins):
 @inner
 def _tetrahedra_overlap(
     old_points, old_cells, k, start, cut, sides, corners, normals, origins, here, there, prism,
-    height, order,
+    height, order, where,
 ):  # fmt: skip
     """Return the volume that old cell k and a new cell have in common.
 
@@ -231,27 +246,30 @@ def _tetrahedra_overlap(
         Corners of the new cell.
     sides : float64[2, 4, 3]
         Normals and origins of its planes.
-    corners, normals, origins, here, there, prism, height, order
-        Scratch: float64[4, 3] three times, float64[81, 4, 3] twice; as in `_cut`.
+    corners, normals, origins, here, there, prism, height, order, where
+        Scratch: float64[4, 3] three times, float64[81, 4, 3] twice; as in `_cut`; int64[4].
     """
     for v in range(4):
         for d in range(3):
             corners[v, d] = old_points[old_cells[k, v], d] - start[d]
     # A side of one cell that has all of the other beyond it: nothing to be cut.
     for v in range(4):
-        if _is_beyond(sides[0, v], sides[1, v], corners):
+        if _side_of(sides[0, v], sides[1, v], corners) == _BEHIND:
             return 0.0
     if _six_volumes(corners, 0, 1, 2, 3) == 0.0:
         return 0.0
     _set_planes(corners, normals, origins)
     for v in range(4):
-        if _is_beyond(normals[v], origins[v], cut):
+        where[v] = _side_of(normals[v], origins[v], cut)
+        if where[v] == _BEHIND:
             return 0.0
     n = 1
     for v in range(4):
         for d in range(3):
             here[0, v, d] = cut[v, d]
     for v in range(4):
+        if where[v] == _BEFORE:
+            continue
         n = _cut(here, n, normals[v], origins[v], there, prism, height, order)
         if n == 0:
             return 0.0
@@ -324,6 +342,7 @@ def fill_overlaps(
     polygon, polygon_too = np.empty((_CORNERS, 2)), np.empty((_CORNERS, 2))
     here, there = np.empty((_PIECES, 4, 3)), np.empty((_PIECES, 4, 3))
     prism, height, corner_order = np.empty((6, 3)), np.empty(4), np.empty(4, np.int64)
+    where = np.empty(4, np.int64)
     begin, cut, sides = np.empty(3), np.empty((4, 3)), np.empty((2, 4, 3))
     corners, normals, origins = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
     used = 0
@@ -361,7 +380,7 @@ def fill_overlaps(
                 else:
                     measure = _tetrahedra_overlap(
                         old_points, old_cells, k, begin, cut, sides,
-                        corners, normals, origins, here, there, prism, height, corner_order,
+                        corners, normals, origins, here, there, prism, height, corner_order, where,
                     )  # fmt: skip
                 if measure > 0.0:
                     if used == found.shape[0]:
