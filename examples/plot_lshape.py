@@ -13,8 +13,9 @@ from 200 to 12 800.  Measured, with the power of the number of unknowns over the
 | P2, limited | 24684 | 0.00014 | -1.08 | 19.7 | 611 |
 | P2, not limited | 24736 | 0.00013 | -1.06 | 26.8 | 611 |
 
-The best there is are -1/2 and -1.  Two turns for each number for P2, one for P1.  The angle is the smallest of all meshes of the loop;
-iterations are those of conjugate gradients, preconditioned by the diagonal, to 1e-10.
+The best there is are -1/2 and -1.  P1 has one turn for each number, P2 two.  The angle is the
+smallest of all meshes of the loop; iterations are those of conjugate gradients, preconditioned
+by the diagonal, to 1e-10.
 
 In this loop limiting changes nothing: sizes that share an error equally are smooth of
 themselves.  It does where sizes jump.  Below, the triangles that hold half of the error of a
