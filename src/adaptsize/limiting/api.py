@@ -116,9 +116,12 @@ def limit_gradient(
     floor : "hopf-lax" or None, optional
         Of the positive coefficient scheme: keep it above the Hopf-Lax updates, or
         leave it as published, which undershoots at point sources.
-    initial : array_like of float, of the nodal shape, optional
-        Start of an iteration, the fast marching solution if not given.  Lowered to
-        ``h0`` where it is above.  The Hamilton-Jacobi iteration finds the solution from
+    initial : LimitingInfo, or array_like of float of the nodal shape, optional
+        The info of an earlier call with the same background, g and method: then the work, of
+        source tracking, fast marching and the edge-based scheme, is proportional to the nodes
+        whose size is another one, be ``h0`` lower or higher there.  See the notes.
+        An array is the start of an iteration, the fast marching solution if not given.  Lowered
+        to ``h0`` where it is above.  The Hamilton-Jacobi iteration finds the solution from
         any start, soonest from that of a slightly different ``h0``; the other only falls.
     tol : float, optional
         Of an iteration: stop when no node changes faster than ``tol * g``.
@@ -128,7 +131,7 @@ def limit_gradient(
         Of source tracking: whether ``h0`` bounds the size along edges and faces too, where it
         counts as linear, or at the nodes only.  With nodes only the result is idempotent.
     full_output : bool, optional
-        Also return a `LimitingInfo`.
+        Also return a `LimitingInfo`, which costs time only when it is asked for something.
     progress : callable or bool, optional
         Called with a text and the share done; True shows a bar on a terminal.
         Raising in it (or Ctrl-C) stops the work.
@@ -148,8 +151,9 @@ def limit_gradient(
     ------
     ValueError
         If a shape is wrong, ``h0`` is NaN, zero, negative or inf throughout, g is
-        negative, NaN or above 1e30, the largest coordinate is outside 1e-60 to 1e60, or the
-        method does not support the background, order, g or option given.
+        negative, NaN or above 1e30, the largest coordinate is outside 1e-60 to 1e60, the
+        method does not support the background, order, g or option given, or ``initial`` is
+        the info of a call with another background, g, method or option.
 
     Warns
     -----
@@ -165,6 +169,15 @@ def limit_gradient(
     may exceed g around point sources and where fronts meet, by up to
     :math:`1/\cos(\theta/2)` for a cell with angle :math:`\theta` at its upstream
     vertex; so does that of the exact nodal values, at every mesh size.
+
+    *From an earlier solution.*  Fast marching and the edge-based scheme give what they give
+    from nothing, to rounding (where g depends on h to 1e-8, if the least bound differs).  Source
+    tracking does so for sizes from points; where bounds at neighbouring nodes compete, both ways
+    overlook a better place between nodes now and then, not always the same.
+    Methods without such a start, second order, changes that concern half of all nodes, and a
+    bound below all those that g(h) has been tabulated for are solved anew; the
+    Hamilton-Jacobi iteration starts from the earlier sizes.  Arrays given before may have been
+    written into in the meantime.
 
     References
     ----------
@@ -192,6 +205,15 @@ def limit_gradient(
     array([[0.1  , 0.25 , 0.4  ],
            [0.25 , 0.312, 0.35 ],
            [0.4  , 0.35 , 0.2  ]])
+
+    Another bound at one node, from what is known:
+
+    >>> h, info = limit_gradient(grid, h0, 0.3, full_output=True)
+    >>> h0[2, 2] = 0.4
+    >>> limit_gradient(grid, h0, 0.3, initial=info).round(3)
+    array([[0.1  , 0.25 , 0.4  ],
+           [0.25 , 0.312, 0.435],
+           [0.4  , 0.435, 0.4  ]])
     """
     domain = _domain(background)
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
@@ -232,10 +254,9 @@ def limit_gradient(
         solution = None
         if earlier is not None:
             refuse_others(earlier, background, method, problem, transform)
-            problem = with_start(earlier.record, method, problem)
             solution = resume(earlier.record, method, problem, transform)
         if solution is None:
-            solution = schemes.solve(domain, method, problem)
+            solution = schemes.solve(domain, method, with_start(record, method, problem))
     h = np.minimum(_backward(solution.h, transform, record), bound)  # the way back rounds
     if not full_output:
         return h

@@ -86,9 +86,9 @@ def refuse_background(record: Record, background: SimplexMesh | CartesianGrid | 
         )
 
 
-def with_start(record: Record, method: str, problem: Problem) -> Problem:
+def with_start(record: Record | None, method: str, problem: Problem) -> Problem:
     """Return the problem with the earlier sizes as the start of an iteration that takes any."""
-    if method != "hamilton-jacobi":
+    if record is None or method != "hamilton-jacobi":
         return problem
     start = record.solution.h
     if np.isinf(start[np.isfinite(problem.h0)]).any():
