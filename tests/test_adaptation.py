@@ -418,6 +418,31 @@ def test_projections_by_tag_move_their_facets_only():
         assert_array_equal(moved.facet_tags, tags)
 
 
+def test_a_node_where_a_tag_ends_stays():
+    mesh = structured_square(6, half_width=1.0)
+    middle = mesh.points[mesh.facets].mean(axis=1)
+    upper_right = (np.abs(middle[:, 0] - 1.0) < 1e-12) & (middle[:, 1] > 0.0)
+    facets = mesh.facets[upper_right]
+    tagged = SimplexMesh(
+        mesh.points, mesh.cells, tagged_facets=facets, facet_tags=np.full(len(facets), 5)
+    )
+    moved, report = move_to_boundary(tagged, {5: lambda x: x + np.array([0.01, 0.0])}, 30.0)
+    changed = (moved.points != mesh.points).any(axis=1)
+    y = mesh.points[:, 1]
+    assert_array_equal(changed, (mesh.points[:, 0] == 1.0) & (y > 1e-9) & (y < 1.0))
+    assert (report.n_nodes, report.n_corners) == (2, 2)
+
+
+def test_triangles_in_space_do_not_fold():
+    mesh = random_sphere(200, SEED)
+    moved, report = move_to_boundary(mesh, lambda x: x[::-1], 60.0)
+    assert report.n_shortened > 100
+    normals = [
+        np.cross(*np.diff(m.points[m.cells], axis=1).transpose(1, 0, 2)) for m in (mesh, moved)
+    ]
+    assert (np.einsum("nd,nd->n", *normals) > 0.0).all()
+
+
 def test_nodes_that_are_there_already_are_not_called_shortened():
     mesh = disc(4)
     moved, report = move_to_boundary(mesh, to_circle, 30.0)

@@ -21,8 +21,6 @@ ProjectionLike: TypeAlias = Projection | Mapping[int, Projection]
 #: A cell may lose so much of its measure, and of its quality, before moves are shortened.
 _LEAST_MEASURE = 0.3
 _LEAST_QUALITY = 0.5
-#: Triangles in space may turn by so much (cosine).
-_LEAST_TURN = 0.5
 #: The least share of a move; what would be shorter is none.
 _SHORTEST = 1.0 / 32.0
 #: Moves shorter than this share of the diagonal count as none.
@@ -237,9 +235,8 @@ def _is_worse(
     before: tuple[FloatArray, FloatArray], after: tuple[FloatArray, FloatArray]
 ) -> BoolArray:
     """Return which cells have lost too much of their measure or shape, or have turned."""
-    old, new = np.linalg.norm(before[0], axis=1), np.linalg.norm(after[0], axis=1)
-    along = np.einsum("nd,nd->n", before[0], after[0])
+    old = np.linalg.norm(before[0], axis=1)
+    along = np.einsum("nd,nd->n", before[0], after[0])  # what has turned counts as little
     left = np.divide(along, old**2, out=np.ones_like(old), where=old > 0.0)
     shape = left * before[1] / np.maximum(after[1], np.finfo(float).tiny)
-    turned = along < _LEAST_TURN * old * new
-    return np.asarray((left < _LEAST_MEASURE) | (shape < _LEAST_QUALITY) | turned)
+    return np.asarray((left < _LEAST_MEASURE) | (shape < _LEAST_QUALITY))
