@@ -1,6 +1,37 @@
-"""Flow over a bump at Mach 0.95, its mesh adapted to second derivatives of the density.
+"""Euler flow over a bump at Mach 0.95, with and without gradient limiting.
 
-Figure 12 of Persson's paper (section 7.1).
+Figure 12 of Persson's paper (section 7.1).  Four times: the density of the flow at the nodes,
+sizes that interpolate it equally well everywhere with 6000 triangles (`size_from_hessian`), a
+mesh of these sizes, the flow taken to it (`transfer_fields`) and computed there.
+
+Above, the sizes are used as they are.  Away from the shocks they grow by up to 37 per length,
+which no mesh can follow: fans of thin triangles arise.  Below, they are limited to g = 0.25.
+Left the meshes; in the middle the fish tail, where the oblique shock from the end of the bump
+meets the one behind it, with the smallest angle of each triangle; right the Mach number, and a
+line where it is 1.  The last meshes:
+
+| | without limiting | with limiting |
+|---|---:|---:|
+| steepest slope of the sizes | 37 | 0.25 |
+| triangles | 5610 | 6008 |
+| smallest angle | 3.0 | 33.8 |
+| angle of the worst hundredth | 7.9 | 38.9 |
+| triangles with an angle below 20 | 884 | 0 |
+| worst radius ratio | 0.030 | 0.643 |
+| mean radius ratio | 0.744 | 0.965 |
+| steps of the solver | over 400 | 275 |
+
+Converged is a flow when the mass that flows into the triangles and not out, summed without
+signs, is less than 1e-4 of the inflow.  Without limiting it is 2e-4 after 400 steps.
+
+The meshes come from `mesh_from_distance`, which like the generator of the paper takes sizes as they
+are; boundary nodes lie on the arc, 10 % as high as long, whatever the mesh before was like.
+Mmg by `remesh` is not left to grade limited sizes either, but grades those steeper than 3 per
+length: it made twice as many triangles of them as asked for.
+
+Above the bump and beyond both ends there is the free stream, and the flux between the two decides
+what enters and what leaves.  With a wall above, the flow would choke: at Mach 0.95 a stream cannot
+be narrowed by more than 0.2 %.  The solver is in `_euler.py`.  Takes under three minutes.
 
     python examples/plot_euler_bump.py [DIRECTORY]
 """
