@@ -264,6 +264,23 @@ def test_a_gap_narrower_than_the_leaves_is_no_part_of_the_domain():
     assert np.abs(found.points[:, 0]).min() > 0.31
 
 
+def test_reentrant_edges_that_meet_form_a_corner_as_well():
+    # A rib on a plate: below the corners of its foot two reentrant edges are equally near.
+    square = np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)])
+    foot = 0.3 + 0.4 * square
+    points = [np.column_stack([ring, np.full(4, z)])
+              for ring, z in ((square, 0.0), (square, 0.4), (foot, 0.4), (foot, 0.9))]  # fmt: skip
+    rings = [[a + i, a + (i + 1) % 4, b + (i + 1) % 4, b + i]
+             for a, b in ((0, 4), (4, 8), (8, 12)) for i in range(4)]  # fmt: skip
+    quads = np.array([*rings, [3, 2, 1, 0], [12, 13, 14, 15]])
+    cells = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    boundary = moved(SimplexMesh(np.concatenate(points), cells), TURN, (-0.5, -0.5, -0.4))
+    tree = around(to(boundary), 0.05, 3, 0.8)
+    size = feature_size(tree, boundary)
+    assert size.min() > 0.19
+    assert size[inside_and(tree, boundary)].max() < 0.8
+
+
 def test_it_follows_a_width_that_varies():
     # Floor and roof that differ by an angle w: the sum of the distances from the nearer one and
     # from the plane half way between them.

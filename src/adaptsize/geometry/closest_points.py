@@ -14,6 +14,7 @@ from adaptsize.background import Octree, SimplexMesh
 from adaptsize.geometry._orientation import oriented
 from adaptsize.geometry._surface_distance import inside_surface
 from adaptsize.geometry._winding import WindingNumber, is_cycle
+from adaptsize.geometry.curvature import crease_edges
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 #: Takes points, float64[n, dim]; returns the signed distance of each.
@@ -49,6 +50,11 @@ class Depths(NamedTuple):
 
 class Boundary(Protocol):
     """Something that has a closest point for every point."""
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Where three or more sharp edges meet, float64[n, dim]; as far as known."""
+        ...
 
     def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
         """Return what nodes see."""
@@ -104,6 +110,15 @@ class SurfaceBoundary:
         return np.einsum("ij,ijk->ik", weights, self.surface.points[nodes]), distance
 
     @cached_property
+    def vertices(self) -> FloatArray:
+        """Where three or more sharp edges meet."""
+        if self.surface.dim == 2:
+            return np.empty((0, 2))
+        merged = oriented(self.surface)[0]
+        meeting = np.bincount(crease_edges(merged).ravel(), minlength=merged.n_points)
+        return merged.points[meeting > 2]
+
+    @cached_property
     def _winding(self) -> WindingNumber:
         surface = self.surface
         return WindingNumber(surface if is_cycle(surface) else oriented(surface)[0])
@@ -140,6 +155,8 @@ class FunctionBoundary:
         When it is asked, if the function does not return one finite number per point; if it is
         no distance.
     """
+
+    vertices = np.empty((0, 3))
 
     def __init__(self, function: DistanceFunction, extent: float) -> None:
         self._function = function

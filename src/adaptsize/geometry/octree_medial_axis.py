@@ -41,6 +41,12 @@ _FARTHEST = 2.0
 _ASIDE = 0.02
 # ... from others the axis is looked for at their foot, up to this share of the way to it aside.
 _ACROSS = 0.125
+# Directions at the ends of the last part of an edge are those of a point if its radius is this
+# share of the edge at least, sixteen times that part.
+_RESOLVED = 1.0 / 16.0
+# Feet that are at most so many radii away from a vertex, both of them, are on its edges; those of a
+# vertex and a wall are farther from each other by the root of 2.
+_BESIDE = 1.2
 
 
 class Meetings(NamedTuple):
@@ -305,6 +311,32 @@ def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: f
     return np.asarray(distances)
 
 
+def _at_vertex(
+    points: FloatArray, boundary: Boundary, found: Meetings, corner_angle: float
+) -> BoolArray:
+    """Tell which meetings are of edges that run into one vertex, too small to tell, or outside.
+
+    Where reentrant edges meet, as at the corners of a rib that stands on a plate, fronts come
+    from edges, which tangent planes say nothing of.
+    """
+    from scipy.spatial import cKDTree
+
+    fronts = found.fronts
+    edge = np.linalg.norm(np.diff(points[found.ends], axis=1)[:, 0], axis=1)
+    dropped = fronts.radii < _RESOLVED * edge
+    if len(boundary.vertices) and len(fronts.radii):
+        vertex = boundary.vertices[cKDTree(boundary.vertices).query(fronts.points)[1]]
+        away = np.linalg.norm(fronts.feet() - vertex[:, None, :], axis=2)
+        dropped |= (away <= _BESIDE * fronts.radii[:, None]).all(axis=1)
+    dropped &= fronts.cosine > -np.cos(np.radians(corner_angle))
+    # An edge that leaves the domain between two points inside turns round at the boundary.
+    small = np.flatnonzero(fronts.radii < _RESOLVED * edge)
+    for side in range(2):
+        half_way = fronts.feet(0.5)[small, side]
+        dropped[small] |= boundary.seen_from(half_way).depth <= 0.0
+    return np.asarray(dropped)
+
+
 def medial_axis_on_mesh(
     mesh: SimplexMesh,
     boundary: Boundary,
@@ -318,9 +350,11 @@ def medial_axis_on_mesh(
     if len(found.ends) == 0 and not (nodes.depth > 0.0).any():
         raise ValueError("boundary must have a node or an edge of the background in it, got none")
     least = float(np.cos(np.radians(separation_angle)))
-    at_corner, apex = meet_at_corner(boundary.distance, 0.0, found.fronts, corner_angle)
+    meet, apex = meet_at_corner(boundary.distance, 0.0, found.fronts, corner_angle)
+    at_corner = meet | _at_vertex(mesh.points, boundary, found, corner_angle)
     rim = _beyond_corners(mesh.points, boundary, found.taken(at_corner), least)
     in_corner = meet_at_corner(boundary.distance, 0.0, rim.fronts, corner_angle)[0]
+    in_corner |= _at_vertex(mesh.points, boundary, rim, corner_angle)
     found = _joined([found.taken(~at_corner), rim.taken(~in_corner)])
     fronts = found.fronts
     distances = np.full(mesh.n_points, np.inf)
@@ -331,7 +365,7 @@ def medial_axis_on_mesh(
         radii=fronts.radii,
         angles=np.degrees(np.arccos(np.clip(fronts.cosine, -1.0, 1.0))),
         distances=distances,
-        corners=apex[at_corner],
+        corners=apex[meet],
     )
 
 
