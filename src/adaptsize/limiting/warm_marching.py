@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.limiting.problem import Problem
 
+# With more nodes without support than this share of all, a start from nothing is as quick.
+_MOST = 0.35
+
 
 def resume_fast_marching(
     mesh: SimplexMesh, earlier: Solution, problem: Problem, changes: Changes
@@ -39,7 +42,8 @@ def resume_fast_marching(
     -------
     Solution or None
         That of `solve_fast_marching` to rounding, as the equations have only one where g > 0;
-        None if obtuse slivers make nodes depend on each other in circles.
+        None if it is not worth while, or if obtuse slivers make nodes depend on each other in
+        circles.
 
     Notes
     -----
@@ -67,7 +71,8 @@ def _resume(
     h = earlier.h.copy()
     h[changes.lowered] = problem.h0[changes.lowered]
     heap = (np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64))
-    _take_back(geometry, h, problem, heap, changes.raised, edges)
+    if not _take_back(geometry, h, problem, heap, changes.raised, edges):
+        return None
     repair.queue(h, changes.lowered, *heap)
     most = None if edges else patience(n)
     accepted = accept_all(march, geometry, h, slope, heap, most, problem.report)
@@ -84,10 +89,13 @@ def _take_back(
     heap: tuple[Any, ...],
     raised: np.ndarray[Any, np.dtype[np.int32]],
     edges: bool,
-) -> None:
-    """Put nodes without support back (In/Out: h) and into the heap (In/Out)."""
+) -> bool:
+    """Put nodes without support back (In/Out: h) and into the heap (In/Out).
+
+    Returns False, and leaves the work unfinished, if they are too many.
+    """
     if len(raised) == 0:
-        return
+        return True
     n = len(h)
     given = (h, problem.h0, problem.slope.values, problem.slope.step, edges)
     lost, found, count = np.zeros(n, np.bool_), np.empty(n, np.int32), 0
@@ -103,4 +111,7 @@ def _take_back(
             *geometry, *given, lost, found, count, suspect, waiting, ends, CHUNK
         )
         problem.report("limiting the gradient", None)
+        if count > _MOST * n:
+            return False
     repair.begin_again(*geometry, *given, *heap, lost, found[:count])
+    return True
