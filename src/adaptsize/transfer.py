@@ -121,7 +121,7 @@ class FieldTransfer:
     Other fields come back as float64 or complex128, of any trailing shape.  Components of
     vectors and tensors are transferred one by one, in the fixed axes.
 
-    The overlaps cost some 4 microseconds per new triangle and 75 to 90 per new tetrahedron, once
+    The overlaps cost some 4 microseconds per new triangle and 55 per new tetrahedron, once
     for all fields, and 12 bytes of memory for each of the 6 or 22 old cells that overlap one.
 
     References
