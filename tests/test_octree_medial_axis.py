@@ -237,9 +237,10 @@ def test_nodes_and_middles_of_edges_may_be_on_the_boundary():
 
 
 def test_plates_on_both_sides_of_a_gap_do_not_see_each_other():
-    # Widths of .1 and .8, three leaves apart; straight across the gap the thin one is near.
+    # Widths of .1 and .8, less than two leaves apart, so that nodes in the gap belong to leaves that
+    # reach into both; straight across the gap the thin one is near.
     thin, thick = box(1.6, 1.6, 0.1), box(1.6, 1.6, 0.8)
-    parts = [thin.points + np.array([0.0, 0.0, -0.3]), thick.points]
+    parts = [thin.points + np.array([0.0, 0.0, -0.17]), thick.points]
     both = SimplexMesh(np.concatenate(parts), np.concatenate([thin.cells, thick.cells + 8]))
     boundary = moved(both, TURN, (-0.8, -0.8, -0.4))
     tree = around(to(boundary), 0.08, 3)
@@ -247,7 +248,7 @@ def test_plates_on_both_sides_of_a_gap_do_not_see_each_other():
     x, y, z = (tree.points @ TURN).T
     middle = (np.abs(x) < 0.4) & (np.abs(y) < 0.4)
     in_thick = middle & (np.abs(z) <= 0.4)
-    in_thin = middle & (z > -0.7) & (z < -0.6)
+    in_thin = middle & (z > -0.57) & (z < -0.47)
     assert in_thin.sum() > 20
     np.testing.assert_allclose(size[in_thin], 0.05, rtol=0.02)
     assert size[in_thick].min() > 0.9 * 0.4

@@ -50,8 +50,8 @@ def medial_axis(
     where the closest one on it is.  Edges of the mesh (of the conforming one of the octree) whose
     ends see it in directions that differ by the separation angle are halved eight times; where
     the directions still do, they jump, and the point is where both fronts are equally
-    far.  Where they only turn fast, around a curve or a point of the axis, it is the centre of the
-    ball that touches the boundary on both sides and holds nothing of it.
+    far.  Where they only turn fast, around a curve or a point of the axis, it is looked for on the
+    way inward from there; and the rim of the axis on the way inward from corners.
 
     Points between two pieces of the boundary that meet at a corner are left out: there the
     medial axis reaches the boundary, and a feature size from it would vanish.
@@ -130,7 +130,7 @@ def medial_axis(
     *On octrees and meshes* points on surfaces of the axis are exact to rounding between plane
     pieces, else to 1/256 of an edge, squared, over the radius.  One edge across a narrow place is
     enough, even if both of its ends are outside.  O(n log n) time, most of it for closest points:
-    one for each node and ten for each edge that may carry a point.
+    one for each node and ten to thirty for each edge that may carry a point.
 
     References
     ----------
