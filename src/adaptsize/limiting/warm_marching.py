@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from adaptsize.limiting.problem import Problem
 
 # With more nodes without support than this share of all, a start from nothing is as quick.
-_MOST = 0.35
+_MOST = 0.5
 
 
 def resume_fast_marching(
