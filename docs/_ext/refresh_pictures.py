@@ -38,7 +38,9 @@ def shrink(source: Path, target: Path) -> int:
     while True:
         height = round(picture.height * width / picture.width)
         scaled = picture.resize((width, height), Image.Resampling.LANCZOS)
-        scaled.quantize(256, dither=Image.Dither.NONE).save(target, optimize=True)
+        # The default palette of Pillow loses rare dark colours, such as those of lines.
+        palette = scaled.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        palette.save(target, optimize=True)
         if (size := target.stat().st_size) <= LARGEST:
             return size
         width = int(0.9 * width)
