@@ -201,7 +201,8 @@ def draw_meshes(path: Path, turns: dict[str, Turn], width: int) -> None:
         figure.colorbar(colours, ax=zoom, label="smallest angle", shrink=0.7)
         window(zoom, AT_SHOCK, f"at the shocks; worst {angles.min():.1f}°")
         draw_flow(flow, turn)
-        window(flow, AROUND, f"Mach number; {solution.steps} steps")
+        end = "" if solution.converged else ", not converged"
+        window(flow, AROUND, f"Mach number; {solution.steps} steps{end}")
     save_drawing(path, figure)
 
 
