@@ -237,8 +237,8 @@ def test_nodes_and_middles_of_edges_may_be_on_the_boundary():
 
 
 def test_plates_on_both_sides_of_a_gap_do_not_see_each_other():
-    # Widths of .1 and .8, less than two leaves apart, so that nodes in the gap belong to leaves that
-    # reach into both; straight across the gap the thin one is near.
+    # Widths of .1 and .8, less than two leaves apart, so that nodes in the gap belong to leaves of
+    # both; straight across the gap the thin one is near.
     thin, thick = box(1.6, 1.6, 0.1), box(1.6, 1.6, 0.8)
     parts = [thin.points + np.array([0.0, 0.0, -0.17]), thick.points]
     both = SimplexMesh(np.concatenate(parts), np.concatenate([thin.cells, thick.cells + 8]))
@@ -263,6 +263,16 @@ def test_a_gap_narrower_than_the_leaves_is_no_part_of_the_domain():
     assert len(found.points) > 4
     np.testing.assert_allclose(found.points[:, 1], 0.0, atol=0.01)
     assert np.abs(found.points[:, 0]).min() > 0.31
+
+
+def test_edges_that_leave_the_domain_on_their_way_find_no_axis_where_they_do():
+    # Two walls of .1 a gap of .1 apart, and nodes near their outer sides: at .02 and .28.
+    wall = np.array([(0.0, -2.0), (0.1, -2.0), (0.1, 2.0), (0.0, 2.0)])
+    boundary = outline(wall, wall + np.array([0.2, 0.0]))
+    tree = Octree([-0.5, -0.52], [0.54, 0.52], (4, 4), [0] * 16)
+    x = medial_axis(tree, boundary).points[:, 0]
+    assert len(x) > 0
+    np.testing.assert_allclose(np.abs(x - 0.15), 0.1, atol=1e-9)
 
 
 def test_reentrant_edges_that_meet_form_a_corner_as_well():
