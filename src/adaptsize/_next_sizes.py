@@ -135,8 +135,7 @@ def next_sizes(mesh: SimplexMesh, wishes: Wishes, factor: float) -> NextSizes:
         held = minimum(*bounds, hmin=wishes.hmin, hmax=wishes.hmax)
         if wishes.g is None:
             return held
-        # For its speed: it is called some ten times, and generators miss sizes by more.
-        return limit_gradient(mesh, held, wishes.g, method="fast-marching")
+        return limit_gradient(mesh, held, wishes.g)
 
     def from_error(tolerance: float | None, target: float | None) -> FloatArray:
         assert wishes.indicator is not None
