@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 
 from adaptsize import SimplexMesh, SizeFunction, adapt, adaptation, remesh
-from adaptsize._boundary_moves import move_to_boundary
+from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.errors import BackendUnavailableError, ResolutionWarning
 from adaptsize.remeshing import registry
 from adaptsize.sizes import predicted_elements

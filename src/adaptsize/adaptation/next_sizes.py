@@ -10,8 +10,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._adaptation_report import BUDGET_TOLERANCE
 from adaptsize._checks import as_float_array, as_number, describe, refuse_where
+from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.nodal_size import SizeFunction

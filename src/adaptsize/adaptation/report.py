@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adaptsize._boundary_moves import BoundaryMoves
+from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import SimplexMesh
 from adaptsize.quality import Conformity
 from adaptsize.typing import FloatArray

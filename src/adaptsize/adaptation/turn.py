@@ -11,20 +11,15 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._adaptation_report import (
-    BUDGET_TOLERANCE,
-    AdaptReport,
-    boundary_distance,
-    lost_tags,
-)
-from adaptsize._boundary_moves import (
+from adaptsize._checks import as_number, describe
+from adaptsize._progress import reporting
+from adaptsize.adaptation.boundary_moves import (
     BoundaryMoves,
     ProjectionLike,
     check_projection,
     move_to_boundary,
 )
-from adaptsize._checks import as_number, describe
-from adaptsize._next_sizes import (
+from adaptsize.adaptation.next_sizes import (
     BoundLike,
     NextSizes,
     Verdict,
@@ -35,7 +30,12 @@ from adaptsize._next_sizes import (
     next_sizes,
     verdict,
 )
-from adaptsize._progress import reporting
+from adaptsize.adaptation.report import (
+    BUDGET_TOLERANCE,
+    AdaptReport,
+    boundary_distance,
+    lost_tags,
+)
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.nodal_size import SizeFunction
