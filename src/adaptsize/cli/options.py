@@ -33,7 +33,7 @@ Sources = Annotated[
     typer.Option(
         "--source",
         help="point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
-        "region:tag=h; may be repeated.",
+        "region:tag=h; without z in the plane; may be repeated.",
     ),
 ]
 Field = Annotated[str | None, typer.Option("--field", help="Nodal field of the file to use.")]
