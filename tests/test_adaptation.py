@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 
-from adaptsize import SimplexMesh, SizeFunction, adapt, adaptation, remesh
+from adaptsize import SimplexMesh, SizeFunction, adapt, remesh
+from adaptsize.adaptation import turn
 from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.errors import BackendUnavailableError, ResolutionWarning
 from adaptsize.remeshing import registry
@@ -61,7 +62,7 @@ def generator(monkeypatch):
             return SimplexMesh(made.points, made.cells, cell_tags=np.zeros(made.n_cells, int))
 
     made = Generator()
-    monkeypatch.setattr(adaptation, "remesh", made)
+    monkeypatch.setattr(turn, "remesh", made)
     monkeypatch.setattr(registry, "_is_installed", lambda backend: True)
     return made
 
@@ -128,7 +129,7 @@ def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
             return super().__call__(mesh, size, **options)
 
     jumping = Jumping()
-    monkeypatch.setattr(adaptation, "remesh", jumping)
+    monkeypatch.setattr(turn, "remesh", jumping)
     mesh = jittered_square(12, SEED, half_width=1.0)
     result = adapt(mesh, indicator(mesh), target_elements=3000)
     assert result.report.n_meshes == 3
@@ -206,12 +207,12 @@ def test_a_few_cells_that_are_much_too_long_are_worth_a_mesh(generator):
 def test_a_loop_ends_at_the_tolerance(generator):
     mesh = jittered_square(12, SEED, half_width=1.0)
     aim = 0.1 * np.linalg.norm(mesh.measures)
-    for turn in range(10):  # noqa: B007 - it is looked at below
+    for cycle in range(10):  # noqa: B007 - it is looked at below
         result = adapt(mesh, mesh.measures, order=1, tolerance=aim)
         if not result.remeshed:
             break
         mesh = result.mesh
-    assert 1 <= turn <= 5
+    assert 1 <= cycle <= 5
     assert result.converged
     assert np.linalg.norm(mesh.measures) <= aim
     assert "is within the tolerance" in result.reason
@@ -549,6 +550,6 @@ def test_progress_stops_the_work(generator):
     assert texts[0] == "sizes"
 
 
-def test_remesh_is_what_adapt_calls(monkeypatch):
+def test_remesh_is_what_adapt_calls():
     # The fixture above replaces this name.
-    assert adaptation.remesh is remesh
+    assert turn.remesh is remesh
