@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -333,10 +332,11 @@ def test_a_reader_that_leaves_early_is_no_error(unbuffered):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
 def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
     pipe = tmp_path / "never.vtu"
-    os.mkfifo(pipe)  # reading it waits for ever
+    os.mkfifo(pipe)
     child = program("info", pipe)
-    time.sleep(2.0)
+    writer = os.open(pipe, os.O_WRONLY)  # waits for the reader, who then waits for ever
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
+    os.close(writer)
     assert child.returncode == 130
     assert (out, err) == ("", "adaptsize: interrupted\n")
