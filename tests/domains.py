@@ -145,6 +145,106 @@ def window_box(n, *, width=2.0, lower=(-20.0, -8.0), upper=(10.0, 16.0), seed=10
     return _walled_box(n, width, y, z, is_open, seed), (width, lower, upper)
 
 
+def blocks(n, *, seed=1009):
+    """The square with seven rectangular blocks cut out: 28 reflex corners."""
+    boxes = [(-42, -30, 5, 40), (-22, 4, 26, 34), (14, 20, 8, 44), (30, 42, 20, 26),
+             (-38, -6, -14, -8), (6, 36, -22, -10), (-26, -16, -44, -24)]  # fmt: skip
+    square = _box(-HALF_WIDTH, HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH)
+    rings = (square, *(_box(*box)[::-1].copy() for box in boxes))
+    return _triangulated(rings, n, seed), rings
+
+
+def spiral(n, *, turns=3, width=2.0, seed=1010):
+    """The square with a wall that winds inwards and leaves one corridor, for n >= 1000."""
+    w, pitch = HALF_WIDTH, HALF_WIDTH / (turns + 0.5)
+    centre = [(-w, w - pitch)]
+    for turn in range(1, turns + 1):
+        far, near = w - turn * pitch, w - (turn + 1) * pitch
+        centre += [(far, far), (far, -far), (-far, -far), (-far, near)]
+    # Both sides of the wall: every part moved across, corners where moved parts meet.
+    centre = np.array(centre)
+    along = np.diff(centre, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    left = 0.5 * width * along[:, ::-1] * [-1.0, 1.0]
+    ends = np.concatenate([left[:1], left[:-1] + left[1:], left[-1:]])
+    wall = np.concatenate([centre + ends, (centre - ends)[::-1]])
+    rings = (np.concatenate([[[-w, -w], [w, -w], [w, w], [-w, w]], wall]),)
+    return _triangulated(rings, n, seed), rings
+
+
+def holes(n, n_holes, n_corners, *, seed=1011):
+    """The square with regular polygons cut out, which stand on a jittered lattice.
+
+    Such as 6 holes of 40, 200 or 400 corners, 100 of 24, or 1000 of 6.
+    """
+    rng = np.random.default_rng(seed)
+    n_columns = int(np.ceil(np.sqrt(n_holes)))
+    n_rows = -(-n_holes // n_columns)
+    side = 2.0 * HALF_WIDTH / np.array([n_columns, n_rows])
+    rings = [_box(-HALF_WIDTH, HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH)]
+    for place in range(n_holes):
+        middle = np.array([place % n_columns, place // n_columns]) + 0.5
+        # Two holes are farther apart than half an edge of a hexagon is long.
+        centre = (middle + rng.uniform(-0.08, 0.08, 2)) * side - HALF_WIDTH
+        radius, turn = rng.uniform(0.22, 0.30) * side.min(), rng.uniform(0.0, 2.0 * np.pi)
+        rings.append(_regular(centre, radius, n_corners, turn)[::-1].copy())
+    rings = tuple(rings)
+    return _triangulated(rings, n, seed), rings
+
+
+def l_shape(n, *, seed=1012):
+    """The square without its upper right quarter: one reflex corner, at the origin."""
+    w = HALF_WIDTH
+    ring = np.array([[-w, -w], [w, -w], [w, 0.0], [0.0, 0.0], [0.0, w], [-w, w]])
+    return _triangulated((ring,), n, seed), (ring,)
+
+
+def with_removed_cells(mesh, seed, count, *, pinched=True):
+    """Return a mesh of triangles without ``count`` of them, and its boundary.
+
+    The triangles are taken at random.  None has an edge on the boundary or in common with
+    another one, so that each is a hole of its own.  They may share nodes, which
+    are pinched then, unless ``pinched`` is False.  Fewer are removed if there is no room.
+    The boundary is float64[m, 2, 2], segments with the domain on their left.
+    """
+    number, _ = _triangle_edges(mesh.cells)
+    edges_of_cell = number.reshape(3, -1).T
+    touches = (np.bincount(number)[edges_of_cell] == 1).any(axis=1)
+    parts_of_cell = edges_of_cell
+    if not pinched:
+        nodes = np.zeros(mesh.n_points, bool)
+        nodes[mesh.cells[touches]] = True
+        touches |= nodes[mesh.cells].any(axis=1)
+        parts_of_cell = mesh.cells
+    taken, removed = set(), []
+    for cell in np.random.default_rng(seed).permutation(np.flatnonzero(~touches)):
+        if len(removed) == count:
+            break
+        parts = parts_of_cell[cell].tolist()
+        if taken.isdisjoint(parts):
+            taken.update(parts)
+            removed.append(cell)
+    rest = SimplexMesh(mesh.points, np.delete(mesh.cells, removed, axis=0))
+    return rest, boundary_segments(rest)
+
+
+def boundary_segments(mesh):
+    """Return the edges of a single triangle, the domain on their left, float64[m, 2, 2]."""
+    corners = mesh.points[mesh.cells]
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    turned = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
+    cells = np.where(turned[:, None], mesh.cells[:, [0, 2, 1]], mesh.cells)
+    number, ends = _triangle_edges(cells)
+    return mesh.points[ends[np.bincount(number)[number] == 1]]
+
+
+def _triangle_edges(cells):
+    """Return the numbers and the ends of edges, first edges of all triangles first, int[3 m]."""
+    ends = np.concatenate([cells[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
+    keys = ends.min(axis=1) * (ends.max() + 1) + ends.max(axis=1)
+    return np.unique(keys, return_inverse=True)[1], ends
+
+
 class Case(NamedTuple):
     """A domain with point sources, and what gives the exact sizes."""
 
@@ -180,8 +280,8 @@ def _box(x0, x1, y0, y1):
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
 
 
-def _regular(centre, radius, n):
-    angle = 2.0 * np.pi * np.arange(n) / n
+def _regular(centre, radius, n, turn=0.0):
+    angle = turn + 2.0 * np.pi * np.arange(n) / n
     return np.asarray(centre) + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 

@@ -98,3 +98,45 @@ def group_rows(rows, n_points, first, group):
                 n_groups += 1
             group[row] = n_groups - 1
     return n_groups
+
+
+@njit(cache=True, nogil=True)
+def join_cells(cells, parent):
+    """Join the nodes of each cell, so that equal roots mean the same component.
+
+    Parameters
+    ----------
+    cells : int32[m, k]
+    parent : int32[n_points]
+        In: each node itself; Out: for each node the least node of its component.
+    """
+    for c in range(cells.shape[0]):
+        a = cells[c, 0]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        for v in range(1, cells.shape[1]):
+            b = cells[c, v]
+            while parent[b] != b:
+                parent[b] = parent[parent[b]]
+                b = parent[b]
+            if a < b:
+                parent[b] = a
+            else:
+                parent[a] = b
+                a = b
+    for i in range(parent.shape[0]):
+        parent[i] = parent[parent[i]]
+
+
+@njit(cache=True, nogil=True)
+def mark_nodes(cells, used):
+    """Mark the nodes of cells (In/Out: used, bool[n_points]); return how many are marked now."""
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            used[cells[c, v]] = True
+    count = 0
+    for i in range(used.shape[0]):
+        if used[i]:
+            count += 1
+    return count

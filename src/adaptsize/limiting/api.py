@@ -36,6 +36,7 @@ def limit_gradient(
     tol: float = ...,
     max_iter: int | None = ...,
     face_sources: bool = ...,
+    threads: int | None = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> FloatArray: ...
@@ -52,6 +53,7 @@ def limit_gradient(
     tol: float = ...,
     max_iter: int | None = ...,
     face_sources: bool = ...,
+    threads: int | None = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[FloatArray, LimitingInfo]: ...
@@ -67,6 +69,7 @@ def limit_gradient(
     tol: float = 1e-3,
     max_iter: int | None = None,
     face_sources: bool = True,
+    threads: int | None = None,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray | tuple[FloatArray, LimitingInfo]:
@@ -246,6 +249,7 @@ def limit_gradient(
             tol=as_number("tol", tol, lower=0.0, strict=True),
             max_iter=max_iter,
             face_sources=bool(face_sources),
+            threads=_as_threads(threads),
             residual=full_output,
             report=report,
         )
@@ -343,6 +347,14 @@ def _refuse_idle_options(
         raise ValueError(f"initial is for method={only}, got method={method!r}")
     if max_iter is not None and (not isinstance(max_iter, int | np.integer) or max_iter < 1):
         raise ValueError(f"max_iter must be an integer >= 1 or None, got {max_iter!r}")
+
+
+def _as_threads(threads: object) -> int | None:
+    if threads is None:
+        return None
+    if isinstance(threads, bool) or not isinstance(threads, int | np.integer) or threads < 1:
+        raise ValueError(f"threads must be an integer >= 1 or None, got {threads!r}")
+    return int(threads)
 
 
 def _silent(text: str, share: float | None) -> None:

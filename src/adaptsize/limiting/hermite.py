@@ -10,7 +10,7 @@ import numpy.typing as npt
 from adaptsize._kernels import headings, march_higher
 from adaptsize._kernels.march import fill_stars, largest_edge_slope
 from adaptsize._kernels.march_higher import ONE_LIMIT, PER_CELL, PER_NODE
-from adaptsize.limiting.domain import flat_boundary, is_convex, turns_of
+from adaptsize.geometry.boundary import FLAT, flat_boundary, is_convex, turns_in_plane
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -170,10 +170,10 @@ def _heap_of(h: FloatArray) -> tuple[FloatArray, IntArray, IntArray, npt.NDArray
 def _where_paths_bend(mesh: SimplexMesh) -> tuple[BoolArray, bool]:
     """Return the nodes at which the boundary turns inwards, and whether the domain is convex."""
     boundary = flat_boundary(mesh)
-    turns = turns_of(mesh.points, boundary)
+    nodes, angles = turns_in_plane(mesh.points, boundary.facets)
     bends = np.zeros(mesh.n_points, np.bool_)
-    bends[turns.ridges[~(turns.angles >= -_FLAT)].ravel()] = True
-    return bends, is_convex(mesh.points, boundary, turns)
+    bends[nodes[~(angles >= -FLAT)]] = True
+    return bends, is_convex(mesh.points, boundary)
 
 
 def _limits(

@@ -9,10 +9,10 @@ import numpy as np
 
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import on_grids, on_simplices
+from adaptsize.limiting.exact import ExactSolution
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.problem import Problem
 from adaptsize.limiting.solution import Solution
-from adaptsize.limiting.source_tracking import TrackedSolution
 from adaptsize.limiting.sources import SizeSources
 from adaptsize.typing import FloatArray
 
@@ -45,14 +45,13 @@ class LimitingInfo:
     Numbers that take a look at all nodes or cells are worked out when they are asked for.
 
     Given to `limit_gradient` as ``initial``, it saves most of the work on a problem that
-    differs at few nodes.  For that it keeps the arrays of the solution: 70 (fast marching) to 135
-    bytes per node (source tracking) of triangles, 260 to 450 of tetrahedra, 25 to 40 of a grid.
+    differs at few nodes.  For that it keeps the arrays of the solution.
     """
 
     method: str
     """The scheme that was used."""
     iterations: int
-    """Nodes accepted while marching, or steps of an iteration."""
+    """Nodes accepted while marching, steps of an iteration, or sources of the exact method."""
     converged: bool
     """Whether the tolerance was met within ``max_iter``."""
     record: Record
@@ -82,8 +81,7 @@ class LimitingInfo:
     def residual(self) -> float:
         """What the scheme's own equation is missed by.
 
-        Relative to the largest finite size (marching) or to g (iterations); of source tracking,
-        by how much the bound along edges is.
+        Relative to the largest finite size (marching) or to g (iterations); 0 of the exact method.
         """
         return self.record.solution.residual
 
@@ -118,20 +116,31 @@ class LimitingInfo:
         return self._slopes[1]
 
     @cached_property
+    def n_proved(self) -> int | None:
+        """Number of nodes whose size is proved exact; None for other methods than ``"exact"``.
+
+        All of them in convex domains and in the plane.  In space those of which the source that
+        allows the least, however it is hidden, is seen.
+        """
+        solution = self.record.solution
+        return solution.n_proved if isinstance(solution, ExactSolution) else None
+
+    @cached_property
+    def largest_gap(self) -> float | None:
+        """Largest difference of a size that is not proved and its lower bound, in sizes.
+
+        The lower bound is what all sources allow when nothing hides them.  0 if all sizes are
+        proved; None for other methods than ``"exact"``.  With g(h) that of the transformed size.
+        """
+        solution = self.record.solution
+        return solution.largest_gap if isinstance(solution, ExactSolution) else None
+
+    @cached_property
     def sources(self) -> SizeSources | None:
-        """Where each size comes from; only of source tracking."""
+        """Where each size comes from; None for other methods than ``"exact"``."""
         record = self.record
-        solution = record.solution
-        if not isinstance(solution, TrackedSolution):
+        if not isinstance(record.solution, ExactSolution):
             return None
-        return SizeSources(
-            background=record.background,
-            nodes=solution.source,
-            sizes=solution.source_sizes,
-            bent=solution.bent,
-            bound=record.problem.h0.ravel(),
-            limited=solution.h.ravel(),
-            g=float(record.problem.slope.values[0]),
-            convex=solution.is_convex,
-            transform=record.transform,
+        return SizeSources.of(
+            record.background, record.solution, record.problem.h0, record.transform
         )

@@ -9,7 +9,6 @@ import numpy as np
 
 from adaptsize.limiting.exact import solve_exact
 from adaptsize.limiting.grid_marching import solve_grid_edges, solve_grid_marching
-from adaptsize.limiting.grid_tracking import solve_grid_tracking
 from adaptsize.limiting.hamilton_jacobi import solve_hamilton_jacobi
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from adaptsize.limiting.gradient_limit import Slope
     from adaptsize.limiting.problem import Problem
 
-METHODS = ("source-tracking", "fast-marching", "hamilton-jacobi", "edge-based", "exact")
+METHODS = ("exact", "fast-marching", "hamilton-jacobi", "edge-based")
 ITERATIVE = ("hamilton-jacobi",)
 SECOND_ORDER = ("fast-marching", "hamilton-jacobi")
 
@@ -28,7 +27,7 @@ def choose_method(grid: CartesianGrid, problem: Problem) -> str:
     """Return what ``method="auto"`` takes: the most accurate scheme that applies."""
     if problem.slope.step or problem.order == 2:
         return "fast-marching"
-    return "source-tracking"
+    return "exact"
 
 
 def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
@@ -37,21 +36,19 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
     residual, report = problem.residual, problem.report
     if method == "hamilton-jacobi":
         return _iterate(grid, problem)
-    if method == "source-tracking":
-        return solve_grid_tracking(
-            grid,
-            h0,
-            slope.number(method),
-            face_sources=problem.face_sources,
-            residual=residual,
-            report=report,
-        )
     if method == "fast-marching":
         order = problem.order
         return solve_grid_marching(grid, h0, slope, order=order, residual=residual, report=report)
     if method == "edge-based":
         return solve_grid_edges(grid, h0, slope, residual=residual, report=report)
-    return solve_exact(grid, h0, slope, residual=residual, report=report)
+    return solve_exact(
+        grid,
+        h0,
+        slope,
+        face_sources=problem.face_sources,
+        threads=problem.threads,
+        report=report,
+    )
 
 
 def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:

@@ -14,7 +14,6 @@ from adaptsize.limiting.fast_marching import solve_edge_based, solve_fast_marchi
 from adaptsize.limiting.hermite import solve_hermite
 from adaptsize.limiting.positive_coefficient import solve_positive_coefficient
 from adaptsize.limiting.solution import Solution
-from adaptsize.limiting.source_tracking import solve_source_tracking
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -23,13 +22,12 @@ if TYPE_CHECKING:
     from adaptsize.limiting.problem import Problem
 
 METHODS = (
-    "source-tracking",
+    "exact",
     "factored",
     "hermite",
     "fast-marching",
     "positive-coefficient",
     "edge-based",
-    "exact",
 )
 ITERATIVE = ("positive-coefficient",)
 SECOND_ORDER: tuple[str, ...] = ()
@@ -37,7 +35,6 @@ _WITH_GRADIENTS = {"factored": solve_factored, "hermite": solve_hermite}
 _DIRECT = {
     "fast-marching": solve_fast_marching,
     "edge-based": solve_edge_based,
-    "exact": solve_exact,
 }
 
 
@@ -46,7 +43,7 @@ def choose_method(mesh: SimplexMesh, problem: Problem) -> str:
     slope = problem.slope
     is_flat = mesh.cell_dim == mesh.dim
     if is_flat and not slope.step:
-        return "source-tracking"
+        return "exact"
     varies_in_cells = slope.step and slope.at_nodes is None  # may jump
     if mesh.cell_dim != 2 or varies_in_cells:
         return "fast-marching"
@@ -57,30 +54,22 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
     """Run one of METHODS."""
     if method == "positive-coefficient":
         return _iterate(mesh, problem)
-    if method == "source-tracking":
-        return _track(mesh, problem)
     h0, slope = problem.h0, problem.slope
     residual, report = problem.residual, problem.report
+    if method == "exact":
+        return solve_exact(
+            mesh,
+            h0,
+            slope,
+            face_sources=problem.face_sources,
+            threads=problem.threads,
+            report=report,
+        )
     if method in _WITH_GRADIENTS:
         return _WITH_GRADIENTS[method](
             mesh, h0, slope, nodal_g=slope.at_nodes, residual=residual, report=report
         )
     return _DIRECT[method](mesh, h0, slope, residual=residual, report=report)
-
-
-def _track(mesh: SimplexMesh, problem: Problem) -> Solution:
-    if mesh.cell_dim != mesh.dim:
-        raise ValueError(
-            f"method='source-tracking' needs a flat domain of full dimension, got {mesh!r}"
-        )
-    return solve_source_tracking(
-        mesh,
-        problem.h0,
-        problem.slope.number("source-tracking"),
-        face_sources=problem.face_sources,
-        residual=problem.residual,
-        report=problem.report,
-    )
 
 
 def _iterate(mesh: SimplexMesh, problem: Problem) -> Solution:

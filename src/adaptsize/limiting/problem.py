@@ -21,6 +21,7 @@ class Problem:
     tol: float
     max_iter: int | None
     face_sources: bool
+    threads: int | None
     residual: bool
     """Whether to measure the residual."""
     report: ProgressCallback

@@ -1,4 +1,4 @@
-"""Where limited sizes come from, and sizes between the nodes straight from there."""
+"""Where limited sizes come from."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_points
-from adaptsize._kernels.evaluate import evaluate_sources
-from adaptsize.background import CartesianGrid
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from adaptsize.background import Octree, SimplexMesh
+    from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+    from adaptsize.limiting.exact import ExactSolution
+    from adaptsize.limiting.exact.api import Part
     from adaptsize.limiting.gradient_limit import SizeTransform
 
 # Points that are worked on between two chances for Ctrl-C.
@@ -25,38 +25,55 @@ _AT_ONCE = 500_000
 class SizeSources:
     """The source of each nodal size: the node, edge or face whose bound it grew from.
 
-    What source tracking knows, told by ``limit_gradient(..., full_output=True)`` as
-    ``info.sources``.  With the sources a size function needs no interpolation: see
-    `evaluate`, and `SizeFunction`.
+    Result of the exact method, as ``info.sources`` of
+    ``limit_gradient(..., full_output=True)``.  With the sources a size function needs no
+    interpolation: see `evaluate`, and `SizeFunction`.
     """
 
     background: SimplexMesh | CartesianGrid | Octree
     nodes: IntArray
-    """int32[n_points, k]: numbers of the nodes of each source, -1 where there are fewer than
-    k.  A node that keeps its bound is its own source; a node that no bound reaches has none.
-    Where the way to the bound bends, the source is the last bend."""
-    sizes: FloatArray
-    """float64[n_points, k]: sizes at these nodes, inf where there are fewer; transformed if
-    g depends on h."""
+    """int32[n_points, dim]: nodes of each source, -1 where there are fewer.  A node that keeps
+    its bound is its own source; a node that no bound reaches has none.  Where the path bends at a
+    node, that is the source."""
+    bends: FloatArray
+    """float64[n_points, dim]: the last point where the path from the source bends, nan where it is
+    straight; no rows in a convex domain."""
     bound: FloatArray
-    """float64[n_points]: h0, transformed like ``sizes``."""
+    """float64[n_points]: h0; transformed if g depends on h."""
     limited: FloatArray
-    """float64[n_points]: the limited sizes, transformed like ``sizes``."""
-    g: float
-    """Gradient limit (1 if it depends on h)."""
-    convex: bool
-    """Whether every straight line between nodes lies in the domain."""
+    """float64[n_points]: the limited sizes; transformed if g depends on h."""
+    parts: list[Part] = field(default_factory=list)
+    """What decides the size in each component of the domain."""
     transform: SizeTransform | None = None
-    bent: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    """float64[n_points, 4], or no rows: where in space a path bends on a reflex edge, which is
-    then the source, a point and the size there from which it comes over that edge; else nan.
-    With several bends the point is turned about the edges before into the line to the last."""
 
-    def __post_init__(self) -> None:
-        unreached = np.isinf(self.limited)  # where each node counts as its own source so far
-        if unreached.any():
-            nodes = np.where(unreached[:, None], np.int32(-1), self.nodes)
-            object.__setattr__(self, "nodes", nodes)  # the way in for a frozen dataclass
+    @classmethod
+    def of(
+        cls,
+        background: SimplexMesh | CartesianGrid | Octree,
+        solution: ExactSolution,
+        bound: FloatArray,
+        transform: SizeTransform | None,
+    ) -> SizeSources:
+        """Return the sources of a solution."""
+        n, dim = solution.h.size, background.dim
+        nodes = np.full((n, dim), -1, np.int32)
+        nodes[:, 0] = np.arange(n)
+        convex = all(len(part.found.bend) == 0 for part in solution.parts)
+        bends = np.full((0 if convex else n, dim), np.nan)
+        for part in solution.parts:
+            where = np.arange(n) if part.nodes is None else part.nodes
+            found = part.found
+            named = np.concatenate([wave.nodes for wave in found.field.waves])
+            has = found.source >= 0
+            own = named[found.source[has]]
+            if part.nodes is not None:
+                own = np.where(own >= 0, part.nodes[own], np.int32(-1))
+            nodes[where[has]] = own
+            if len(found.bend):
+                bends[where] = found.bend
+        nodes[np.isinf(solution.h.ravel())] = -1
+        limited = solution.h.ravel()
+        return cls(background, nodes, bends, bound.ravel(), limited, solution.parts, transform)
 
     def __repr__(self) -> str:
         """Say how many sources feed how many nodes."""
@@ -68,14 +85,16 @@ class SizeSources:
         """Return for each node the node whose bound its size goes back to.
 
         Bends are followed to their own source, and of a source of several nodes the one
-        of the smallest size is taken.
+        of the smallest bound is taken.
 
         Returns
         -------
         ndarray of int32, shape (n_points,)
             -1 where no bound reaches.
         """
-        least = np.argmin(np.where(self.nodes >= 0, self.sizes, np.inf), axis=1)
+        bounds = np.where(self.nodes >= 0, self.bound[self.nodes], np.inf)
+        several = (self.nodes[:, 1:] >= 0).any(axis=1)
+        least = np.where(several, np.argmin(bounds, axis=1), 0)
         root = np.take_along_axis(self.nodes, least[:, None], axis=1)[:, 0]
         while True:  # each round doubles the length of the way back
             further = np.where(root >= 0, root[root], -1)
@@ -84,13 +103,12 @@ class SizeSources:
             root = further
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the limited size at points of the domain, straight from the sources.
+        """Return the limited size at points of the domain, without interpolation.
 
-        The least of what the sources of the nodes around a point allow there, and of the
-        interpolated bound.  Where the sizes come from points and the domain is convex this is
-        the limited size itself, to rounding, except beside nodes whose own source is not the
-        best.  In a domain that is not convex it is so away from shadow lines: where the nodes
-        around a point have different sources the nodal sizes are interpolated.
+        The least of what sources and corners of the boundary allow that the point sees, and
+        of the interpolated bound: the limited size itself, to rounding, in convex domains and in the
+        plane.  In solids that are not convex, and on grids with passages without a whole box, the
+        nodal sizes are interpolated.
 
         Parameters
         ----------
@@ -107,41 +125,18 @@ class SizeSources:
 
     def _evaluate(self, points: FloatArray) -> FloatArray:
         around, weights, _ = self.background.locator.weights(points)
-        used = weights > 0.0
-        nodes, sizes = self.nodes[around], self.sizes[around]
-        bent = self.bent[around] if len(self.bent) else self.bent
-        width = nodes.shape[-1]
-        # Only the nodes that are sources here, and a row that the kernel works in.
-        needed, number = np.unique(nodes, return_inverse=True)
-        number = np.where(nodes >= 0, number.reshape(nodes.shape), -1).astype(np.int32)
-        places = np.concatenate(
-            [self._places(np.maximum(needed, 0)), np.empty((1, points.shape[1]))]
-        )
-        carriers = np.where(used, np.arange(used.size).reshape(used.shape), -1).astype(np.int32)
-        value = np.empty(len(points))
-        evaluate_sources(
-            places,
-            (0,) * points.shape[1],
-            points,
-            carriers,
-            number.reshape(-1, width),
-            sizes.reshape(-1, width),
-            bent.reshape(-1, 4),
-            self.g,
-            not self.convex,
-            value,
-        )
-        mixed = np.isnan(value)
-        value = np.minimum(value, _interpolate(self.bound, around, weights))
-        value[mixed] = _interpolate(self.limited, around[mixed], weights[mixed])
+        value = _interpolate(self.limited, around, weights)
+        bound = _interpolate(self.bound, around, weights)
+        heaviest = np.take_along_axis(around, np.argmax(weights, axis=1)[:, None], axis=1)[:, 0]
+        for part in self.parts:
+            inside: BoolArray = np.ones(len(points), np.bool_)
+            if part.nodes is not None:
+                member = np.zeros(len(self.limited), np.bool_)
+                member[part.nodes] = True
+                inside = member[heaviest]
+            if part.found.proved is None:
+                value[inside] = part.found.field.evaluate(points[inside], bound[inside])
         return value
-
-    def _places(self, nodes: IntArray) -> FloatArray:
-        """Return the coordinates of nodes, without those of a whole grid."""
-        if isinstance(self.background, CartesianGrid):
-            index = np.stack(np.unravel_index(nodes, self.background.shape), axis=1)
-            return self.background.origin + self.background.spacing * index
-        return self.background.points[nodes]
 
 
 def _interpolate(values: FloatArray, around: IntArray, weights: FloatArray) -> FloatArray:

@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.limiting.changes import Changes
+from adaptsize.limiting.exact import ExactSolution, solve_exact_again
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.solution import Solution
-from adaptsize.limiting.warm_grids import (
-    resume_grid_edges,
-    resume_grid_marching,
-    resume_grid_tracking,
-)
-from adaptsize.limiting.warm_marching import resume_edge_based, resume_fast_marching
-from adaptsize.limiting.warm_tracking import resume_source_tracking
 
 if TYPE_CHECKING:
     from adaptsize.limiting.info import LimitingInfo, Record
     from adaptsize.limiting.problem import Problem
-
-_ON_SIMPLICES: dict[str, Callable[..., Solution | None]] = {
-    "source-tracking": resume_source_tracking,
-    "fast-marching": resume_fast_marching,
-    "edge-based": resume_edge_based,
-}
-_ON_GRIDS: dict[str, Callable[..., Solution | None]] = {
-    "source-tracking": resume_grid_tracking,
-    "fast-marching": resume_grid_marching,
-    "edge-based": resume_grid_edges,
-}
-
 
 def resume(
     record: Record, method: str, problem: Problem, transform: SizeTransform | None
@@ -45,11 +25,17 @@ def resume(
     """
     if transform is not record.transform:  # sizes below those of the table
         return None
-    schemes = _ON_GRIDS if isinstance(record.domain, CartesianGrid) else _ON_SIMPLICES
-    if method not in schemes or problem.order != 1:
+    if not isinstance(record.solution, ExactSolution):
         return None
-    changes = Changes.between(record.problem.h0, problem.h0, record.solution.h)
-    return schemes[method](record.domain, record.solution, problem, changes)
+    return solve_exact_again(
+        record.domain,
+        problem.h0,
+        problem.slope,
+        record.solution,
+        face_sources=problem.face_sources,
+        threads=problem.threads,
+        report=problem.report,
+    )
 
 
 def refuse_others(

@@ -1,0 +1,482 @@
+"""The limited size in a plane domain that is not convex: the least that is seen.
+
+The shortest way between two points bends only at corners of the boundary where the domain fills
+more than a half plane, so that
+
+    h(x) = min over the sources and corners z that x sees of  U(z) + g |x - z|,
+
+U being the bound of a source and the size at a corner.  Every value is that of a way in
+the domain: no size is too small.
+
+A way that arrives at a corner in direction d leaves it towards the obstacle only, between d and
+the edge of the obstacle on that side, as it could be shortened otherwise.  This *wedge* is the
+cone of the corner; where the obstacle lies straight ahead, the corner serves nobody.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.exact import BLOCK, Entries, gather_block, least_allowed, push_children
+from adaptsize._kernels.exact_items import allowed, set_vertices
+from adaptsize._kernels.heap import pop, push_or_decrease
+from adaptsize._kernels.sight import (
+    LEFT,
+    MANY,
+    NARROW,
+    RIGHT,
+    Sectors,
+    Walls,
+    common_side,
+    find_walls,
+    hides,
+    in_sectors,
+    is_hidden,
+    is_in_cone,
+    side_in_cone,
+)
+from adaptsize._kernels.trees import DEPTH, LEAF
+
+# Two ways to a corner are equally short if they differ by less than this share.
+_TIE = 1e-12
+
+# A direction counts as along a wall up to this angle.
+_AHEAD = 1e-9
+
+# Walls that hide what could dominate a node, before it counts as a survivor.
+_PATIENCE = 12
+
+# Entries that won in one block and are tried first in the next.
+_RECENT = 8
+
+
+class Sight(NamedTuple):
+    """What a plane domain lets see."""
+
+    walls: Walls
+    sectors: Sectors
+
+
+class Seen(NamedTuple):
+    """Entries with the cones that they serve."""
+
+    entries: Entries
+    cones: np.ndarray
+    """float64[m, 4]"""
+    kinds: np.ndarray
+    """int8[m]"""
+    rows: np.ndarray
+    """int32[m]: rows of nodes of the boundary in the sectors, -1 for others."""
+    is_corner: np.ndarray
+    """bool[m]: where ways bend; such an entry is no source for the corner itself."""
+
+
+class Corners(NamedTuple):
+    """Where ways may bend, and what is found out about them."""
+
+    rows: np.ndarray
+    """int32[c]: rows in the sectors."""
+    places: np.ndarray
+    """float64[c, 2]"""
+    edges: np.ndarray
+    """float64[c, 4]: unit vectors along the walls there, the sector from the first to the
+    second, counterclockwise."""
+    free: np.ndarray
+    """bool[c]: ways may leave in all sectors of the node."""
+    sizes: np.ndarray
+    """float64[c]: Out."""
+    turns: np.ndarray
+    """bool[c, 2]: Out: whether ways go on to the right, to the left."""
+    arrivals: np.ndarray
+    """float64[c, 2, 2]: Out: the direction in which they arrive."""
+
+
+@inner
+def _foot(entries, k, axes, work, g):
+    """Return what entry k allows at work[0], and from which point.
+
+    inf where that is an end of an edge: the node is an entry itself, or dominated.
+    """
+    value, t, _ = allowed(entries, k, axes, work, g, None)
+    fx, fy = work[1, 0], work[1, 1]
+    if entries.counts[k] == 2:
+        if not 0.0 < t < 1.0:
+            value = math.inf
+        fx += t * (work[2, 0] - fx)
+        fy += t * (work[2, 1] - fy)
+    return value, fx, fy
+
+
+@inner
+def _sides(seen, k, dx, dy, row, sight):
+    """Return the sides on which the domain is along the line from entry k by (dx, dy); 0: none.
+
+    The line is from that entry to a node of the boundary; ``row``: that of the node in the sectors.
+    """
+    slack = sight.walls.slack
+    if seen.rows[k] >= 0:
+        code = in_sectors(sight.sectors, seen.rows[k], dx, dy, slack)
+    else:
+        code = side_in_cone(seen.cones, seen.kinds, k, dx, dy, slack)
+    return common_side(sight.sectors, seen.rows[k], code, row, dx, dy, slack)
+
+
+@inner
+def _may_serve(seen, k, box, g, worst, slack):
+    """Tell whether the node k may lower a size below ``worst`` in a box: is it near, and in its cone?
+    """
+    entries = seen.entries
+    if least_allowed(entries, k, (0, 0), box, g) >= worst:
+        return False
+    if seen.kinds[k] != NARROW or entries.counts[k] > 1:
+        return True
+    left, right = box[0] - entries.places[k, 0, 0], box[2] - entries.places[k, 0, 0]
+    low, high = box[1] - entries.places[k, 0, 1], box[3] - entries.places[k, 0, 1]
+    sx, sy, ex, ey = seen.cones[k, 0], seen.cones[k, 1], seen.cones[k, 2], seen.cones[k, 3]
+    # The largest of both cross products over the box.
+    after_start = (sx * high if sx > 0.0 else sx * low) - (sy * left if sy > 0.0 else sy * right)
+    before_end = (ey * right if ey > 0.0 else ey * left) - (ex * low if ex > 0.0 else ex * high)
+    return after_start >= -slack and before_end >= -slack
+
+
+@inner
+def _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
+    """Lower the sizes h of the points of a block to what entry k allows where they see it.
+
+    ``room``: scratch (values, feet, wanted, sides, boxes, planes, stack, found, work).
+    """
+    values, feet, wanted, sides, boxes, planes, stack, found, work = room
+    entries, slack = seen.entries, sight.walls.slack
+    cones, kinds = seen.cones, seen.kinds  # handing on the tuple would count all of its references
+    set_vertices(entries, k, axes, work)
+    n_wanted = 0
+    for i in range(count):
+        work[0, 0], work[0, 1] = x[0, i], x[1, i]
+        if entries.counts[k] == 1:
+            dx, dy = x[0, i] - work[1, 0], x[1, i] - work[1, 1]
+            value = entries.sizes[k, 0] + g * math.sqrt(dx * dx + dy * dy)
+            fx, fy = work[1, 0], work[1, 1]
+        else:
+            value, fx, fy = _foot(entries, k, axes, work, g)
+        if not value < h[i] or (seen.is_corner[k] and value == entries.sizes[k, 0]):
+            continue
+        dx, dy = x[0, i] - fx, x[1, i] - fy
+        if not is_in_cone(cones, kinds, k, dx, dy, slack):
+            continue
+        side = LEFT + RIGHT
+        if node[i] >= 0:
+            side = _sides(seen, k, dx, dy, node[i], sight)
+            if side == 0:
+                continue
+            side = (LEFT + RIGHT) - side if side != LEFT + RIGHT else side  # seen from the node
+        sides[n_wanted] = side
+        values[n_wanted], feet[n_wanted, 0], feet[n_wanted, 1] = value, fx, fy
+        wanted[n_wanted] = i
+        n_wanted += 1
+    if n_wanted == 0:
+        return False
+    source, target = boxes[0], boxes[1]
+    for d in range(2):
+        source[d] = source[2 + d] = feet[0, d]
+        target[d] = target[2 + d] = x[d, wanted[0]]
+        for a in range(1, n_wanted):
+            source[d], source[2 + d] = min(source[d], feet[a, d]), max(source[2 + d], feet[a, d])
+            at = x[d, wanted[a]]
+            target[d], target[2 + d] = min(target[d], at), max(target[2 + d], at)
+    n_walls = find_walls(sight.walls, source, target, planes, stack, found)
+    if n_walls < 0:
+        return False
+    lowered = False
+    for a in range(n_wanted):
+        i, side = wanted[a], sides[a]
+        px, py, fx, fy = x[0, i], x[1, i], feet[a, 0], feet[a, 1]
+        hidden = False
+        if n_walls > MANY:
+            hidden = is_hidden(sight.walls, px, py, fx, fy, side, stack)
+        else:
+            for f in range(n_walls):
+                w = found[f]
+                if hides(sight.walls.ends, w, px, py, fx, fy, side, slack):
+                    hidden = True
+                    found[f], found[0] = found[0], w  # likely to hide the next point, too
+                    break
+        if not hidden:
+            h[i], by[i] = values[a], k
+            lowered = True
+    return lowered
+
+
+@kernel
+def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, on_wall):
+    """Lower the sizes of points to the least that the entries allow that they see.
+
+    Parameters
+    ----------
+    points : float64[n, 2]
+    axes : tuple of length 2
+    order : int32[n]
+        The points along a Morton curve.
+    first, last : int
+        The part of ``order`` to work on; ``first`` a multiple of BLOCK.
+    seen : Seen
+        Nodes and edges.
+    sight : Sight
+    g : float64
+    sizes : float64[n]
+        In/Out.
+    source : int32[n]
+        In/Out: the entry where a size was lowered.
+    on_wall : int32[n]
+        For points that are nodes of the boundary their rows in the sectors, else -1.
+    """
+    entries = seen.entries
+    m = entries.counts.shape[0]
+    stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
+    box, x, h = np.empty(4), np.empty((2, BLOCK)), np.empty(BLOCK)
+    by, node = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int64)
+    room = (
+        np.empty(BLOCK),
+        np.empty((BLOCK, 2)),
+        np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64),
+        np.empty((2, 4)),
+        np.empty((8, 3)),
+        np.empty(DEPTH, np.int64),
+        np.empty(MANY, np.int32),
+        np.empty((4, 2)),
+    )
+    recent = np.full(_RECENT, -1, np.int32)
+    slack = sight.walls.slack
+    for start in range(first, last, BLOCK):
+        stop = min(start + BLOCK, last)
+        count = stop - start
+        gather_block(points, axes, order, start, stop, x, box)
+        for i in range(count):
+            h[i], by[i] = sizes[order[start + i]], -1
+            node[i] = on_wall[order[start + i]]
+        for r in range(_RECENT):
+            if recent[r] >= 0:
+                _try_entry(seen, recent[r], x, node, count, axes, g, sight, h, by, room)
+        worst = -math.inf
+        for i in range(count):
+            worst = max(worst, h[i])
+        stack[0], bound[0], size = 1, -math.inf, 1
+        while size > 0:
+            size -= 1
+            b = stack[size]
+            if bound[size] >= worst:
+                continue
+            if b < entries.n_leaves:
+                size = push_children(entries, axes, b, box, g, worst, stack, bound, size)
+                continue
+            leaf = b - entries.n_leaves
+            for k in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
+                if not _may_serve(seen, k, box, g, worst, slack):
+                    continue
+                if _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
+                    worst = -math.inf
+                    for i in range(count):
+                        worst = max(worst, h[i])
+        n_recent = 0
+        recent[:] = -1
+        for i in range(count):
+            if by[i] < 0:
+                continue
+            sizes[order[start + i]] = h[i]
+            source[order[start + i]] = by[i]
+            known = n_recent == _RECENT
+            for r in range(n_recent):
+                known = known or recent[r] == by[i]
+            if not known:
+                recent[n_recent] = by[i]
+                n_recent += 1
+
+
+@inner
+def _sees(seen, k, fx, fy, px, py, row, sight, stack):
+    """Tell whether a point, of a row of sectors or -1, sees the point (fx, fy) of entry k."""
+    dx, dy = px - fx, py - fy
+    if not is_in_cone(seen.cones, seen.kinds, k, dx, dy, sight.walls.slack):
+        return False
+    side = LEFT + RIGHT if row < 0 else _sides(seen, k, dx, dy, row, sight)
+    return side != 0 and not is_hidden(sight.walls, fx, fy, px, py, side, stack)
+
+
+@kernel
+def find_seen_survivors(points, axes, order, first, last, seen, sight, g, sizes, on_wall, survives):
+    """Tell which nodes keep their bound: none that they see allows less there.
+
+    Nodes with many that are hidden keep it untried; that costs time only.
+
+    Parameters
+    ----------
+    points, axes, order, first, last, seen, sight, g, on_wall
+        As in `lower_seen`; the entries are nodes.
+    sizes : float64[n]
+        Bounds of ``points``.
+    survives : bool[n]
+        Out, for the points in ``order``.
+    """
+    entries = seen.entries
+    m = entries.counts.shape[0]
+    stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
+    other, box = np.empty(DEPTH, np.int64), np.empty(4)
+    for p in range(first, last):
+        i = order[p]
+        px, py, size_here = points[i, 0], points[i, 1], sizes[i]
+        box[0], box[1], box[2], box[3] = px, py, px, py
+        survives[i] = True
+        hidden = 0
+        stack[0], bound[0], size = 1, -math.inf, 1
+        while size > 0 and survives[i] and hidden < _PATIENCE:
+            size -= 1
+            b = stack[size]
+            if b < entries.n_leaves:
+                size = push_children(entries, axes, b, box, g, size_here, stack, bound, size)
+                continue
+            leaf = b - entries.n_leaves
+            for k in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
+                fx, fy = entries.places[k, 0, 0], entries.places[k, 0, 1]
+                away = math.sqrt((px - fx) ** 2 + (py - fy) ** 2)
+                if entries.sizes[k, 0] + g * away < size_here:
+                    if _sees(seen, k, fx, fy, px, py, on_wall[i], sight, other):
+                        survives[i] = False
+                        break
+                    hidden += 1
+
+
+@inner
+def _offer(corners, c, value, dx, dy):
+    """Offer a size to corner c by a way that arrives in direction (dx, dy).
+
+    Returns whether that changes what the corner allows elsewhere.
+    """
+    best = corners.sizes[c]
+    if not value <= best * (1.0 + _TIE):
+        return False
+    changed = value < best * (1.0 - _TIE)
+    if changed:
+        corners.turns[c, 0] = corners.turns[c, 1] = False
+    corners.sizes[c] = min(value, best)
+    length = math.sqrt(dx * dx + dy * dy)
+    if corners.free[c] or length == 0.0:
+        return changed
+    dx, dy = dx / length, dy / length
+    edges = corners.edges[c]
+    after_start, before_end = edges[0] * dy - edges[1] * dx, dx * edges[3] - dy * edges[2]
+    # Neither where the obstacle lies straight ahead; both at the tip of a slit.
+    if after_start >= -_AHEAD and before_end <= _AHEAD:
+        along = after_start < 0.0 and edges[0] * dx + edges[1] * dy > 0.0
+        x, y = (edges[0], edges[1]) if along else (dx, dy)
+        changed = _turn(corners, c, 0, x, y) or changed
+    if after_start <= _AHEAD and before_end >= -_AHEAD:
+        along = before_end < 0.0 and edges[2] * dx + edges[3] * dy > 0.0
+        x, y = (edges[2], edges[3]) if along else (dx, dy)
+        changed = _turn(corners, c, 1, x, y) or changed
+    return changed
+
+
+@inner
+def _turn(corners, c, side, dx, dy):
+    """Let ways that arrive at corner c in direction (dx, dy) go on to a side, too; is it new?"""
+    arrival = corners.arrivals[c, side]
+    turn = arrival[0] * dy - arrival[1] * dx
+    if corners.turns[c, side] and not (turn > _TIE if side == 0 else turn < -_TIE):
+        return False
+    corners.turns[c, side] = True
+    arrival[0], arrival[1] = dx, dy
+    return True
+
+
+@inner
+def _in_wedge(corners, c, dx, dy, slack):
+    """Tell whether corner c serves the direction (dx, dy)."""
+    if corners.free[c]:
+        return True
+    for side in range(2):
+        if not corners.turns[c, side]:
+            continue
+        ax, ay = corners.arrivals[c, side, 0], corners.arrivals[c, side, 1]
+        if side == 0:
+            sx, sy, ex, ey = corners.edges[c, 0], corners.edges[c, 1], ax, ay
+        else:
+            sx, sy, ex, ey = ax, ay, corners.edges[c, 2], corners.edges[c, 3]
+        if sx * dy - sy * dx >= -slack and dx * ey - dy * ex >= -slack:
+            return True
+    return False
+
+
+@kernel
+def solve_corners(corners, seen, sight, g, axes):
+    """Lower the sizes at corners and find the wedges that they serve (In/Out: corners).
+
+    First from all that each sees; then, in the order of size, each corner that is lowered offers
+    itself to those that it sees in its wedge, as in Dijkstra's algorithm.
+
+    Parameters
+    ----------
+    corners : Corners
+    seen : Seen
+        Sources.
+    sight : Sight
+    g : float64
+    axes : tuple of length 2
+    """
+    entries = seen.entries
+    m, n = entries.counts.shape[0], corners.rows.shape[0]
+    slack = sight.walls.slack
+    stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
+    other, box, work = np.empty(DEPTH, np.int64), np.empty(4), np.empty((4, 2))
+    key, node = np.empty(n), np.empty(n, np.int32)
+    place, heap_size = np.full(n, -1, np.int32), np.zeros(1, np.int64)
+    done = np.zeros(n, np.bool_)
+    for c in range(n):
+        px, py = corners.places[c, 0], corners.places[c, 1]
+        box[0], box[1], box[2], box[3] = px, py, px, py
+        taken = False
+        stack[0], bound[0], size = 1, -math.inf, 1
+        while size > 0:
+            size -= 1
+            b = stack[size]
+            limit = corners.sizes[c] * (1.0 + 2.0 * _TIE)
+            if bound[size] >= limit:
+                continue
+            if b < entries.n_leaves:
+                size = push_children(entries, axes, b, box, g, limit, stack, bound, size)
+                continue
+            leaf = b - entries.n_leaves
+            for k in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
+                set_vertices(entries, k, axes, work)
+                work[0, 0], work[0, 1] = px, py
+                value, fx, fy = _foot(entries, k, axes, work, g)
+                if value <= corners.sizes[c] * (1.0 + _TIE) and _sees(
+                    seen, k, fx, fy, px, py, corners.rows[c], sight, other
+                ):
+                    taken = _offer(corners, c, value, px - fx, py - fy) or taken
+        if taken:
+            push_or_decrease(key, node, place, heap_size, c, corners.sizes[c])
+    while heap_size[0] > 0:
+        c = pop(key, node, place, heap_size)
+        done[c] = True
+        if not (corners.free[c] or corners.turns[c, 0] or corners.turns[c, 1]):
+            continue
+        for to in range(n):
+            if done[to]:
+                continue
+            dx = corners.places[to, 0] - corners.places[c, 0]
+            dy = corners.places[to, 1] - corners.places[c, 1]
+            value = corners.sizes[c] + g * math.sqrt(dx * dx + dy * dy)
+            if not value <= corners.sizes[to] * (1.0 + _TIE):
+                continue
+            if not _in_wedge(corners, c, dx, dy, slack):
+                continue
+            code = in_sectors(sight.sectors, corners.rows[c], dx, dy, slack)
+            row, end = corners.rows[c], corners.rows[to]
+            side = common_side(sight.sectors, row, code, end, dx, dy, slack)
+            px, py = corners.places[c]
+            if side == 0 or is_hidden(sight.walls, px, py, px + dx, py + dy, side, other):
+                continue
+            if _offer(corners, to, value, dx, dy):
+                push_or_decrease(key, node, place, heap_size, to, value)

@@ -1,0 +1,827 @@
+"""The limited size in a solid that is not convex: ways over reflex edges of the boundary.
+
+Shortest ways in a polyhedral domain are straight but for bends on *reflex* edges, at which the
+domain fills more than a half space, and at nodes of these.  A *way* leads from its *base*, a
+source or a node of a reflex edge with the size there, over a chain of reflex edges to a point x.
+Turned about the last edge into the half plane opposite to x, the rest of the way is a
+straight line: with f and r the place along the edge and the distance from it of the base as
+turned, the *image*, and s and d those of x, the way is not shorter than
+
+    ((s - f)^2 + (d + r)^2)^(1/2),  and bends at  t = (f d + s r) / (d + r).
+
+The length is this one if all edges of the chain are in one plane pairwise; otherwise the bends
+are improved by Newton's method.  Sizes are taken from the pieces of the way as it is, each of which
+is tested for sight: no size is too small.
+
+*Sight*: a triangle of the boundary hides two points from each other if they lie strictly, by more
+than rounding, on either side of it and the line between them meets it, its border
+included.  At nodes of the boundary the direction must lie in a cell besides, at reflex edges on the
+inner side of one of the two faces.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.exact import BLOCK, SLACK, gather_block
+from adaptsize._kernels.exact_items import allowed, set_vertices
+from adaptsize._kernels.trees import DEPTH, LEAF
+
+#: Most edges of a way.
+LONGEST = 12
+
+# Angle by which a direction may be outside.
+_AHEAD = 1e-10
+
+# Triangles that have hidden something lately and are tried first.
+_CACHED = 8
+
+# Most steps of Newton's method.
+_STEPS = 8
+
+# A place in an edge or triangle with less weight of a vertex lies opposite to it.
+_IN_ITEM = 1e-9
+
+# Part of the ends of an edge that belongs to its nodes.
+_END = 1e-12
+
+
+class Walls(NamedTuple):
+    """The triangles of the boundary of a solid."""
+
+    triangles: np.ndarray
+    """float64[f, 14]: a vertex, the unit normal, the gradients of two barycentric coordinates,
+    the distance that counts as none, and the coordinate that counts as 0."""
+    boxes: np.ndarray
+    """float64[2 * n_leaves, 7]: the tree over them (see trees.py)."""
+    n_leaves: int
+    slack: float
+    """Distance that counts as none."""
+
+
+class Stars(NamedTuple):
+    """The cells at nodes of the boundary."""
+
+    points: np.ndarray
+    """float64[n, 3]: the nodes of the mesh."""
+    rows: np.ndarray
+    """int32[n]: row of a node of the boundary, -1 inside."""
+    first: np.ndarray
+    """int32[rows + 1]"""
+    star: np.ndarray
+    """int32[s, 3]: ``star[first[row]:first[row + 1]]`` are the other nodes of the cells at a
+    node, so that their directions are a right-handed triple."""
+
+
+class Sight(NamedTuple):
+    """What a solid lets see."""
+
+    walls: Walls
+    stars: Stars
+
+
+class Edges(NamedTuple):
+    """Straight reflex edges."""
+
+    start: np.ndarray
+    """float64[e, 3]"""
+    along: np.ndarray
+    """float64[e, 3]: unit vectors."""
+    length: np.ndarray
+    """float64[e]"""
+    normals: np.ndarray
+    """float64[e, 2, 3]: outward normals of the two faces."""
+
+
+class Bases(NamedTuple):
+    """Sources and nodes of reflex edges, from which ways start."""
+
+    places: np.ndarray
+    """float64[b, 3, 3]: vertices of each."""
+    sizes: np.ndarray
+    """float64[b, 3]: sizes there."""
+    counts: np.ndarray
+    """int8[b]: 1, 2 or 3 vertices."""
+    nodes: np.ndarray
+    """int32[b, 3]: their numbers, -1 where there are fewer."""
+
+
+class Ways(NamedTuple):
+    """Ways without their last piece.  Way b < len(bases.counts) is straight from base b."""
+
+    bases: Bases
+    edges: Edges
+    base: np.ndarray
+    """int32[w]"""
+    parent: np.ndarray
+    """int32[w]: the way that is continued over one more edge, -1 for straight ones."""
+    edge: np.ndarray
+    """int32[w]: that edge, -1 for straight ones."""
+    image: np.ndarray
+    """float64[w, 2]: place along the edge, and distance from it, of the base as turned."""
+    offset: np.ndarray
+    """float64[w]: size at the image."""
+    shade: np.ndarray
+    """float64[w, 3, 3]: the way serves points of which the first vector times (x - start of
+    the edge) is not positive, and one of the others not negative."""
+    skew: np.ndarray
+    """bool[w]: two edges in succession are not in one plane."""
+
+
+class Choice(NamedTuple):
+    """Ways to be tried, along a Morton curve."""
+
+    ways: np.ndarray
+    """int32[c]"""
+    boxes: np.ndarray
+    n_leaves: int
+
+
+class Field(NamedTuple):
+    """Sizes, and from where they come."""
+
+    sizes: np.ndarray
+    """float64[n]"""
+    way: np.ndarray
+    """int32[n]: -1 for none."""
+    last: np.ndarray
+    """float64[n, 3]: the last place before."""
+
+
+class Block(NamedTuple):
+    """Points of a block, and ways to them."""
+
+    box: np.ndarray
+    """float64[6]: around the points."""
+    nodes: np.ndarray
+    """int64[3, BLOCK]: row 0 nodes of the mesh, -1 for other points; else -1."""
+    sizes: np.ndarray
+    """float64[BLOCK]"""
+    way: np.ndarray
+    """int64[BLOCK]: what lowered them, -1 where nothing did."""
+    last: np.ndarray
+    """float64[3, BLOCK]: the last place before them."""
+    feet: np.ndarray
+    """float64[LONGEST + 2, 3, BLOCK]: the points, where one way bends before them, and its base."""
+    support: np.ndarray
+    """int64[3, BLOCK]: nodes around the place in the base, -1 where there are fewer."""
+    values: np.ndarray
+    """float64[BLOCK]: what that way allows."""
+    active: np.ndarray
+    """int64[BLOCK]: points in question."""
+    cached: np.ndarray
+    """int64[_CACHED]: triangles that have hidden something lately, -1 where there are fewer."""
+
+
+@inner
+def _enters(points, star, ring, a, b, c, dx, dy, dz):
+    """Tell whether a direction at a point inside node a, edge ab or face abc enters the domain.
+
+    b and c are -1 where there are fewer nodes; ``ring``: from where to where the cells at a are
+    in ``star``.
+    """
+    limit = _AHEAD * _AHEAD * (dx * dx + dy * dy + dz * dz)
+    if limit == 0.0:
+        return True
+    wanted = (1 if b >= 0 else 0) + (1 if c >= 0 else 0)
+    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+    for k in range(ring[0], ring[1]):
+        found = 0
+        outside = False
+        for v in range(3):
+            o = star[k, v]
+            if o == b or o == c:  # the face opposite to it does not hold the point
+                found += 1
+                continue
+            p, q = star[k, (v + 1) % 3], star[k, (v + 2) % 3]
+            px, py, pz = points[p, 0] - ax, points[p, 1] - ay, points[p, 2] - az
+            qx, qy, qz = points[q, 0] - ax, points[q, 1] - ay, points[q, 2] - az
+            nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+            inwards = nx * dx + ny * dy + nz * dz
+            if inwards < 0.0 and inwards * inwards > limit * (nx * nx + ny * ny + nz * nz):
+                outside = True
+                break
+        if not outside and found == wanted:
+            return True
+    return False
+
+
+@inner
+def _without_leaving(stars, nodes, feet, level, other, active, m):
+    """Take points out of ``active`` where the piece from feet[level] to feet[other] starts outside.
+
+    ``nodes``: int64[3, BLOCK], those of the node, edge or face on which feet[level] lies.
+    Returns how many are left.
+    """
+    left = 0
+    for k in range(m):
+        i = active[k]
+        a, b, c = nodes[0, i], nodes[1, i], nodes[2, i]
+        dx = feet[other, 0, i] - feet[level, 0, i]
+        dy = feet[other, 1, i] - feet[level, 1, i]
+        dz = feet[other, 2, i] - feet[level, 2, i]
+        inside = a < 0 or stars.rows[a] < 0 or (b >= 0 and stars.rows[b] < 0)
+        inside = inside or (c >= 0 and stars.rows[c] < 0)
+        if not inside:
+            ring = (stars.first[stars.rows[a]], stars.first[stars.rows[a] + 1])
+            inside = _enters(stars.points, stars.star, ring, a, b, c, dx, dy, dz)
+        if inside:
+            active[left] = i
+            left += 1
+    return left
+
+
+@inner
+def _crosses(triangles, t, a, b, i):
+    """Tell whether triangle t separates a[:, i] from b[:, i]."""
+    at_a = at_b = 0.0
+    for d in range(3):
+        at_a += triangles[t, 3 + d] * (a[d, i] - triangles[t, d])
+        at_b += triangles[t, 3 + d] * (b[d, i] - triangles[t, d])
+    slack = triangles[t, 12]
+    if not ((at_a > slack and at_b < -slack) or (at_a < -slack and at_b > slack)):
+        return False
+    share = at_a / (at_a - at_b)
+    u = v = 0.0
+    for d in range(3):
+        p = a[d, i] + share * (b[d, i] - a[d, i]) - triangles[t, d]
+        u += triangles[t, 6 + d] * p
+        v += triangles[t, 9 + d] * p
+    nil = triangles[t, 13]
+    return u >= -nil and v >= -nil and u + v <= 1.0 + nil
+
+
+@inner
+def _set_shaft(shaft, a, b, active, m, slack):
+    """Put boxes around the points ``active`` of a and of b."""
+    for d in range(3):
+        a_low = b_low = math.inf
+        a_high = b_high = -math.inf
+        for k in range(m):
+            i = active[k]
+            a_low, a_high = min(a_low, a[d, i]), max(a_high, a[d, i])
+            b_low, b_high = min(b_low, b[d, i]), max(b_high, b[d, i])
+        shaft[d], shaft[3 + d] = a_low - slack, a_high + slack
+        shaft[6 + d], shaft[9 + d] = b_low - a_low, b_high - a_high
+
+
+@inner
+def _meets_shaft(boxes, n, shaft):
+    """Tell whether box n meets the hull of the two boxes of a shaft."""
+    begin, end = 0.0, 1.0
+    for d in range(3):
+        room, change = boxes[n, 3 + d] - shaft[d], shaft[6 + d]
+        if change > 0.0:
+            end = min(end, room / change)
+        elif change < 0.0:
+            begin = max(begin, room / change)
+        elif room < 0.0:
+            return False
+        room, change = boxes[n, d] - shaft[3 + d], shaft[9 + d]
+        if change > 0.0:
+            begin = max(begin, room / change)
+        elif change < 0.0:
+            end = min(end, room / change)
+        elif room > 0.0:
+            return False
+        if begin > end:
+            return False
+    return True
+
+
+@inner
+def _separates(triangles, t, shaft):
+    """Tell whether the two ends of a shaft have points strictly on either side of a triangle."""
+    middle_a = middle_b = reach_a = reach_b = 0.0
+    for d in range(3):
+        n, o = triangles[t, 3 + d], triangles[t, d]
+        low, high = shaft[d], shaft[3 + d]
+        middle_a += n * (0.5 * (low + high) - o)
+        reach_a += abs(n) * 0.5 * (high - low)
+        low, high = low + shaft[6 + d], high + shaft[9 + d]
+        middle_b += n * (0.5 * (low + high) - o)
+        reach_b += abs(n) * 0.5 * (high - low)
+    slack = triangles[t, 12]
+    return (middle_a + reach_a > slack and middle_b - reach_b < -slack) or (
+        middle_a - reach_a < -slack and middle_b + reach_b > slack
+    )
+
+
+@inner
+def _without_crossing(triangles, t, a, b, active, m):
+    """Take points out of ``active`` where triangle t hides a from b; return how many are left."""
+    left = 0
+    for k in range(m):
+        i = active[k]
+        if not _crosses(triangles, t, a, b, i):
+            active[left] = i
+            left += 1
+    return left
+
+
+@inner
+def _without_hidden(walls, a, b, active, m, cached):
+    """Take points out of ``active`` where a is hidden from b; return how many are left."""
+    for c in range(_CACHED):
+        if cached[c] < 0 or m == 0:
+            break
+        left = _without_crossing(walls.triangles, cached[c], a, b, active, m)
+        if left < m:
+            _put_first(cached, c, cached[c])
+        m = left
+    if m == 0:
+        return 0
+    shaft, stack = np.empty(12), np.empty(DEPTH, np.int64)
+    _set_shaft(shaft, a, b, active, m, walls.slack)
+    n_triangles = walls.triangles.shape[0]
+    stack[0], size = 1, 1
+    while size > 0:
+        size -= 1
+        n = stack[size]
+        if n < walls.n_leaves:
+            for child in range(2 * n, 2 * n + 2):
+                if _meets_shaft(walls.boxes, child, shaft):
+                    stack[size] = child
+                    size += 1
+            continue
+        leaf = n - walls.n_leaves
+        for t in range(leaf * LEAF, min(n_triangles, (leaf + 1) * LEAF)):
+            if not _separates(walls.triangles, t, shaft):
+                continue
+            left = _without_crossing(walls.triangles, t, a, b, active, m)
+            if left < m:
+                _put_first(cached, _CACHED - 1, t)
+                m = left
+                if m == 0:
+                    return 0
+    return m
+
+
+@inner
+def _put_first(cached, c, t):
+    """Put triangle t before the first c entries of ``cached``."""
+    for back in range(c, 0, -1):
+        cached[back] = cached[back - 1]
+    cached[0] = t
+
+
+@inner
+def _estimate_straight(bases, base, x, sizes, count, g, active):
+    """List in ``active`` the points that a base may lower; return how many there are."""
+    several = bases.counts[base] > 1
+    bx, by, bz = bases.places[base, 0, 0], bases.places[base, 0, 1], bases.places[base, 0, 2]
+    size = bases.sizes[base, 0]
+    m = 0
+    for i in range(count):
+        square = (x[0, i] - bx) ** 2 + (x[1, i] - by) ** 2 + (x[2, i] - bz) ** 2
+        if several or size + g * math.sqrt(square) < sizes[i]:
+            active[m] = i
+            m += 1
+    return m
+
+
+@inner
+def _estimate(ways, w, x, sizes, count, g, slack, active):
+    """List in ``active`` the points that a way over edges may lower; return how many there are."""
+    edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
+    sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
+    ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
+    length, offset, skew = edges.length[e], ways.offset[w], ways.skew[w]
+    (nx, ny, nz), (ax, ay, az), (bx, by, bz) = ways.shade[w, 0], ways.shade[w, 1], ways.shade[w, 2]
+    m = 0
+    for i in range(count):
+        px, py, pz = x[0, i] - sx, x[1, i] - sy, x[2, i] - sz
+        if nx * px + ny * py + nz * pz > slack:
+            continue
+        if ax * px + ay * py + az * pz < -slack and bx * px + by * py + bz * pz < -slack:
+            continue
+        s = px * ux + py * uy + pz * uz
+        px, py, pz = px - s * ux, py - s * uy, pz - s * uz
+        d = math.sqrt(px * px + py * py + pz * pz)
+        if offset + g * math.sqrt((s - f) ** 2 + (d + r) ** 2) < sizes[i] and d > _END * length:
+            t = (f * d + s * r) / (d + r)
+            inside = 0.0 < t < length
+            if skew and not inside:  # other bends before may move this one inside
+                t = min(max(t, 0.0), length)
+                way = math.sqrt((t - f) ** 2 + r * r) + math.sqrt((t - s) ** 2 + d * d)
+                inside = offset + g * way < sizes[i]
+            if inside:
+                active[m] = i
+                m += 1
+    return m
+
+
+@inner
+def _put_bends(ways, w, feet, level, active, m):
+    """Put the bends feet[level + 1] on the edge of way w of the ways to feet[level]."""
+    edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
+    sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
+    ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
+    length = edges.length[e]
+    for k in range(m):
+        i = active[k]
+        px, py, pz = feet[level, 0, i] - sx, feet[level, 1, i] - sy, feet[level, 2, i] - sz
+        s = px * ux + py * uy + pz * uz
+        px, py, pz = px - s * ux, py - s * uy, pz - s * uz
+        d = math.sqrt(px * px + py * py + pz * pz)
+        t = (f * d + s * r) / (d + r) if d + r > 0.0 else s
+        t = min(max(t, 0.0), length)
+        feet[level + 1, 0, i] = sx + t * ux
+        feet[level + 1, 1, i] = sy + t * uy
+        feet[level + 1, 2, i] = sz + t * uz
+
+
+@inner
+def _put_on_edge(edges, e, t, feet, level, i):
+    for d in range(3):
+        feet[level, d, i] = edges.start[e, d] + t * edges.along[e, d]
+
+
+@inner
+def _length_between(feet, level, i):
+    square = 0.0
+    for d in range(3):
+        square += (feet[level, d, i] - feet[level + 1, d, i]) ** 2
+    return math.sqrt(square)
+
+
+@inner
+def _length_from(feet, last, i):
+    """Return the length of the way from feet[last] to feet[0]."""
+    total = 0.0
+    for level in range(last):
+        total += _length_between(feet, level, i)
+    return total
+
+
+@inner
+def _newton_step(edges, chain, feet, work, n, i, longest):
+    """Put a step of Newton's method for the n bends of the way to point i into work[0].
+
+    The Hessian of the length is tridiagonal; work[1] and [2] are its diagonal and what
+    is beside it, work[3] the bends along their edges.
+
+    Returns the length; inf if there is no step, or if the way, whose length is convex, remains
+    longer than ``longest`` wherever it bends.
+    """
+    for level in range(1, n + 1):
+        e = chain[level]
+        work[0, level] = work[1, level] = work[3, level] = 0.0
+        for d in range(3):
+            work[3, level] += (feet[level, d, i] - edges.start[e, d]) * edges.along[e, d]
+    total = 0.0
+    for level in range(n + 1):  # the pieces from feet[level] to feet[level + 1]
+        length = _length_between(feet, level, i)
+        if length == 0.0:
+            return math.inf
+        total += length
+        near = far = cross = 0.0
+        for d in range(3):
+            unit = (feet[level + 1, d, i] - feet[level, d, i]) / length
+            if level > 0:
+                near += unit * edges.along[chain[level], d]
+            if level < n:
+                far += unit * edges.along[chain[level + 1], d]
+            if 0 < level < n:
+                cross += edges.along[chain[level], d] * edges.along[chain[level + 1], d]
+        if level > 0:
+            work[0, level] += near
+            work[1, level] += (1.0 - near * near) / length
+        if level < n:
+            work[0, level + 1] -= far
+            work[1, level + 1] += (1.0 - far * far) / length
+            work[2, level + 1] = (near * far - cross) / length if level > 0 else 0.0
+    least = total
+    for level in range(1, n + 1):
+        fall, t = work[0, level], work[3, level]
+        least -= max(fall * (edges.length[chain[level]] - t), -fall * t)
+    if least > longest:
+        return math.inf
+    for level in range(1, n + 1):
+        if level > 1:
+            share = work[2, level] / work[1, level - 1]
+            work[1, level] -= share * work[2, level]
+            work[0, level] -= share * work[0, level - 1]
+        if not work[1, level] > 0.0:
+            return math.inf
+    for level in range(n, 0, -1):
+        if level < n:
+            work[0, level] -= work[2, level + 1] * work[0, level + 1]
+        work[0, level] /= work[1, level]
+    return total
+
+
+@inner
+def _straighten(edges, chain, feet, work, n, i, longest):
+    """Move the n bends of the way to point i to where it is shortest.
+
+    Ends when it is clear that it remains longer than ``longest``.
+    """
+    for _ in range(_STEPS):
+        length = _newton_step(edges, chain, feet, work, n, i, longest)
+        if length == math.inf:
+            return
+        share, new = 1.0, math.inf
+        for _ in range(4):
+            for level in range(1, n + 1):
+                e = chain[level]
+                t = min(max(work[3, level] + share * work[0, level], 0.0), edges.length[e])
+                _put_on_edge(edges, e, t, feet, level, i)
+            new = _length_from(feet, n + 1, i)
+            if new <= length:
+                break
+            share *= 0.25
+        if new > length:
+            for level in range(1, n + 1):
+                _put_on_edge(edges, chain[level], work[3, level], feet, level, i)
+        if new >= length * (1.0 - 1e-15):
+            return
+
+
+@inner
+def _put_base(bases, base, level, m, g, faces, block, starts):
+    """Put the places in a base from which feet[level] are reached, and the sizes there.
+
+    For the points that are ``active``.
+    """
+    feet, support, count = block.feet, block.support, bases.counts[base]
+    if faces is None or count == 1:
+        for k in range(m):
+            i = block.active[k]
+            for d in range(3):
+                feet[level + 1, d, i] = bases.places[base, 0, d]
+            starts[i] = bases.sizes[base, 0]
+            support[0, i], support[1, i], support[2, i] = bases.nodes[base, 0], -1, -1
+        return
+    work = np.empty((4, 3))
+    set_vertices(bases, base, (0, 0, 0), work)
+    for k in range(m):
+        i = block.active[k]
+        for d in range(3):
+            work[0, d] = feet[level, d, i]
+        value, t, u = allowed(bases, base, (0, 0, 0), work, g, faces)
+        for d in range(3):
+            place = work[1, d] + t * (work[2, d] - work[1, d])
+            if count == 3:
+                place += u * (work[3, d] - work[1, d])
+            feet[level + 1, d, i] = place
+        starts[i] = value - g * _length_between(feet, level, i)
+        found = 0
+        support[1, i] = support[2, i] = -1
+        for v in range(count):
+            weight = 1.0 - t - u if v == 0 else (t if v == 1 else u)
+            if weight > _IN_ITEM:
+                support[found, i] = bases.nodes[base, v]
+                found += 1
+
+
+@inner
+def _lay(ways, w, m, g, faces, stars, block):
+    """Lay a way to the points ``active``, and put what it allows into ``values``.
+
+    inf if it has no bend inside one of its edges: the way through the node there is another one.
+    Returns the number of its edges, and how many points are left to which it is not plain that it
+    comes from outside.
+    """
+    edges, feet, active = ways.edges, block.feet, block.active
+    chain, starts = np.empty(LONGEST + 2, np.int64), np.empty(BLOCK)
+    n, last, zero = np.int64(0), w, np.int64(0)
+    while ways.edge[last] >= 0:
+        _put_bends(ways, last, feet, n, active, m)
+        if n == 0:
+            m = _without_leaving(stars, block.nodes, feet, zero, zero + 1, active, m)
+        n += 1
+        chain[n] = ways.edge[last]
+        last = np.int64(ways.parent[last])
+    base = np.int64(ways.base[w])
+    _put_base(ways.bases, base, n, m, g, faces, block, starts)
+    if ways.skew[w]:
+        work = np.empty((4, LONGEST + 2))
+        for k in range(m):
+            i = active[k]
+            _straighten(edges, chain, feet, work, n, i, (block.sizes[i] - starts[i]) / g)
+        if ways.bases.counts[base] > 1:
+            _put_base(ways.bases, base, n, m, g, faces, block, starts)
+    for k in range(m):
+        i = active[k]
+        block.values[i] = starts[i] + g * _length_from(feet, n + 1, i)
+    for level in range(1, n + 1):
+        e = chain[level]
+        for k in range(m):
+            i = active[k]
+            t = 0.0
+            for d in range(3):
+                t += (feet[level, d, i] - edges.start[e, d]) * edges.along[e, d]
+            if not _END * edges.length[e] < t < (1.0 - _END) * edges.length[e]:
+                block.values[i] = math.inf
+    return n, m
+
+
+@inner
+def _without_edge_leaving(edges, e, feet, level, other, active, m):
+    """Take points out of ``active`` where the piece from feet[level], on edge e, starts outside.
+
+    It leads to feet[other].  Returns how many are left.
+    """
+    left = 0
+    for k in range(m):
+        i = active[k]
+        first = second = square = 0.0
+        for d in range(3):
+            step = feet[other, d, i] - feet[level, d, i]
+            square += step * step
+            first += edges.normals[e, 0, d] * step
+            second += edges.normals[e, 1, d] * step
+        if min(first, second) <= _AHEAD * math.sqrt(square):
+            active[left] = i
+            left += 1
+    return left
+
+
+@inner
+def _without_unseen(ways, w, n, m, sight, block):
+    """Take points out of ``active`` where one of the n + 1 pieces of way w is not seen.
+
+    Returns how many are left.
+    """
+    feet, active = block.feet, block.active
+    last, zero = w, np.int64(0)
+    m = _without_leaving(sight.stars, block.support, feet, n + 1, n, active, m)
+    for level in range(1, n + 1):
+        e = np.int64(ways.edge[last])
+        m = _without_edge_leaving(ways.edges, e, feet, level, level - 1, active, m)
+        m = _without_edge_leaving(ways.edges, e, feet, level, level + 1, active, m)
+        last = np.int64(ways.parent[last])
+    m = _without_leaving(sight.stars, block.nodes, feet, zero, zero + 1, active, m)
+    for level in range(n + 1):
+        m = _without_hidden(sight.walls, feet[level], feet[level + 1], active, m, block.cached)
+    return m
+
+
+@inner
+def _try_way(ways, w, count, sight, g, faces, block):
+    """Lower the points of a block to what a way allows where all of its pieces are seen."""
+    active, sizes, values = block.active, block.sizes, block.values
+    if ways.edge[w] >= 0:
+        m = _estimate(ways, w, block.feet[0], sizes, count, g, sight.walls.slack, active)
+    else:
+        base = np.int64(ways.base[w])
+        m = _estimate_straight(ways.bases, base, block.feet[0], sizes, count, g, active)
+    if m == 0:
+        return False
+    n, m = _lay(ways, w, m, g, faces, sight.stars, block)
+    wanted = np.int64(0)  # so that callees are not compiled for a literal, too
+    for k in range(m):
+        i = active[k]
+        if values[i] < sizes[i]:
+            active[wanted] = i
+            wanted += 1
+    if wanted == 0:
+        return False
+    m = _without_unseen(ways, w, n, wanted, sight, block)
+    for k in range(m):
+        i = active[k]
+        sizes[i], block.way[i] = values[i], w
+        for d in range(3):
+            block.last[d, i] = block.feet[1, d, i]
+    return m > 0
+
+
+@inner
+def _in_shade(ways, w, box, slack):
+    """Tell whether a way may serve a point of a box."""
+    e = ways.edge[w]
+    if e < 0:
+        return True
+    least = first = second = 0.0
+    for d in range(3):
+        low, high = box[d] - ways.edges.start[e, d], box[3 + d] - ways.edges.start[e, d]
+        n, a, b = ways.shade[w, 0, d], ways.shade[w, 1, d], ways.shade[w, 2, d]
+        least += n * low if n > 0.0 else n * high
+        first += a * high if a > 0.0 else a * low
+        second += b * high if b > 0.0 else b * low
+    return least <= slack and max(first, second) >= -slack
+
+
+@inner
+def _promise(boxes, b, x, sizes, count, g):
+    """Return the least of (bound of box b at a point - its size) over the points of a block.
+
+    Sizes within a block differ by more than ways of one point do, which the box around the block
+    would not tell apart.
+    """
+    best = math.inf
+    value = SLACK * boxes[b, 6]
+    if value == math.inf:
+        return best
+    for i in range(count):
+        square = 0.0
+        for d in range(3):
+            gap = max(boxes[b, d] - x[d, i], x[d, i] - boxes[b, 3 + d], 0.0)
+            square += gap * gap
+        best = min(best, value + SLACK * g * math.sqrt(square) - sizes[i])
+    return best
+
+
+@inner
+def _first_tries(order, start, count, hints, recent, queue):
+    """Put into ``queue`` what to try first, each way once: what served the last block, and hints.
+
+    Returns how many these are; the last one is to be tried first.
+    """
+    n = np.int64(0)
+    for k in range(recent.shape[0] + count):
+        w = recent[k] if k < recent.shape[0] else np.int64(hints[order[start + k - BLOCK]])
+        again = w < 0
+        for before in range(n):
+            again = again or queue[before] == w
+        if not again:
+            queue[n] = w
+            n += 1
+    return n
+
+
+@kernel
+def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, field, faces):
+    """Lower the sizes of points to the least that ways allow whose pieces are all seen.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    nodes : int32[n]
+        Their numbers in the mesh, -1 for points that are not known to be nodes.
+    order : int32[k]
+        The points to work on, along a Morton curve.
+    span : tuple of int
+        The part of ``order`` to work on, from where to where, and points of a block, at most BLOCK.
+    ways : Ways
+    choice : Choice
+        The ways to try; none but the hints if it is empty.
+    hints : int32[n]
+        A way that is tried first for each point, -1 for none.
+    sight : Sight
+    g : float64
+    field : Field
+        In/Out.
+    faces : None or bool
+        None if all bases are nodes: then edges and triangles need not be compiled.
+    """
+    block = Block(
+        np.empty(6),
+        np.full((3, BLOCK), -1, np.int64),
+        np.empty(BLOCK),
+        np.empty(BLOCK, np.int64),
+        np.empty((3, BLOCK)),
+        np.empty((LONGEST + 2, 3, BLOCK)),
+        np.empty((3, BLOCK), np.int64),
+        np.empty(BLOCK),
+        np.empty(BLOCK, np.int64),
+        np.full(_CACHED, -1, np.int64),
+    )
+    stack = np.empty(DEPTH, np.int64)
+    n_ways = choice.ways.shape[0]
+    queue, recent = np.empty(2 * BLOCK, np.int64), np.full(BLOCK, -1, np.int64)
+    for start in range(span[0], span[1], span[2]):
+        stop = min(start + span[2], span[1])
+        count = stop - start
+        gather_block(points, (0, 0, 0), order, start, stop, block.feet[0], block.box)
+        queued = _first_tries(order, start, count, hints, recent, queue)
+        for i in range(count):
+            p = order[start + i]
+            block.sizes[i], block.way[i], block.nodes[0, i] = field.sizes[p], -1, nodes[p]
+        stack[0], size = 1, 1 if n_ways > 0 else 0
+        while queued > 0 or size > 0:
+            if queued > 0:
+                queued -= 1
+                _try_way(ways, queue[queued], count, sight, g, faces, block)
+                continue
+            size -= 1
+            b = stack[size]
+            if b < choice.n_leaves:
+                near, far = 2 * b, 2 * b + 1
+                at_near = _promise(choice.boxes, near, block.feet[0], block.sizes, count, g)
+                at_far = _promise(choice.boxes, far, block.feet[0], block.sizes, count, g)
+                if at_far < at_near:
+                    near, far = far, near
+                    at_near, at_far = at_far, at_near
+                if at_far < 0.0:
+                    stack[size] = far
+                    size += 1
+                if at_near < 0.0:
+                    stack[size] = near
+                    size += 1
+                continue
+            leaf = b - choice.n_leaves
+            for k in range(leaf * LEAF, min(n_ways, (leaf + 1) * LEAF)):
+                if _in_shade(ways, choice.ways[k], block.box, sight.walls.slack):
+                    queue[queued] = choice.ways[k]
+                    queued += 1
+        for i in range(count):
+            recent[i] = block.way[i] if n_ways > 0 else -1
+            if block.way[i] >= 0:
+                p = order[start + i]
+                field.sizes[p], field.way[p] = block.sizes[i], block.way[i]
+                for d in range(3):
+                    field.last[p, d] = block.last[d, i]

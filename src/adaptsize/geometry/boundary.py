@@ -1,0 +1,345 @@
+"""The boundary of a flat domain, decided once for all that looks along straight lines.
+
+Which facets of a mesh are *walls*:
+
+* a facet of one cell is a wall, and so are both faces of a crack or slit;
+* a facet of several cells is one if all of them lie on the same side of it (a fold);
+* cells listed twice change nothing;
+* cells without measure are taken away as long as one of their facets has no other cell,
+  as flat cells on the hull; what then remains of them joins the cells on both sides, as between
+  an edge and the two halves that it should have;
+* where the nodes of two sides of a line do not match and no such cell fills it, there is a crack,
+  with passages at the nodes that both sides share.
+
+Nodes in no cell are not in the domain.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels import boundary as kernels
+from adaptsize._kernels.sight import ANY, NARROW, WIDE, Sectors
+from adaptsize._kernels.topology import join_cells
+from adaptsize.background.topology import unique_rows
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+
+#: The boundary may turn inwards by so much (radians) in a domain that counts as convex.
+FLAT = 1e-9
+
+# Share of the diagonal that counts as no distance between a point and a line.
+_SLACK = 1e-11
+
+
+class FlatBoundary(NamedTuple):
+    """The walls of triangles in the plane or of tetrahedra."""
+
+    facets: IntArray
+    """int32[f, dim], the domain to the left (2-D), normals outward (3-D)."""
+    cells: IntArray
+    """int32[f]: a cell with measure at each."""
+    is_simple: bool
+    """Whether no wall is shared by several cells."""
+    alias: IntArray | None = None
+    """int32[n_points]: for each node the one that stands for it here, where cells join nodes at
+    the same place."""
+
+
+class PlaneBoundary(NamedTuple):
+    """The boundary of a plane domain for lines of sight."""
+
+    walls: FloatArray
+    """float64[w, 4]: start and end of each straight piece, the domain to the left."""
+    rows: IntArray
+    """int32[n_points]: row of each node in ``sectors``, -1 inside."""
+    sectors: Sectors
+    corners: IntArray
+    """int32[c]: nodes at which shortest ways may bend."""
+    free: BoolArray
+    """bool[c]: at these a way may go from one sector into another."""
+    slack: float
+    """Distance from a line that counts as on it."""
+
+
+def flat_boundary(mesh: SimplexMesh) -> FlatBoundary:
+    """Return the walls of a mesh of triangles in the plane or of tetrahedra.
+
+    O(n_cells); facets inside the mesh are never listed.
+    """
+    return _walls(mesh.points, mesh.cells, True)
+
+
+def _walls(points: FloatArray, cells: IntArray, may_merge: bool) -> FlatBoundary:
+    n, dim = points.shape
+    axes = (0,) * dim
+    sums = np.zeros(n, np.uint64)
+    if kernels.sum_facets(points, axes, cells, sums) and may_merge:
+        merged, alias = _without_short_edges(points, cells)
+        if alias is not None:
+            return _walls(points, merged, False)._replace(alias=alias)
+    room = 64 + 8 * int(np.count_nonzero(sums))  # more is needed only where facets pile up
+    while True:
+        rows = np.empty((room, dim), np.int32)
+        side, cell = np.empty(room, np.int8), np.empty(room, np.int32)
+        count = kernels.list_facets(points, axes, cells, sums, rows, side, cell)
+        if count <= room:
+            break
+        room = count
+    rows, side, cell = rows[:count], side[:count], cell[:count]
+    if count == 0:  # nothing but folds upon folds
+        return FlatBoundary(rows, cell, False)
+    unique, group = unique_rows(rows, n)
+    if (side == 0).any():
+        kept = _without_flat_cells(group, side, cell, len(unique))
+        rows, side, cell, group = rows[kept], side[kept], cell[kept], group[kept]
+    joined = np.zeros(len(unique), bool)
+    joined[group[side == 0]] = True
+    left, right = (np.bincount(group[side == s], minlength=len(unique)) for s in (1, -1))
+    is_wall = ((left == 0) != (right == 0)) & ~joined
+    owner = np.zeros(len(unique), np.int32)
+    owner[group] = cell
+    facets = unique[is_wall]
+    flip = left[is_wall] == 0
+    facets[flip, :2] = facets[flip, 1::-1]
+    return FlatBoundary(facets, owner[is_wall], bool((left + right)[is_wall].max(initial=1) == 1))
+
+
+def _without_short_edges(
+    points: FloatArray, cells: IntArray
+) -> tuple[IntArray, IntArray | None]:
+    """Return the cells when nodes of one cell at the same place are one, and that one for each."""
+    parent = np.arange(len(points), dtype=np.int32)
+    pairs = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
+    short = [rows[(points[rows[:, 0]] == points[rows[:, 1]]).all(axis=1)] for rows in pairs]
+    if not any(map(len, short)):
+        return cells, None
+    join_cells(np.ascontiguousarray(np.concatenate(short)), parent)
+    while not np.array_equal(parent, parent[parent]):
+        parent = parent[parent]
+    merged = parent[cells]
+    ordered = np.sort(merged, axis=1)
+    whole = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
+    return np.ascontiguousarray(merged[whole]), parent
+
+
+def _without_flat_cells(
+    group: IntArray, side: IntArray, cell: IntArray, n_groups: int
+) -> BoolArray:
+    """Return which rows are left when flat cells with a free facet are taken away, in turn."""
+    kept = np.ones(len(group), bool)
+    while True:
+        times = np.bincount(group[kept], minlength=n_groups)
+        lost = np.unique(cell[kept & (side == 0) & (times[group] == 1)])
+        if len(lost) == 0:
+            return kept
+        kept &= ~((side == 0) & np.isin(cell, lost))
+
+
+def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
+    """Tell whether the domain within a boundary is convex, to 1e-9 radians.
+
+    Rigorous: folds, cracks, holes and several components are all found.  The domain can
+    only end at a wall; and a closed boundary that nowhere turns inwards and winds around once
+    is that of a convex domain.
+    """
+    if not boundary.is_simple or len(boundary.facets) == 0:
+        return False
+    if points.shape[1] == 2:
+        angles = turns_in_plane(points, boundary.facets)[1]
+        if not bool((angles >= -FLAT).all()):
+            return False
+        return abs(float(angles.sum()) - 2.0 * np.pi) < 1e-3
+    turns = turns_of(points, boundary)
+    if not bool((turns.angles >= -FLAT).all()):
+        return False
+    corners = points[boundary.facets]
+    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    mixed = (
+        la * lb * lc
+        + np.einsum("ij,ij->i", a, b) * lc
+        + np.einsum("ij,ij->i", b, c) * la
+        + np.einsum("ij,ij->i", c, a) * lb
+    )
+    # Solid angles of the facets, seen from the middle (van Oosterom and Strackee).
+    around = 2.0 * np.arctan2(volume, mixed)
+    return bool((volume >= 0.0).all()) and abs(float(around.sum()) - 4.0 * np.pi) < 1e-3
+
+
+def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return the nodes of walls and the angle by which the boundary turns there.
+
+    Positive where the domain is convex; nan unless one wall enters and one leaves.
+    """
+    n = len(points)
+    nodes = np.unique(facets)
+    once = np.bincount(facets.T[0], minlength=n)[nodes] == 1
+    once &= np.bincount(facets.T[1], minlength=n)[nodes] == 1
+    before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    after[facets[:, 0]] = facets[:, 1]
+    before[facets[:, 1]] = facets[:, 0]
+    into, out = points[nodes] - points[before[nodes]], points[after[nodes]] - points[nodes]
+    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
+    dot = np.einsum("ij,ij->i", into, out)
+    degenerate = ~once | ((cross == 0.0) & (dot <= 0.0))
+    return nodes, np.where(degenerate, np.nan, np.arctan2(cross, dot))
+
+
+class Turns(NamedTuple):
+    """How the boundary of a solid turns at its edges."""
+
+    ridges: IntArray
+    """int32[r, 2]"""
+    angles: FloatArray
+    """float64[r]: positive where the domain is convex, nan where not two facets meet."""
+
+
+def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
+    """Return the angle between the two facets at each edge of the boundary of a solid."""
+    facets = boundary.facets
+    corners = points[facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    n_facets = len(facets)
+    ends = np.concatenate([facets[:, [v, (v + 1) % 3]] for v in range(3)])
+    apex = np.concatenate([facets[:, (v + 2) % 3] for v in range(3)])
+    owner = np.tile(np.arange(n_facets), 3)
+    forward = ends[:, 0] < ends[:, 1]
+    edges, number = unique_rows(ends, len(points))
+    regular = (np.bincount(number) == 2) & (np.bincount(number, weights=forward) == 1.0)
+    first = np.zeros(len(edges), np.int64)
+    second = np.zeros(len(edges), np.int64)
+    first[number[forward]] = np.flatnonzero(forward)
+    second[number[~forward]] = np.flatnonzero(~forward)
+    has_area = (areas > 0.0)[:, None]
+    units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
+    normal, other = units[owner[first]], units[owner[second]]
+    rise = np.einsum("ij,ij->i", normal, points[apex[second]] - points[edges[:, 0]])
+    sine = np.linalg.norm(np.cross(normal, other), axis=1)
+    angles = np.arctan2(sine, np.einsum("ij,ij->i", normal, other))
+    angles = np.where(rise > 0.0, -angles, angles)
+    bad = ~regular | (areas[owner[first]] == 0.0) | (areas[owner[second]] == 0.0)
+    return Turns(edges, np.where(bad, np.nan, angles))
+
+
+def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
+    """Return walls, sectors and corners of a mesh of triangles in the plane.
+
+    At a node where one wall enters and one leaves there is one sector between them; at others
+    the cells are followed from wall to wall.
+    """
+    points, (start, end) = mesh.points, boundary.facets.T
+    n = mesh.n_points
+    nodes = np.unique(boundary.facets).astype(np.int32)
+    slack = _SLACK * float(np.hypot(*np.ptp(points[nodes], axis=0)))
+    regular = np.bincount(start, minlength=n)[nodes] == 1
+    regular &= np.bincount(end, minlength=n)[nodes] == 1
+    leaving, entering = np.zeros(n, np.int32), np.zeros(n, np.int32)
+    leaving[start] = entering[end] = np.arange(len(start))
+    i = nodes[regular]
+    ahead, back = points[end[leaving[i]]] - points[i], points[start[entering[i]]] - points[i]
+    owner, cones = i, np.concatenate([_unit(ahead), _unit(back)], axis=1)
+    if not regular.all():
+        several, fans = _fans(mesh, boundary, nodes[~regular])
+        owner, cones = np.concatenate([i, several]), np.concatenate([cones, fans])
+    rows, sectors, angles = _sectors(n, nodes, owner, cones)
+    if boundary.alias is not None:
+        rows = rows[boundary.alias]
+
+    turn = np.maximum.reduceat(angles, sectors.first[:-1])
+    is_end = np.ones(n, np.bool_)
+    is_end[nodes[regular & (np.abs(turn - np.pi) < FLAT)]] = False
+    walls = np.empty((len(start), 4))
+    count = kernels.merge_walls(
+        points, start, end, leaving[end], is_end[start], is_end, slack, walls
+    )
+    counts = np.diff(sectors.first)
+    kinds = sectors.kinds[sectors.first[:-1]]
+    bends = is_end[nodes] & ((counts != 1) | (turn > np.pi) | (kinds == ANY))
+    free = (counts != 1) | (kinds == ANY)
+    return PlaneBoundary(walls[:count], rows, sectors, nodes[bends], free[bends], slack)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    length = np.hypot(*vectors.T)[:, None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
+
+
+def _sectors(
+    n: int, nodes: IntArray, owner: IntArray, cones: FloatArray
+) -> tuple[IntArray, Sectors, FloatArray]:
+    """Return rows of nodes, their sectors, and the angles of these, 0 to 2 pi."""
+    order = np.argsort(owner, kind="stable")
+    owner, cones = owner[order], cones[order]
+    rows = np.full(n, -1, np.int32)
+    rows[nodes] = np.arange(len(nodes))
+    first = np.concatenate([[0], np.cumsum(np.bincount(rows[owner], minlength=len(nodes)))])
+    cross = cones[:, 0] * cones[:, 3] - cones[:, 1] * cones[:, 2]
+    dot = cones[:, 0] * cones[:, 2] + cones[:, 1] * cones[:, 3]
+    angles = np.mod(np.arctan2(cross, dot), 2.0 * np.pi)
+    angles[angles < FLAT] = 2.0 * np.pi  # both faces of a slit: a sector has some width
+    kinds = np.where(angles > np.pi, WIDE, NARROW).astype(np.int8)
+    kinds[(cones == 0.0).all(axis=1)] = ANY
+    return rows, Sectors(first.astype(np.int32), cones, kinds), angles
+
+
+def _fans(
+    mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the sectors at nodes with several walls: their nodes and cones.
+
+    A fan of cells begins at a wall and goes on through edges that are no walls to the
+    next wall.  Where cells are folded this need not come out: then all directions are allowed,
+    which the walls restrict enough.
+    """
+    marked = np.zeros(mesh.n_points, np.bool_)
+    marked[nodes] = True
+    around = np.empty(mesh.n_cells, np.int32)
+    around = around[: kernels.list_cells_at(mesh.cells, marked, around)]
+    at_wall = marked[boundary.facets].any(axis=1)
+    walls = {tuple(sorted(pair)) for pair in boundary.facets[at_wall].tolist()}
+    after: dict[int, dict[int, int]] = {i: {} for i in nodes.tolist()}
+    folded = set()
+    signed = mesh.signed_measures[around]
+    for triangle, measure in zip(mesh.cells[around].tolist(), signed.tolist(), strict=True):
+        cell = triangle if measure > 0.0 else triangle[::-1]
+        for v, i in enumerate(cell):
+            p, q = cell[(v + 1) % 3], cell[(v + 2) % 3]
+            if marked[i] and after[i].setdefault(p, q) != q:
+                folded.add(i)
+    owner, cones = [], []
+    for i in nodes.tolist():
+        pairs = [] if i in folded else _sectors_at(i, after[i], walls)
+        for p, q in pairs:
+            arms = _unit(mesh.points[[p, q]] - mesh.points[i])
+            owner.append(i)
+            cones.append(arms.ravel())
+        if not pairs:
+            owner.append(i)
+            cones.append(np.zeros(4))
+    return np.array(owner, np.int32), np.array(cones).reshape(-1, 4)
+
+
+def _sectors_at(
+    i: int, after: dict[int, int], walls: set[tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """Return the first and the last neighbour of each fan around node i; none if they are odd."""
+    pairs = []
+    for p in after:
+        if (min(i, p), max(i, p)) not in walls:
+            continue
+        q = after[p]
+        for _ in after:
+            if (min(i, q), max(i, q)) in walls or q not in after:
+                break
+            q = after[q]
+        if (min(i, q), max(i, q)) not in walls:
+            return []
+        pairs.append((p, q))
+    return pairs

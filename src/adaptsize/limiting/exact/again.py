@@ -1,0 +1,76 @@
+"""Exact limiting after few bounds have changed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.limiting.exact.field import ExactField, Wave
+from adaptsize.limiting.exact.solve import Found, Problem, bends_of, sources_at_nodes
+from adaptsize.typing import BoolArray
+
+if TYPE_CHECKING:
+    pass
+
+
+def solve_again(problem: Problem, before: Found) -> Found | None:
+    """Solve a problem that differs from an earlier one by its bounds.
+
+    A size stays the least of the entries that were there before; only those that are new need
+    be tried.  Nodes whose own bound changed, or whose source is gone, are begun anew.  The
+    result is that of `solve_on_mesh`, bit by bit: the minimum of the same numbers.
+
+    Returns
+    -------
+    Found or None
+        None where bounds meet in cells, in solids that are not convex, and around folds: these
+        are solved from nothing.
+    """
+    if before.points is None or len(before.field.waves) != 1:
+        return None
+    plane = None if before.plane is None else before.plane.without_sizes()
+    wave = sources_at_nodes(problem, plane)
+    if wave is None:
+        return None
+    old = before.field.waves[0]
+    kept, now = _matches(old, wave)
+    h0, earlier = problem.h0, before.source
+    own = earlier < 0
+    anew: BoolArray = np.where(own, h0 != before.h, ~kept[earlier]) | (h0 < before.h)
+    h = np.where(anew, h0, before.h)
+    source = np.where(anew | own, np.int32(-1), now[earlier]).astype(np.int32)
+    field = ExactField(problem.g, before.field.sight)
+    field.add(wave)
+    points = before.points
+    some = points._replace(order=points.order[anew[points.order]])
+    field.lower_by_last(some, h, source, problem.threads, problem.report)
+    fresh = np.ones(wave.n_entries, np.bool_)
+    fresh[now[kept]] = False
+    if fresh.any():
+        rest = points._replace(order=points.order[~anew[points.order]])
+        field.lower_by_some(fresh, rest, h, source, problem.threads, problem.report)
+    found = Found(h, source, field, bends_of(field, source), plane=plane, points=points)
+    return found
+
+
+def _matches(old: Wave, new: Wave) -> tuple[BoolArray, npt.NDArray[np.int32]]:
+    """Return which entries of a wave are in another one, too, and their numbers there."""
+    rows = [_rows(old), _rows(new)]
+    _, number = np.unique(np.concatenate(rows), return_inverse=True)
+    number = number.ravel()
+    at = np.full(number.max() + 1, -1, np.int32)
+    at[number[len(rows[0]) :]] = np.arange(len(rows[1]))
+    now = at[number[: len(rows[0])]]
+    return now >= 0, now
+
+
+def _rows(wave: Wave) -> npt.NDArray[np.void]:
+    """Return all that tells an entry from others, as one value each."""
+    seen = wave.seen
+    columns = [wave.nodes, seen.entries.sizes[:, :1], seen.kinds, seen.is_corner]
+    if len(seen.cones):
+        columns.append(seen.cones)
+    flat = np.column_stack([np.asarray(c, np.float64) for c in columns]) + 0.0
+    return np.ascontiguousarray(flat).view(np.dtype((np.void, flat.shape[1] * 8))).ravel()

@@ -1,0 +1,358 @@
+"""Exact limiting on meshes: which nodes, edges, faces and corners decide, and what they allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels import exact as kernels
+from adaptsize._kernels import exact_items as items
+from adaptsize._kernels import exact_plane
+from adaptsize._kernels.exact import Entries
+from adaptsize.background.topology import unique_rows
+from adaptsize.geometry.boundary import FlatBoundary, flat_boundary, is_convex, plane_boundary
+from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_of
+from adaptsize.limiting.exact.plane import (
+    Plane,
+    along_walls,
+    at_nodes,
+    joined,
+    plane_of,
+    solve_corners,
+)
+from adaptsize.limiting.exact.space import build_sight, solve_in_space
+from adaptsize.limiting.exact.work import along_curve, entries_of, in_chunks
+from adaptsize.limiting.fast_marching import solve_edge_based
+from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+
+
+class Problem(NamedTuple):
+    """A mesh with bounds."""
+
+    mesh: SimplexMesh
+    h0: FloatArray
+    g: float
+    face_sources: bool
+    threads: int
+    report: ProgressCallback
+
+
+@dataclass(eq=False)
+class Found:
+    """Sizes and where they come from."""
+
+    h: FloatArray
+    source: IntArray
+    """int32[n]: number of the entry in ``field``; -1 where the bound is kept."""
+    field: ExactField
+    bend: FloatArray
+    """float64[n, dim]: last place where the way bends, nan where there is none; no rows in a
+    convex domain."""
+    proved: BoolArray | None = None
+    """bool[n]: nodes whose size is proved exact; None if all are."""
+    lower: FloatArray | None = None
+    """float64[n]: lower bounds, if not all nodes are proved."""
+    plane: Plane | None = None
+    points: Points | None = None
+    """What `solve_again` starts from."""
+
+
+def solve_on_mesh(problem: Problem, boundary: FlatBoundary | None) -> Found:
+    """Solve on triangles in the plane or on tetrahedra, of one component."""
+    mesh = problem.mesh
+    boundary = flat_boundary(mesh) if boundary is None else boundary
+    if is_convex(mesh.points, boundary):
+        return _solve(problem, None, boundary)
+    if mesh.dim == 3:
+        return _solve_in_space(problem, boundary)
+    plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
+    found = _solve(problem, plane, boundary)
+    if not plane.is_regular:
+        _keep_edges(problem, found)
+    return found
+
+
+def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Found:
+    """Solve in a convex domain (no ``plane``) or in the plane."""
+    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
+    points = Points(mesh.points, along_curve(mesh.points), on_wall)
+    nodes, steep = _candidates(problem)
+    nodes = _survivors(problem, nodes, plane, steep is not None)
+    field = ExactField(g, None if plane is None else plane.sight)
+    field.add(_with_corners(_at_nodes(problem, nodes, plane), g, plane))
+    h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
+    field.lower_by_last(points, h, source, problem.threads, problem.report)
+    if steep is not None and problem.face_sources:
+        wave = _on_cells(problem, steep, h, source, field, plane, boundary)
+        if wave is not None:
+            field.add(_with_corners(wave, g, plane))
+            field.lower_by_last(points, h, source, problem.threads, problem.report)
+        return Found(h, source, field, bends_of(field, source))
+    return Found(h, source, field, bends_of(field, source), plane=plane, points=points)
+
+
+def sources_at_nodes(problem: Problem, plane: Plane | None) -> Wave | None:
+    """Return nodes and corners as sources; None if edges may be sources, too."""
+    nodes, steep = _candidates(problem)
+    if steep is not None and problem.face_sources:
+        return None
+    nodes = _survivors(problem, nodes, plane, steep is not None)
+    return _with_corners(_at_nodes(problem, nodes, plane), problem.g, plane)
+
+
+def bends_of(field: ExactField, source: IntArray) -> FloatArray:
+    """Return where the way to each node bends last; no rows in a convex domain."""
+    places = np.concatenate([wave.seen.entries.places[:, 0] for wave in field.waves])
+    if field.sight is None:
+        return np.empty((0, places.shape[1]))
+    is_corner = np.concatenate([wave.seen.is_corner for wave in field.waves])
+    bend = np.full((len(source), places.shape[1]), np.nan)
+    bends = (source >= 0) & is_corner[source]
+    bend[bends] = places[source[bends]]
+    return bend
+
+
+def _with_corners(wave: Wave, g: float, plane: Plane | None) -> Wave:
+    """Return a wave with the corners that its sources lower."""
+    return wave if plane is None else joined(wave, solve_corners(g, plane, wave))
+
+
+def _survivors(problem: Problem, nodes: IntArray, plane: Plane | None, meet: bool) -> IntArray:
+    """Return those of the nodes that keep their bound; all of few in the plane."""
+    if plane is None:
+        places = np.ascontiguousarray(problem.mesh.points[nodes])
+        sizes, threads = problem.h0[nodes], problem.threads
+        return nodes[survivors_among(places, sizes, problem.g, threads, problem.report)]
+    if meet and len(nodes):
+        return nodes[_seen_survivors(problem, nodes, plane)]
+    return nodes
+
+
+def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
+    """Solve in a solid that is not convex."""
+    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    nodes, steep = _candidates(problem)
+    sight = build_sight(mesh, boundary)
+    if steep is not None:
+        pass  # SURVIVORS
+    field = ExactField(g, None)
+    field.add(_at_nodes(problem, nodes, None))
+    lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
+    points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
+    field.lower_by_last(points, lower, source, problem.threads, problem.report)
+    if steep is not None and problem.face_sources:
+        wave = _on_cells(problem, steep, lower, source, field, None, boundary, in_space=True)
+        if wave is not None:
+            field.add(wave)
+            field.lower_by_last(points, lower, source, problem.threads, problem.report)
+    waves = field.waves
+    entries = Entries(
+        np.concatenate([wave.seen.entries.places for wave in waves]),
+        np.concatenate([wave.seen.entries.sizes for wave in waves]),
+        np.concatenate([wave.seen.entries.counts for wave in waves]),
+        waves[0].seen.entries.boxes,
+        waves[0].seen.entries.n_leaves,
+    )
+    named = np.concatenate([wave.nodes for wave in waves])
+    result = solve_in_space(
+        mesh,
+        h0,
+        g,
+        entries,
+        named,
+        lower,
+        source,
+        boundary,
+        problem.report,
+        sight=sight,
+        threads=problem.threads,
+    )
+    field.network = result.network
+    return Found(result.h, result.entry, field, result.bend, result.proved, result.lower)
+
+
+def _keep_edges(problem: Problem, found: Found) -> None:
+    """Lower what exceeds a neighbour by more than g allows (In/Out: found).
+
+    Around folds lines of sight end where ways along edges do not.
+    """
+    slope = Slope(np.array([problem.g]))
+    along = solve_edge_based(
+        problem.mesh, found.h, slope, residual=False, report=problem.report
+    ).h
+    lower = along < found.h * (1.0 - 1e-12)
+    found.h[lower] = along[lower]
+    found.source[lower] = -1
+
+
+def _candidates(problem: Problem) -> tuple[IntArray, BoolArray | None]:
+    """Return the nodes that may be sources, and the steep cells if bounds meet in any cell."""
+    mesh, h0 = problem.mesh, problem.h0
+    if not items.have_neighbours(mesh.cells, h0):
+        return np.flatnonzero(np.isfinite(h0)), None
+    steep, candidate = np.empty(mesh.n_cells, np.bool_), np.empty(mesh.n_points, np.bool_)
+    axes = (0,) * mesh.dim
+    items.mark_steep(
+        mesh.points, axes, mesh.cells, h0, problem.g, problem.face_sources, steep, candidate
+    )
+    return np.flatnonzero(candidate), steep
+
+
+def survivors_among(
+    places: FloatArray, sizes: FloatArray, g: float, threads: int, report: ProgressCallback
+) -> BoolArray:
+    """Tell which nodes of a convex domain keep their bound under those of the others."""
+    survives = np.empty(len(places), np.bool_)
+    if len(places) == 0:
+        return survives
+    entries, order = entries_of(places[:, None], sizes[:, None])
+    axes = (0,) * places.shape[1]
+
+    def task(first: int, last: int) -> None:
+        kernels.find_survivors(places, axes, order, first, last, entries, g, sizes, survives)
+
+    in_chunks(task, len(places), threads, report)
+    return survives
+
+
+def _seen_survivors(problem: Problem, nodes: IntArray, plane: Plane) -> BoolArray:
+    """Tell which nodes keep their bound under those that they see."""
+    places = np.ascontiguousarray(problem.mesh.points[nodes])
+    sizes, rows = problem.h0[nodes], plane.boundary.rows[nodes]
+    survives = np.empty(len(nodes), np.bool_)
+    wave = _at_nodes(problem, nodes, plane)
+    order = along_curve(places)
+
+    def task(first: int, last: int) -> None:
+        exact_plane.find_seen_survivors(
+            places,
+            (0, 0),
+            order,
+            first,
+            last,
+            wave.seen,
+            plane.sight,
+            problem.g,
+            sizes,
+            rows,
+            survives,
+        )
+
+    in_chunks(task, len(nodes), problem.threads, problem.report)
+    return survives
+
+
+def _at_nodes(problem: Problem, nodes: IntArray, plane: Plane | None) -> Wave:
+    """Return nodes as sources."""
+    dim = problem.mesh.dim
+    places = np.ascontiguousarray(problem.mesh.points[nodes])
+    entries, order = entries_of(places[:, None], problem.h0[nodes, None])
+    named = np.full((len(nodes), dim), -1, np.int32)
+    named[:, 0] = nodes[order]
+    wave = wave_of(entries, named)
+    return wave if plane is None else at_nodes(wave, plane)
+
+
+def _on_cells(
+    problem: Problem,
+    steep: BoolArray,
+    h: FloatArray,
+    source: IntArray,
+    field: ExactField,
+    plane: Plane | None,
+    boundary: FlatBoundary,
+    *,
+    in_space: bool = False,
+) -> Wave | None:
+    """Return the edges and faces of steep cells that may be sources."""
+    mesh, h0 = problem.mesh, problem.h0
+    given = (mesh.points, (0,) * mesh.dim, mesh.cells, steep, h0, h, problem.g)
+    parts = [_listed(items.list_edges, given, 2)]
+    if mesh.dim == 3:
+        parts.append(_listed(items.list_faces, given, 3))
+    named = np.full((sum(map(len, parts)), mesh.dim), -1, np.int32)
+    named[: len(parts[0]), :2] = parts[0]
+    if mesh.dim == 3:
+        named[len(parts[0]) :] = parts[1]
+    if plane is None and not in_space:
+        named = _undominated(problem, named, h, source, field)
+    if len(named) == 0:
+        return None
+    wave = _items_at(problem, named)
+    return wave if plane is None else along_walls(wave, mesh.points, boundary.facets)
+
+
+def _items_at(problem: Problem, named: IntArray) -> Wave:
+    """Return edges and faces, given by their nodes, as sources."""
+    used = named >= 0
+    places = np.where(used[:, :, None], problem.mesh.points[named], 0.0)
+    sizes = np.where(used, problem.h0[named], np.inf)
+    entries, order = entries_of(places, sizes, used.sum(axis=1).astype(np.int8))
+    return wave_of(entries, named[order])
+
+
+def _undominated(
+    problem: Problem, named: IntArray, h: FloatArray, source: IntArray, field: ExactField
+) -> IntArray:
+    """Return edges and faces without those that a source of one of their nodes dominates.
+
+    First the nodes are such sources; then, of what is left, the edges and faces with a
+    node that keeps its bound: where h0 has just become too steep, they dominate most others.
+    """
+    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    axes = (0,) * mesh.dim
+
+    def kept(rows: IntArray, source: IntArray, wave: Wave, faces: bool | None) -> BoolArray:
+        keep = np.empty(len(rows), np.bool_)
+        entries = wave.seen.entries
+        items.keep_undominated(mesh.points, axes, rows, h0, source, entries, g, faces, keep)
+        return keep
+
+    named = named[kept(named, source, field.waves[0], None)]
+    used = named >= 0
+    leads = (used & (source[named] < 0)).any(axis=1)
+    if leads.all() or not leads.any():
+        return named
+    wave = _items_at(problem, named[leads])
+    others = named[~leads]
+    nodes = np.unique(others[others >= 0]).astype(np.int32)
+    local = np.full(mesh.n_points, -1, np.int32)
+    sizes, found = h.copy(), np.full(mesh.n_points, -1, np.int32)
+    own = ExactField(g, None, [wave])
+    places = np.ascontiguousarray(mesh.points[nodes])
+    points = Points(mesh.points, nodes[along_curve(places)], local)
+    own.lower_by_last(points, sizes, found, problem.threads, problem.report)
+    others = others[kept(others, found, wave, True if mesh.dim == 3 else None)]
+    return np.concatenate([named[leads], others])
+
+
+def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-def]
+    """Return the edges or faces that a kernel lists and that all cells allow to be sources."""
+    room = 0
+    while True:
+        rows = np.empty((room, 5), np.int32)
+        count = kernel(*given, rows)
+        if count <= room:
+            break
+        room = count
+    if count == 0:
+        return rows[:, :width]
+    points, h0, g = given[0], given[4], given[6]
+    unique, group = unique_rows(rows[:, :width], len(points))
+    allows = rows[:, width]
+    kept = np.bincount(group, weights=allows & 1 == 0) == 0
+    kept &= np.bincount(group, weights=allows & 2 > 0) > 0
+    if width == 2 and points.shape[1] == 3:
+        rows = rows[np.argsort(group, kind="stable")]
+        first = np.concatenate([[0], np.cumsum(np.bincount(group))])
+        blocked = np.empty(len(unique), np.bool_)
+        items.mark_blocked(points, rows, first, h0, g, blocked)
+        kept &= ~blocked
+    return unique[kept]
