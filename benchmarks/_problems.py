@@ -13,7 +13,7 @@ import numpy as np
 from _timing import G, model_bound, model_exact, model_grid
 from scipy.spatial import Delaunay
 
-from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize.typing import FloatArray
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
@@ -24,6 +24,7 @@ import meshes
 EVERYWHERE = slice(None)
 # References by search are computed at so many nodes at most.
 _SAMPLE = 4000
+_FEW = 300
 
 
 class Problem(NamedTuple):
@@ -50,11 +51,16 @@ def named(*methods):
     return {name: {"method": name} for name in methods}
 
 
-IN_THE_PLANE = named("fast-marching", "source-tracking", "hermite", "factored")
-IN_SPACE = named("fast-marching", "source-tracking")
-OTHERS = named("edge-based", "positive-coefficient", "exact")
+IN_THE_PLANE = named("fast-marching", "exact", "hermite", "factored")
+IN_SPACE = named("fast-marching", "exact")
+BOTH = named("fast-marching", "exact")
+NODES = {
+    "fast-marching": {"method": "fast-marching"},
+    "exact": {"method": "exact", "face_sources": False},
+}
+OTHERS = named("edge-based", "positive-coefficient")
 ON_GRIDS = {
-    **named("edge-based", "fast-marching", "source-tracking"),
+    **named("edge-based", "fast-marching", "exact"),
     "fast-marching, order 2": {"method": "fast-marching", "order": 2},
 }
 
@@ -162,6 +168,38 @@ def around_obstacles(name, n):
     return Problem(mesh, h0, EVERYWHERE, exact)
 
 
+def among_holes(n, n_holes, n_corners):
+    """Return two point sources among regular holes."""
+    mesh, rings = domains.holes(n, n_holes, n_corners)
+    h0, nodes = domains.point_sources(mesh, [(-45.0, 45.0), (40.0, -30.0)], (1.0, 5.0))
+    some = np.arange(0, mesh.n_points, max(1, mesh.n_points // _FEW))
+    sources = (mesh.points[nodes], (1.0, 5.0))
+    exact = geodesics.limited_sizes(rings, mesh.points[some], G, *sources)
+    return Problem(mesh, h0, some, exact)
+
+
+def among_blocks(n):
+    """Return two point sources among rectangular blocks."""
+    mesh, rings = domains.blocks(n)
+    h0, nodes = domains.point_sources(mesh, [(-45.0, 45.0), (40.0, -30.0)], (1.0, 5.0))
+    some = _some(mesh.n_points)
+    exact = geodesics.limited_sizes(rings, mesh.points[some], G, mesh.points[nodes], (1.0, 5.0))
+    return Problem(mesh, h0, some, exact)
+
+
+def waves_in_a_cube(n):
+    """Return smooth sizes at all nodes of tetrahedra, of slopes up to 0.59; nodes alone count."""
+    mesh = jittered_tetrahedra(n)
+    h0 = domains.disc_field(np.linalg.norm(mesh.points, axis=1))
+    some = np.arange(0, mesh.n_points, max(1, mesh.n_points // _FEW))
+    return Problem(mesh, h0, some, _by_brute_force(mesh.points, h0, mesh.points[some]))
+
+
+def _by_brute_force(points, h0, places):
+    """Return formula (11) of the paper at places, from bounds at points."""
+    return np.array([(h0 + G * np.linalg.norm(points - x, axis=1)).min() for x in places])
+
+
 def leaking_slit(n):
     """Return sizes 1 on one face of a thin slit and 8 on the other."""
     mesh, rings, h0, faces, sizes = domains.leaking_slit(n)
@@ -214,8 +252,8 @@ def noise(n):
     """Return random sizes at all nodes, compared to formula (11) for the nodes alone."""
     mesh = jittered_triangles(n)
     h0 = np.random.default_rng(20050714).uniform(1.0, 3.0, mesh.n_points)
-    exact = limit_gradient(mesh, h0, G, method="exact")
-    return Problem(mesh, h0, EVERYWHERE, exact)
+    some = _some(mesh.n_points)
+    return Problem(mesh, h0, some, _by_brute_force(mesh.points, h0, mesh.points[some]))
 
 
 def smooth_limit(n):
@@ -272,7 +310,7 @@ SERIES = {
         lambda n: many_sources(random_triangles(n), 200), (40_000,), IN_THE_PLANE
     ),
     "2000 sources, random triangles": Series(
-        lambda n: many_sources(random_triangles(n), 2000), (40_000,), IN_THE_PLANE
+        lambda n: many_sources(random_triangles(n), 2000), (40_000, 160_000), IN_THE_PLANE
     ),
     "two sources, tetrahedra": Series(
         lambda n: two_sources(jittered_tetrahedra(n)),
@@ -284,6 +322,10 @@ SERIES = {
     "star holes": Series(lambda n: around_obstacles("star holes", n), HOLED, IN_THE_PLANE),
     "maze": Series(lambda n: around_obstacles("maze", n), HOLED, IN_THE_PLANE),
     "round holes": Series(lambda n: around_obstacles("round holes", n), HOLED, IN_THE_PLANE),
+    "blocks": Series(among_blocks, HOLED, BOTH),
+    "6 holes of 40 corners": Series(lambda n: among_holes(n, 6, 40), (180_000,), BOTH),
+    "6 holes of 200 corners": Series(lambda n: among_holes(n, 6, 200), (180_000,), BOTH),
+    "100 holes of 24 corners": Series(lambda n: among_holes(n, 100, 24), (180_000,), BOTH),
     "wall": Series(lambda n: around_obstacles("wall", n), (5_000, 15_000, 45_000), IN_SPACE),
     "window": Series(lambda n: around_obstacles("window", n), (5_000, 15_000, 45_000), IN_SPACE),
     "leaking slit": Series(leaking_slit, (6_800, 26_000), IN_THE_PLANE),
@@ -298,5 +340,6 @@ SERIES = {
         named("fast-marching", "hermite", "factored"),
     ),
     "sphere": Series(sphere, (2_500, 10_000, 40_000), named("fast-marching", "hermite")),
-    "noise": Series(noise, (10_000, 40_000), IN_THE_PLANE),
+    "noise": Series(noise, (10_000, 40_000, 160_000), IN_THE_PLANE),
+    "tetrahedra, smooth field, nodes": Series(waves_in_a_cube, (59_319,), NODES),
 }

@@ -78,6 +78,7 @@ def limit_bounds(
     hmin: float,
     hmax: float,
     weights: FloatArray | None = None,
+    points: tuple[FloatArray, FloatArray] | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> tuple[FloatArray, SizeReport]:
     """Return the limited minimum of several bounds, and which of them controls what.
@@ -94,6 +95,9 @@ def limit_bounds(
     weights : ndarray of float64, of the nodal shape, optional
         Share of the domain that belongs to each node, 0 outside; by default that of the
         cells of the background.
+    points : tuple of arrays, float64[k, dim] and float64[k], optional
+        Places and sizes of point sources, which the exact method takes where they are; they
+        count as the cause ``"sources"``, which is then one of ``bounds``.
     progress : callable, bool or None
         As in `limit_gradient`.
 
@@ -139,11 +143,19 @@ def limit_bounds(
         asked[smaller], own[smaller] = bound[smaller], k
     own[asked < low] = len(names) - 2
     asked = np.maximum(asked, low)
-    h, info = limit_gradient(background, asked, g, full_output=True, progress=progress)
-    # On lines each node counts as its own source.
-    if info.sources is not None and _measure_dim(background) > 1:
+    if points is not None and _measure_dim(background) < background.dim:
+        points = None  # on surfaces they act at the nodes around them
+    if points is not None:
+        points = (points[0], np.clip(points[1], low, high))
+    h, info = limit_gradient(
+        background, asked, g, full_output=True, progress=progress, point_sources=points
+    )
+    if info.sources is not None:
         roots = info.sources.roots().reshape(own.shape)
-        cause = np.where(roots >= 0, own.ravel()[roots], NONE).astype(np.int8)
+        of_node = own.ravel()[np.where(roots < own.size, roots, 0)]
+        of_point = names.index("sources") if points is not None else NONE
+        cause = np.where(roots < own.size, of_node, of_point)
+        cause = np.where(roots >= 0, cause, NONE).astype(np.int8)
     else:
         cause = _by_separate_runs(background, asked, own, len(names) - 1, g)
     weights = nodal_measures(background) if weights is None else weights

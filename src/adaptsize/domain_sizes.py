@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -16,7 +16,12 @@ from adaptsize.causes import SizeReport, limit_bounds, nodal_measures
 from adaptsize.geometry.distance import signed_distance
 from adaptsize.masks import Mask
 from adaptsize.nodal_size import SizeFunction
-from adaptsize.sizes import size_from_curvature, size_from_feature, size_from_sources
+from adaptsize.sizes import (
+    PointSource,
+    size_from_curvature,
+    size_from_feature,
+    size_from_sources,
+)
 from adaptsize.typing import FloatArray, ProgressCallback
 
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -61,7 +66,21 @@ class Wish:
             high = max(_LARGEST_SHARE * diagonal, low or 0.0, least)
         if low is None:
             low = min(max(_SMALLEST_SHARE * diagonal, least), high)
+            for source in self._point_sources():  # what is asked in so many words is not raised
+                low = min(low, float(np.min(source.size)))
         return low, high
+
+    def _point_sources(self) -> list[PointSource]:
+        sources = self.sources if isinstance(self.sources, Iterable) else [self.sources]
+        return [source for source in sources if isinstance(source, PointSource)]
+
+    def points(self, dim: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return the places and sizes of the point sources among the sources; None without any."""
+        rows = [source.rows(dim) for source in self._point_sources()]
+        if not rows:
+            return None
+        places, sizes = zip(*rows, strict=True)
+        return np.concatenate(places), np.concatenate(sizes)
 
     def external(self, background: AnyBackground) -> dict[str, FloatArray]:
         """Return the bounds that do not come from the shape."""
@@ -204,6 +223,7 @@ def _on_grid(
         hmin=limits[0],
         hmax=limits[1],
         weights=share * nodal_measures(inner),
+        points=wish.points(grid.dim),
         progress=wish.report,
     )
     nearest = ndimage.distance_transform_edt(
@@ -281,9 +301,10 @@ def _limited(
         hmin=limits[0],
         hmax=limits[1],
         weights=weights,
+        points=wish.points(background.dim),
         progress=wish.report,
     )
-    return SizeFunction(background, h), report
+    return SizeFunction(background, h, sources=report.info.sources), report
 
 
 def _on_own_nodes(mesh: SimplexMesh, wish: Wish) -> tuple[SizeFunction, SizeReport]:

@@ -47,3 +47,7 @@ class ImageWarning(UserWarning):
 
 class ResolutionWarning(UserWarning):
     """A mesh misses some of its domain, or has cells of poor shape; the message says what."""
+
+
+class OutsideWarning(UserWarning):
+    """A source lies outside the domain and acts on the closest part of it only."""

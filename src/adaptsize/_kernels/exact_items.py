@@ -188,7 +188,7 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
     A size that grows from inside an edge leaves it at an angle whose cosine is the slope of h0
     along it over g, and across the edge at the rate r = sqrt(g^2 - slope^2).  It cannot be least if
     h0 falls faster than r into some cell; nor if h0 rises more slowly than r in the cell
-    into which it goes.  ``allows`` tells the first (1: it does not fall) and the second (2: it rises).
+    into which it goes.  ``allows`` is 1 if it does not fall so, plus 2 if it rises so.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
                     continue
                 across = math.sqrt(g * g - (rise / length) ** 2)
                 p = q = 0
-                while p == v or p == w:
+                while p in (v, w):
                     p += 1
                 if dim == 3:
                     q = 6 - v - w - p
@@ -249,8 +249,8 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
 def mark_blocked(points, rows, first, h0, g, blocked):
     """Mark edges in space that h0 leaves in no direction at the rate g.
 
-    A size that grows from an edge leaves it in a direction w across the edge, |w| = 1, at
-    the rate r (see `list_edges`).  In a face at the edge, in direction f, h0 must not fall below that:
+    A size that grows from an edge leaves it in a direction w across the edge, |w| = 1, at the
+    rate r (see `list_edges`).  In a face at the edge, in direction f, h0 must not fall below it:
 
         r w.f <= slope of h0 along f.
 

@@ -111,9 +111,9 @@ def _foot(entries, k, axes, work, g):
 
 @inner
 def _sides(seen, k, dx, dy, row, sight):
-    """Return the sides on which the domain is along the line from entry k by (dx, dy); 0: none.
+    """Return on which sides of a line the domain is; 0: none.
 
-    The line is from that entry to a node of the boundary; ``row``: that of the node in the sectors.
+    The line is from entry k by (dx, dy) to the node of the boundary of that row in the sectors.
     """
     slack = sight.walls.slack
     if seen.rows[k] >= 0:
@@ -125,8 +125,7 @@ def _sides(seen, k, dx, dy, row, sight):
 
 @inner
 def _may_serve(seen, k, box, g, worst, slack):
-    """Tell whether the node k may lower a size below ``worst`` in a box: is it near, and in its cone?
-    """
+    """Tell whether entry k may lower a size below ``worst`` in a box: near, and in its cone."""
     entries = seen.entries
     if least_allowed(entries, k, (0, 0), box, g) >= worst:
         return False
@@ -235,7 +234,7 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
     m = entries.counts.shape[0]
     stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
     box, x, h = np.empty(4), np.empty((2, BLOCK)), np.empty(BLOCK)
-    by, node = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int64)
+    by, node = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
     room = (
         np.empty(BLOCK),
         np.empty((BLOCK, 2)),
@@ -247,7 +246,7 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
         np.empty(MANY, np.int32),
         np.empty((4, 2)),
     )
-    recent = np.full(_RECENT, -1, np.int32)
+    recent = np.full(_RECENT, -1, np.int64)  # as all numbers of entries: each type is compiled anew
     slack = sight.walls.slack
     for start in range(first, last, BLOCK):
         stop = min(start + BLOCK, last)
@@ -380,7 +379,7 @@ def _offer(corners, c, value, dx, dy):
 
 @inner
 def _turn(corners, c, side, dx, dy):
-    """Let ways that arrive at corner c in direction (dx, dy) go on to a side, too; is it new?"""
+    """Let ways that arrive in direction (dx, dy) go on to a side; tell whether that is new."""
     arrival = corners.arrivals[c, side]
     turn = arrival[0] * dy - arrival[1] * dx
     if corners.turns[c, side] and not (turn > _TIE if side == 0 else turn < -_TIE):

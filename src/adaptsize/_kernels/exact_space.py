@@ -27,7 +27,7 @@ import numpy as np
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.exact import BLOCK, SLACK, gather_block
 from adaptsize._kernels.exact_items import allowed, set_vertices
-from adaptsize._kernels.trees import DEPTH, LEAF
+from adaptsize._kernels.trees import DEPTH, LEAF, distance_to_box
 
 #: Most edges of a way.
 LONGEST = 12
@@ -368,49 +368,42 @@ def _put_first(cached, c, t):
 
 
 @inner
-def _estimate_straight(bases, base, x, sizes, count, g, active):
-    """List in ``active`` the points that a base may lower; return how many there are."""
-    several = bases.counts[base] > 1
+def _estimate_straight(bases, base, x, count, g, values):
+    """Fill what the node ``base`` allows at the points of a block; -inf if it is no node."""
+    if bases.counts[base] > 1:
+        values[:count] = -math.inf
+        return
     bx, by, bz = bases.places[base, 0, 0], bases.places[base, 0, 1], bases.places[base, 0, 2]
     size = bases.sizes[base, 0]
-    m = 0
     for i in range(count):
-        square = (x[0, i] - bx) ** 2 + (x[1, i] - by) ** 2 + (x[2, i] - bz) ** 2
-        if several or size + g * math.sqrt(square) < sizes[i]:
-            active[m] = i
-            m += 1
-    return m
+        dx, dy, dz = x[0, i] - bx, x[1, i] - by, x[2, i] - bz
+        values[i] = size + g * math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @inner
-def _estimate(ways, w, x, sizes, count, g, slack, active):
-    """List in ``active`` the points that a way over edges may lower; return how many there are."""
+def _estimate(ways, w, x, count, g, slack, values):
+    """Fill lower bounds of what a way over edges allows, inf at points that it does not serve."""
     edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
     sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
     ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
     length, offset, skew = edges.length[e], ways.offset[w], ways.skew[w]
     (nx, ny, nz), (ax, ay, az), (bx, by, bz) = ways.shade[w, 0], ways.shade[w, 1], ways.shade[w, 2]
-    m = 0
-    for i in range(count):
+    for i in range(count):  # no branches and no division: this is vectorised
         px, py, pz = x[0, i] - sx, x[1, i] - sy, x[2, i] - sz
-        if nx * px + ny * py + nz * pz > slack:
-            continue
-        if ax * px + ay * py + az * pz < -slack and bx * px + by * py + bz * pz < -slack:
-            continue
+        served = nx * px + ny * py + nz * pz <= slack
+        served &= (ax * px + ay * py + az * pz >= -slack) | (bx * px + by * py + bz * pz >= -slack)
         s = px * ux + py * uy + pz * uz
         px, py, pz = px - s * ux, py - s * uy, pz - s * uz
         d = math.sqrt(px * px + py * py + pz * pz)
-        if offset + g * math.sqrt((s - f) ** 2 + (d + r) ** 2) < sizes[i] and d > _END * length:
-            t = (f * d + s * r) / (d + r)
-            inside = 0.0 < t < length
-            if skew and not inside:  # other bends before may move this one inside
-                t = min(max(t, 0.0), length)
-                way = math.sqrt((t - f) ** 2 + r * r) + math.sqrt((t - s) ** 2 + d * d)
-                inside = offset + g * way < sizes[i]
-            if inside:
-                active[m] = i
-                m += 1
-    return m
+        t = f * d + s * r  # the bend, times d + r
+        before, beyond = t <= 0.0, t >= length * (d + r)
+        served &= (d > _END * length) & (skew | ~(before | beyond))
+        # Bends before may move a last one inside that is not; its part of the edge is a bound.
+        c = 0.0 if before else length
+        short = math.sqrt((s - f) * (s - f) + (d + r) * (d + r))
+        clipped = math.sqrt((c - f) * (c - f) + r * r) + math.sqrt((c - s) * (c - s) + d * d)
+        value = offset + g * (clipped if before | beyond else short)
+        values[i] = value if served else math.inf
 
 
 @inner
@@ -590,7 +583,7 @@ def _lay(ways, w, m, g, faces, stars, block):
     n, last, zero = np.int64(0), w, np.int64(0)
     while ways.edge[last] >= 0:
         _put_bends(ways, last, feet, n, active, m)
-        if n == 0:
+        if n == 0 and not ways.skew[w]:
             m = _without_leaving(stars, block.nodes, feet, zero, zero + 1, active, m)
         n += 1
         chain[n] = ways.edge[last]
@@ -663,12 +656,16 @@ def _without_unseen(ways, w, n, m, sight, block):
 @inner
 def _try_way(ways, w, count, sight, g, faces, block):
     """Lower the points of a block to what a way allows where all of its pieces are seen."""
-    active, sizes, values = block.active, block.sizes, block.values
+    active, sizes, values, x = block.active, block.sizes, block.values, block.feet[0]
     if ways.edge[w] >= 0:
-        m = _estimate(ways, w, block.feet[0], sizes, count, g, sight.walls.slack, active)
+        _estimate(ways, w, x, count, g, sight.walls.slack, values)
     else:
-        base = np.int64(ways.base[w])
-        m = _estimate_straight(ways.bases, base, block.feet[0], sizes, count, g, active)
+        _estimate_straight(ways.bases, np.int64(ways.base[w]), x, count, g, values)
+    m = np.int64(0)
+    for i in range(count):
+        if values[i] < sizes[i]:
+            active[m] = i
+            m += 1
     if m == 0:
         return False
     n, m = _lay(ways, w, m, g, faces, sight.stars, block)
@@ -707,22 +704,30 @@ def _in_shade(ways, w, box, slack):
 
 @inner
 def _promise(boxes, b, x, sizes, count, g):
-    """Return the least of (bound of box b at a point - its size) over the points of a block.
+    """Return at how many points of a block the ways in box b may lower the size.
 
     Sizes within a block differ by more than ways of one point do, which the box around the block
     would not tell apart.
     """
-    best = math.inf
-    value = SLACK * boxes[b, 6]
+    value = boxes[b, 6]
+    lx, ly, lz, hx, hy, hz = (
+        boxes[b, 0],
+        boxes[b, 1],
+        boxes[b, 2],
+        boxes[b, 3],
+        boxes[b, 4],
+        boxes[b, 5],
+    )
+    found = 0
     if value == math.inf:
-        return best
+        return found
     for i in range(count):
-        square = 0.0
-        for d in range(3):
-            gap = max(boxes[b, d] - x[d, i], x[d, i] - boxes[b, 3 + d], 0.0)
-            square += gap * gap
-        best = min(best, value + SLACK * g * math.sqrt(square) - sizes[i])
-    return best
+        dx = max(lx - x[0, i], x[0, i] - hx, 0.0)
+        dy = max(ly - x[1, i], x[1, i] - hy, 0.0)
+        dz = max(lz - x[2, i], x[2, i] - hz, 0.0)
+        bound = value + g * math.sqrt(dx * dx + dy * dy + dz * dz)
+        found += 1 if SLACK * bound < sizes[i] else 0
+    return found
 
 
 @inner
@@ -803,13 +808,13 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
                 near, far = 2 * b, 2 * b + 1
                 at_near = _promise(choice.boxes, near, block.feet[0], block.sizes, count, g)
                 at_far = _promise(choice.boxes, far, block.feet[0], block.sizes, count, g)
-                if at_far < at_near:
+                if at_far > at_near:
                     near, far = far, near
                     at_near, at_far = at_far, at_near
-                if at_far < 0.0:
+                if at_far > 0:
                     stack[size] = far
                     size += 1
-                if at_near < 0.0:
+                if at_near > 0:
                     stack[size] = near
                     size += 1
                 continue

@@ -44,6 +44,36 @@ def simplices_of_boxes(shape: tuple[int, ...]) -> IntArray:
     return cells
 
 
+def both_ways(finite: BoolArray, active: BoolArray | None) -> IntArray:
+    """Return the triangles into which both diagonals cut the whole boxes of a plane grid.
+
+    Where data are finite at three corners, only those of the diagonal to the fourth: the other
+    would be a short cut for data along lines that turn a corner there.
+
+    Parameters
+    ----------
+    finite : bool[shape]
+        Where there are data.
+    active : bool[shape], optional
+        Active nodes; all by default.
+
+    Returns
+    -------
+    int32[m, 3]
+    """
+    number = np.arange(finite.size, dtype=np.int32).reshape(finite.shape)
+    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
+    whole = np.ones(corners[0].shape, np.bool_) if active is None else whole_boxes(active)
+    a, b, c, d = (x[whole] for x in corners)
+    has = finite.ravel()
+    of_three = has[a].astype(np.int8) + has[b] + has[c] + has[d] == 3
+    falling = np.where(of_three, ~(has[b] & has[c]), True)
+    rising = np.where(of_three, ~(has[a] & has[d]), True)
+    pieces = [np.stack(t, axis=1)[falling] for t in ((a, b, c), (b, d, c))]
+    pieces += [np.stack(t, axis=1)[rising] for t in ((a, b, d), (a, d, c))]
+    return np.concatenate(pieces)
+
+
 def whole_boxes(active: BoolArray) -> BoolArray:
     """Return which boxes of a grid have active corners only."""
     whole = np.ones([n - 1 for n in active.shape], np.bool_)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._kernels import boundary as kernels
 from adaptsize._kernels.sight import ANY, NARROW, WIDE, Sectors
@@ -109,9 +110,7 @@ def _walls(points: FloatArray, cells: IntArray, may_merge: bool) -> FlatBoundary
     return FlatBoundary(facets, owner[is_wall], bool((left + right)[is_wall].max(initial=1) == 1))
 
 
-def _without_short_edges(
-    points: FloatArray, cells: IntArray
-) -> tuple[IntArray, IntArray | None]:
+def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray | None]:
     """Return the cells when nodes of one cell at the same place are one, and that one for each."""
     parent = np.arange(len(points), dtype=np.int32)
     pairs = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
@@ -128,7 +127,7 @@ def _without_short_edges(
 
 
 def _without_flat_cells(
-    group: IntArray, side: IntArray, cell: IntArray, n_groups: int
+    group: IntArray, side: npt.NDArray[np.int8], cell: IntArray, n_groups: int
 ) -> BoolArray:
     """Return which rows are left when flat cells with a free facet are taken away, in turn."""
     kept = np.ones(len(group), bool)
@@ -268,7 +267,9 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
 
 def _unit(vectors: FloatArray) -> FloatArray:
     length = np.hypot(*vectors.T)[:, None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
+    out = np.zeros_like(vectors)
+    np.divide(vectors, length, out=out, where=length > 0.0)
+    return out
 
 
 def _sectors(
@@ -331,10 +332,10 @@ def _sectors_at(
 ) -> list[tuple[int, int]]:
     """Return the first and the last neighbour of each fan around node i; none if they are odd."""
     pairs = []
-    for p in after:
+    for p, next_to_p in after.items():
         if (min(i, p), max(i, p)) not in walls:
             continue
-        q = after[p]
+        q = next_to_p
         for _ in after:
             if (min(i, q), max(i, q)) in walls or q not in after:
                 break

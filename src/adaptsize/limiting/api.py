@@ -9,13 +9,13 @@ from typing import Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_sizes, describe, one_of
+from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.info import LimitingInfo, Record
-from adaptsize.limiting.problem import Problem
+from adaptsize.limiting.problem import PointBounds, Problem
 from adaptsize.limiting.warm_start import refuse_background, refuse_others, resume, with_start
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
@@ -37,6 +37,7 @@ def limit_gradient(
     max_iter: int | None = ...,
     face_sources: bool = ...,
     threads: int | None = ...,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> FloatArray: ...
@@ -54,6 +55,7 @@ def limit_gradient(
     max_iter: int | None = ...,
     face_sources: bool = ...,
     threads: int | None = ...,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[FloatArray, LimitingInfo]: ...
@@ -70,6 +72,7 @@ def limit_gradient(
     max_iter: int | None = None,
     face_sources: bool = True,
     threads: int | None = None,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray | tuple[FloatArray, LimitingInfo]:
@@ -101,8 +104,8 @@ def limit_gradient(
         be given per cell); or ``g(h)``, which takes an array of sizes and returns
         positive bounded limits; or ``(a, b)`` for the product a(x) b(h).
     method : str, optional
-        ``"source-tracking"``: straight from where sizes come from, exact for sizes from
-        points and of second order for others; one g or g(h), flat domains.
+        ``"exact"``: straight from the bounds that each node sees; flat domains, one g or g(h).
+        To rounding in convex domains and in the plane; see the notes.
         ``"factored"``: triangles in the plane, g a number or one per node, smooth.
         ``"hermite"``: triangles in the plane or in space; carries gradients.
         ``"fast-marching"``: of first order, monotone, on everything.
@@ -111,8 +114,7 @@ def limit_gradient(
         ``"positive-coefficient"``: on meshes, the iteration of Barth and Sethian [2]_.
         ``"hamilton-jacobi"``: on grids, the upwind iteration of [1]_.
         ``"edge-based"``: shortest paths along edges; does not converge, for
-        comparison only.  ``"exact"``: formula (11) of [1]_, for convex domains and
-        one g or g(h); quadratic cost.
+        comparison only.
     order : int, optional
         1 or, on grids with fast marching (which ``"auto"`` then takes) or the
         Hamilton-Jacobi iteration, 2.
@@ -120,9 +122,9 @@ def limit_gradient(
         Of the positive coefficient scheme: keep it above the Hopf-Lax updates, or
         leave it as published, which undershoots at point sources.
     initial : LimitingInfo, or array_like of float of the nodal shape, optional
-        The info of an earlier call with the same background, g and method: then the work, of
-        source tracking, fast marching and the edge-based scheme, is proportional to the nodes
-        whose size is another one, be ``h0`` lower or higher there.  See the notes.
+        The info of an earlier call with the same background, g and method.  The exact method
+        on meshes then works on the nodes only whose size may be another one, where bounds
+        are at isolated nodes or ``face_sources=False``.  See the notes.
         An array is the start of an iteration, the fast marching solution if not given.  Lowered
         to ``h0`` where it is above.  The Hamilton-Jacobi iteration finds the solution from
         any start, soonest from that of a slightly different ``h0``; the other only falls.
@@ -131,8 +133,15 @@ def limit_gradient(
     max_iter : int, optional
         Most steps of an iteration.
     face_sources : bool, optional
-        Of source tracking: whether ``h0`` bounds the size along edges and faces too, where it
-        counts as linear, or at the nodes only.  With nodes only the result is idempotent.
+        Of the exact method: whether ``h0`` bounds the size on the cells too, where it counts as
+        linear, or at the nodes only.  With nodes only the result is idempotent.  The boxes of a
+        plane grid are cut both ways, those in space as in ``grid.mesh``.
+    threads : int, optional
+        Of the exact method: number of threads, by default that of numba
+        (``numba.set_num_threads``).  The result is the same for any number, bit by bit.
+    point_sources : tuple of (array_like, array_like), optional
+        Of the exact method: points, shape (k, dim), and bounds at them, shape (k,), which need not
+        be at nodes.  Points outside the domain do not act.
     full_output : bool, optional
         Also return a `LimitingInfo`, which costs time only when it is asked for something.
     progress : callable or bool, optional
@@ -173,14 +182,15 @@ def limit_gradient(
     :math:`1/\cos(\theta/2)` for a cell with angle :math:`\theta` at its upstream
     vertex; so does that of the exact nodal values, at every mesh size.
 
-    *From an earlier solution.*  Fast marching and the edge-based scheme give what they give
-    from nothing, to rounding (where g depends on h to 1e-8, if the least bound differs).  Source
-    tracking does so for sizes from points; where bounds at neighbouring nodes compete, both ways
-    overlook a better place between nodes now and then, not always the same.
-    Methods without such a start, second order, changes that concern half of all nodes, and a
-    bound below all those that g(h) has been tabulated for are solved anew; the
-    Hamilton-Jacobi iteration starts from the earlier sizes.  Arrays given before may have been
-    written into in the meantime.
+    *Exact method.*  In convex domains and in the plane the result is
+    :math:`\min_y h_0(y) + g\,d(x, y)` to rounding, d being the length of the shortest path in
+    the domain.  In space it is that where the minimum is at a point that x sees; elsewhere it
+    is the length of a path over edges of the boundary, hence an upper bound.
+    ``info.n_proved`` and ``info.largest_gap`` tell how far.  No size is too small.
+
+    *From an earlier solution.*  The exact method gives what it gives from nothing, bit by bit.
+    Other methods and cases are solved anew, but for the Hamilton-Jacobi iteration, which starts
+    from the earlier sizes.  Arrays given before may have been written into in the meantime.
 
     References
     ----------
@@ -224,7 +234,8 @@ def limit_gradient(
     bound = _as_bound("h0", h0, background)
     if full_output and np.may_share_memory(bound, h0):
         bound = bound.copy()  # what the next call compares with
-    if bound.min() == np.inf:
+    extra = None if point_sources is None else _as_point_bounds(point_sources, background.dim)
+    if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
     _refuse_idle_options(schemes, method, order, guess, max_iter)
@@ -232,9 +243,12 @@ def limit_gradient(
     # A record of another background is refused below, when all else is known.
     if record is not None and record.bound.shape != bound.shape:
         refuse_background(record, background)
+    bounds = bound if extra is None else np.concatenate([bound.ravel(), extra.sizes])
     slope, transform = gradient_limit.resolve(
-        domain, g, bound, None if record is None else record.transform
+        domain, g, bounds, None if record is None else record.transform
     )
+    if extra is not None and transform is not None:
+        extra = extra._replace(sizes=transform.forward(extra.sizes))
     if floor not in ("hopf-lax", None):
         raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
     start = None if guess is None else _as_bound("initial", guess, background)
@@ -250,11 +264,14 @@ def limit_gradient(
             max_iter=max_iter,
             face_sources=bool(face_sources),
             threads=_as_threads(threads),
+            point_sources=extra,
             residual=full_output,
             report=report,
         )
         if method == "auto":
             method = schemes.choose_method(domain, problem)
+        if extra is not None and method != "exact":
+            raise ValueError(f"point_sources are for method='exact', got method={method!r}")
         solution = None
         if earlier is not None:
             refuse_others(earlier, background, method, problem, transform)
@@ -347,6 +364,14 @@ def _refuse_idle_options(
         raise ValueError(f"initial is for method={only}, got method={method!r}")
     if max_iter is not None and (not isinstance(max_iter, int | np.integer) or max_iter < 1):
         raise ValueError(f"max_iter must be an integer >= 1 or None, got {max_iter!r}")
+
+
+def _as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:
+    """Return checked bounds at points."""
+    if not isinstance(given, tuple) or len(given) != 2:
+        raise ValueError(f"point_sources must be a tuple (points, sizes), got {describe(given)}")
+    points = as_points("point_sources[0]", given[0], dim)
+    return PointBounds(points, as_sizes("point_sources[1]", given[1], (len(points),)))
 
 
 def _as_threads(threads: object) -> int | None:

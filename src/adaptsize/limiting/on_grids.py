@@ -47,6 +47,7 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
         slope,
         face_sources=problem.face_sources,
         threads=problem.threads,
+        point_sources=problem.point_sources,
         report=report,
     )
 

@@ -63,6 +63,7 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
             slope,
             face_sources=problem.face_sources,
             threads=problem.threads,
+            point_sources=problem.point_sources,
             report=report,
         )
     if method in _WITH_GRADIENTS:

@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import FloatArray, ProgressCallback
+
+
+class PointBounds(NamedTuple):
+    """Bounds at points that need not be nodes, transformed like ``h0``."""
+
+    points: FloatArray
+    """float64[k, dim]"""
+    sizes: FloatArray
+    """float64[k]"""
 
 
 @dataclass(frozen=True)
@@ -22,6 +32,7 @@ class Problem:
     max_iter: int | None
     face_sources: bool
     threads: int | None
+    point_sources: PointBounds | None
     residual: bool
     """Whether to measure the residual."""
     report: ProgressCallback

@@ -34,7 +34,7 @@ class SizeSources:
     nodes: IntArray
     """int32[n_points, dim]: nodes of each source, -1 where there are fewer.  A node that keeps
     its bound is its own source; a node that no bound reaches has none.  Where the path bends at a
-    node, that is the source."""
+    node, that is the source.  ``n_points + k`` is the k-th of the point sources."""
     bends: FloatArray
     """float64[n_points, dim]: the last point where the path from the source bends, nan where it is
     straight; no rows in a convex domain."""
@@ -67,7 +67,9 @@ class SizeSources:
             has = found.source >= 0
             own = named[found.source[has]]
             if part.nodes is not None:
-                own = np.where(own >= 0, part.nodes[own], np.int32(-1))
+                k = len(part.nodes)
+                inner = part.nodes[np.clip(own, 0, k - 1)]
+                own = np.where((own >= 0) & (own < k), inner, np.where(own < 0, -1, own - k + n))
             nodes[where[has]] = own
             if len(found.bend):
                 bends[where] = found.bend
@@ -90,14 +92,17 @@ class SizeSources:
         Returns
         -------
         ndarray of int32, shape (n_points,)
-            -1 where no bound reaches.
+            -1 where no bound reaches, ``n_points + k`` for the k-th of the point sources.
         """
-        bounds = np.where(self.nodes >= 0, self.bound[self.nodes], np.inf)
+        n = len(self.bound)
+        is_node = (self.nodes >= 0) & (self.nodes < n)
+        bounds = np.where(is_node, self.bound[np.where(is_node, self.nodes, 0)], np.inf)
         several = (self.nodes[:, 1:] >= 0).any(axis=1)
         least = np.where(several, np.argmin(bounds, axis=1), 0)
         root = np.take_along_axis(self.nodes, least[:, None], axis=1)[:, 0]
         while True:  # each round doubles the length of the way back
-            further = np.where(root >= 0, root[root], -1)
+            further = np.where(root < n, root[np.clip(root, 0, n - 1)], root)
+            further = np.where(root >= 0, further, -1)
             if np.array_equal(further, root):
                 return np.asarray(root, dtype=np.int32)
             root = further
@@ -106,9 +111,9 @@ class SizeSources:
         """Return the limited size at points of the domain, without interpolation.
 
         The least of what sources and corners of the boundary allow that the point sees, and
-        of the interpolated bound: the limited size itself, to rounding, in convex domains and in the
-        plane.  In solids that are not convex, and on grids with passages without a whole box, the
-        nodal sizes are interpolated.
+        of the interpolated bound: the limited size itself, to rounding, in convex domains and
+        in the plane.  In solids that are not convex, and on grids with passages without a whole
+        box, the nodal sizes are interpolated.
 
         Parameters
         ----------

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from adaptsize.limiting.info import LimitingInfo, Record
     from adaptsize.limiting.problem import Problem
 
+
 def resume(
     record: Record, method: str, problem: Problem, transform: SizeTransform | None
 ) -> Solution | None:
@@ -26,6 +27,8 @@ def resume(
     if transform is not record.transform:  # sizes below those of the table
         return None
     if not isinstance(record.solution, ExactSolution):
+        return None
+    if problem.point_sources is not None or record.problem.point_sources is not None:
         return None
     return solve_exact_again(
         record.domain,

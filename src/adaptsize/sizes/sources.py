@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NoReturn, Protocol, TypeAlias, runtime_checkable
@@ -11,8 +12,12 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.errors import OutsideWarning
 from adaptsize.sizes import _on_grid, _touched
 from adaptsize.typing import FloatArray, IntArray
+
+# Points this far outside, relative to the diagonal of the background, count as inside.
+_OUTSIDE = 1e-9
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
@@ -47,12 +52,17 @@ class PointSource:
 
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells around the points."""
-        points = as_points("points", np.atleast_2d(as_float_array("points", self.points)), mesh.dim)
-        size = _sizes_per_row(self.size, len(points))
+        points, size = self.rows(mesh.dim)
+        _warn_of_outside(mesh, points)
         if isinstance(mesh, CartesianGrid):
             _on_grid.lower_at_points(mesh, points, size, g, h0)
             return
         _lower_around(mesh, mesh.locator.nearest(points)[0], points, size, g, h0)
+
+    def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
+        """Return places and sizes, float64[n, dim] and float64[n], checked."""
+        points = as_points("points", np.atleast_2d(as_float_array("points", self.points)), dim)
+        return points, _sizes_per_row(self.size, len(points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,6 +337,25 @@ def size_from_sources(
                 f"sources[{number}] must be a source or a function, got {describe(source)}"
             )
     return h0
+
+
+def _warn_of_outside(mesh: SimplexMesh | CartesianGrid, points: FloatArray) -> None:
+    """Warn of point sources that lie outside a flat domain."""
+    if isinstance(mesh, SimplexMesh) and mesh.cell_dim < mesh.dim:
+        return  # no point lies on a curved surface exactly
+    away = mesh.locator.weights(points)[2]
+    outside = away > _OUTSIDE * mesh.diagonal
+    if outside.any():
+        first = int(np.argmax(outside))
+        place = ", ".join(f"{x:.6g}" for x in points[first])
+        more = int(np.count_nonzero(outside)) - 1
+        also = f" (and {more} more)" if more else ""
+        warnings.warn(
+            f"the source at ({place}) lies {away[first]:.4g} outside the domain{also}: it acts on "
+            "the nodes of the closest cell only, with its distance from them",
+            OutsideWarning,
+            stacklevel=2,
+        )
 
 
 def _lower_around(

@@ -11,18 +11,30 @@ import numpy as np
 from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background.splitting_grid import both_ways
 from adaptsize.geometry.boundary import flat_boundary, is_convex
 from adaptsize.limiting.exact.again import solve_again
-from adaptsize.limiting.exact.field import ExactField, Points, wave_of
-from adaptsize.limiting.exact.solve import Found, Problem, solve_on_mesh, survivors_among
-from adaptsize.limiting.exact.work import entries_of, number_of_threads
+from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.solve import (
+    Extra,
+    Found,
+    Problem,
+    node_wave,
+    solve_on_mesh,
+    survivors_among,
+)
+from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.grid_marching import solve_grid_edges
+from adaptsize.limiting.problem import PointBounds
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 # Sizes that differ by less than this share are equal.
 _EQUAL = 1e-12
+
+# Points this far outside, relative to the diagonal of the background, count as inside.
+_OUTSIDE = 1e-9
 
 # Nodes of a tile of a grid, which is a block of the kernels.
 _TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
@@ -56,8 +68,9 @@ def solve_exact(
     face_sources: bool,
     threads: int | None,
     report: ProgressCallback,
+    point_sources: PointBounds | None = None,
 ) -> ExactSolution:
-    r"""Return :math:`\min_y h_0(y) + g\, d(x, y)` at all nodes, d the length of a way in the domain.
+    r"""Return :math:`\min_y h_0(y) + g\, d(x, y)`, d being lengths of ways in the domain.
 
     Convex domains, and domains in the plane: to rounding.  In space where the minimum is at a
     point that x sees; elsewhere the length of a way over reflex edges, hence never too small.
@@ -76,6 +89,8 @@ def solve_exact(
     threads : int or None
         None: as many as numba uses.  The result is the same for any number, bit by bit.
     report : callable
+    point_sources : PointBounds, optional
+        Bounds at points between the nodes; those outside the domain do not act.
 
     Raises
     ------
@@ -87,23 +102,25 @@ def solve_exact(
     See docs/exact-limiting.md for theory, proofs, and measured errors and times.
     """
     g = slope.number("exact")
+    extra = _inside(background, point_sources)
     given = (g, face_sources, number_of_threads(threads), report)
     if isinstance(background, CartesianGrid):
         if background.active is not None:
-            return _on_active(background, h0, given)
+            return _on_active(background, h0, given, point_sources)
         if not face_sources or background.dim == 1 or not _meet(h0):
-            return _as_solution(h0, [Part(None, _on_box(background, h0, given))])
-        background = background.mesh
-    elif background.cell_dim != background.dim:
+            found = _on_convex_nodes(background, h0.ravel(), given, extra)
+            return _as_solution(h0, [Part(None, found)])
+        return _on_grid_mesh(background, h0, given, extra)
+    if background.cell_dim != background.dim:
         raise ValueError(
             f"method='exact' needs a flat domain of full dimension, got {background!r}"
         )
     if not (mark_used(background) and background.dim > 1):
-        return _by_components(background, h0, given)
+        return _by_components(background, h0, given, extra)
     boundary = flat_boundary(background)
     if not is_convex(background.points, boundary):
-        return _by_components(background, h0, given)
-    found = solve_on_mesh(Problem(background, h0.ravel(), *given), boundary)
+        return _by_components(background, h0, given, extra)
+    found = solve_on_mesh(Problem(background, h0.ravel(), *given, extra), boundary)
     return _as_solution(h0, [Part(None, found)])
 
 
@@ -135,42 +152,75 @@ def mark_used(mesh: SimplexMesh) -> bool:
     return int(mark_nodes(mesh.cells, np.zeros(mesh.n_points, np.bool_))) == mesh.n_points
 
 
+def _inside(
+    background: SimplexMesh | CartesianGrid, point_sources: PointBounds | None
+) -> Extra | None:
+    """Return the sources between the nodes that lie in the domain."""
+    if point_sources is None:
+        return None
+    places, sizes = point_sources
+    numbers = background.n_points + np.arange(len(places), dtype=np.int32)
+    away = background.locator.weights(places)[2]
+    inside = (away <= _OUTSIDE * background.diagonal) & np.isfinite(sizes)
+    return Extra(np.ascontiguousarray(places[inside]), sizes[inside], numbers[inside])
+
+
 def _by_components(
-    mesh: SimplexMesh, h0: FloatArray, given: tuple[float, bool, int, ProgressCallback]
+    mesh: SimplexMesh,
+    h0: FloatArray,
+    given: tuple[float, bool, int, ProgressCallback],
+    extra: Extra | None,
+    linear: IntArray | None = None,
 ) -> ExactSolution:
     """Solve on one component after another; nodes in no cell keep their bounds."""
     parts = []
-    for nodes, component in _components(mesh, h0.ravel()):
-        bound = h0.ravel() if nodes is None else h0.ravel()[nodes]
+    bound = h0.ravel().copy()
+    beside = np.empty(0, np.int32)
+    if extra is not None:  # a component is one of theirs if a node of the cell around them is
+        beside = mesh.cells[mesh.locator.nearest(extra.points)[0], 0]
+    for nodes, component in _components(mesh, bound, beside):
+        own = bound if nodes is None else bound[nodes]
+        some = extra
+        if extra is not None and nodes is not None:
+            here = np.isin(beside, nodes)
+            # Numbers follow those of the nodes, in a component as in the whole.
+            numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
+            some = Extra(extra.points[here], extra.sizes[here], numbers)
         if mesh.dim == 1:  # an interval; folds change nothing
-            found = _on_convex_nodes(component.points, None, bound, given)
+            found = _on_convex_nodes(component.points, own, given, some)
         else:
-            found = solve_on_mesh(Problem(component, bound, *given), None)
+            also = linear
+            if linear is not None and nodes is not None:
+                local = np.full(mesh.n_points, -1, np.int32)
+                local[nodes] = np.arange(len(nodes))
+                also = local[linear]
+                also = np.ascontiguousarray(also[also[:, 0] >= 0])
+            found = solve_on_mesh(Problem(component, own, *given, some, also), None)
         parts.append(Part(nodes, found))
     return _as_solution(h0, parts)
 
 
 def _as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     """Return the solution made of those of the components; elsewhere bounds are kept."""
-    h = h0.ravel().copy()
+    flat = h0.ravel().copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
     for nodes, found in parts:
-        h[slice(None) if nodes is None else nodes] = found.h
+        flat[slice(None) if nodes is None else nodes] = found.h
         n_entries += found.field.n_entries
         if found.proved is not None and found.lower is not None:
             hidden = ~found.proved
             n_hidden += int(np.count_nonzero(hidden))
             gap = max(gap, float((found.h - found.lower)[hidden].max(initial=0.0)))
-    h = h.reshape(h0.shape)
+    h = flat.reshape(h0.shape)
     return ExactSolution(
         h, n_entries, 0.0, parts=parts, n_proved=h.size - n_hidden, largest_gap=gap
     )
 
 
 def _components(
-    mesh: SimplexMesh, h0: FloatArray
+    mesh: SimplexMesh, h0: FloatArray, beside: IntArray
 ) -> Iterator[tuple[IntArray | None, SimplexMesh]]:
-    """Yield the components of a mesh in which there is a bound, with their nodes."""
+    """Yield the components of a mesh with a bound, or one of some nodes, with their nodes."""
     parent = np.arange(mesh.n_points, dtype=np.int32)
     join_cells(mesh.cells, parent)
     if not parent.any():
@@ -180,66 +230,71 @@ def _components(
     used[mesh.cells] = True
     local = np.empty(mesh.n_points, np.int32)
     of_cells = parent[mesh.cells[:, 0]]
-    for root in np.unique(parent[used & np.isfinite(h0)]).tolist():
+    wanted = np.concatenate([parent[used & np.isfinite(h0)], parent[beside]])
+    for root in np.unique(wanted).tolist():
         nodes = np.flatnonzero(used & (parent == root)).astype(np.int32)
         local[nodes] = np.arange(len(nodes))
         cells = local[mesh.cells[of_cells == root]]
         yield nodes, SimplexMesh(mesh.points[nodes], cells)
 
 
-def _on_box(
-    grid: CartesianGrid, h0: FloatArray, given: tuple[float, bool, int, ProgressCallback]
-) -> Found:
-    """Solve on a grid of which all nodes are active, with bounds at nodes."""
-    return _on_convex_nodes(None, grid, h0.ravel(), given)
-
-
 def _on_convex_nodes(
-    points: FloatArray | None,
-    grid: CartesianGrid | None,
+    domain: FloatArray | CartesianGrid,
     h0: FloatArray,
     given: tuple[float, bool, int, ProgressCallback],
+    extra: Extra | None,
 ) -> Found:
-    """Solve for bounds at the nodes of a convex domain, given by its points or as a grid."""
+    """Solve for bounds at the nodes of a convex domain, its points or a grid."""
     g, _, threads, report = given
-    nodes = np.flatnonzero(np.isfinite(h0))
-    places = _places(grid, nodes) if points is None else points[nodes]
-    kept = survivors_among(np.ascontiguousarray(places), h0[nodes], g, threads, report)
-    nodes, places = nodes[kept], places[kept]
-    entries, order = entries_of(places[:, None], h0[nodes, None])
-    named = np.full((len(nodes), places.shape[1]), -1, np.int32)
-    named[:, 0] = nodes[order]
+    nodes = np.flatnonzero(np.isfinite(h0)).astype(np.int32)
+    if isinstance(domain, CartesianGrid):
+        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
+        places = domain.origin + domain.spacing * index
+    else:
+        places = domain[nodes]
+    sizes = h0[nodes]
+    if extra is not None:
+        places = np.concatenate([places, extra.points])
+        sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
+    kept = survivors_among(np.ascontiguousarray(places), sizes, g, threads, report)
+    wave = node_wave(np.ascontiguousarray(places[kept]), sizes[kept], nodes[kept])
     exact = ExactField(g, None)
-    exact.add(wave_of(entries, named))
+    exact.add(wave)
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
-    none = np.empty(0, np.int32)
-    for first, here in _slabs(points, grid):
-        last = first + len(here.places)
-        exact.lower_by_last(
-            here._replace(on_wall=none), h[first:last], source[first:last], threads, report
-        )
+    for first, points in _slabs(domain):
+        last = first + len(points.places)
+        exact.lower_by_last(points, h[first:last], source[first:last], threads, report)
     return Found(h, source, exact, np.empty((0, places.shape[1])))
 
 
-def _places(grid: CartesianGrid, nodes: IntArray) -> FloatArray:
-    index = np.stack(np.unravel_index(nodes, grid.shape), axis=1)
-    return grid.origin + grid.spacing * index
-
-
-def _slabs(points: FloatArray | None, grid: CartesianGrid | None) -> Iterator[tuple[int, Points]]:
+def _slabs(domain: FloatArray | CartesianGrid) -> Iterator[tuple[int, Points]]:
     """Yield the nodes in blocks: all those of a line, those of a grid a million at a time."""
     none = np.empty(0, np.int32)
-    if points is not None:
-        yield 0, Points(points, np.argsort(points[:, 0], kind="stable").astype(np.int32), none)
+    if not isinstance(domain, CartesianGrid):
+        yield 0, Points(domain, np.argsort(domain[:, 0], kind="stable").astype(np.int32), none)
         return
     order, first = none, 0
-    for slab, places in grid.slabs():
-        shape = (slab.stop - slab.start, *grid.shape[1:])
+    for slab, places in domain.slabs():
+        shape = (slab.stop - slab.start, *domain.shape[1:])
         if len(order) != len(places):
             order = np.empty(len(places), np.int32)
-            fill_tiles((*shape, 1, 1)[:3], _TILES[grid.dim], order)
+            fill_tiles((*shape, 1, 1)[:3], _TILES[domain.dim], order)
         yield first, Points(places, order, none)
         first += len(places)
+
+
+def _on_grid_mesh(
+    grid: CartesianGrid,
+    h0: FloatArray,
+    given: tuple[float, bool, int, ProgressCallback],
+    extra: Extra | None,
+) -> ExactSolution:
+    """Solve on the whole boxes of a grid, cut into simplices on which h0 counts as linear.
+
+    In the plane each box is cut both ways, and the lower of both counts: no diagonal is preferred.
+    """
+    linear = both_ways(np.isfinite(h0), grid.active) if grid.dim == 2 else None
+    return _by_components(grid.mesh, h0, given, extra, linear)
 
 
 def _meet(h0: FloatArray) -> bool:
@@ -255,23 +310,25 @@ def _meet(h0: FloatArray) -> bool:
 
 
 def _on_active(
-    grid: CartesianGrid, h0: FloatArray, given: tuple[float, bool, int, ProgressCallback]
+    grid: CartesianGrid,
+    h0: FloatArray,
+    given: tuple[float, bool, int, ProgressCallback],
+    point_sources: PointBounds | None,
 ) -> ExactSolution:
     """Solve on the active nodes of a grid.
 
     Whole boxes are the domain of the exact method; what is left are edges on which sizes go
     from node to node.  Both take turns until neither lowers the other.
     """
-    g, face_sources, threads, report = given
+    g, _, threads, report = given
+    assert grid.active is not None  # else the box is convex
     slope = Slope(np.array([g]))
     if grid.n_cells == 0:  # no whole box
         found = solve_grid_edges(grid, h0, slope, residual=False, report=report)
         return _as_solution(found.h, [])
     mesh = grid.mesh
-    solution = solve_exact(
-        mesh, h0.ravel(), slope, face_sources=face_sources, threads=threads, report=report
-    )
-    h, parts = solution.h.reshape(h0.shape), solution.parts
+    solution = _on_grid_mesh(grid, h0, given, _inside(mesh, point_sources))
+    h, parts = solution.h, solution.parts
     while True:
         along = solve_grid_edges(grid, h, slope, residual=False, report=report).h
         with np.errstate(invalid="ignore"):
@@ -288,6 +345,6 @@ def _on_active(
         solution.iterations,
         0.0,
         parts=parts,
-        n_proved=solution.n_proved,
+        n_proved=solution.n_proved - int(np.count_nonzero(~grid.active)),
         largest_gap=solution.largest_gap,
     )

@@ -140,9 +140,7 @@ class ExactField:
         def task(first: int, last: int) -> None:
             given = (places, axes, order, first, last)
             if self.sight is not None:
-                plane.lower_seen(
-                    *given, wave.seen, self.sight, self.g, sizes, found, on_wall
-                )
+                plane.lower_seen(*given, wave.seen, self.sight, self.g, sizes, found, on_wall)
             elif several:
                 items.lower_by_items(*given, entries, self.g, sizes, found, faces)
             else:

@@ -31,9 +31,7 @@ class Plane(NamedTuple):
         """Return the same domain with corners at which nothing is known."""
         n = len(self.corners.rows)
         turns, arrivals = np.zeros((n, 2), np.bool_), np.zeros((n, 2, 2))
-        corners = self.corners._replace(
-            sizes=np.full(n, np.inf), turns=turns, arrivals=arrivals
-        )
+        corners = self.corners._replace(sizes=np.full(n, np.inf), turns=turns, arrivals=arrivals)
         return self._replace(corners=corners)
 
 
@@ -62,7 +60,8 @@ def plane_of(points: FloatArray, boundary: PlaneBoundary) -> Plane:
 def at_nodes(wave: Wave, plane: Plane) -> Wave:
     """Return sources at nodes that serve the sectors of these: one entry for each sector."""
     rows, sectors = plane.boundary.rows, plane.sight.sectors
-    row = np.where(wave.seen.entries.counts == 1, rows[wave.nodes[:, 0]], -1)
+    node = wave.nodes[:, 0]
+    row = np.where(node < len(rows), rows[np.minimum(node, len(rows) - 1)], -1)
     counts = np.where(row >= 0, np.diff(sectors.first)[row], 1)
     which = np.repeat(np.arange(len(row)), counts)
     within = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -73,7 +72,9 @@ def at_nodes(wave: Wave, plane: Plane) -> Wave:
     entries = wave.seen.entries
     again = with_tree(entries.places[which], entries.sizes[which], entries.counts[which])
     is_corner = wave.seen.is_corner[which]
-    return Wave(Seen(again, cones, kinds, row[which].astype(np.int32), is_corner), wave.nodes[which])
+    return Wave(
+        Seen(again, cones, kinds, row[which].astype(np.int32), is_corner), wave.nodes[which]
+    )
 
 
 def along_walls(wave: Wave, points: FloatArray, facets: IntArray) -> Wave:
@@ -100,7 +101,7 @@ def solve_corners(g: float, plane: Plane, wave: Wave) -> Wave | None:
     changed = corners.sizes < before[0]
     changed |= (corners.turns != before[1]).any(axis=1)
     changed |= (corners.arrivals != before[2]).any(axis=(1, 2))
-    return _as_sources(plane, np.flatnonzero(changed))
+    return _as_sources(plane, np.flatnonzero(changed).astype(np.int32))
 
 
 def _as_sources(plane: Plane, which: IntArray) -> Wave | None:
@@ -138,7 +139,6 @@ def _as_sources(plane: Plane, which: IntArray) -> Wave | None:
         np.ones(len(c), np.bool_),
     )
     return Wave(seen, nodes)
-
 
 
 def joined(first: Wave, second: Wave | None) -> Wave:

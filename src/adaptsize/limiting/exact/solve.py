@@ -32,6 +32,17 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
 
+class Extra(NamedTuple):
+    """Sources between the nodes."""
+
+    points: FloatArray
+    """float64[k, dim]"""
+    sizes: FloatArray
+    """float64[k]"""
+    numbers: IntArray
+    """int32[k]: numbers that follow those of the nodes."""
+
+
 class Problem(NamedTuple):
     """A mesh with bounds."""
 
@@ -41,6 +52,14 @@ class Problem(NamedTuple):
     face_sources: bool
     threads: int
     report: ProgressCallback
+    extra: Extra | None = None
+    linear: IntArray | None = None
+    """int32[m, dim + 1]: simplices on which h0 counts as linear, if not the cells."""
+
+    @property
+    def cells(self) -> IntArray:
+        """Simplices on which h0 counts as linear."""
+        return self.mesh.cells if self.linear is None else self.linear
 
 
 @dataclass(eq=False)
@@ -161,6 +180,7 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
         waves[0].seen.entries.n_leaves,
     )
     named = np.concatenate([wave.nodes for wave in waves])
+    named[named >= mesh.n_points] = -1  # no node's cells are around it
     result = solve_in_space(
         mesh,
         h0,
@@ -184,9 +204,7 @@ def _keep_edges(problem: Problem, found: Found) -> None:
     Around folds lines of sight end where ways along edges do not.
     """
     slope = Slope(np.array([problem.g]))
-    along = solve_edge_based(
-        problem.mesh, found.h, slope, residual=False, report=problem.report
-    ).h
+    along = solve_edge_based(problem.mesh, found.h, slope, residual=False, report=problem.report).h
     lower = along < found.h * (1.0 - 1e-12)
     found.h[lower] = along[lower]
     found.source[lower] = -1
@@ -194,15 +212,15 @@ def _keep_edges(problem: Problem, found: Found) -> None:
 
 def _candidates(problem: Problem) -> tuple[IntArray, BoolArray | None]:
     """Return the nodes that may be sources, and the steep cells if bounds meet in any cell."""
-    mesh, h0 = problem.mesh, problem.h0
-    if not items.have_neighbours(mesh.cells, h0):
-        return np.flatnonzero(np.isfinite(h0)), None
-    steep, candidate = np.empty(mesh.n_cells, np.bool_), np.empty(mesh.n_points, np.bool_)
+    mesh, cells, h0 = problem.mesh, problem.cells, problem.h0
+    if not items.have_neighbours(cells, h0):
+        return np.flatnonzero(np.isfinite(h0)).astype(np.int32), None
+    steep, candidate = np.empty(len(cells), np.bool_), np.empty(mesh.n_points, np.bool_)
     axes = (0,) * mesh.dim
     items.mark_steep(
-        mesh.points, axes, mesh.cells, h0, problem.g, problem.face_sources, steep, candidate
+        mesh.points, axes, cells, h0, problem.g, problem.face_sources, steep, candidate
     )
-    return np.flatnonzero(candidate), steep
+    return np.flatnonzero(candidate).astype(np.int32), steep
 
 
 def survivors_among(
@@ -250,14 +268,22 @@ def _seen_survivors(problem: Problem, nodes: IntArray, plane: Plane) -> BoolArra
 
 
 def _at_nodes(problem: Problem, nodes: IntArray, plane: Plane | None) -> Wave:
-    """Return nodes as sources."""
-    dim = problem.mesh.dim
-    places = np.ascontiguousarray(problem.mesh.points[nodes])
-    entries, order = entries_of(places[:, None], problem.h0[nodes, None])
-    named = np.full((len(nodes), dim), -1, np.int32)
-    named[:, 0] = nodes[order]
-    wave = wave_of(entries, named)
+    """Return nodes, and sources between them, as sources."""
+    mesh, extra = problem.mesh, problem.extra
+    places, sizes, names = mesh.points[nodes], problem.h0[nodes], nodes
+    if extra is not None:
+        places = np.concatenate([places, extra.points])
+        sizes, names = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
+    wave = node_wave(np.ascontiguousarray(places), sizes, names)
     return wave if plane is None else at_nodes(wave, plane)
+
+
+def node_wave(places: FloatArray, sizes: FloatArray, names: IntArray) -> Wave:
+    """Return points as sources."""
+    entries, order = entries_of(places[:, None], sizes[:, None])
+    named = np.full(places.shape, -1, np.int32)
+    named[:, 0] = names[order]
+    return wave_of(entries, named)
 
 
 def _on_cells(
@@ -273,7 +299,7 @@ def _on_cells(
 ) -> Wave | None:
     """Return the edges and faces of steep cells that may be sources."""
     mesh, h0 = problem.mesh, problem.h0
-    given = (mesh.points, (0,) * mesh.dim, mesh.cells, steep, h0, h, problem.g)
+    given = (mesh.points, (0,) * mesh.dim, problem.cells, steep, h0, h, problem.g)
     parts = [_listed(items.list_edges, given, 2)]
     if mesh.dim == 3:
         parts.append(_listed(items.list_faces, given, 3))
@@ -355,4 +381,5 @@ def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-d
         blocked = np.empty(len(unique), np.bool_)
         items.mark_blocked(points, rows, first, h0, g, blocked)
         kept &= ~blocked
-    return unique[kept]
+    chosen: IntArray = unique[kept]
+    return chosen

@@ -48,7 +48,7 @@ _GRAZING = 1e-9
 # Cells of less volume over the cube of their longest edge count as without any.
 _NO_VOLUME = 1e-12
 
-SIZE = 16
+SIZE = 32
 
 # Rounds in which ways may get one more bend each.
 _ROUNDS = 200
@@ -394,33 +394,34 @@ class Network:
         )
         skew = ways.skew[parent] | (~straight & (np.abs(volume) > self.sight.walls.slack))
 
-        def arrival(z):
-            """Return distance, direction, and its cosine and sine with the edge, at places z."""
-            origin = np.where(straight[:, None], field.last[source], self._turned(parent, z))
-            length = np.maximum(np.linalg.norm(z - origin, axis=1), 1e-300)
-            ahead = (z - origin) / length[:, None]
-            cosine = np.einsum("ra,ra->r", ahead, along)
-            sine = np.linalg.norm(ahead - cosine[:, None] * along, axis=1)
-            return length, ahead, cosine, sine
-
-        length, ahead, cosine, sine = arrival(points[node])
-        over = np.einsum("rsa,ra->rs", normals, ahead)
-        # Straight ahead is the outside: a bend there would be no shortest way.
-        ok = (length > 10.0 * self.sight.walls.slack) & (sine > _GRAZING)
-        ok &= over.min(axis=1) <= _GRAZING
+        origin = np.where(straight[:, None], field.last[source], self._turned(parent, points[node]))
+        piece = points[node] - origin
+        length = np.linalg.norm(piece, axis=1)
+        rise = np.einsum("ra,ra->r", piece, along)
         place = np.einsum("ra,ra->r", points[node] - edges.start[edge], along)
-        image = np.column_stack([place - length * cosine, length * sine])
+        away = np.linalg.norm(piece - rise[:, None] * along, axis=1)
+        image = np.column_stack([place - rise, away])
+        # The last piece before comes from one place, or from between the ends of an edge.
+        before = edges.start[ways.edge[parent]]
+        after = before + (edges.length[:, None] * edges.along)[ways.edge[parent]]
+        ends = np.where(straight[:, None], field.last[source], np.stack([before, after]))
+        ahead = edges.start[edge] - ends
+        ahead -= np.einsum("sra,ra->sr", ahead, along)[:, :, None] * along
+        size = np.linalg.norm(ahead, axis=2)
+        ahead /= np.maximum(size, 1e-300)[:, :, None]
+        nil = size <= 10.0 * self.sight.walls.slack
+        ahead = np.where(nil[:, :, None], ahead[::-1], ahead)
+        over = np.einsum("rfa,sra->srf", normals, ahead)
+        # Straight ahead is the outside: a bend there would be no shortest way.
+        ok = (over.min(axis=2) <= _GRAZING).any(axis=0) & ~nil.all(axis=0)
+        side = over.argmin(axis=2)
         shade = np.empty((len(node), 3, 3))
-        shade[:, 0] = np.take_along_axis(normals, over.argmin(axis=1)[:, None, None], axis=1)[:, 0]
-        # Where a way arrives in different planes along an edge, those at its ends count.
+        shade[:, 0] = np.where(
+            (side[0] == side[1])[:, None], normals[np.arange(len(node)), side[0]], 0.0
+        )
         for end in range(2):
-            z = edges.start[edge] + end * edges.length[edge][:, None] * along
-            _, ahead, _, sine = arrival(np.where(skew[:, None], z, points[node]))
-            there = np.einsum("rsa,ra->rs", normals, ahead)
-            shade[there.argmin(axis=1) != over.argmin(axis=1), 0] = 0.0
-            beside = np.cross(ahead, along) / np.maximum(sine, 1e-300)[:, None]
+            beside = np.cross(ahead[end], along)
             turned = np.einsum("ra,ra->r", beside, self.knots.obstacles[edge]) < 0.0
-            beside[(sine < _GRAZING) | skew] = 0.0
             shade[:, 1 + end] = np.where(turned[:, None], -beside, beside)
         self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
         self.ways = Ways(
@@ -445,6 +446,7 @@ class Network:
         f, r = self.ways.image[way].T
         return start + f[:, None] * along - r[:, None] * across
 
+
 def _key(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
     """Return one number for an edge and a way that is continued over it."""
     return edge.astype(np.int64) << 32 | parent
@@ -454,7 +456,9 @@ def _silent(text: str, share: float | None) -> None:
     """Take a report and do nothing."""
 
 
-def _network_of(entries: Entries, nodes: IntArray, g: float, sight: Sight, knots: _Knots) -> Network:
+def _network_of(
+    entries: Entries, nodes: IntArray, g: float, sight: Sight, knots: _Knots
+) -> Network:
     """Return a network of straight ways; the sizes at the nodes of reflex edges are inf."""
     m, k = len(entries.counts), len(knots.nodes)
     places, sizes = np.zeros((m + k, 3, 3)), np.full((m + k, 3), np.inf)
@@ -517,7 +521,9 @@ def solve_in_space(
     """
     n = mesh.n_points
     sight = build_sight(mesh, boundary) if sight is None else sight
-    network = _network_of(entries, nodes, g, sight, find_knots(mesh.points, boundary, sight.walls.slack))
+    network = _network_of(
+        entries, nodes, g, sight, find_knots(mesh.points, boundary, sight.walls.slack)
+    )
     everyone = np.arange(n, dtype=np.int32)
     with_ = {"threads": threads, "report": report}
     field = Field(lower + _EQUAL * np.abs(lower), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
@@ -544,10 +550,12 @@ def _solve_hidden(network, field, hidden, everyone, with_):
     order = knots[waiting]
     changed = np.flatnonzero(field.way[knots] >= 0)
     for _ in range(_ROUNDS):
-        if len(changed) == 0 or len(order) == 0:
+        if len(changed) == 0:
             break
         network.set_knots(field.sizes[knots])
         fresh = np.concatenate([network.n_sources + changed, network.extend(changed, field)])
+        if len(order) == 0:  # the ways are made, and no node of an edge waits for them
+            break
         before = field.sizes[knots]
         network.lower(points, everyone, order, network.choice(fresh), field, **with_)
         fallen = before - field.sizes[knots]
@@ -583,4 +591,6 @@ def _result(mesh, network, field, upper, lower, report):
     base[h < sizes - _TIE * np.abs(sizes)] = -1
     bend = np.where((ways.edge[field.way] >= 0)[:, None], field.last, np.nan)
     entry = np.where(base < m, base, -1)
-    return SpaceResult(h, entry.astype(np.int32), bend, h <= lower + _EQUAL * np.abs(lower), lower, network)
+    return SpaceResult(
+        h, entry.astype(np.int32), bend, h <= lower + _EQUAL * np.abs(lower), lower, network
+    )
