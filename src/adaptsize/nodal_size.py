@@ -164,12 +164,22 @@ class SizeFunction:
                 f"a single point is an array of shape (1, {dim})"
             )
         where = as_points("points", where, dim)
+        if self.sources is not None:
+            return self._from_sources(where, self.sources)
         sizes, distances = self.background.locator.interpolate(self.values, where)
         if self.outside == "error":
             self._refuse_outside(where, distances)
-        if self.sources is not None:
-            inside = distances <= _TOLERANCE * self.background.diagonal
-            sizes[inside] = self.sources.evaluate(where[inside])
+        return sizes
+
+    def _from_sources(self, points: FloatArray, sources: SizeSources) -> FloatArray:
+        """Return sizes without interpolation, but for points outside the background."""
+        around, weights, distances = sources.background.locator.weights(points)
+        if self.outside == "error":
+            self._refuse_outside(points, distances)
+        outside = distances > _TOLERANCE * self.background.diagonal
+        sizes = sources.at(points, around, weights)
+        if outside.any():
+            sizes[outside] = self.background.locator.interpolate(self.values, points[outside])[0]
         return sizes
 
     def _refuse_outside(self, points: FloatArray, distances: FloatArray) -> None:

@@ -77,7 +77,7 @@ def signed_measure(points, axes, cells, c):
 
 
 @kernel
-def sum_facets(points, axes, cells, sums):
+def sum_facets(points, axes, cells, first, last, sums):
     """Add up, at each node, signed random numbers of the facets there.
 
     A facet is told from the node by its other nodes: by r_b in the plane, and by the
@@ -88,6 +88,8 @@ def sum_facets(points, axes, cells, sums):
     points : float64[n, dim]
     axes : tuple of length dim, 2 or 3
     cells : int32[m, dim + 1]
+    first, last : int
+        The cells to add up.
     sums : uint64[n]
         In/Out: zeros; different from 0 then at the nodes of the boundary.
 
@@ -97,7 +99,7 @@ def sum_facets(points, axes, cells, sums):
         Whether a cell has no measure at all.
     """
     flat = False
-    for c in range(cells.shape[0]):
+    for c in range(first, last):
         i, j, k = cells[c, 0], cells[c, 1], cells[c, 2]
         measure = signed_measure(points, axes, cells, c)
         flat = flat or measure == 0.0

@@ -16,6 +16,7 @@ Nodes in no cell are not in the domain.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 #: The boundary may turn inwards by so much (radians) in a domain that counts as convex.
 FLAT = 1e-9
+
+# Fewer cells are not worth a second thread.
+_MANY_CELLS = 100_000
 
 # Share of the diagonal that counts as no distance between a point and a line.
 _SLACK = 1e-11
@@ -67,22 +71,22 @@ class PlaneBoundary(NamedTuple):
     """Distance from a line that counts as on it."""
 
 
-def flat_boundary(mesh: SimplexMesh) -> FlatBoundary:
+def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
     """Return the walls of a mesh of triangles in the plane or of tetrahedra.
 
     O(n_cells); facets inside the mesh are never listed.
     """
-    return _walls(mesh.points, mesh.cells, True)
+    return _walls(mesh.points, mesh.cells, threads, True)
 
 
-def _walls(points: FloatArray, cells: IntArray, may_merge: bool) -> FlatBoundary:
+def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -> FlatBoundary:
     n, dim = points.shape
     axes = (0,) * dim
-    sums = np.zeros(n, np.uint64)
-    if kernels.sum_facets(points, axes, cells, sums) and may_merge:
+    sums, flat = _sums(points, cells, threads)
+    if flat and may_merge:
         merged, alias = _without_short_edges(points, cells)
         if alias is not None:
-            return _walls(points, merged, False)._replace(alias=alias)
+            return _walls(points, merged, 1, False)._replace(alias=alias)
     room = 64 + 8 * int(np.count_nonzero(sums))  # more is needed only where facets pile up
     while True:
         rows = np.empty((room, dim), np.int32)
@@ -108,6 +112,31 @@ def _walls(points: FloatArray, cells: IntArray, may_merge: bool) -> FlatBoundary
     flip = left[is_wall] == 0
     facets[flip, :2] = facets[flip, 1::-1]
     return FlatBoundary(facets, owner[is_wall], bool((left + right)[is_wall].max(initial=1) == 1))
+
+
+def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], bool]:
+    """Return what `kernels.sum_facets` adds up, and whether a cell has no measure at all."""
+    n, m = len(points), len(cells)
+    axes = (0,) * points.shape[1]
+    if threads == 1 or m < _MANY_CELLS:
+        sums = np.zeros(n, np.uint64)
+        return sums, bool(kernels.sum_facets(points, axes, cells, 0, m, sums))
+    marks = np.linspace(0, m, 4 * threads + 1).astype(int).tolist()
+    unused = [np.zeros(n, np.uint64) for _ in range(threads)]
+    every = list(unused)
+
+    def add(first: int, last: int) -> bool:
+        own = unused.pop()  # there are as many as threads
+        flat = bool(kernels.sum_facets(points, axes, cells, first, last, own))
+        unused.append(own)
+        return flat
+
+    with ThreadPoolExecutor(threads) as pool:
+        flats = list(pool.map(add, marks[:-1], marks[1:]))
+    sums = every[0]
+    for own in every[1:]:
+        sums += own
+    return sums, any(flats)
 
 
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray | None]:

@@ -125,11 +125,22 @@ class SizeSources:
         """
         where = as_points("points", points, self.background.dim)
         parts = [where[i : i + _AT_ONCE] for i in range(0, max(len(where), 1), _AT_ONCE)]
-        values = np.concatenate([self._evaluate(part) for part in parts])
+        locator = self.background.locator
+        return np.concatenate([self.at(part, *locator.weights(part)[:2]) for part in parts])
+
+    def at(self, points: FloatArray, around: IntArray, weights: FloatArray) -> FloatArray:
+        """Return the limited size at points of which the nodes around and their weights are known.
+
+        Parameters
+        ----------
+        points : float64[n, dim]
+        around, weights : int32[n, k], float64[n, k]
+            As ``background.locator.weights`` gives them.
+        """
+        values = self._transformed(points, around, weights)
         return values if self.transform is None else self.transform.backward(values)
 
-    def _evaluate(self, points: FloatArray) -> FloatArray:
-        around, weights, _ = self.background.locator.weights(points)
+    def _transformed(self, points: FloatArray, around: IntArray, weights: FloatArray) -> FloatArray:
         value = _interpolate(self.limited, around, weights)
         bound = _interpolate(self.bound, around, weights)
         heaviest = np.take_along_axis(around, np.argmax(weights, axis=1)[:, None], axis=1)[:, 0]

@@ -35,19 +35,20 @@ def solve_again(problem: Problem, before: Found) -> Found | None:
     if wave is None:
         return None
     old = before.field.waves[0]
-    kept, now = _matches(old, wave)
+    now = _matches(old, wave)
     h0, earlier = problem.h0, before.source
     own = earlier < 0
-    anew: BoolArray = np.where(own, h0 != before.h, ~kept[earlier]) | (h0 < before.h)
+    now = np.append(now, np.int32(-1))  # for nodes that kept their bound
+    anew: BoolArray = np.where(own, h0 != before.h, now[earlier] < 0) | (h0 < before.h)
     h = np.where(anew, h0, before.h)
-    source = np.where(anew | own, np.int32(-1), now[earlier]).astype(np.int32)
+    source = np.where(anew, np.int32(-1), now[earlier]).astype(np.int32)
     field = ExactField(problem.g, before.field.sight)
     field.add(wave)
     points = before.points
     some = points._replace(order=points.order[anew[points.order]])
     field.lower_by_last(some, h, source, problem.threads, problem.report)
     fresh = np.ones(wave.n_entries, np.bool_)
-    fresh[now[kept]] = False
+    fresh[now[now >= 0]] = False
     if fresh.any():
         rest = points._replace(order=points.order[~anew[points.order]])
         field.lower_by_some(fresh, rest, h, source, problem.threads, problem.report)
@@ -55,15 +56,15 @@ def solve_again(problem: Problem, before: Found) -> Found | None:
     return found
 
 
-def _matches(old: Wave, new: Wave) -> tuple[BoolArray, npt.NDArray[np.int32]]:
-    """Return which entries of a wave are in another one, too, and their numbers there."""
+def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:
+    """Return the numbers that the entries of a wave have in another one, -1 where they are not."""
     rows = [_rows(old), _rows(new)]
     _, number = np.unique(np.concatenate(rows), return_inverse=True)
     number = number.ravel()
-    at = np.full(number.max() + 1, -1, np.int32)
+    at = np.full(number.max(initial=-1) + 1, -1, np.int32)
     at[number[len(rows[0]) :]] = np.arange(len(rows[1]))
-    now = at[number[: len(rows[0])]]
-    return now >= 0, now
+    now: npt.NDArray[np.int32] = at[number[: len(rows[0])]]
+    return now
 
 
 def _rows(wave: Wave) -> npt.NDArray[np.void]:

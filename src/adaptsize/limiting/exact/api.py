@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from adaptsize.limiting.exact.solve import (
     solve_on_mesh,
     survivors_among,
 )
-from adaptsize.limiting.exact.work import number_of_threads
+from adaptsize.limiting.exact.work import along_curve, number_of_threads
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.grid_marching import solve_grid_edges
 from adaptsize.limiting.problem import PointBounds
@@ -35,6 +36,9 @@ _EQUAL = 1e-12
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _OUTSIDE = 1e-9
+
+# Fewer nodes are not worth a second thread.
+_MANY_NODES = 50_000
 
 # Nodes of a tile of a grid, which is a block of the kernels.
 _TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
@@ -117,11 +121,15 @@ def solve_exact(
         )
     if not (mark_used(background) and background.dim > 1):
         return _by_components(background, h0, given, extra)
-    boundary = flat_boundary(background)
+    problem = Problem(background, h0.ravel(), *given, extra)
+    with ThreadPoolExecutor(1) as beside:  # sorting takes half as long as finding the boundary
+        several = problem.threads > 1 and background.n_points > _MANY_NODES
+        order = beside.submit(along_curve, background.points) if several else None
+        boundary = flat_boundary(background, problem.threads)
+        problem = problem._replace(order=None if order is None else order.result())
     if not is_convex(background.points, boundary):
         return _by_components(background, h0, given, extra)
-    found = solve_on_mesh(Problem(background, h0.ravel(), *given, extra), boundary)
-    return _as_solution(h0, [Part(None, found)])
+    return _as_solution(h0, [Part(None, solve_on_mesh(problem, boundary))])
 
 
 def solve_exact_again(

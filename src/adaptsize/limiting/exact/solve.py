@@ -56,6 +56,9 @@ class Problem(NamedTuple):
     linear: IntArray | None = None
     """int32[m, dim + 1]: simplices on which h0 counts as linear, if not the cells."""
 
+    order: IntArray | None = None
+    """int32[n_points]: the nodes along a Morton curve, if that is known."""
+
     @property
     def cells(self) -> IntArray:
         """Simplices on which h0 counts as linear."""
@@ -101,7 +104,8 @@ def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Fou
     """Solve in a convex domain (no ``plane``) or in the plane."""
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
-    points = Points(mesh.points, along_curve(mesh.points), on_wall)
+    order = along_curve(mesh.points) if problem.order is None else problem.order
+    points = Points(mesh.points, order, on_wall)
     nodes, steep = _candidates(problem)
     nodes = _survivors(problem, nodes, plane, steep is not None)
     field = ExactField(g, None if plane is None else plane.sight)
@@ -133,8 +137,9 @@ def bends_of(field: ExactField, source: IntArray) -> FloatArray:
         return np.empty((0, places.shape[1]))
     is_corner = np.concatenate([wave.seen.is_corner for wave in field.waves])
     bend = np.full((len(source), places.shape[1]), np.nan)
-    bends = (source >= 0) & is_corner[source]
-    bend[bends] = places[source[bends]]
+    nodes = np.flatnonzero(source >= 0)
+    nodes = nodes[is_corner[source[nodes]]]
+    bend[nodes] = places[source[nodes]]
     return bend
 
 
