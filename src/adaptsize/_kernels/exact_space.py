@@ -27,7 +27,7 @@ import numpy as np
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.exact import BLOCK, SLACK, gather_block
 from adaptsize._kernels.exact_items import allowed, set_vertices
-from adaptsize._kernels.trees import DEPTH, LEAF, distance_to_box
+from adaptsize._kernels.trees import DEPTH, LEAF
 
 #: Most edges of a way.
 LONGEST = 12
@@ -192,7 +192,7 @@ def _enters(points, star, ring, a, b, c, dx, dy, dz):
         outside = False
         for v in range(3):
             o = star[k, v]
-            if o == b or o == c:  # the face opposite to it does not hold the point
+            if o in (b, c):  # the face opposite to it does not hold the point
                 found += 1
                 continue
             p, q = star[k, (v + 1) % 3], star[k, (v + 2) % 3]

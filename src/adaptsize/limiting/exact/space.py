@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_matrix, csr_array
+from scipy.sparse.csgraph import connected_components
 
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK, Entries
@@ -26,8 +28,6 @@ from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks
 from adaptsize.limiting.fast_marching import solve_edge_based
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-from scipy.sparse import coo_matrix, csr_array
-from scipy.sparse.csgraph import connected_components
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
@@ -52,6 +52,13 @@ SIZE = 32
 
 # Rounds in which ways may get one more bend each.
 _ROUNDS = 200
+
+
+class _Options(TypedDict):
+    """How to run kernels."""
+
+    threads: int
+    report: ProgressCallback
 
 
 class SpaceResult(NamedTuple):
@@ -140,7 +147,9 @@ def _scales(points: FloatArray, facets: IntArray) -> tuple[float, float]:
 def _heights(corners: FloatArray, area: FloatArray) -> FloatArray:
     """Return the least heights of triangles, given twice their areas."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return np.divide(area, longest, out=np.zeros_like(area), where=longest > 0.0)
+    heights = np.zeros_like(area)
+    np.divide(area, longest, out=heights, where=longest > 0.0)
+    return heights
 
 
 def _stars_at(mesh: SimplexMesh, nodes: IntArray) -> Stars:
@@ -233,7 +242,7 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     bent[chain[(np.linalg.norm(away, axis=2) > 0.1 * slack).any(axis=1)]] = True
     loose = bent[chain]
     chain[loose] = len(first) + np.arange(np.count_nonzero(loose))
-    return np.unique(chain, return_inverse=True)[1].ravel()
+    return np.unique(chain, return_inverse=True)[1].ravel().astype(np.int32)
 
 
 def find_knots(points: FloatArray, boundary: FlatBoundary, slack: float) -> _Knots:
@@ -316,7 +325,7 @@ class Network:
 
     def sources(self) -> Choice:
         """Return the straight ways from the sources."""
-        return self.choice(np.arange(self.n_sources))
+        return self.choice(np.arange(self.n_sources, dtype=np.int32))
 
     def lower(
         self,
@@ -365,7 +374,9 @@ class Network:
         self._append(edge[at], parent[at], source[at], node[at], field)
         return np.concatenate([again, np.arange(len(ways.base), len(self.ways.base))])
 
-    def candidates(self, changed, field):
+    def candidates(
+        self, changed: IntArray, field: Field
+    ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
         """Return edges, the ways to continue, and the nodes to which these ways lead and may go."""
         knots = self.knots
         marked = np.zeros(len(knots.nodes), bool)
@@ -380,8 +391,15 @@ class Network:
         goal = np.concatenate([node[: len(here)], knots.nodes[near.data - 1]])
         return edge, field.way[source], source, goal
 
-    def _append(self, edge, parent, source, node, field):
-        """Add ways to ``source`` that go on over edges at ``node`` unless they cannot be shortest."""
+    def _append(
+        self,
+        edge: IntArray,
+        parent: IntArray,
+        source: IntArray,
+        node: IntArray,
+        field: Field,
+    ) -> None:
+        """Add ways to ``source`` that go on over edges at ``node``, if they may be shortest."""
         ways, edges, points = self.ways, self.knots.edges, self.sight.stars.points
         straight = ways.edge[parent] < 0
         away = np.linalg.norm(points[source] - field.last[source], axis=1)
@@ -396,7 +414,6 @@ class Network:
 
         origin = np.where(straight[:, None], field.last[source], self._turned(parent, points[node]))
         piece = points[node] - origin
-        length = np.linalg.norm(piece, axis=1)
         rise = np.einsum("ra,ra->r", piece, along)
         place = np.einsum("ra,ra->r", points[node] - edges.start[edge], along)
         away = np.linalg.norm(piece - rise[:, None] * along, axis=1)
@@ -436,7 +453,7 @@ class Network:
             np.concatenate([ways.skew, skew[ok]]),
         )
 
-    def _turned(self, way, x):
+    def _turned(self, way: IntArray, x: FloatArray) -> FloatArray:
         """Return the bases of ways turned about their last edges to opposite points x."""
         e = self.ways.edge[way]
         start, along = self.ways.edges.start[e], self.ways.edges.along[e]
@@ -444,7 +461,8 @@ class Network:
         across -= np.einsum("ra,ra->r", across, along)[:, None] * along
         across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
         f, r = self.ways.image[way].T
-        return start + f[:, None] * along - r[:, None] * across
+        turned: FloatArray = start + f[:, None] * along - r[:, None] * across
+        return turned
 
 
 def _key(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
@@ -525,7 +543,7 @@ def solve_in_space(
         entries, nodes, g, sight, find_knots(mesh.points, boundary, sight.walls.slack)
     )
     everyone = np.arange(n, dtype=np.int32)
-    with_ = {"threads": threads, "report": report}
+    with_: _Options = {"threads": threads, "report": report}
     field = Field(lower + _EQUAL * np.abs(lower), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
     order = along_curve(mesh.points)
     none = network.choice(np.empty(0, np.int32))
@@ -538,17 +556,18 @@ def solve_in_space(
     hidden = order[~proved[order]]
     if len(hidden):
         _solve_hidden(network, field, hidden, everyone, with_)
-    network.field = field
     return _result(mesh, network, field, upper, lower, report)
 
 
-def _solve_hidden(network, field, hidden, everyone, with_):
+def _solve_hidden(
+    network: Network, field: Field, hidden: IntArray, everyone: IntArray, with_: _Options
+) -> None:
     """Lower nodes (In/Out: field) that do not see what allows least at them."""
     points, knots = network.sight.stars.points, network.knots.nodes
     network.lower(points, everyone, hidden, network.sources(), field, **with_)
     waiting = np.isin(knots, hidden)
     order = knots[waiting]
-    changed = np.flatnonzero(field.way[knots] >= 0)
+    changed = np.flatnonzero(field.way[knots] >= 0).astype(np.int32)
     for _ in range(_ROUNDS):
         if len(changed) == 0:
             break
@@ -559,31 +578,38 @@ def _solve_hidden(network, field, hidden, everyone, with_):
         before = field.sizes[knots]
         network.lower(points, everyone, order, network.choice(fresh), field, **with_)
         fallen = before - field.sizes[knots]
-        changed = np.flatnonzero(fallen > _EQUAL * np.abs(before))
+        changed = np.flatnonzero(fallen > _EQUAL * np.abs(before)).astype(np.int32)
     network.set_knots(field.sizes[knots])
     network.used = network.choice(_in_use(network, field))
     rest = hidden[~np.isin(hidden, knots)]
     network.lower(points, everyone, rest, network.used, field, **with_)
 
 
-def _in_use(network, field):
-    """Return the ways from nodes of reflex edges, and those over edges that reach a node of them."""
+def _in_use(network: Network, field: Field) -> IntArray:
+    """Return the ways from nodes of reflex edges, and those over edges that reach such a node."""
     ways, knots = network.ways, network.knots
     bent = np.flatnonzero(ways.edge >= 0)
-    edge, way, _, _ = network.candidates(np.arange(len(knots.nodes)), field)
+    edge, way, _, _ = network.candidates(np.arange(len(knots.nodes), dtype=np.int32), field)
     used = np.isin(_key(ways.edge[bent], ways.parent[bent]), _key(edge, way))
     straight = network.n_sources + np.arange(len(knots.nodes))
     return np.concatenate([straight, bent[used]])
 
 
-def _spread(mesh, h, g, report):
+def _spread(mesh: SimplexMesh, h: FloatArray, g: float, report: ProgressCallback) -> FloatArray:
     """Return what is left of sizes when none exceeds that of a neighbour by more than g allows."""
     return solve_edge_based(mesh, h, Slope(np.array([g])), residual=False, report=report).h
 
 
-def _result(mesh, network, field, upper, lower, report):
+def _result(
+    mesh: SimplexMesh,
+    network: Network,
+    field: Field,
+    upper: FloatArray,
+    lower: FloatArray,
+    report: ProgressCallback,
+) -> SpaceResult:
     """Return sizes that keep to g along all edges, and their origins."""
-    ways, knots = network.ways, network.knots
+    ways = network.ways
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = _spread(mesh, sizes, network.g, report)
     m = network.n_sources
