@@ -1,12 +1,10 @@
 """Which cause controls which part of a mesh, and sizes between the nodes without interpolation.
 
 A plate with three arcs (data/curved.vtu) and a place where small elements are wanted.
-Source tracking knows for every node where its size comes from.  Left: the regions of
+The exact method knows for every node where its size comes from.  Left: the regions of
 the arcs and of the place, under lines of equal size.  Right: what interpolation adds to the
 sizes along the broken line.  Around the place, where the true size is a cone, it adds up to
-7 %; straight from the source the size is exact.  In the region of an arc, where neighbouring
-nodes have different pieces of the arc as their sources, both are mostly the same:
-this domain is not convex, so that sources are not mixed between nodes.
+7 %.  Evaluated from the sources, the size is exact at every point.
 
     python examples/plot_sources.py [DIRECTORY]
 """

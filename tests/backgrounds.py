@@ -39,8 +39,6 @@ class Case:
     """What g may be: "number", "nodes", "cells"; all that the background knows if empty."""
     masks: bool = True
     """Whether it works on grids with inactive nodes, and on cells without volume."""
-    knows_components: bool = True
-    """Whether sizes stay inf where no bound is."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """For the laws, which want a tight tolerance."""
     rounding: float = 1e-12
@@ -77,10 +75,6 @@ class Case:
         return self.limits or known
 
 
-# The published formula: knows straight lines only.
-_FORMULA: dict[str, Any] = {
-    "limits": ("number",), "masks": False, "knows_components": False, "convergence": None,
-}  # fmt: skip
 _FLAT = ("plane", "volume")
 
 # An iteration that stops at a rate of tol g leaves, over the at most 40 nodes that a size
@@ -100,17 +94,17 @@ _SECOND_ORDER = {
 
 # Of bounds on edges and faces.  Of 160 random meshes a quarter changed, by up to 0.4 of a size.
 _ONCE = "the limited sizes, linear on edges and faces, bound more than the first ones did"
-_TRACKED: dict[str, Any] = {
-    "limits": ("number",), "convergence": 2.0, "is_exact": True,
+_EXACT: dict[str, Any] = {
+    "limits": ("number",), "convergence": 2.0, "is_exact": True, "residual": 0.0,
+    "rounding": 1e-11,  # lines beside walls and corners are told apart to 1e-11 of the extent
     "exempt": {"limiting_twice_changes_nothing": _ONCE},
 }  # fmt: skip
 _NODES_ONLY: dict[str, Any] = {
     # Sizes of nodes say nothing between them: no waves from a side.
-    **_TRACKED, "options": {"face_sources": False}, "exempt": {}, "convergence": None,
+    **_EXACT, "options": {"face_sources": False}, "exempt": {}, "convergence": None,
 }  # fmt: skip
-# A node moved onto another one folds cells over others, where what is inside, and so what
-# sees what, is a matter of the numbering: tests/test_source_tracking.py and tests/test_hermite.py
-# try what still holds there.
+# A node moved onto another one folds cells over others, where what gradients are known is a matter
+# of the numbering: tests/test_hermite.py tries what still holds there.
 _UNFOLDED: dict[str, Any] = {"masks": False}
 
 # Cubics are given up for straight lines where a gradient is not known or a front bends away: as
@@ -132,28 +126,25 @@ _CUBIC: dict[str, Any] = {
 _FACTORED: dict[str, Any] = {**_CUBIC, "limits": ("number", "nodes"), "is_exact": True}
 
 CASES = (
-    Case("simplices", "source-tracking", kinds=_FLAT, **_TRACKED, **_UNFOLDED, share=0.3),
-    Case("simplices", "source-tracking", kinds=_FLAT, **_NODES_ONLY, **_UNFOLDED, share=0.25),
+    Case("simplices", "exact", kinds=_FLAT, **_EXACT, share=0.3),
+    Case("simplices", "exact", kinds=_FLAT, **_NODES_ONLY, share=0.25),
     Case("simplices", "factored", kinds=("plane",), **_FACTORED, share=0.2),
     Case("simplices", "hermite", kinds=("plane", "surface"), **_CUBIC, share=0.2),
     Case("simplices", "fast-marching", share=0.7),
     Case("simplices", "positive-coefficient", residual=1e-3, share=0.5),
     Case("simplices", "edge-based", convergence=None, share=0.3),
-    Case("simplices", "exact", kinds=_FLAT, **_FORMULA, share=0.25),
-    Case("grid", "source-tracking", **_TRACKED, share=0.3),
-    Case("grid", "source-tracking", **_NODES_ONLY, share=0.15),
+    Case("grid", "exact", **_EXACT, share=0.3),
+    Case("grid", "exact", **_NODES_ONLY, share=0.25),
     Case("grid", "fast-marching", share=0.5),
     Case("grid", "fast-marching", 2, convergence=2.0, exempt=_SECOND_ORDER, share=0.5),
     Case("grid", "hamilton-jacobi", **_TIGHT, share=0.3),
     Case("grid", "hamilton-jacobi", 2, convergence=2.0, exempt=_SECOND_ORDER, **_TIGHT, share=0.4),
     Case("grid", "edge-based", convergence=None, share=0.3),
-    Case("grid", "exact", **_FORMULA, share=0.2),
     # The same schemes on the simplices of the leaves: fewer examples do.
-    Case("octree", "source-tracking", **_TRACKED, share=0.1),
+    Case("octree", "exact", **_EXACT, share=0.15),
     Case("octree", "fast-marching", share=0.2),
     Case("octree", "positive-coefficient", residual=1e-3, share=0.15),
     Case("octree", "edge-based", convergence=None, share=0.1),
-    Case("octree", "exact", **_FORMULA, share=0.1),
 )
 
 

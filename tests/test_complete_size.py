@@ -144,7 +144,7 @@ def test_each_cause_controls_what_is_nearer_to_it_and_the_middle_is_free():
     assert_allclose(shares, elements / elements.sum(), atol=0.03)
 
 
-@pytest.mark.parametrize("kind", ["tracking", "other"])
+@pytest.mark.parametrize("kind", ["exact", "other"])
 def test_sources_and_separate_runs_tell_the_same_causes(kind, monkeypatch):
     mesh = random_square(900, seed=4711)
     x = mesh.points[:, 0]
@@ -153,7 +153,7 @@ def test_sources_and_separate_runs_tell_the_same_causes(kind, monkeypatch):
         "right": np.where(x > 0.95, 0.1, np.inf),
     }
     h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
-    assert report.info.method == "source-tracking"
+    assert report.info.method == "exact"
     if kind == "other":  # as on surfaces and lines
         monkeypatch.setattr("adaptsize.causes._measure_dim", lambda background: 1)
         h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)

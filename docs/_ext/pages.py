@@ -40,7 +40,7 @@ CONTENTS = {
     ],
     "Examples": ["gallery/index"],
     "Methods": [
-        "limiting", "source-tracking", "octrees", "distance", "medial-axis", "feature-size",
+        "limiting", "exact-limiting", "octrees", "distance", "medial-axis", "feature-size",
         "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
         "adaptive-loops",
     ],

@@ -34,10 +34,10 @@ def accuracy(name, mesh):
     """Print errors of fast marching, the same with exact data near the sources, edge-based."""
     h0 = two_sources(mesh)
     exact = ads.limit_gradient(mesh, h0, G, method="exact")
-    h, info = ads.limit_gradient(mesh, h0, G, full_output=True)
+    h, info = ads.limit_gradient(mesh, h0, G, method="fast-marching", full_output=True)
     sources = mesh.points[np.isfinite(h0)]
     near = (np.linalg.norm(mesh.points[:, None] - sources, axis=2) <= 10.0).any(axis=1)
-    no_tip = ads.limit_gradient(mesh, np.where(near, exact, np.inf), G)
+    no_tip = ads.limit_gradient(mesh, np.where(near, exact, np.inf), G, method="fast-marching")
     edge = ads.limit_gradient(mesh, h0, G, method="edge-based")
     errors = [np.abs(found - exact) for found in (h, no_tip, edge)]
     columns = " ".join(f"{e.max():.3f}/{e.mean():.3f}" for e in errors)
@@ -74,8 +74,9 @@ def slivers(n, stretch):
     texts = []
     start = time.perf_counter()
     _, info = ads.limit_gradient(
-        mesh, h0, G, full_output=True, progress=lambda text, share: texts.append(text)
-    )
+        mesh, h0, G, method="fast-marching", full_output=True,
+        progress=lambda text, share: texts.append(text),
+    )  # fmt: skip
     print(
         f"slivers {n}, stretched {stretch}:1: accepted/n {info.iterations / n:.2f}, "
         f"{texts.count('policy iteration')} policies, residual {info.residual:.0e}, "
@@ -88,7 +89,7 @@ def sphere(n):
     mesh = random_sphere(n, SEED)
     h0 = np.full(n, np.inf)
     h0[0] = 0.01
-    h = ads.limit_gradient(mesh, h0, 1.0)
+    h = ads.limit_gradient(mesh, h0, 1.0, method="fast-marching")
     error = h - 0.01 - np.arccos(np.clip(mesh.points @ mesh.points[0], -1.0, 1.0))
     print(f"sphere {n}: {error.min():.4f} to {error.max():.4f}, mean {np.abs(error).mean():.4f}")
 

@@ -109,7 +109,7 @@ def limiting() -> list[Panel]:
                 scheme("edge-based", triangles, plane, **edges),
                 scheme("fast marching", triangles, plane, **fast),
                 scheme("fast marching, exact near", triangles, plane, **near),
-                scheme("source tracking", triangles, plane, method="source-tracking"),
+                scheme("exact", triangles, plane, method="exact"),
             ],
         ),
         Panel(
@@ -121,7 +121,7 @@ def limiting() -> list[Panel]:
                 scheme("order 1, exact near", _problems.on_grid, plane, **near),
                 scheme("order 2", _problems.on_grid, plane, **fast, order=2),
                 scheme("order 2, exact near", _problems.on_grid, plane, **near, order=2),
-                scheme("source tracking", _problems.on_grid, plane, method="source-tracking"),
+                scheme("exact", _problems.on_grid, plane, method="exact"),
             ],
         ),
         Panel(
@@ -131,14 +131,14 @@ def limiting() -> list[Panel]:
                 scheme("edge-based", tetrahedra, space, **edges),
                 scheme("fast marching", tetrahedra, space, **fast),
                 scheme("fast marching, exact near", tetrahedra, space, **near),
-                scheme("source tracking", tetrahedra, space, method="source-tracking"),
+                scheme("exact", tetrahedra, space, method="exact"),
             ],
         ),
     ]
 
 
-def source_tracking() -> list[Panel]:
-    """Smooth data, smooth g(x), a surface: where nothing is exact."""
+def smooth_data() -> list[Panel]:
+    """Smooth data, smooth g(x), a surface: where no scheme is exact."""
     plane, surface = (2_500, 10_000, 40_000, 160_000), (1_000, 4_000, 16_000, 64_000)
 
     def of(make, sizes, *methods):
@@ -148,14 +148,7 @@ def source_tracking() -> list[Panel]:
         Panel(
             "disc, smooth sizes everywhere",
             "mean error",
-            of(
-                _problems.disc_everywhere,
-                plane,
-                "edge-based",
-                "fast-marching",
-                "hermite",
-                "source-tracking",
-            ),
+            of(_problems.disc_everywhere, plane, "edge-based", "fast-marching", "hermite", "exact"),
         ),
         Panel(
             "two sources, smooth g(x)",
@@ -494,7 +487,7 @@ def draw(name: str, panels: list[Panel]) -> None:
 
 
 ALL = (
-    limiting, source_tracking, octree, distance, medial_axis, feature_size, curvature, recovery,
+    limiting, smooth_data, octree, distance, medial_axis, feature_size, curvature, recovery,
     smoothing,
 )  # fmt: skip
 

@@ -114,7 +114,7 @@ def limit_bounds(
 
     Notes
     -----
-    Where source tracking applies, the sources tell the causes.  Elsewhere the bounds are
+    Where the exact method applies, the sources tell the causes.  Elsewhere the bounds are
     limited one by one: as the limited size of a minimum is the minimum of the limited
     sizes, the smallest of these is the cause.  That costs a run per cause.
 

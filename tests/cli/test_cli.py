@@ -181,7 +181,7 @@ def test_limit_writes_and_lists_the_nodes_that_sizes_come_from(capsys, square):
     words = ["--field", "h0", "-g", "0.3", "-o", output, "--sources", sources]
     assert call("limit", square, *words) == 0
     told = capsys.readouterr().out
-    assert "source-tracking: 2 of 4 nodes lowered" in told
+    assert "exact: 2 of 4 nodes lowered" in told
     assert "sizes come from 2 nodes, most of them from" in told
     assert "node 0 at (0, 0" in told
     assert "75.0 % of the nodes" in told
@@ -195,7 +195,7 @@ def test_limit_tells_when_the_method_knows_no_sources(capsys, square):
     output, sources = square.with_name("limited.vtu"), square.with_name("sources.vtu")
     words = ["--field", "h0", "-g", "0.3", "-o", output, "--sources", sources]
     assert call("limit", square, *words, "--method", "fast-marching") == 1
-    told = "adaptsize: error: --sources needs source tracking (a flat mesh, one gradient limit), "
+    told = "adaptsize: error: --sources needs the exact method (a flat mesh, one gradient limit), "
     assert capsys.readouterr().err == told + "got method 'fast-marching'\n"
     assert not sources.exists()
 

@@ -53,10 +53,24 @@ def test_small_sizes_do_not_cross_the_slit(run):
     # there to (1.98, 0.8) and (2.02, 0.8) and up to (2.02, 3); straight, the slit is no obstacle.
     way = (0.38**2 + 2.2**2) ** 0.5 - 0.15 + 0.04 + 2.2
     around = 0.15 / 4.0 + 0.15 * way
-    # The mesh is fine there, and the notch a polygon: 1 % of excess is plenty.
-    assert around <= found["size across the slit, fast-marching"] < 1.01 * around
+    # The notch is a polygon: 1 % of excess is plenty.
+    assert around <= found["size across the slit, inside the domain"] < 1.01 * around
     straight = 0.15 / 4.0 + 0.15 * (2.02 - 1.75)
-    assert found["size across the slit, exact"] == pytest.approx(straight, rel=1e-6)
+    straight_on = found["size across the slit, straight through the slit"]
+    assert straight_on == pytest.approx(straight, rel=1e-6)
+
+
+def test_sizes_in_a_maze_are_the_lengths_of_shortest_paths(run, tmp_path):
+    found = run("plot_exact_maze", spacing=0.2)
+    # Of the six bounds two are undercut, one of them around a corner.
+    assert found["bounds"] == 6
+    assert found["survivors"] == 4
+    # At most the corners of nine blocks, and three bends are drawn.
+    assert 6 <= found["corners that serve"] <= 4 * 9
+    assert found["most bends of a path"] == 3
+    assert found["share of nodes proved exact"] == 1.0
+    assert found["largest difference of sizes and paths"] < 1e-12
+    assert (tmp_path / "exact_maze.png").stat().st_size > 10_000
 
 
 def test_sizes_grow_by_the_gradient_limit_of_their_side(run):
@@ -91,7 +105,7 @@ def test_errors_on_a_grid_of_100_x_100_are_those_of_the_paper(run, tmp_path):
     assert found["max error edge-based"] == pytest.approx(0.3 * (90.0 - 4100.0**0.5), rel=1e-12)
     assert round(found["max error first order"], 2) <= 0.38
     assert round(found["max error second order"], 2) == 0.10
-    assert found["max error source tracking"] < 1e-12
+    assert found["max error exact"] < 1e-12
     assert (tmp_path / "grid_schemes.png").stat().st_size > 10_000
 
 

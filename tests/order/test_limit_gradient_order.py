@@ -46,6 +46,10 @@ def test_order_away_from_the_source(case, family):
     order = np.polyfit(np.log(spacing), np.log(errors), 1)[0]
     told = f"errors {errors}, order {order:.2f}"
     assert order > case.convergence - 0.15, told
+    if case.method == "exact":
+        # Of the (tip/a)^2 nodes near the source one is off the ray by an angle like a^2 only, and
+        # the way over it is longer by its square: order 4, with fewer nodes in space.
+        return
     # The sources of the coarsest tetrahedra are few: 2.81 was seen where 2 is right.
     assert order < (1.35 if case.convergence == 1.0 else 1.5) * case.convergence, told
 

@@ -102,7 +102,7 @@ def limit(
     )
     if sources is not None and told.sources is None:
         raise ValueError(
-            "--sources needs source tracking (a flat mesh, one gradient limit), "
+            "--sources needs the exact method (a flat mesh, one gradient limit), "
             f"got method {told.method!r}"
         )
     write(output, mesh, fields={"h": h})

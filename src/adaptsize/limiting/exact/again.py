@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize.limiting.exact.field import ExactField, Wave
 from adaptsize.limiting.exact.solve import Found, Problem, bends_of, sources_at_nodes
 from adaptsize.typing import BoolArray
-
-if TYPE_CHECKING:
-    pass
 
 
 def solve_again(problem: Problem, before: Found) -> Found | None:
@@ -29,6 +24,8 @@ def solve_again(problem: Problem, before: Found) -> Found | None:
         are solved from nothing.
     """
     if before.points is None or len(before.field.waves) != 1:
+        return None
+    if before.plane is not None and not before.plane.is_regular:
         return None
     plane = None if before.plane is None else before.plane.without_sizes()
     wave = sources_at_nodes(problem, plane)

@@ -336,7 +336,7 @@ def _on_active(
         return _as_solution(found.h, [])
     mesh = grid.mesh
     solution = _on_grid_mesh(grid, h0, given, _inside(mesh, point_sources))
-    h, parts = solution.h, solution.parts
+    h, parts, n_later = solution.h, solution.parts, 0
     while True:
         along = solve_grid_edges(grid, h, slope, residual=False, report=report).h
         with np.errstate(invalid="ignore"):
@@ -347,12 +347,14 @@ def _on_active(
         more = solve_exact(
             mesh, seeds.ravel(), slope, face_sources=False, threads=threads, report=report
         )
-        h, parts = np.minimum(along, more.h.reshape(h0.shape)), []
+        lower = np.minimum(along, more.h.reshape(h0.shape))
+        n_later += int(np.count_nonzero(lower < h * (1.0 - _EQUAL))) if grid.dim == 3 else 0
+        h, parts = lower, []
     return ExactSolution(
         h,
         solution.iterations,
         0.0,
         parts=parts,
-        n_proved=solution.n_proved - int(np.count_nonzero(~grid.active)),
+        n_proved=max(0, solution.n_proved - int(np.count_nonzero(~grid.active)) - n_later),
         largest_gap=solution.largest_gap,
     )

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
 
+# Sizes that differ by less than this share are equal.
+_EQUAL = 1e-12
+
+
 class Extra(NamedTuple):
     """Sources between the nodes."""
 
@@ -164,8 +168,6 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     nodes, steep = _candidates(problem)
     sight = build_sight(mesh, boundary)
-    if steep is not None:
-        pass  # SURVIVORS
     field = ExactField(g, None)
     field.add(_at_nodes(problem, nodes, None))
     lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
@@ -206,13 +208,22 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
 def _keep_edges(problem: Problem, found: Found) -> None:
     """Lower what exceeds a neighbour by more than g allows (In/Out: found).
 
-    Around folds lines of sight end where ways along edges do not.
+    Around folds lines of sight end where ways along edges do not; nothing is proved there but
+    what is as small as it could be if nothing hid anything.
     """
-    slope = Slope(np.array([problem.g]))
-    along = solve_edge_based(problem.mesh, found.h, slope, residual=False, report=problem.report).h
-    lower = along < found.h * (1.0 - 1e-12)
-    found.h[lower] = along[lower]
-    found.source[lower] = -1
+    mesh, g = problem.mesh, problem.g
+    slope = Slope(np.array([g]))
+    along = solve_edge_based(mesh, found.h, slope, residual=False, report=problem.report).h
+    lowered = along < found.h * (1.0 - _EQUAL)
+    found.h[lowered] = along[lowered]
+    found.source[lowered] = -1
+    lower, source = problem.h0.copy(), np.full(mesh.n_points, -1, np.int32)
+    points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
+    unhidden = ExactField(g, None)
+    for wave in found.field.waves:
+        unhidden.add(wave)
+        unhidden.lower_by_last(points, lower, source, problem.threads, problem.report)
+    found.lower, found.proved = lower, found.h <= lower * (1.0 + _EQUAL)
 
 
 def _candidates(problem: Problem) -> tuple[IntArray, BoolArray | None]:
