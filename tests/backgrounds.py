@@ -184,7 +184,9 @@ def problems(draw: Callable[..., Any], case: Case) -> Problem:
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     kind = draw(st.sampled_from(case.all_kinds))
     # Uneven: nodes out of the domain, or cells without volume.
-    background = _RANDOM[case.background](kind, rng, case.masks and draw(st.booleans()))
+    # Which ways are tried over edges of a solid depends on the numbers of nodes.
+    masks = case.masks and not (case.method == "exact" and kind == "volume")
+    background = _RANDOM[case.background](kind, rng, masks and draw(st.booleans()))
     shape = background.nodal_shape
     bounded = rng.random(shape) < draw(st.sampled_from([0.1, 0.5, 1.0]))
     bounded.flat[rng.choice(np.flatnonzero(active_nodes(background)))] = True

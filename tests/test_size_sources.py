@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import domains
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
 from backgrounds import coordinates, graded_tree
 from domains import point_sources, slit_square
+from exact_oracle import refined_triangles
 from geodesics import contains, limited_sizes
-from meshes import jittered_cube, jittered_square, structured_square
+from meshes import jittered_cube, jittered_square, random_square, structured_square
+from meshes import slit_square as crack
 
 G = 0.3
 CONVEX = {
@@ -99,6 +102,197 @@ def test_nothing_leaks_through_a_slit():
     right = (points[:, 0] > 0.5) & (points[:, 1] > 0.0)
     through = h0[nodes] + G * distances(points, mesh.points[nodes])[:, 0]
     assert (with_sources(points) - through)[right].min() > 5.0
+
+
+# --- between the nodes, around obstacles and of linear data ----------------------------------
+
+#: Places that are nodes of no mesh: distance from walls, corners and lines of shadow does not matter.
+OBSTACLES = {
+    "slit": slit_square,
+    "maze": domains.maze,
+    "star holes": domains.star_holes,
+    "round holes": domains.round_holes,
+    "spiral": domains.spiral,
+}
+
+
+@pytest.mark.parametrize("name", OBSTACLES)
+def test_sizes_between_the_nodes_are_exact_up_to_walls_and_lines_of_shadow(name):
+    mesh, rings = OBSTACLES[name](1500, seed=941)
+    h0, nodes = point_sources(mesh, [(-45, 45), (45, -44), (-44, -45)], (1.0, 5.0, 3.0))
+    with_sources, _ = limited(mesh, h0)
+    rng = np.random.default_rng(942)
+    points = rng.uniform(-50.0, 50.0, (1500, 2))
+    points = points[contains(rings, points)]
+    # Beside the corners, and half way along the walls.
+    corner = np.concatenate(rings)
+    turn = rng.uniform(0.0, 2.0 * np.pi, len(corner))
+    beside = corner + 1e-3 * np.column_stack([np.cos(turn), np.sin(turn)])
+    middle = 0.5 * np.concatenate([ring + np.roll(ring, 1, axis=0) for ring in rings])
+    points = np.concatenate([points, beside[contains(rings, beside)], middle, corner])
+    exact = limited_sizes(rings, points, G, mesh.points[nodes], h0[nodes])
+    # On a wall the closest point of the mesh is on it to rounding.
+    assert_allclose(with_sources(points), exact, rtol=0.0, atol=1e-10)
+
+
+LINEAR = {
+    "square": lambda: random_square(200, 943),
+    "slit": lambda: slit_square(250)[0],
+    "crack": lambda: crack(8),
+    "holes of one triangle": lambda: domains.with_removed_cells(random_square(150, 944), 944, 15)[
+        0
+    ],
+    "blocks": lambda: domains.blocks(500)[0],
+}
+
+
+@pytest.mark.parametrize("kind", ["noise", "field", "some"])
+@pytest.mark.parametrize("name", LINEAR)
+def test_linear_data_are_limited_between_the_nodes_as_on_a_finer_mesh(name, kind):
+    mesh = LINEAR[name]()
+    rng = np.random.default_rng(945)
+    extent = np.ptp(mesh.points, axis=0).max()
+    h0 = extent * rng.uniform(0.01, 0.3, mesh.n_points)
+    if kind == "field":
+        waves = rng.normal(size=(2, 3)) * 9.0 / extent
+        h0 = extent * (0.2 + 0.03 * np.sin(mesh.points @ waves).sum(axis=1))
+    if kind == "some":
+        away = np.linalg.norm(mesh.points - mesh.points[7], axis=1)
+        h0[(away > 0.2 * extent) & (rng.random(mesh.n_points) < 0.97)] = np.inf
+    with_sources, interpolating = limited(mesh, h0)
+    fine, fine_h0 = refined_triangles(mesh, h0, 4)  # the same data, three more points in each cell
+    exact = limit_gradient(fine, fine_h0, G, method="exact")
+    on_old_edges = np.isin(np.arange(fine.n_points), fine.cells[on_edges_of(mesh, fine)])
+    inside = ~on_old_edges
+    assert inside.sum() == 3 * mesh.n_cells
+    found = with_sources(fine.points[inside])
+    assert_allclose(found, exact[inside], rtol=1e-11)
+    assert np.abs(interpolating(fine.points[inside]) - found).max() > 1e-3 * extent
+
+
+def on_edges_of(mesh, fine):
+    """Tell which corners of fine cells lie on edges of a mesh: where a weight is 0."""
+    weights = mesh.locator.weights(fine.points)[1]
+    return (weights.min(axis=1) < 1e-6)[fine.cells]
+
+
+def test_sizes_on_lines_are_exact_between_the_nodes():
+    line = SimplexMesh([[0.0], [4.0], [1.0], [2.5]], [[0, 2], [3, 2], [1, 3]])
+    with_sources, _ = limited(line, [1.0, 1.5, np.inf, np.inf])
+    points = np.linspace(0.0, 4.0, 41)
+    exact = np.minimum(1.0 + G * points, 1.5 + G * (4.0 - points))
+    assert_allclose(with_sources(points[:, None]), exact, rtol=1e-14)
+    _, info = limit_gradient(line, [1.0, 1.5, np.inf, np.inf], G, full_output=True)
+    assert_array_equal(info.sources.nodes[:, 0], [0, 1, 0, 1])
+    assert_array_equal(info.sources.roots(), [0, 1, 0, 1])
+
+
+def test_in_solids_that_are_not_convex_nodal_sizes_are_interpolated():
+    mesh, _ = domains.wall_box(800)
+    h0, _ = point_sources(mesh, [(-20, 30, 10)], (1.0,))
+    with_sources, interpolating = limited(mesh, h0)
+    points = mesh.points[mesh.cells].mean(axis=1)
+    assert_allclose(with_sources(points), interpolating(points), rtol=1e-13)
+
+
+def test_components_have_sources_of_their_own_between_the_nodes():
+    one = random_square(100, 946)
+    mesh = SimplexMesh(
+        np.concatenate([one.points, one.points + [2.1, 0.0]]),
+        np.concatenate([one.cells, one.cells + one.n_points]),
+    )
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[3] = 0.1
+    with_sources, _ = limited(mesh, h0)
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    exact = 0.1 + G * distances(middles, mesh.points[[3]])[:, 0]
+    exact[one.n_cells :] = np.inf
+    assert_allclose(with_sources(middles), exact, rtol=1e-13)
+    h0[one.n_points + 5] = 0.2
+    exact[one.n_cells :] = (
+        0.2 + G * distances(middles, mesh.points[[one.n_points + 5]])[:, 0][one.n_cells :]
+    )
+    assert_allclose(limited(mesh, h0)[0](middles), exact, rtol=1e-13)
+
+
+# --- where sizes come from --------------------------------------------------------------------
+
+
+def assert_sources_tell_the_sizes(background, h0, **options):
+    """Compare sizes with what each source allows; return sizes and sources."""
+    h, info = limit_gradient(background, h0, G, method="exact", full_output=True, **options)
+    sources, h, bound = info.sources, h.ravel(), np.ravel(h0)
+    points = coordinates(background).reshape(-1, background.dim)
+    reached = np.isfinite(h)
+    assert_array_equal(sources.nodes[:, 0] >= 0, reached)
+    assert_array_equal(sources.roots() >= 0, reached)
+    assert np.isfinite(bound[sources.roots()[reached]]).all()
+    at_node = reached & (sources.nodes[:, 1] < 0)
+    node = sources.nodes[at_node, 0]
+    # A source that is a node keeps its bound, or is where the way bends.
+    is_bend = h[node] < bound[node]
+    away = np.linalg.norm(points[at_node] - points[node], axis=1)
+    assert_allclose(h[at_node], h[node] + G * away, rtol=1e-12)
+    if len(sources.bends) == 0:
+        assert not is_bend.any()
+    else:
+        bent = np.isfinite(sources.bends[at_node, 0])
+        assert_array_equal(sources.bends[at_node][bent], points[node[bent]])
+        assert bent[is_bend].all()
+    return h, sources
+
+
+@pytest.mark.parametrize("face_sources", [False, True])
+def test_sources_tell_the_sizes(face_sources):
+    rng = np.random.default_rng(947)
+    for background in (
+        *(make() for make in CONVEX.values()),
+        slit_square(500)[0],
+        domains.maze(900)[0],
+        domains.with_removed_cells(random_square(150, 948), 948, 15)[0],
+        CartesianGrid([0.0, 0.0], [1.0, 0.7], (12, 9), active=rng.random((12, 9)) < 0.9),
+    ):
+        extent = float(np.ptp(coordinates(background)))
+        for share in (0.02, 0.3, 1.0):
+            h0 = extent * rng.uniform(0.01, 0.5, background.nodal_shape)
+            h0[rng.random(h0.shape) > share] = np.inf
+            active = getattr(background, "active", None)
+            h0.flat[0 if active is None else np.flatnonzero(active)[0]] = 0.1 * extent
+            assert_sources_tell_the_sizes(background, h0, face_sources=face_sources)
+
+
+def test_sources_on_edges_tell_the_sizes_too():
+    grid = CartesianGrid([0.0, 0.0], [1.0, 0.7], (9, 15))
+    h0 = np.full(grid.shape, np.inf)
+    h0[0] = 2.0 + 0.1 * np.arange(15)
+    h, sources = assert_sources_tell_the_sizes(grid, h0)
+    on_edge = np.flatnonzero(sources.nodes[:, 1] >= 0)
+    a, b = sources.nodes[on_edge].T
+    assert len(on_edge) > 50
+    t = np.linspace(0.0, 1.0, 5001)[:, None]
+    p, q = grid.points[a], grid.points[b]
+    foot = p + t[..., None] * (q - p)
+    u, v = h0.ravel()[a], h0.ravel()[b]
+    size = u + t * (v - u) + G * np.linalg.norm(grid.points[on_edge] - foot, axis=2)
+    # Samples 0.7 / 5000 apart miss the least by g (0.7 / 1e4)^2 / (2 D), D >= 1, or less.
+    assert_allclose(size.min(axis=0), h[on_edge], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [*CONVEX, "slit", "L"])
+def test_where_nothing_is_steep_nothing_changes_and_every_node_is_its_own_source(name):
+    background = {
+        **CONVEX, "slit": lambda: slit_square(300)[0], "L": lambda: domains.l_shape(300)[0],
+    }[name]()  # fmt: skip
+    x = coordinates(background)
+    h0 = 100.0 + 0.1 * x.sum(axis=-1)
+    h, info = limit_gradient(background, h0, G, full_output=True)
+    assert_array_equal(h, h0)
+    assert_array_equal(info.sources.nodes[:, 0], np.arange(h0.size))
+    assert_array_equal(info.sources.roots(), np.arange(h0.size))
+    assert info.n_changed == 0
+    places = x.reshape(-1, x.shape[-1])[:50] * 0.99
+    places = places[background.locator.weights(places)[2] == 0.0]
+    assert_allclose(info.sources.evaluate(places), 100.0 + 0.1 * places.sum(axis=1), rtol=1e-14)
 
 
 def test_roots_follow_bends_to_the_node_that_was_asked():

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import domains
-from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
+from adaptsize import CartesianGrid, LimitingInfo, Octree, SimplexMesh, limit_gradient
 from meshes import jittered_cube, random_square
+from meshes import slit_square as crack
 
 G = 0.3
 
@@ -104,18 +105,166 @@ def test_sizes_from_an_earlier_solution_are_those_from_nothing(
         assert_array_equal(h, full)
 
 
-@pytest.mark.parametrize("make", [domains.slit_square, domains.round_holes, domains.maze])
-def test_twenty_changes_in_a_row_around_obstacles(make):
-    mesh, rng = make(1500)[0], np.random.default_rng(20264)
-    h0 = np.full(mesh.n_points, np.inf)
-    h0[rng.choice(mesh.n_points, 12, replace=False)] = rng.uniform(1.0, 5.0, 12)
-    h, info = limit_gradient(mesh, h0, G, full_output=True, face_sources=False)
-    for _ in range(20):
-        h0 = h0.copy()
-        h0[rng.choice(mesh.n_points, 2)] = rng.uniform(0.5, 5.0, 2)
-        h0[rng.choice(np.flatnonzero(np.isfinite(h0)))] *= rng.uniform(0.5, 2.0)
-        h0[rng.choice(np.flatnonzero(np.isfinite(h0)))] = np.inf
-        h, info = limit_gradient(mesh, h0, G, full_output=True, face_sources=False, initial=info)
+# --- the warm start of the exact method ------------------------------------------------------
+
+MESHES = {
+    "square": lambda: random_square(600, 20264),
+    "cube": lambda: jittered_cube(8, 20265),
+    "slit": lambda: domains.slit_square(700)[0],
+    "slit of no width": lambda: crack(10),
+    "round holes": lambda: domains.round_holes(900)[0],
+    "maze": lambda: domains.maze(900)[0],
+    "holes of one triangle": lambda: domains.with_removed_cells(
+        random_square(200, 20266), 20266, 20
+    )[0],
+    "cells given twice": lambda: doubled(domains.l_shape(300)[0]),
+}
+
+
+def doubled(mesh):
+    """Return the mesh with every third cell given again."""
+    return SimplexMesh(mesh.points, np.concatenate([mesh.cells, mesh.cells[::3]]))
+
+
+class Bounds:
+    """Bounds at a share of the nodes that change step by step."""
+
+    def __init__(self, mesh, share, seed):
+        self.rng = np.random.default_rng(seed)
+        self.nodes = np.unique(mesh.cells)
+        self.scale = 0.1 * np.ptp(mesh.points, axis=0).max()
+        self.h0 = np.full(mesh.n_points, np.inf)
+        count = max(2, int(share * len(self.nodes)))
+        self.put(self.rng.choice(self.nodes, count, replace=False))
+
+    def put(self, nodes):
+        self.h0[nodes] = self.scale * self.rng.uniform(0.05, 1.5, np.size(nodes))
+
+    def step(self, kind):
+        """Raise, lower, set or take away some bounds, or one after the other at different nodes."""
+        self.h0 = self.h0.copy()
+        bounded = np.flatnonzero(np.isfinite(self.h0))
+        some = self.rng.choice(bounded, max(1, len(bounded) // 20))
+        if kind in ("raised", "all"):
+            self.h0[some] *= self.rng.uniform(1.0, 5.0)
+        if kind in ("lowered", "all"):
+            self.h0[self.rng.choice(bounded)] *= self.rng.uniform(0.1, 1.0)
+        if kind in ("new", "all"):
+            self.put(self.rng.choice(self.nodes, max(1, len(bounded) // 20)))
+        if kind in ("removed", "all") and len(bounded) > 2:
+            self.h0[self.rng.choice(bounded, max(1, len(bounded) // 20))] = np.inf
+        if kind == "least removed" and len(bounded) > 2:
+            self.h0[np.argmin(self.h0)] = np.inf  # which may serve all nodes
+        if kind == "least raised":
+            self.h0[np.argmin(self.h0)] *= 3.0
+        if np.isinf(self.h0).all():
+            self.put(self.nodes[:1])
+        return self.h0
+
+
+STEPS = ("raised", "lowered", "new", "removed", "all", "least removed", "least raised")
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 1.0])
+@pytest.mark.parametrize("name", MESHES)
+def test_many_changes_in_a_row_give_what_a_solution_from_nothing_gives(name, share):
+    mesh = MESHES[name]()
+    bounds = Bounds(mesh, share, 20267)
+    options = {"face_sources": False, "full_output": True}
+    h, info = limit_gradient(mesh, bounds.h0, G, **options)
+    places = mesh.points[mesh.cells].mean(axis=1)[::5]
+    n_other = 0
+    for number in range(5 * len(STEPS)):
+        before = h
+        h0 = bounds.step(STEPS[number % len(STEPS)])
+        kept = h0.copy()
+        h, info = limit_gradient(mesh, h0, G, initial=info, **options)
+        full, told = limit_gradient(mesh, h0, G, **options)
+        assert_array_equal(h, full)
+        assert_array_equal(h0, kept)
+        n_other += not np.array_equal(h, before)
+        # The info is as good as one from nothing, too.
+        assert (info.n_changed, info.n_free) == (told.n_changed, told.n_free)
+        assert (info.iterations, info.n_proved) == (told.iterations, told.n_proved)
+        assert_array_equal(info.sources.evaluate(places), told.sources.evaluate(places))
+        has = info.sources.nodes[:, 0] >= 0
+        assert_array_equal(has, np.isfinite(h))
+    assert n_other > 2 * len(STEPS)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_isolated_bounds_count_as_bounds_at_nodes(name):
+    """Without two bounds in one cell nothing is linear: the same as nodes only."""
+    mesh = MESHES[name]()
+    bounds = Bounds(mesh, 0.0, 20268)
+    h, info = limit_gradient(mesh, bounds.h0, G, full_output=True)
+    for number in range(2 * len(STEPS)):
+        h0 = bounds.step(STEPS[number % len(STEPS)])
+        if number == len(STEPS):  # once two in a cell
+            h0[mesh.cells[0]] = bounds.scale
+        h, info = limit_gradient(mesh, h0, G, initial=info, full_output=True)
+        assert_array_equal(h, limit_gradient(mesh, h0, G))
+
+
+def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
+    """In convex domains and in the plane; other problems are solved anew."""
+
+    def refuse(*args, **options):
+        raise AssertionError("solved from nothing")
+
+    for name, make in MESHES.items():
+        mesh = make()
+        bounds = Bounds(mesh, 0.02, 20269)
+        _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+        h0 = bounds.step("all")
+        full = limit_gradient(mesh, h0, G, face_sources=False)
+        with monkeypatch.context() as patch:
+            patch.setattr("adaptsize.limiting.on_simplices.solve_exact", refuse)
+            h = limit_gradient(mesh, h0, G, face_sources=False, initial=info)
+        assert_array_equal(h, full, err_msg=name)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_number_of_threads_may_change(threads):
+    mesh = random_square(4000, 20270)  # several chunks
+    bounds = Bounds(mesh, 0.1, 20271)
+    options = {"face_sources": False, "threads": threads}
+    _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+    h0 = bounds.step("all")
+    h = limit_gradient(mesh, h0, G, initial=info, **options)
+    assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False, threads=3 - threads))
+
+
+def test_linear_data_and_solids_that_are_not_convex_are_solved_anew():
+    box = domains.wall_box(800)[0]
+    for mesh, share in (
+        (PLANE, 1.0),
+        (SPACE, 1.0),
+        (domains.slit_square(400)[0], 1.0),
+        (box, 0.01),
+    ):
+        bounds = Bounds(mesh, share, 20272)
+        _, info = limit_gradient(mesh, bounds.h0, G, full_output=True)
+        for kind in STEPS:
+            h0 = bounds.step(kind)
+            h, info = limit_gradient(mesh, h0, G, initial=info, full_output=True)
+            assert_array_equal(h, limit_gradient(mesh, h0, G))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_folds_make_no_difference(seed):
+    mesh = random_square(40, seed)
+    points = mesh.points.copy()
+    rng = np.random.default_rng(seed)
+    points[rng.choice(40, 2)] += rng.normal(size=(2, 2)) * 0.3
+    if seed % 2:
+        points[mesh.cells[0, 0]] = points[mesh.cells[0, 1]]
+    mesh = SimplexMesh(points, mesh.cells)
+    bounds = Bounds(mesh, 0.2, seed)
+    _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+    for kind in 3 * STEPS:
+        h0 = bounds.step(kind)
+        h, info = limit_gradient(mesh, h0, G, face_sources=False, initial=info, full_output=True)
         assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False))
 
 
@@ -134,6 +283,21 @@ def test_arrays_of_the_caller_may_change_afterwards():
     assert told == info.largest_edge_slope
     assert info.n_changed == (info.record.h < info.record.bound).sum()
     assert after.method == info.method
+
+
+def test_info_of_a_warm_start_tells_what_that_of_a_full_solution_tells():
+    h0 = bounds(PLANE, np.random.default_rng(20273), 0.5)
+    options = {"face_sources": False, "full_output": True}
+    _, info = limit_gradient(PLANE, h0, G, **options)
+    h0[::17] = 0.4
+    h, warm = limit_gradient(PLANE, h0, G, initial=info, **options)
+    _, full = limit_gradient(PLANE, h0, G, **options)
+    assert isinstance(warm, LimitingInfo)
+    assert (warm.residual, warm.largest_gap, warm.n_free, warm.converged) == (0.0, 0.0, 0, True)
+    assert warm.largest_edge_slope == full.largest_edge_slope
+    assert warm.cell_gradient_quantiles == full.cell_gradient_quantiles
+    assert_array_equal(h0[warm.sources.roots()], h0[full.sources.roots()])
+    assert repr(warm) == f"LimitingInfo(exact: {(h < h0).sum()} of 300 sizes are below h0)"
 
 
 def test_an_equal_background_will_do():

@@ -21,6 +21,7 @@ from adaptsize.limiting.exact.solve import (
     Found,
     Problem,
     node_wave,
+    part_of,
     solve_on_mesh,
     survivors_among,
 )
@@ -271,7 +272,8 @@ def _on_convex_nodes(
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
     for first, points in _slabs(domain):
         last = first + len(points.places)
-        exact.lower_by_last(points, h[first:last], source[first:last], threads, report)
+        part = part_of(report, 0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
+        exact.lower_by_last(points, h[first:last], source[first:last], threads, part)
     return Found(h, source, exact, np.empty((0, places.shape[1])))
 
 

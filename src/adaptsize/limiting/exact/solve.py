@@ -93,13 +93,15 @@ def solve_on_mesh(problem: Problem, boundary: FlatBoundary | None) -> Found:
     """Solve on triangles in the plane or on tetrahedra, of one component."""
     mesh = problem.mesh
     boundary = flat_boundary(mesh) if boundary is None else boundary
+    if len(boundary.facets) == 0:
+        return _along_edges(problem)
     if is_convex(mesh.points, boundary):
         return _solve(problem, None, boundary)
     if mesh.dim == 3:
         return _solve_in_space(problem, boundary)
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
     found = _solve(problem, plane, boundary)
-    if not plane.is_regular:
+    if boundary.has_flat_cells or not plane.is_regular:
         _keep_edges(problem, found)
     return found
 
@@ -115,14 +117,18 @@ def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Fou
     field = ExactField(g, None if plane is None else plane.sight)
     field.add(_with_corners(_at_nodes(problem, nodes, plane), g, plane))
     h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
-    field.lower_by_last(points, h, source, problem.threads, problem.report)
-    if steep is not None and problem.face_sources:
-        wave = _on_cells(problem, steep, h, source, field, plane, boundary)
-        if wave is not None:
-            field.add(_with_corners(wave, g, plane))
-            field.lower_by_last(points, h, source, problem.threads, problem.report)
-        return Found(h, source, field, bends_of(field, source))
-    return Found(h, source, field, bends_of(field, source), plane=plane, points=points)
+    linear = steep is not None and problem.face_sources
+    report = part_of(problem.report, 0.1, 0.5 if linear else 1.0)
+    field.lower_by_last(points, h, source, problem.threads, report)
+    if not linear or steep is None:
+        return Found(h, source, field, bends_of(field, source), plane=plane, points=points)
+    wave = _on_cells(problem, steep, h, source, field, plane, boundary)
+    if wave is not None:
+        field.add(_with_corners(wave, g, plane))
+        report = part_of(problem.report, 0.5, 1.0)
+        field.lower_by_last(points, h, source, problem.threads, report)
+    problem.report("limiting the gradient", 1.0)
+    return Found(h, source, field, bends_of(field, source))
 
 
 def sources_at_nodes(problem: Problem, plane: Plane | None) -> Wave | None:
@@ -205,6 +211,16 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
     return Found(result.h, result.entry, field, result.bend, result.proved, result.lower)
 
 
+def _along_edges(problem: Problem) -> Found:
+    """Solve where no cell has a measure: sizes go along edges, and nothing is proved."""
+    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    nowhere = np.empty((0, mesh.dim))
+    field = ExactField(g, None, [node_wave(nowhere, np.empty(0), np.empty(0, np.int32))])
+    found = Found(h0.copy(), np.full(mesh.n_points, -1, np.int32), field, nowhere)
+    _keep_edges(problem, found)
+    return found
+
+
 def _keep_edges(problem: Problem, found: Found) -> None:
     """Lower what exceeds a neighbour by more than g allows (In/Out: found).
 
@@ -214,7 +230,10 @@ def _keep_edges(problem: Problem, found: Found) -> None:
     mesh, g = problem.mesh, problem.g
     slope = Slope(np.array([g]))
     along = solve_edge_based(mesh, found.h, slope, residual=False, report=problem.report).h
-    lowered = along < found.h * (1.0 - _EQUAL)
+    with np.errstate(invalid="ignore"):
+        lowered = along < found.h * (1.0 - _EQUAL)
+    if len(found.field.waves[0].nodes) and not lowered.any():
+        return
     found.h[lowered] = along[lowered]
     found.source[lowered] = -1
     lower, source = problem.h0.copy(), np.full(mesh.n_points, -1, np.int32)
@@ -239,6 +258,15 @@ def _candidates(problem: Problem) -> tuple[IntArray, BoolArray | None]:
     return np.flatnonzero(candidate).astype(np.int32), steep
 
 
+def part_of(report: ProgressCallback, first: float, last: float) -> ProgressCallback:
+    """Return a callback for a part of the work, from one share of the whole to another."""
+
+    def told(text: str, share: float | None) -> None:
+        report(text, None if share is None else first + (last - first) * share)
+
+    return told
+
+
 def survivors_among(
     places: FloatArray, sizes: FloatArray, g: float, threads: int, report: ProgressCallback
 ) -> BoolArray:
@@ -252,7 +280,7 @@ def survivors_among(
     def task(first: int, last: int) -> None:
         kernels.find_survivors(places, axes, order, first, last, entries, g, sizes, survives)
 
-    in_chunks(task, len(places), threads, report)
+    in_chunks(task, len(places), threads, part_of(report, 0.0, 0.1))
     return survives
 
 
@@ -279,7 +307,7 @@ def _seen_survivors(problem: Problem, nodes: IntArray, plane: Plane) -> BoolArra
             survives,
         )
 
-    in_chunks(task, len(nodes), problem.threads, problem.report)
+    in_chunks(task, len(nodes), problem.threads, part_of(problem.report, 0.0, 0.1))
     return survives
 
 
@@ -370,7 +398,7 @@ def _undominated(
     own = ExactField(g, None, [wave])
     places = np.ascontiguousarray(mesh.points[nodes])
     points = Points(mesh.points, nodes[along_curve(places)], local)
-    own.lower_by_last(points, sizes, found, problem.threads, problem.report)
+    own.lower_by_last(points, sizes, found, problem.threads, part_of(problem.report, 0.5, 0.5))
     others = others[kept(others, found, wave, True if mesh.dim == 3 else None)]
     return np.concatenate([named[leads], others])
 
