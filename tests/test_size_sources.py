@@ -243,18 +243,12 @@ def blocked_grid(rng):
     return CartesianGrid([0.0, 0.0], [1.0, 0.7], active.shape, active=active)
 
 
-def grid_with_passages(rng):
-    """Return a grid with ways from node to node, beside which no box is whole."""
-    return CartesianGrid([0.0, 0.0], [1.0, 0.7], (14, 11), active=rng.random((14, 11)) < 0.8)
-
-
 TOLD = {
     **CONVEX,
     "slit": lambda: slit_square(500)[0],
     "maze": lambda: domains.maze(900)[0],
     "holes of one triangle": LINEAR["holes of one triangle"],
     "grid with blocks": lambda: blocked_grid(np.random.default_rng(947)),
-    "grid with passages": lambda: grid_with_passages(np.random.default_rng(948)),
 }
 
 

@@ -137,9 +137,12 @@ class LimitingInfo:
 
     @cached_property
     def sources(self) -> SizeSources | None:
-        """Where each size comes from; None for other methods than ``"exact"``."""
+        """Where each size comes from; None for other methods than ``"exact"``.
+
+        None, too, on grids where sizes go through passages without a whole box.
+        """
         record = self.record
-        if not isinstance(record.solution, ExactSolution):
+        if not isinstance(record.solution, ExactSolution) or not record.solution.parts:
             return None
         return SizeSources.of(
             record.background, record.solution, record.problem.h0, record.transform
