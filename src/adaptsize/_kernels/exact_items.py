@@ -22,6 +22,9 @@ _NEARLY = 1.0 - 1e-9
 # Slopes, as shares of g, and angles that may be off by so much.
 _ROUNDING = 1e-9
 
+# What is left of a size when rounding is taken off.
+_LESS = 1.0 - 1e-11
+
 # Cells flatter than this (determinant of the Gram matrix over the product of squared lengths)
 # count as steep: their gradients are rounding.
 _FLAT = 1e-14
@@ -68,6 +71,23 @@ def have_neighbours(cells, h0):
                 n_finite += 1
         if n_finite > 1:
             return True
+    return False
+
+
+@kernel
+def any_edge_exceeds(points, axes, cells, h, g):
+    """Tell whether sizes differ by more than g times its length, and rounding, along any edge."""
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            for w in range(v):
+                i, j = cells[c, v], cells[c, w]
+                high, low = max(h[i], h[j]), min(h[i], h[j])
+                rise = high * _LESS - low
+                square = 0.0
+                for d in range(len(axes)):
+                    square += (points[i, d] - points[j, d]) ** 2
+                if rise > 0.0 and rise * rise > g * g * square:
+                    return True
     return False
 
 

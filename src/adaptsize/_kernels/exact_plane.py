@@ -141,6 +141,18 @@ def _may_serve(seen, k, box, g, worst, slack):
 
 
 @inner
+def _fill_values(x, count, work, size, g, h, values):
+    """Fill what a node at work[1] allows at the points of a block; tell if any is below h."""
+    sx, sy = work[1, 0], work[1, 1]
+    lowers = False
+    for i in range(count):
+        dx, dy = x[0, i] - sx, x[1, i] - sy
+        values[i] = size + g * math.sqrt(dx * dx + dy * dy)
+        lowers |= values[i] < h[i]
+    return lowers
+
+
+@inner
 def _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
     """Lower the sizes h of the points of a block to what entry k allows where they see it.
 
@@ -150,14 +162,14 @@ def _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
     entries, slack = seen.entries, sight.walls.slack
     cones, kinds = seen.cones, seen.kinds  # handing on the tuple would count all of its references
     set_vertices(entries, k, axes, work)
+    is_point = entries.counts[k] == 1
+    if is_point and not _fill_values(x, count, work, entries.sizes[k, 0], g, h, values):
+        return False
     n_wanted = 0
     for i in range(count):
-        work[0, 0], work[0, 1] = x[0, i], x[1, i]
-        if entries.counts[k] == 1:
-            dx, dy = x[0, i] - work[1, 0], x[1, i] - work[1, 1]
-            value = entries.sizes[k, 0] + g * math.sqrt(dx * dx + dy * dy)
-            fx, fy = work[1, 0], work[1, 1]
-        else:
+        fx, fy, value = work[1, 0], work[1, 1], values[i]
+        if not is_point:
+            work[0, 0], work[0, 1] = x[0, i], x[1, i]
             value, fx, fy = _foot(entries, k, axes, work, g)
         if not value < h[i] or (seen.is_corner[k] and value == entries.sizes[k, 0]):
             continue
@@ -207,6 +219,24 @@ def _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
     return lowered
 
 
+@inner
+def _largest(h, count):
+    """Return the largest of the first sizes."""
+    worst = -math.inf
+    for i in range(count):
+        worst = max(worst, h[i])
+    return worst
+
+
+@inner
+def _is_among(numbers, count, k):
+    """Tell whether k is one of the first numbers."""
+    found = False
+    for i in range(count):
+        found |= numbers[i] == k
+    return found
+
+
 @kernel
 def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, on_wall):
     """Lower the sizes of points to the least that the entries allow that they see.
@@ -234,7 +264,7 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
     m = entries.counts.shape[0]
     stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
     box, x, h = np.empty(4), np.empty((2, BLOCK)), np.empty(BLOCK)
-    by, node = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
+    by, node = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int32)
     room = (
         np.empty(BLOCK),
         np.empty((BLOCK, 2)),
@@ -246,7 +276,8 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
         np.empty(MANY, np.int32),
         np.empty((4, 2)),
     )
-    recent = np.full(_RECENT, -1, np.int64)  # as all numbers of entries: each type is compiled anew
+    recent = np.empty(_RECENT, np.int64)  # as all numbers of entries: each type is compiled anew
+    n_recent = 0
     slack = sight.walls.slack
     for start in range(first, last, BLOCK):
         stop = min(start + BLOCK, last)
@@ -255,12 +286,12 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
         for i in range(count):
             h[i], by[i] = sizes[order[start + i]], -1
             node[i] = on_wall[order[start + i]]
-        for r in range(_RECENT):
-            if recent[r] >= 0:
-                _try_entry(seen, recent[r], x, node, count, axes, g, sight, h, by, room)
-        worst = -math.inf
-        for i in range(count):
-            worst = max(worst, h[i])
+        worst = _largest(h, count)
+        for r in range(n_recent):
+            if _may_serve(seen, recent[r], box, g, worst, slack) and _try_entry(
+                seen, recent[r], x, node, count, axes, g, sight, h, by, room
+            ):
+                worst = _largest(h, count)
         stack[0], bound[0], size = 1, -math.inf, 1
         while size > 0:
             size -= 1
@@ -272,23 +303,17 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
                 continue
             leaf = b - entries.n_leaves
             for k in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
-                if not _may_serve(seen, k, box, g, worst, slack):
+                if _is_among(recent, n_recent, k) or not _may_serve(seen, k, box, g, worst, slack):
                     continue
                 if _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
-                    worst = -math.inf
-                    for i in range(count):
-                        worst = max(worst, h[i])
+                    worst = _largest(h, count)
         n_recent = 0
-        recent[:] = -1
         for i in range(count):
             if by[i] < 0:
                 continue
             sizes[order[start + i]] = h[i]
             source[order[start + i]] = by[i]
-            known = n_recent == _RECENT
-            for r in range(n_recent):
-                known = known or recent[r] == by[i]
-            if not known:
+            if n_recent < _RECENT and not _is_among(recent, n_recent, by[i]):
                 recent[n_recent] = by[i]
                 n_recent += 1
 

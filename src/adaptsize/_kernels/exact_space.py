@@ -594,7 +594,8 @@ def _lay(ways, w, m, g, faces, stars, block):
         work = np.empty((4, LONGEST + 2))
         for k in range(m):
             i = active[k]
-            _straighten(edges, chain, feet, work, n, i, (block.sizes[i] - starts[i]) / g)
+            longest = (block.sizes[i] - starts[i]) / g if g > 0.0 else math.inf
+            _straighten(edges, chain, feet, work, n, i, longest)
         if ways.bases.counts[base] > 1:
             _put_base(ways.bases, base, n, m, g, faces, block, starts)
     for k in range(m):

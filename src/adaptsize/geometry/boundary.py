@@ -50,8 +50,6 @@ class FlatBoundary(NamedTuple):
     """int32[f]: a cell with measure at each."""
     is_simple: bool
     """Whether no wall is shared by several cells."""
-    has_flat_cells: bool = False
-    """Whether cells without measure were taken away."""
     alias: IntArray | None = None
     """int32[n_points]: for each node the one that stands for it here, where cells join nodes at
     the same place."""
@@ -101,10 +99,8 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
     if count == 0:  # nothing but folds upon folds
         return FlatBoundary(rows, cell, False)
     unique, group = unique_rows(rows, n)
-    taken = False
     if (side == 0).any():
         kept = _without_flat_cells(group, side, cell, len(unique))
-        taken = not bool(kept.all())
         rows, side, cell, group = rows[kept], side[kept], cell[kept], group[kept]
     joined = np.zeros(len(unique), bool)
     joined[group[side == 0]] = True
@@ -115,9 +111,7 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
     facets = unique[is_wall]
     flip = left[is_wall] == 0
     facets[flip, :2] = facets[flip, 1::-1]
-    return FlatBoundary(
-        facets, owner[is_wall], bool((left + right)[is_wall].max(initial=1) == 1), taken
-    )
+    return FlatBoundary(facets, owner[is_wall], bool((left + right)[is_wall].max(initial=1) == 1))
 
 
 def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], bool]:

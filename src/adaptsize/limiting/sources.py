@@ -58,9 +58,9 @@ class SizeSources:
         n, dim = solution.h.size, background.dim
         nodes = np.full((n, dim), -1, np.int32)
         nodes[:, 0] = np.arange(n)
-        convex = all(len(part.found.bend) == 0 for part in solution.parts)
-        bends = np.full((0 if convex else n, dim), np.nan)
-        for part in solution.parts:
+        bend = [part.found.bends() for part in solution.parts]
+        bends = np.full((n if any(map(len, bend)) else 0, dim), np.nan)
+        for part, own_bends in zip(solution.parts, bend, strict=True):
             where = np.arange(n) if part.nodes is None else part.nodes
             found = part.found
             named = np.concatenate([wave.nodes for wave in found.field.waves])
@@ -71,8 +71,8 @@ class SizeSources:
                 inner = part.nodes[np.clip(own, 0, k - 1)]
                 own = np.where((own >= 0) & (own < k), inner, np.where(own < 0, -1, own - k + n))
             nodes[where[has]] = own
-            if len(found.bend):
-                bends[where] = found.bend
+            if len(own_bends):
+                bends[where] = own_bends
         nodes[np.isinf(solution.h.ravel())] = -1
         limited = solution.h.ravel()
         return cls(background, nodes, bends, bound.ravel(), limited, solution.parts, transform)

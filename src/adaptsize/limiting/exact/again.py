@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.limiting.exact.field import ExactField, Wave
-from adaptsize.limiting.exact.solve import Found, Problem, bends_of, sources_at_nodes
+from adaptsize.limiting.exact.solve import Found, Problem, rises_too_fast, sources_at_nodes
 from adaptsize.typing import BoolArray
 
 
@@ -23,9 +23,7 @@ def solve_again(problem: Problem, before: Found) -> Found | None:
         None where bounds meet in cells, in solids that are not convex, and around folds: these
         are solved from nothing.
     """
-    if before.points is None or len(before.field.waves) != 1:
-        return None
-    if before.plane is not None and not before.plane.is_regular:
+    if before.points is None or len(before.field.waves) != 1 or before.proved is not None:
         return None
     plane = None if before.plane is None else before.plane.without_sizes()
     wave = sources_at_nodes(problem, plane)
@@ -49,8 +47,9 @@ def solve_again(problem: Problem, before: Found) -> Found | None:
     if fresh.any():
         rest = points._replace(order=points.order[~anew[points.order]])
         field.lower_by_some(fresh, rest, h, source, problem.threads, problem.report)
-    found = Found(h, source, field, bends_of(field, source), plane=plane, points=points)
-    return found
+    if plane is not None and rises_too_fast(problem, h):
+        return None
+    return Found(h, source, field, plane=plane, points=points)
 
 
 def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:

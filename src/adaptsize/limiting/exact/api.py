@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._kernels.exact_items import have_neighbours
 from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.splitting_grid import both_ways
-from adaptsize.geometry.boundary import flat_boundary, is_convex
+from adaptsize.geometry.boundary import FlatBoundary, flat_boundary, is_convex
 from adaptsize.limiting.exact.again import solve_again
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.solve import (
@@ -37,9 +38,6 @@ _EQUAL = 1e-12
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _OUTSIDE = 1e-9
-
-# Fewer nodes are not worth a second thread.
-_MANY_NODES = 50_000
 
 # Nodes of a tile of a grid, which is a block of the kernels.
 _TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
@@ -120,17 +118,30 @@ def solve_exact(
         raise ValueError(
             f"method='exact' needs a flat domain of full dimension, got {background!r}"
         )
-    if not (mark_used(background) and background.dim > 1):
+    if background.dim == 1:
         return _by_components(background, h0, given, extra)
-    problem = Problem(background, h0.ravel(), *given, extra)
-    with ThreadPoolExecutor(1) as beside:  # sorting takes half as long as finding the boundary
-        several = problem.threads > 1 and background.n_points > _MANY_NODES
-        order = beside.submit(along_curve, background.points) if several else None
-        boundary = flat_boundary(background, problem.threads)
-        problem = problem._replace(order=None if order is None else order.result())
-    if not is_convex(background.points, boundary):
+    problem, boundary, all_used = _prepared(Problem(background, h0.ravel(), *given, extra))
+    convex = is_convex(background.points, boundary)
+    if not (all_used and (convex or _is_connected(background))):
         return _by_components(background, h0, given, extra)
-    return _as_solution(h0, [Part(None, solve_on_mesh(problem, boundary))])
+    return _as_solution(h0, [Part(None, solve_on_mesh(problem, boundary, convex))])
+
+
+def _prepared(problem: Problem) -> tuple[Problem, FlatBoundary, bool]:
+    """Return a problem with its order and neighbours, the boundary, and if all nodes are in cells.
+
+    On several threads the boundary is looked for at the same time.
+    """
+    mesh = problem.mesh
+    with ThreadPoolExecutor(1) as beside:
+        order = beside.submit(along_curve, mesh.points)
+        meet = beside.submit(have_neighbours, mesh.cells, problem.h0)
+        used = beside.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
+        if problem.threads == 1:
+            wait([order, meet, used])
+        boundary = flat_boundary(mesh, problem.threads)
+        problem = problem._replace(order=order.result(), meet=meet.result())
+        return problem, boundary, used.result() == mesh.n_points
 
 
 def solve_exact_again(
@@ -154,11 +165,6 @@ def solve_exact_again(
     given = (slope.number("exact"), face_sources, number_of_threads(threads), report)
     found = solve_again(Problem(background, h0, *given), earlier.parts[0].found)
     return None if found is None else _as_solution(h0, [Part(None, found)])
-
-
-def mark_used(mesh: SimplexMesh) -> bool:
-    """Tell whether all nodes are in a cell."""
-    return int(mark_nodes(mesh.cells, np.zeros(mesh.n_points, np.bool_))) == mesh.n_points
 
 
 def _inside(
@@ -204,7 +210,9 @@ def _by_components(
                 local[nodes] = np.arange(len(nodes))
                 also = local[linear]
                 also = np.ascontiguousarray(also[also[:, 0] >= 0])
-            found = solve_on_mesh(Problem(component, own, *given, some, also), None)
+            boundary = flat_boundary(component, given[2])
+            convex = is_convex(component.points, boundary)
+            found = solve_on_mesh(Problem(component, own, *given, some, also), boundary, convex)
         parts.append(Part(nodes, found))
     return _as_solution(h0, parts)
 
@@ -226,12 +234,23 @@ def _as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     )
 
 
+def _roots(mesh: SimplexMesh) -> IntArray:
+    """Return for each node the least node of its component."""
+    parent = np.arange(mesh.n_points, dtype=np.int32)
+    join_cells(mesh.cells, parent)
+    return parent
+
+
+def _is_connected(mesh: SimplexMesh) -> bool:
+    """Tell whether all nodes are in one component."""
+    return not _roots(mesh).any()
+
+
 def _components(
     mesh: SimplexMesh, h0: FloatArray, beside: IntArray
 ) -> Iterator[tuple[IntArray | None, SimplexMesh]]:
     """Yield the components of a mesh with a bound, or one of some nodes, with their nodes."""
-    parent = np.arange(mesh.n_points, dtype=np.int32)
-    join_cells(mesh.cells, parent)
+    parent = _roots(mesh)
     if not parent.any():
         yield None, mesh
         return
@@ -274,7 +293,7 @@ def _on_convex_nodes(
         last = first + len(points.places)
         part = part_of(report, 0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
         exact.lower_by_last(points, h[first:last], source[first:last], threads, part)
-    return Found(h, source, exact, np.empty((0, places.shape[1])))
+    return Found(h, source, exact)
 
 
 def _slabs(domain: FloatArray | CartesianGrid) -> Iterator[tuple[int, Points]]:

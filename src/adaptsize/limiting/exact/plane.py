@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize._kernels import exact_plane as kernels
 from adaptsize._kernels.exact_plane import Corners, Seen, Sight
-from adaptsize._kernels.sight import ANY, NARROW, Walls
+from adaptsize._kernels.sight import NARROW, Walls
 from adaptsize.geometry.boundary import PlaneBoundary
 from adaptsize.limiting.exact.field import Wave
 from adaptsize.limiting.exact.work import along_curve, boxes_over, with_tree
@@ -21,11 +21,6 @@ class Plane(NamedTuple):
     boundary: PlaneBoundary
     sight: Sight
     corners: Corners
-
-    @property
-    def is_regular(self) -> bool:
-        """Whether no node has walls that fold."""
-        return not bool((self.sight.sectors.kinds == ANY).any())
 
     def without_sizes(self) -> Plane:
         """Return the same domain with corners at which nothing is known."""

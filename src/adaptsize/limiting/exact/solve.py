@@ -12,7 +12,7 @@ from adaptsize._kernels import exact_items as items
 from adaptsize._kernels import exact_plane
 from adaptsize._kernels.exact import Entries
 from adaptsize.background.topology import unique_rows
-from adaptsize.geometry.boundary import FlatBoundary, flat_boundary, is_convex, plane_boundary
+from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_of
 from adaptsize.limiting.exact.plane import (
     Plane,
@@ -62,6 +62,8 @@ class Problem(NamedTuple):
 
     order: IntArray | None = None
     """int32[n_points]: the nodes along a Morton curve, if that is known."""
+    meet: bool | None = None
+    """Whether two nodes of any simplex have bounds, if that is known."""
 
     @property
     def cells(self) -> IntArray:
@@ -77,9 +79,9 @@ class Found:
     source: IntArray
     """int32[n]: number of the entry in ``field``; -1 where the bound is kept."""
     field: ExactField
-    bend: FloatArray
-    """float64[n, dim]: last place where the way bends, nan where there is none; no rows in a
-    convex domain."""
+    bend: FloatArray | None = None
+    """float64[n, dim]: last place where the way bends, nan where there is none; None if ``field``
+    tells it."""
     proved: BoolArray | None = None
     """bool[n]: nodes whose size is proved exact; None if all are."""
     lower: FloatArray | None = None
@@ -88,22 +90,42 @@ class Found:
     points: Points | None = None
     """What `solve_again` starts from."""
 
+    def bends(self) -> FloatArray:
+        """Return where the way to each node bends last, nan where nowhere; no rows if convex."""
+        if self.bend is not None:
+            return self.bend
+        places = np.concatenate([wave.seen.entries.places[:, 0] for wave in self.field.waves])
+        if self.field.sight is None:
+            return np.empty((0, places.shape[1]))
+        is_corner = np.concatenate([wave.seen.is_corner for wave in self.field.waves])
+        bend = np.full((len(self.source), places.shape[1]), np.nan)
+        nodes = np.flatnonzero(self.source >= 0)
+        nodes = nodes[is_corner[self.source[nodes]]]
+        bend[nodes] = places[self.source[nodes]]
+        return bend
 
-def solve_on_mesh(problem: Problem, boundary: FlatBoundary | None) -> Found:
+
+def solve_on_mesh(problem: Problem, boundary: FlatBoundary, convex: bool) -> Found:
     """Solve on triangles in the plane or on tetrahedra, of one component."""
     mesh = problem.mesh
-    boundary = flat_boundary(mesh) if boundary is None else boundary
     if len(boundary.facets) == 0:
         return _along_edges(problem)
-    if is_convex(mesh.points, boundary):
+    if convex:
         return _solve(problem, None, boundary)
     if mesh.dim == 3:
         return _solve_in_space(problem, boundary)
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
     found = _solve(problem, plane, boundary)
-    if boundary.has_flat_cells or not plane.is_regular:
+    if rises_too_fast(problem, found.h):
         _keep_edges(problem, found)
     return found
+
+
+def rises_too_fast(problem: Problem, h: FloatArray) -> bool:
+    """Tell whether sizes grow faster than g along any edge, as they may where cells overlap."""
+    mesh = problem.mesh
+    axes = (0,) * mesh.dim
+    return bool(items.any_edge_exceeds(mesh.points, axes, mesh.cells, h, problem.g))
 
 
 def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Found:
@@ -121,14 +143,14 @@ def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Fou
     report = part_of(problem.report, 0.1, 0.5 if linear else 1.0)
     field.lower_by_last(points, h, source, problem.threads, report)
     if not linear or steep is None:
-        return Found(h, source, field, bends_of(field, source), plane=plane, points=points)
+        return Found(h, source, field, plane=plane, points=points)
     wave = _on_cells(problem, steep, h, source, field, plane, boundary)
     if wave is not None:
         field.add(_with_corners(wave, g, plane))
         report = part_of(problem.report, 0.5, 1.0)
         field.lower_by_last(points, h, source, problem.threads, report)
     problem.report("limiting the gradient", 1.0)
-    return Found(h, source, field, bends_of(field, source))
+    return Found(h, source, field)
 
 
 def sources_at_nodes(problem: Problem, plane: Plane | None) -> Wave | None:
@@ -138,19 +160,6 @@ def sources_at_nodes(problem: Problem, plane: Plane | None) -> Wave | None:
         return None
     nodes = _survivors(problem, nodes, plane, steep is not None)
     return _with_corners(_at_nodes(problem, nodes, plane), problem.g, plane)
-
-
-def bends_of(field: ExactField, source: IntArray) -> FloatArray:
-    """Return where the way to each node bends last; no rows in a convex domain."""
-    places = np.concatenate([wave.seen.entries.places[:, 0] for wave in field.waves])
-    if field.sight is None:
-        return np.empty((0, places.shape[1]))
-    is_corner = np.concatenate([wave.seen.is_corner for wave in field.waves])
-    bend = np.full((len(source), places.shape[1]), np.nan)
-    nodes = np.flatnonzero(source >= 0)
-    nodes = nodes[is_corner[source[nodes]]]
-    bend[nodes] = places[source[nodes]]
-    return bend
 
 
 def _with_corners(wave: Wave, g: float, plane: Plane | None) -> Wave:
@@ -248,7 +257,7 @@ def _keep_edges(problem: Problem, found: Found) -> None:
 def _candidates(problem: Problem) -> tuple[IntArray, BoolArray | None]:
     """Return the nodes that may be sources, and the steep cells if bounds meet in any cell."""
     mesh, cells, h0 = problem.mesh, problem.cells, problem.h0
-    if not items.have_neighbours(cells, h0):
+    if not (items.have_neighbours(cells, h0) if problem.meet is None else problem.meet):
         return np.flatnonzero(np.isfinite(h0)).astype(np.int32), None
     steep, candidate = np.empty(len(cells), np.bool_), np.empty(mesh.n_points, np.bool_)
     axes = (0,) * mesh.dim
