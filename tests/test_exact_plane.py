@@ -112,6 +112,19 @@ def test_sizes_from_points_are_exact(name, places):
     assert (h > straight_sizes(mesh.points, h0, G) + 0.1).any() or name == "L"
 
 
+@pytest.mark.parametrize("seed", [2217, 2218])
+@pytest.mark.parametrize("name", ["blocks", "star holes", "6 holes of 40 corners"])
+def test_sizes_from_corners_of_holes_do_not_grow_through_them(name, seed):
+    mesh, rings = SHAPES[name](1500, seed=2219)
+    rng = np.random.default_rng(seed)
+    h0 = np.full(mesh.n_points, np.inf)
+    for ring in rings[1:]:
+        corner = ring[rng.integers(len(ring))]
+        node = np.argmin(np.linalg.norm(mesh.points - corner, axis=1))
+        h0[node] = rng.uniform(1.0, 10.0)
+    assert_exact(mesh, h0)
+
+
 @pytest.mark.parametrize("seed", [2215, 2216])
 def test_sizes_among_a_thousand_holes_are_exact(seed):
     mesh, _ = domains.holes(9000, 1000, 6, seed=seed)

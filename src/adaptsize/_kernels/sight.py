@@ -87,9 +87,9 @@ def side_in_cone(cones, kinds, k, dx, dy, slack):
     if kinds[k] == WIDE:
         inside = max(after_start, before_end) > slack
     code = 0
-    if after_start <= slack and sx * dx + sy * dy > 0.0:
+    if abs(after_start) <= slack and sx * dx + sy * dy > 0.0:
         code += LEFT
-    if before_end <= slack and ex * dx + ey * dy > 0.0:
+    if abs(before_end) <= slack and ex * dx + ey * dy > 0.0:
         code += RIGHT
     return LEFT + RIGHT if inside or code == 0 else code
 

@@ -12,7 +12,6 @@ value inf and lie at infinity.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,15 +29,6 @@ _BUCKETS = 1 << _DIGIT
 
 # Buckets of so few items are sorted by insertion.
 _FEW = 24
-
-
-class Tree(NamedTuple):
-    """A binary heap of boxes."""
-
-    boxes: np.ndarray
-    """float64[2 * n_leaves, 2 * dim + 1]: lower corner, upper corner, least value; row 0 is
-    not used."""
-    n_leaves: int
 
 
 @kernel
