@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay
 from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize.typing import FloatArray
 
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 import domains
 import geodesics
 import meshes

@@ -20,7 +20,7 @@ from _timing import arguments_of, machine, table, three, write
 
 from adaptsize import FieldTransfer, SimplexMesh
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from meshes import jittered_cube, jittered_square
 
 CASES = ((2, 100), (2, 250), (2, 500), (3, 16), (3, 28))

@@ -29,7 +29,7 @@ from _timing import best_of, machine, table, three, write
 from scipy.spatial import ConvexHull
 
 import adaptsize as ads
-from adaptsize.automatic import choose_size
+from adaptsize.domain_size.on_surface import choose_size
 
 
 def bumpy_ball(n_points):

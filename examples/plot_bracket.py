@@ -13,7 +13,7 @@ from pathlib import Path
 from _gallery import DATA, run
 
 import adaptsize as ads
-from adaptsize.automatic import choose_size
+from adaptsize.domain_size.on_surface import choose_size
 from adaptsize.plot import plot_size
 
 

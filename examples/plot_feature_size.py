@@ -22,8 +22,8 @@ from _gallery import drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.geometry import inscribed_spheres
-from adaptsize.geometry.distance import signed_distance
-from adaptsize.geometry.feature_size import feature_size
+from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.medial.feature_size import feature_size
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

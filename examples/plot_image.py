@@ -14,7 +14,7 @@ import numpy.typing as npt
 from _gallery import DATA, drawing, run, save_drawing
 
 import adaptsize as ads
-from adaptsize.masks import distance_to_edge, mask_of
+from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
 from adaptsize.quality import minimum_angles, size_conformity
 
 if TYPE_CHECKING:

@@ -12,10 +12,9 @@ import numpy as np
 import adaptsize as ads
 from adaptsize.sizes import recovered_gradient, recovered_hessian
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 import fem_loop
-
 from meshes import jittered_cube, jittered_square
 from test_sizes_error import (
     MESHES,

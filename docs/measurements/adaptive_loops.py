@@ -17,7 +17,7 @@ import adaptsize as ads
 from adaptsize import SimplexMesh
 from adaptsize.sizes import predicted_elements
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 import domains
 from meshes import jittered_square, structured_square
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 import adaptsize as ads
-from adaptsize.geometry.inscribed_spheres import SphereFinder
+from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 import solids
 from curved_shapes import irregular_torus, sliver_cylinder, smooth_torus
 from meshes import random_sphere

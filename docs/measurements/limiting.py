@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay
 
 import adaptsize as ads
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 from meshes import jittered_cube, jittered_square, random_sphere, random_square
 
 SEED = 20050711

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 import adaptsize as ads
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 import planar_shapes as planar
 import solid_shapes as solid
 

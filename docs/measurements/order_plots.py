@@ -19,14 +19,13 @@ from adaptsize.sizes import recovered_gradient, recovered_hessian
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 
 import _problems
-import octrees
-from _gallery import drawing, save_drawing
-
 import curved_shapes
+import octrees
 import planar_shapes
+from _gallery import drawing, save_drawing
 from meshes import jittered_square
 from test_sizes_error import means_of_cell_gradients, root_mean_square, wave
 

@@ -17,11 +17,10 @@ import numpy.typing as npt
 from adaptsize._checks import one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
+from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
-from adaptsize.nodal_size import SizeFunction
-
-Image = raster.Image
 
 
 def read(

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from curved_shapes import smooth_torus
 
 import adaptsize as ads
-from curved_shapes import smooth_torus
 
 pytest.importorskip("pyvista", reason="the example draws")
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-
-from adaptsize._kernels.sweep import fill_hat_gradients, fill_residuals, smallest_altitude
 from meshes import jittered_square, structured_square
+
+from adaptsize._kernels.barth_sethian import fill_hat_gradients, fill_residuals, smallest_altitude
 
 
 def _move(mesh, u, time):

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from backgrounds import CASES, active_nodes, domain, placed, problems, rises
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
@@ -14,7 +15,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from adaptsize import CartesianGrid, SimplexMesh
-from backgrounds import CASES, active_nodes, domain, placed, problems, rises
 
 LAWS = set()
 

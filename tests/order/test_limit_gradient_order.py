@@ -7,11 +7,11 @@ fixed distance of the source; what is left must fall like the edge length a.
 
 import numpy as np
 import pytest
+from backgrounds import FAMILIES, cases, graded_tree, square_grid
+from meshes import jittered_square, structured_square
 from scipy.spatial import Delaunay, cKDTree
 
 from adaptsize import SimplexMesh, limit_gradient
-from backgrounds import FAMILIES, cases, graded_tree, square_grid
-from meshes import jittered_square, structured_square
 
 G = 0.3
 

@@ -8,94 +8,20 @@ compression to a further package of 45 MB; Pillow, which is here anyway, reads t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, describe, refuse_where
 from adaptsize._formats.readers import FOREIGN_FAILURES, quiet, reason
+from adaptsize.background.image import Image
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 
 _NAMES_OF_VALUES = ("labels", "label", "mask", "segmentation", "image", "values", "volume")
 # Cosine of the angle up to which an axis of an image counts as one of space.
 _ALIGNED = 1.0 - 1e-6
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Image:
-    """Values at equal distances along the axes: a picture (2-D) or a volume (3-D).
-
-    Parameters
-    ----------
-    values : array_like, 2-D or 3-D
-        Labels (bool or integers) or intensities (floats); ``values[i, j]`` belongs to the
-        point ``origin + spacing * (i, j)``, so that axis 0 is x.  Copied, read-only.
-    spacing : float or array_like of float, shape (dim,)
-        Distance of neighbouring pixel centres, positive; one for all axes or one for each.
-    origin : array_like of float, shape (dim,), optional
-        Centre of the first pixel; zeros by default.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, values are no numbers, or a spacing is not positive.
-
-    Examples
-    --------
-    >>> Image([[True, False], [True, True], [False, False]], spacing=0.5)
-    Image(3 x 2 pixels of bool, spacing 0.5, 0.5)
-    """
-
-    values: npt.NDArray[Any]
-    spacing: FloatArray
-    origin: FloatArray
-
-    def __init__(
-        self,
-        values: npt.ArrayLike,
-        spacing: npt.ArrayLike = 1.0,
-        origin: npt.ArrayLike | None = None,
-    ) -> None:
-        pixels = np.array(values)
-        if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "biuf" or 0 in pixels.shape:
-            raise ValueError(
-                "values must be numbers in a 2-D or 3-D array, got "
-                f"{pixels.dtype} of shape {pixels.shape}"
-            )
-        steps = as_float_array("spacing", spacing)
-        steps = np.full(pixels.ndim, steps) if steps.ndim == 0 else steps.copy()
-        if steps.shape != (pixels.ndim,):
-            raise ValueError(
-                f"spacing must be a number or have shape {(pixels.ndim,)}, got {steps.shape}"
-            )
-        good = np.isfinite(steps) & (steps > 0.0)
-        refuse_where("spacing", ~good, steps, "must be finite and > 0")
-        start = np.zeros(pixels.ndim) if origin is None else as_float_array("origin", origin)
-        if start.shape != (pixels.ndim,) or not np.isfinite(start).all():
-            raise ValueError(f"origin must be {pixels.ndim} finite numbers, got {describe(origin)}")
-        for name, array in (("values", pixels), ("spacing", steps), ("origin", start.copy())):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)  # the way in for a frozen dataclass
-
-    @property
-    def dim(self) -> int:
-        """2 for a picture, 3 for a volume."""
-        return self.values.ndim
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Number of pixels along x, y (and z)."""
-        return self.values.shape
-
-    def __repr__(self) -> str:
-        """Say how many pixels, of what, and how large."""
-        pixels = " x ".join(str(n) for n in self.shape)
-        steps = ", ".join(f"{step:.4g}" for step in self.spacing)
-        return f"Image({pixels} pixels of {self.values.dtype}, spacing {steps})"
 
 
 def is_image_file(path: Path) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.exact import BLOCK, gather_block, least_allowed, push_children, reaches
-from adaptsize._kernels.local import distance, minimum_on_edge, minimum_on_triangle
+from adaptsize._kernels.local_updates import distance, minimum_on_edge, minimum_on_triangle
 from adaptsize._kernels.trees import DEPTH, LEAF
 
 # A gradient below g by less than this counts as steep: rounding must lose no source.

@@ -10,7 +10,7 @@ import math
 
 from numba import njit
 
-from adaptsize._kernels.local_higher import edge_frame
+from adaptsize._kernels.local_updates_higher import edge_frame
 
 # On smooth surfaces the angles around a node also miss or exceed 360 degrees, by little.
 _CLEARLY_TOO_MUCH = 0.2

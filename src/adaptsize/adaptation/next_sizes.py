@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, describe, refuse_where
+from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
-from adaptsize.nodal_size import SizeFunction
 from adaptsize.sizes import minimum, predicted_elements, size_from_error
 from adaptsize.sizes.budget import scale_to
 from adaptsize.typing import FloatArray, GradientLimit

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_number, describe
 from adaptsize._progress import reporting
+from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.boundary_moves import (
     BoundaryMoves,
     ProjectionLike,
@@ -36,15 +37,14 @@ from adaptsize.adaptation.report import (
     boundary_distance,
     lost_tags,
 )
+from adaptsize.adaptation.transfer import FieldTransfer, as_fields
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import ResolutionWarning
-from adaptsize.nodal_size import SizeFunction
 from adaptsize.quality import size_conformity
 from adaptsize.remeshing import remesh
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes import predicted_elements
 from adaptsize.sizes.budget import calibration
-from adaptsize.transfer import FieldTransfer, as_fields
 from adaptsize.typing import GradientLimit, ProgressCallback
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]

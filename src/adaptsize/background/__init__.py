@@ -1,6 +1,7 @@
 """Where nodal values live."""
 
 from adaptsize.background.grid import CartesianGrid
+from adaptsize.background.image import Image
 from adaptsize.background.octree import Octree
 from adaptsize.background.refinement import refine_at_boundary, refine_to_size
 from adaptsize.background.simplex import Boundary, SimplexMesh
@@ -8,6 +9,7 @@ from adaptsize.background.simplex import Boundary, SimplexMesh
 __all__ = [
     "Boundary",
     "CartesianGrid",
+    "Image",
     "Octree",
     "SimplexMesh",
     "refine_at_boundary",

@@ -21,7 +21,7 @@ _BUCKETS = 4096
 
 
 class Buckets(NamedTuple):
-    """An empty queue; what each member means: `adaptsize._kernels.march_grid.march_grid`."""
+    """An empty queue; what each member means: see `march_grid` in `_kernels`."""
 
     seeds: IntArray
     origin: float

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from adaptsize.cli.files import nodal_field
+from adaptsize.cli.output import say
 from adaptsize.cli.sources import parse_source
-from adaptsize.cli.telling import say
 
 if TYPE_CHECKING:
-    from adaptsize.automatic import ChosenSize
     from adaptsize.background import SimplexMesh
+    from adaptsize.domain_size.on_surface import ChosenSize
 
 
 def choose(
@@ -25,7 +25,7 @@ def choose(
     field: str | None,
 ) -> ChosenSize:
     """Return the sizes to use, and say which; a given field alone replaces those from the part."""
-    from adaptsize.automatic import choose_size
+    from adaptsize.domain_size.on_surface import choose_size
 
     if field is not None and elements_per_radian is None:
         elements_per_radian = 0.0

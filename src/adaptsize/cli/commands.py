@@ -25,9 +25,9 @@ from adaptsize.cli.options import (
     Smallest,
     Sources,
 )
+from adaptsize.cli.output import draw, print_written
 from adaptsize.cli.size import size
 from adaptsize.cli.sources import describe_roots
-from adaptsize.cli.telling import draw, print_written
 
 if TYPE_CHECKING:
     pass
@@ -64,7 +64,7 @@ def options(
 def info(file: Input, as_json: AsJson = False) -> None:
     """Say what is in a mesh file: counts, extent, tags, fields, topology, quality."""
     from adaptsize.io import read
-    from adaptsize.summary import summarize
+    from adaptsize.quality import summarize
 
     summary = summarize(read(file))
     print(json.dumps(summary.as_dict(), indent=2) if as_json else summary)

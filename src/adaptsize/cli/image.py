@@ -22,8 +22,8 @@ from adaptsize.cli.options import (
     Spacing,
     Threshold,
 )
+from adaptsize.cli.output import draw, print_written
 from adaptsize.cli.sources import parse_source
-from adaptsize.cli.telling import draw, print_written
 
 
 def image(
@@ -47,7 +47,7 @@ def image(
     Sizes come from the curvature of their edges and from their width.  Labels become the
     regions of the mesh.
     """
-    from adaptsize.image_meshing import mesh_image
+    from adaptsize.domain_size.images import mesh_image
     from adaptsize.io import read_image, write
 
     check_outputs(output, plot)

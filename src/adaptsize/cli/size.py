@@ -25,12 +25,12 @@ from adaptsize.cli.options import (
     Spacing,
     Threshold,
 )
+from adaptsize.cli.output import draw, draw_causes, print_written
 from adaptsize.cli.sources import parse_source
-from adaptsize.cli.telling import draw, draw_causes, print_written
 
 if TYPE_CHECKING:
-    from adaptsize.causes import SizeReport
-    from adaptsize.nodal_size import SizeFunction
+    from adaptsize._size_function import SizeFunction
+    from adaptsize.domain_size.report import SizeReport
 
 
 def size(
@@ -106,7 +106,7 @@ def size(
 
 
 def _of_image(file: Path, spacing: str | None, **options: Any) -> tuple[SizeFunction, SizeReport]:
-    from adaptsize.image_meshing import size_function_from_image
+    from adaptsize.domain_size.images import size_function_from_image
     from adaptsize.io import read_image
 
     for name in ("elements_per_radian", "elements_across", "smoothing"):

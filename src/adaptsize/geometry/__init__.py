@@ -7,11 +7,11 @@ from adaptsize.geometry.curvature import (
     polyline_curvature,
     surface_curvature,
 )
-from adaptsize.geometry.distance import signed_distance
-from adaptsize.geometry.feature_size import feature_size
-from adaptsize.geometry.inscribed_spheres import InscribedSpheres, inscribed_spheres
+from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.geometry.level_sets import level_set_curvature
-from adaptsize.geometry.medial_axis import MedialAxis, medial_axis
+from adaptsize.geometry.medial.axis import MedialAxis, medial_axis
+from adaptsize.geometry.medial.feature_size import feature_size
+from adaptsize.geometry.medial.inscribed_spheres import InscribedSpheres, inscribed_spheres
 
 __all__ = [
     "InscribedSpheres",

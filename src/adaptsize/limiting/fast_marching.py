@@ -1,4 +1,4 @@
-"""Label-correcting fast marching, and its relative along edges only."""
+"""Label-correcting fast marching on simplices."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels import march as kernels
-from adaptsize.limiting.policy import iterate_policies
+from adaptsize._kernels import fast_marching as kernels
+from adaptsize._kernels.edge_based import march_edges
+from adaptsize.limiting.policy_iteration import iterate_policies
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -34,7 +35,7 @@ _PATIENCE = 8
 
 
 class Stars(NamedTuple):
-    """For each node the other vertices of its cells (see `adaptsize._kernels.march.fill_stars`)."""
+    """For each node the other vertices of its cells (see `fill_stars`)."""
 
     star_ptr: npt.NDArray[np.int64]
     star: IntArray
@@ -82,25 +83,10 @@ def solve_fast_marching(
     .. [1] F. Bornemann, C. Rasch, Comput. Vis. Sci. 9 (2006) 57-69.
     .. [2] J. A. Sethian, Proc. Natl. Acad. Sci. 93 (1996) 1591-1595.
     """
-    return _march(mesh, h0, slope, kernels.sweep_cells, kernels.march, residual, report)
+    return march_to_rest(mesh, h0, slope, kernels.sweep_cells, kernels.march, residual, report)
 
 
-def solve_edge_based(
-    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, residual: bool, report: ProgressCallback
-) -> Solution:
-    """Solve h_k = min(h0_k, min over edges of h_j + g |x_k - x_j|) exactly.
-
-    These are the shortest paths in the graph of the mesh, which most mesh generators
-    use as their gradation.  They do **not** converge to the limited size function
-    when the mesh is refined: fronts follow the edges, not the straight lines between
-    them.  Offered for comparison only.
-
-    Parameters and result as for `solve_fast_marching`; the cheapest possible scheme.
-    """
-    return _march(mesh, h0, slope, kernels.sweep_edges, kernels.march_edges, residual, report)
-
-
-def _march(
+def march_to_rest(
     mesh: SimplexMesh,
     h0: FloatArray,
     slope: Slope,
@@ -109,6 +95,7 @@ def _march(
     with_residual: bool,
     report: ProgressCallback,
 ) -> Solution:
+    """March until no node is lowered any more."""
     n = mesh.n_points
     axes = (0,) * mesh.dim
     limit = (slope.values, slope.step)
@@ -124,11 +111,11 @@ def _march(
         stars = stars_of(mesh, slope)
         geometry = (mesh.points, axes, (0,) * mesh.cell_dim, *stars)
         # Along edges every node is accepted once, in order.
-        most = None if march is kernels.march_edges else patience(n)
+        most = None if march is march_edges else patience(n)
         accepted = accept_all(march, geometry, h, slope, heap, most, report)
         if heap[3][0] > 0:
             # What is missing now are small changes; first give every node a finite size.
-            kernels.march_edges(*geometry, h, *limit, *heap, KEEP, 1 << 62)
+            march_edges(*geometry, h, *limit, *heap, KEEP, 1 << 62)
             sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
             kernels.queue_lowered(h, candidate, _KEEP_ROUGHLY, *heap)
             while heap[3][0] > 0:
@@ -156,7 +143,7 @@ def accept_all(
 ) -> int:
     """March (In/Out: h, heap) until the heap is empty or so many nodes were accepted.
 
-    ``geometry`` is what the kernels of march.py take first.
+    ``geometry`` is what the kernels of fast_marching.py take first.
     """
     accepted = 0
     while heap[3][0] > 0 and (most is None or accepted < most):

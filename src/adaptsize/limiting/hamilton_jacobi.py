@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.sweep_grid import iterate_hamilton_jacobi
+from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
 from adaptsize.background.padding import pad, strides_of_padded, unpad
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.solution import Solution

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels import headings, march_higher
-from adaptsize._kernels.march import fill_stars, largest_edge_slope
-from adaptsize._kernels.march_higher import ONE_LIMIT, PER_CELL, PER_NODE
+from adaptsize._kernels import fast_marching_higher, headings
+from adaptsize._kernels.edge_based import largest_edge_slope
+from adaptsize._kernels.fast_marching import fill_stars
+from adaptsize._kernels.fast_marching_higher import ONE_LIMIT, PER_CELL, PER_NODE
 from adaptsize.geometry.boundary import FLAT, flat_boundary, is_convex, turns_in_plane
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -129,11 +130,11 @@ def march_with_gradients(
     fill_stars(mesh.cells, star_ptr, star, owner)
     twin = np.empty((0, 2), np.int32)
     heading = np.empty((0, 2, 2))
-    reach = march_higher.NEXT
+    reach = fast_marching_higher.NEXT
     if mesh.dim == 2:
         bends, convex = _where_paths_bend(mesh)
         if factored:
-            reach = march_higher.BEYOND if convex else march_higher.BEHIND
+            reach = fast_marching_higher.BEYOND if convex else fast_marching_higher.BEHIND
     else:
         twin = np.empty((3 * m, 2), np.int32)
         heading = np.empty((3 * m, 2, 2))
@@ -149,7 +150,7 @@ def march_with_gradients(
     state = (h, np.zeros((n, 2)), np.arange(n, dtype=np.int32), np.zeros(n, np.uint8))
     accepted = 0
     while heap[3][0] > 0:
-        accepted += march_higher.march_higher(
+        accepted += fast_marching_higher.march_higher(
             mesh.points, axes, *stars, *way, *state, g, mode, *heap, _CHUNK
         )
         report("limiting the gradient", min(accepted / n, 1.0))

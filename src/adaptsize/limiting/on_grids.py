@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact import solve_exact
-from adaptsize.limiting.grid_marching import solve_grid_edges, solve_grid_marching
+from adaptsize.limiting.fast_marching_grid import solve_grid_marching
 from adaptsize.limiting.hamilton_jacobi import solve_hamilton_jacobi
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray

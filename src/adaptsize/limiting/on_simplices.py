@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from adaptsize._kernels.march import largest_edge_slope
+from adaptsize._kernels.edge_based import largest_edge_slope
 from adaptsize._kernels.simplex import fill_gradient_norms
+from adaptsize.limiting.barth_sethian import solve_positive_coefficient
+from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact import solve_exact
 from adaptsize.limiting.factored import solve_factored
-from adaptsize.limiting.fast_marching import solve_edge_based, solve_fast_marching
+from adaptsize.limiting.fast_marching import solve_fast_marching
 from adaptsize.limiting.hermite import solve_hermite
-from adaptsize.limiting.positive_coefficient import solve_positive_coefficient
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray
 

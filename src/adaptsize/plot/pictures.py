@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, one_of
+from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.causes import SizeReport
+from adaptsize.domain_size.report import SizeReport
 from adaptsize.errors import PlotError
-from adaptsize.nodal_size import SizeFunction
 from adaptsize.plot import with_matplotlib, with_vtk
 from adaptsize.plot.boxes import scene_of_grid, scene_of_octree
 from adaptsize.plot.scene import Scene, make_scene

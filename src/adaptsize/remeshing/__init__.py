@@ -14,8 +14,8 @@ _HOMES = {
     "Backend": "protocol",
     "Problem": "protocol",
     "estimate_n_cells": "estimate",
-    "mesh_from_distance": "smoothing",
-    "SmoothingReport": "smoothing",
+    "mesh_from_distance": "distmesh.api",
+    "SmoothingReport": "distmesh.api",
 }
 
 __all__ = [

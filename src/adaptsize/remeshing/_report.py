@@ -11,10 +11,10 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
 from adaptsize.quality import Conformity, minimum_angles, size_conformity
-from adaptsize.remeshing._finish import TOLERANCE
-from adaptsize.remeshing._implicit_domain import ImplicitDomain
-from adaptsize.remeshing._rejection import Sampling, Size
-from adaptsize.remeshing._relaxation import Relaxed
+from adaptsize.remeshing.distmesh.finish import TOLERANCE
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+from adaptsize.remeshing.distmesh.rejection import Sampling, Size
+from adaptsize.remeshing.distmesh.relaxation import Relaxed
 from adaptsize.typing import IntArray
 
 #: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.nodal_size import SizeFunction
 from adaptsize.typing import FloatArray, IntArray
 
 #: What ``remesh`` takes as ``size``.

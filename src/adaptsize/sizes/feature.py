@@ -8,11 +8,11 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.geometry.closest_points import DistanceFunction
-from adaptsize.geometry.distance import signed_distance
-from adaptsize.geometry.feature_size import feature_size, feature_size_with
-from adaptsize.geometry.inscribed_spheres import SphereFinder
-from adaptsize.geometry.medial_axis import distance_on, medial_axis
+from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.distance.closest_points import DistanceFunction
+from adaptsize.geometry.medial.axis import distance_on, medial_axis
+from adaptsize.geometry.medial.feature_size import feature_size, feature_size_with
+from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 

@@ -15,6 +15,7 @@ from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.splitting_grid import both_ways
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary, is_convex
+from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact.again import solve_again
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.solve import (
@@ -28,7 +29,6 @@ from adaptsize.limiting.exact.solve import (
 )
 from adaptsize.limiting.exact.work import along_curve, number_of_threads
 from adaptsize.limiting.gradient_limit import Slope
-from adaptsize.limiting.grid_marching import solve_grid_edges
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback

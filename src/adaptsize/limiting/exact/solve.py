@@ -13,6 +13,7 @@ from adaptsize._kernels import exact_plane
 from adaptsize._kernels.exact import Entries
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
+from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_of
 from adaptsize.limiting.exact.plane import (
     Plane,
@@ -24,7 +25,6 @@ from adaptsize.limiting.exact.plane import (
 )
 from adaptsize.limiting.exact.space import build_sight, solve_in_space
 from adaptsize.limiting.exact.work import along_curve, entries_of, in_chunks
-from adaptsize.limiting.fast_marching import solve_edge_based
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 

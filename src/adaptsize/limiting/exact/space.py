@@ -24,8 +24,8 @@ from adaptsize._kernels.exact_space import (
     Ways,
 )
 from adaptsize.background.topology import unique_rows
+from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks
-from adaptsize.limiting.fast_marching import solve_edge_based
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 

@@ -1,0 +1,300 @@
+"""Label-correcting fast marching on simplices.
+
+A node may be lowered again after it has left the heap; it then comes back.  So no
+angle condition is needed: when the heap is empty every node satisfies every local
+update, whatever the shape of the cells.  A candidate counts only if it is below
+``keep`` times the present size, ``keep`` being 1 minus rounding or a little more.
+
+The drivers read the mesh as *stars*: for each node, the other vertices of its
+cells in one contiguous block.  ``axes`` and ``others`` are tuples of which only
+the length counts (embedding dimension; vertices of a star entry), see local.py.
+"""
+
+import math
+
+from numba import njit
+
+from adaptsize._kernels.heap import pop, push_or_decrease
+from adaptsize._kernels.local_updates import distance, minimum_on_edge, minimum_on_triangle
+
+
+@njit(cache=True, nogil=True)
+def fill_stars(cells, star_ptr, star, owner):
+    """List for each node the other vertices of its cells.
+
+    Parameters
+    ----------
+    cells : int32[m, k]
+    star_ptr : int64[n + 1]
+        Out: the entries of node i are ``star[star_ptr[i]:star_ptr[i + 1]]``.
+    star : int32[m * k, k - 1]
+        Out.
+    owner : int32[m * k] or int32[0]
+        Out: the cell of each entry; left alone if empty.
+    """
+    k = cells.shape[1]
+    n = star_ptr.shape[0] - 1
+    star_ptr[:] = 0
+    for c in range(cells.shape[0]):
+        for v in range(k):
+            star_ptr[cells[c, v] + 1] += 1
+    for i in range(n):
+        star_ptr[i + 1] += star_ptr[i]
+    # star_ptr[i] serves as the next free place of node i, and is put back afterwards.
+    for c in range(cells.shape[0]):
+        for v in range(k):
+            i = cells[c, v]
+            entry = star_ptr[i]
+            star_ptr[i] += 1
+            for w in range(k - 1):
+                star[entry, w] = cells[c, (v + 1 + w) % k]
+            if owner.shape[0] > 0:
+                owner[entry] = c
+    for i in range(n, 0, -1):
+        star_ptr[i] = star_ptr[i - 1]
+    star_ptr[0] = 0
+
+
+@njit(cache=True, nogil=True)
+def minimum_in_cell(points, axes, cells, c, k, h, g):
+    """Return the size at vertex k of cell c allowed by all its other vertices, and its source.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    cells : int32[m, 2, 3 or 4]
+    c, k : int
+        Cell, and one of its nodes.
+    h : float64[n]
+        Sizes; vertices with inf are left out.
+    g : float64
+        Gradient limit in the cell.
+
+    Returns
+    -------
+    value : float64
+        inf if no other vertex is below ``h[k]``: none could lower it.
+    i0, i1, i2 : int
+        Vertices whose linear interpolant at the minimum is ``value`` less g times
+        the distance; -1 where fewer are finite.
+    l1, l2 : float64
+        Weights of i1 and i2 there.
+    """
+    a = b = d = -1
+    below = False
+    for v in range(cells.shape[1]):
+        i = cells[c, v]
+        if i == k or math.isinf(h[i]):
+            continue
+        below = below or h[i] < h[k]
+        if a < 0:
+            a = i
+        elif b < 0:
+            b = i
+        else:
+            d = i
+    value = math.inf
+    l1 = l2 = 0.0
+    if below:
+        if b < 0:
+            value = h[a] + g * distance(points, axes, k, a)
+        elif d < 0:
+            value, l1 = minimum_on_edge(points, axes, k, a, b, h[a], h[b], g)
+        else:
+            value, l1, l2 = minimum_on_triangle(points, axes, k, a, b, d, h[a], h[b], h[d], g, True)
+    return value, a, b, d, l1, l2
+
+
+@njit(cache=True, nogil=True)
+def sweep_cells(points, axes, cells, h, g, g_step, floor):
+    """Fill the least candidate of every node over its cells, all from the same sizes.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    cells : int32[m, k]
+    h : float64[n]
+        Sizes, inf allowed.
+    g : float64[m] or float64[1]
+        Gradient limit per cell; cell c has ``g[c * g_step]``.
+    g_step : int
+        1 or 0.
+    floor : float64[n]
+        Out: inf where no neighbour is below.
+    """
+    floor[:] = math.inf
+    for c in range(cells.shape[0]):
+        least = math.inf
+        for v in range(cells.shape[1]):
+            least = min(least, h[cells[c, v]])
+        if math.isinf(least):
+            continue
+        for v in range(cells.shape[1]):
+            k = cells[c, v]
+            if h[k] > least:
+                value = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])[0]
+                floor[k] = min(floor[k], value)
+
+
+@njit(cache=True, nogil=True)
+def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, cost):
+    """Fill each node's best local update as a linear equation in the sizes it uses.
+
+    Node k then has  value_k = sum_s weight[k, s] h[source[k, s]] + cost_k.
+
+    Parameters
+    ----------
+    points, axes, cells, g, g_step
+        As in `sweep_cells`.
+    h, h0 : float64[n]
+        Sizes and their upper bounds.
+    value : float64[n]
+        Out: the least of h0 and all local updates.
+    source : int32[n, 3]
+        Out: nodes used; 0 where the weight is 0.
+    weight : float64[n, 3]
+        Out: zeros for nodes that keep h0.
+    cost : float64[n]
+        Out: g times the distance to the minimum, or h0.
+    """
+    value[:] = h0
+    cost[:] = h0
+    source[:] = 0
+    weight[:] = 0.0
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            k = cells[c, v]
+            found, a, b, d, l1, l2 = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])
+            if found < value[k]:
+                value[k] = found
+                used = (1.0 - l1 - l2) * h[a]
+                source[k, 0] = a
+                weight[k, 0] = 1.0 - l1 - l2
+                weight[k, 1] = l1
+                weight[k, 2] = l2
+                source[k, 1] = 0
+                source[k, 2] = 0
+                if b >= 0:
+                    source[k, 1] = b
+                    used += l1 * h[b]
+                if d >= 0:
+                    source[k, 2] = d
+                    used += l2 * h[d]
+                cost[k] = found - used
+
+
+@njit(cache=True, nogil=True)
+def queue_lowered(h, candidate, keep, key, node, place, size):
+    """Lower each node to its candidate and put those that change into the heap.
+
+    Parameters
+    ----------
+    h : float64[n]
+        In/Out.
+    candidate : float64[n]
+    keep : float
+    key, node, place, size
+        In/Out: the heap (see heap.py).
+    """
+    for k in range(h.shape[0]):
+        if candidate[k] < h[k] * keep:
+            h[k] = candidate[k]
+            push_or_decrease(key, node, place, size, k, h[k])
+
+
+@njit(cache=True, nogil=True)
+def _is_acute(points, axes, k, j, m):
+    """Tell whether the angle at k between j and m is below 90 degrees."""
+    dot = 0.0
+    for d in range(len(axes)):
+        dot += (points[j, d] - points[k, d]) * (points[m, d] - points[k, d])
+    return dot > 0.0
+
+
+@njit(cache=True, nogil=True)
+def march(
+    points,
+    axes,
+    others,
+    star_ptr,
+    star,
+    owner,
+    h,
+    g,
+    g_step,
+    key,
+    node,
+    place,
+    size,
+    keep,
+    max_pops,
+):
+    """Accept nodes in order of size and lower their neighbours; at most ``max_pops`` nodes.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes, others : tuples of length dim, k - 1
+    star_ptr, star, owner
+        Stars of the nodes (see `fill_stars`); ``owner`` may be empty if ``g_step`` is 0.
+    h : float64[n]
+        In/Out.
+    g, g_step
+        Gradient limit per cell, as in `sweep_cells`.
+    key, node, place, size
+        In/Out: the heap (see heap.py).
+    keep : float
+    max_pops : int
+        Return after that many, so that the caller can report and be interrupted.
+
+    Returns
+    -------
+    int
+        Number of nodes accepted; less than ``max_pops`` if the heap is empty.
+    """
+    pops = 0
+    while size[0] > 0 and pops < max_pops:
+        j = pop(key, node, place, size)
+        h_j = h[j]
+        pops += 1
+        for entry in range(star_ptr[j], star_ptr[j + 1]):
+            g_here = g[owner[entry]] if g_step else g[0]
+            for v in range(len(others)):
+                k = star[entry, v]
+                h_k = h[k]
+                # The side opposite to k is j with a and b.  Nodes in the heap are left out:
+                # the side is looked at again when they are accepted.  Parts of it without
+                # j were looked at when their last node was accepted.
+                a = b = -1
+                for w in range(1, len(others)):
+                    i = star[entry, (v + w) % len(others)]
+                    if place[i] < 0 and h[i] < math.inf:
+                        if a < 0:
+                            a = i
+                        else:
+                            b = i
+                if a < 0:
+                    if h_k <= h_j:
+                        continue
+                    value = h_j + g_here * distance(points, axes, k, j)
+                else:
+                    if h_k <= h_j:
+                        # A minimum that uses j lies above h_j where the angles at k are acute.
+                        if h_k <= h[a] and (b < 0 or h_k <= h[b]):
+                            continue
+                        if _is_acute(points, axes, k, j, a) and (
+                            b < 0 or _is_acute(points, axes, k, j, b)
+                        ):
+                            continue
+                    if b < 0:
+                        value = minimum_on_edge(points, axes, k, j, a, h_j, h[a], g_here)[0]
+                    else:
+                        value = minimum_on_triangle(
+                            points, axes, k, j, a, b, h_j, h[a], h[b], g_here, False
+                        )[0]
+                if value < h_k * keep:
+                    h[k] = value
+                    push_or_decrease(key, node, place, size, k, value)
+    return pops

@@ -1,0 +1,85 @@
+"""Images: pixels or voxels with their spacing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Image:
+    """Values at equal distances along the axes: a picture (2-D) or a volume (3-D).
+
+    Parameters
+    ----------
+    values : array_like, 2-D or 3-D
+        Labels (bool or integers) or intensities (floats); ``values[i, j]`` belongs to the
+        point ``origin + spacing * (i, j)``, so that axis 0 is x.  Copied, read-only.
+    spacing : float or array_like of float, shape (dim,)
+        Distance of neighbouring pixel centres, positive; one for all axes or one for each.
+    origin : array_like of float, shape (dim,), optional
+        Centre of the first pixel; zeros by default.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, values are no numbers, or a spacing is not positive.
+
+    Examples
+    --------
+    >>> Image([[True, False], [True, True], [False, False]], spacing=0.5)
+    Image(3 x 2 pixels of bool, spacing 0.5, 0.5)
+    """
+
+    values: npt.NDArray[Any]
+    spacing: FloatArray
+    origin: FloatArray
+
+    def __init__(
+        self,
+        values: npt.ArrayLike,
+        spacing: npt.ArrayLike = 1.0,
+        origin: npt.ArrayLike | None = None,
+    ) -> None:
+        pixels = np.array(values)
+        if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "biuf" or 0 in pixels.shape:
+            raise ValueError(
+                "values must be numbers in a 2-D or 3-D array, got "
+                f"{pixels.dtype} of shape {pixels.shape}"
+            )
+        steps = as_float_array("spacing", spacing)
+        steps = np.full(pixels.ndim, steps) if steps.ndim == 0 else steps.copy()
+        if steps.shape != (pixels.ndim,):
+            raise ValueError(
+                f"spacing must be a number or have shape {(pixels.ndim,)}, got {steps.shape}"
+            )
+        good = np.isfinite(steps) & (steps > 0.0)
+        refuse_where("spacing", ~good, steps, "must be finite and > 0")
+        start = np.zeros(pixels.ndim) if origin is None else as_float_array("origin", origin)
+        if start.shape != (pixels.ndim,) or not np.isfinite(start).all():
+            raise ValueError(f"origin must be {pixels.ndim} finite numbers, got {describe(origin)}")
+        for name, array in (("values", pixels), ("spacing", steps), ("origin", start.copy())):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)  # the way in for a frozen dataclass
+
+    @property
+    def dim(self) -> int:
+        """2 for a picture, 3 for a volume."""
+        return self.values.ndim
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of pixels along x, y (and z)."""
+        return self.values.shape
+
+    def __repr__(self) -> str:
+        """Say how many pixels, of what, and how large."""
+        pixels = " x ".join(str(n) for n in self.shape)
+        steps = ", ".join(f"{step:.4g}" for step in self.spacing)
+        return f"Image({pixels} pixels of {self.values.dtype}, spacing {steps})"

@@ -1,0 +1,7 @@
+"""The size function of a whole domain: curvature, feature size and what else is asked, limited."""
+
+from adaptsize.domain_size.api import size_function
+from adaptsize.domain_size.images import mesh_image, size_function_from_image
+from adaptsize.domain_size.report import SizeReport
+
+__all__ = ["SizeReport", "mesh_image", "size_function", "size_function_from_image"]

@@ -1,0 +1,219 @@
+"""The complete size function: curvature, feature size and what else is asked, limited."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, TypeAlias, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_points, describe
+from adaptsize._progress import reporting
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.image import Image
+from adaptsize.domain_size.by_domain import Wish, as_wish, of_level_set, of_mask, of_mesh
+from adaptsize.domain_size.image_mask import as_image, distance_to_edge, mask_of
+from adaptsize.domain_size.report import SizeReport
+from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.typing import FloatArray, ProgressCallback
+
+Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
+AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
+Domain: TypeAlias = (
+    SimplexMesh | Implicit | Image | npt.ArrayLike | tuple[CartesianGrid, npt.ArrayLike]
+)
+
+#: Boxes along the longest side of a grid laid around a domain, in the plane and in space.
+_BOXES_ALONG = {2: 250, 3: 100}
+
+
+@overload
+def size_function(
+    domain: Domain,
+    *,
+    background: AnyBackground | Literal["auto"] | None = ...,
+    box: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
+    elements_per_radian: float = ...,
+    elements_across: float = ...,
+    g: float = ...,
+    hmin: float | None = ...,
+    hmax: float | None = ...,
+    crease_angle: float = ...,
+    sources: Any = ...,
+    h0: npt.ArrayLike | Implicit | None = ...,
+    full_output: Literal[False] = ...,
+    progress: ProgressCallback | bool | None = ...,
+) -> SizeFunction: ...
+@overload
+def size_function(
+    domain: Domain,
+    *,
+    background: AnyBackground | Literal["auto"] | None = ...,
+    box: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
+    elements_per_radian: float = ...,
+    elements_across: float = ...,
+    g: float = ...,
+    hmin: float | None = ...,
+    hmax: float | None = ...,
+    crease_angle: float = ...,
+    sources: Any = ...,
+    h0: npt.ArrayLike | Implicit | None = ...,
+    full_output: Literal[True],
+    progress: ProgressCallback | bool | None = ...,
+) -> tuple[SizeFunction, SizeReport]: ...
+def size_function(
+    domain: Domain,
+    *,
+    background: AnyBackground | Literal["auto"] | None = None,
+    box: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    elements_per_radian: float = 4.0,
+    elements_across: float = 4.0,
+    g: float = 0.25,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    crease_angle: float = 40.0,
+    sources: Any = (),
+    h0: npt.ArrayLike | Implicit | None = None,
+    full_output: bool = False,
+    progress: ProgressCallback | bool | None = None,
+) -> SizeFunction | tuple[SizeFunction, SizeReport]:
+    r"""Return the size function of a domain: what its shape and you ask for, limited [1]_.
+
+    .. math:: h_0 = \min(h_\text{curvature}, h_\text{feature}, h_\text{external}), \qquad
+        |\nabla h| \le g.
+
+    Parameters
+    ----------
+    domain : SimplexMesh, callable, Image, array, or tuple (CartesianGrid, array)
+        A mesh of tetrahedra or of triangles in the plane; a surface or a closed polyline in the
+        plane, for what it encloses; an implicit function f(points[n, dim]) -> [n],
+        negative inside; an image or an array of labels or booleans; or a grid and
+        the signed distance at its nodes, negative inside.
+    background : SimplexMesh, CartesianGrid, Octree, "auto" or None
+        Where the sizes live.  By default: of tetrahedra and triangles in the plane their own
+        nodes, of surfaces a copy that is refined where its triangles are long, of closed
+        polylines and callables a grid around them, of images the pixels.  For a level set
+        it must be a grid.
+    box : tuple (lower, upper), optional
+        Corners of a box around the domain, for callables without ``background``.
+    elements_per_radian : float, default 4
+        Of curved boundaries, K of `size_from_curvature`; 0: curvature does not count.
+    elements_across : float, default 4
+        Of narrow parts, 2R of `size_from_feature`; 0: width does not count.
+    g : float, default 0.25
+        Gradient limit, >= 0.
+    hmin, hmax : float, optional
+        Limits of the size, in the unit of the coordinates.  By default 1/1000 and 1/20 of
+        the diagonal of the domain; where it is known by a level set ``hmin`` is at
+        least one spacing, of an image two.
+    crease_angle : float, default 40
+        As in `size_from_curvature`, degrees.
+    sources : as in `size_from_sources`
+        External sizes: points, curves, boxes, boundary tags, callables ...
+    h0 : array_like of float, SizeFunction or callable, optional
+        Further upper bounds: at the nodes of the background (of ``domain``, if there is
+        none given), or a function of points.
+    full_output : bool
+        Also return a `SizeReport`.
+    progress : callable or bool, optional
+        Called with a text and the share done; True shows a bar on a terminal.
+
+    Returns
+    -------
+    size : SizeFunction
+        Defined everywhere; outside the domain it goes on with the sizes at its boundary.
+    report : SizeReport
+        Only with ``full_output``: which cause controls which part, and how much of it.
+
+    Raises
+    ------
+    ValueError
+        If the domain is of another kind, needs a box or a grid, is empty, fills the grid, or
+        an option is out of range.
+
+    Notes
+    -----
+    Sizes do not pass from one part of the domain to another through the outside, where the
+    background is a mesh of the domain or a grid; on other backgrounds they do.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and PDE-based
+       gradient limiting", Engineering with Computers 22 (2006) 95-109, (18)-(19).
+
+    Examples
+    --------
+    A disc of radius 1, 2 elements per radian:
+
+    >>> def disc(x):
+    ...     return np.linalg.norm(x, axis=1) - 1.0
+    >>> size, report = size_function(
+    ...     disc, box=([-1.1, -1.1], [1.1, 1.1]), elements_per_radian=2, elements_across=0,
+    ...     g=0.1, hmax=2.0, full_output=True,
+    ... )
+    >>> size([[1.0, 0.0], [0.0, 0.0]]).round(2)
+    array([0.5, 0.6])
+    >>> report
+    SizeReport(curvature 100.0%)
+    """
+    with reporting(progress) as report:
+        wish = as_wish(
+            elements_per_radian=elements_per_radian,
+            elements_across=elements_across,
+            g=g,
+            hmin=hmin,
+            hmax=hmax,
+            crease_angle=crease_angle,
+            sources=sources,
+            h0=h0,
+            report=report,
+        )
+        size, told = _sizes_of(domain, None if background == "auto" else background, box, wish)
+    return (size, told) if full_output else size
+
+
+def _sizes_of(
+    domain: Domain, background: AnyBackground | None, box: Any, wish: Wish
+) -> tuple[SizeFunction, SizeReport]:
+    """Take the way that suits the kind of domain."""
+    if isinstance(domain, SimplexMesh):
+        return of_mesh(domain, background, wish)
+    if background is not None and not isinstance(background, CartesianGrid):
+        raise ValueError(
+            f"background must be a CartesianGrid for a domain that is no mesh, got {background!r}"
+        )
+    if isinstance(domain, tuple) and len(domain) == 2 and isinstance(domain[0], CartesianGrid):
+        grid, phi = domain
+        if background not in (None, grid):
+            raise ValueError(f"background must be that of phi, {grid!r}, got {background!r}")
+        return of_level_set(grid, as_float_array("phi", phi, grid.shape), wish)
+    if callable(domain):
+        grid = background if background is not None else _grid_in(box)
+        phi = signed_distance(grid, domain, progress=wish.report)
+        return of_level_set(grid, phi, wish)
+    if background is not None:
+        raise ValueError(f"background must be None for an image, got {background!r}")
+    if not isinstance(domain, Image) and np.asarray(domain).dtype.kind not in "biuf":
+        raise ValueError(
+            "domain must be a SimplexMesh, a callable, an Image or an array of numbers, or a tuple "
+            f"(CartesianGrid, distances), got {describe(domain)}"
+        )
+    mask = mask_of(as_image(domain))
+    return of_mask(mask, distance_to_edge(mask, progress=wish.report), wish)
+
+
+def _grid_in(box: tuple[npt.ArrayLike, npt.ArrayLike] | None) -> CartesianGrid:
+    """Return a grid that fills a box."""
+    if box is None:
+        raise ValueError(
+            "box must be given with a callable domain: (lower, upper), or a background"
+        )
+    if not isinstance(box, tuple | list) or len(box) != 2:
+        raise ValueError(f"box must be a pair (lower, upper), got {describe(box)}")
+    corners = as_points("box", np.stack([np.asarray(end, dtype=np.float64) for end in box]))
+    extent = corners[1] - corners[0]
+    if corners.shape[1] not in _BOXES_ALONG or not (extent > 0.0).all():
+        raise ValueError(f"box must be (lower, upper) in 2-D or 3-D, lower < upper, got {box}")
+    return CartesianGrid.around(corners, float(extent.max()) / _BOXES_ALONG[corners.shape[1]])

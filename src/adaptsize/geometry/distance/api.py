@@ -1,0 +1,245 @@
+"""Signed distance to a boundary on any background, negative inside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, describe, one_of, refuse_where
+from adaptsize._progress import reporting
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.geometry.distance.image import GridSpline, smooth_mask
+from adaptsize.geometry.distance.implicit import Implicit, implicit_distance
+from adaptsize.geometry.distance.propagation import AnyBackground
+from adaptsize.geometry.distance.reinitialization import reinitialize
+from adaptsize.geometry.distance.surface import inside_surface, surface_distance
+from adaptsize.typing import FloatArray, ProgressCallback
+
+METHODS = ("projection", "reinitialization")
+_Boundary: TypeAlias = SimplexMesh | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
+
+
+def signed_distance(
+    background: AnyBackground,
+    boundary: _Boundary | None = None,
+    *,
+    band: float = 3.0,
+    method: str = "projection",
+    smoothing: float = 1.5,
+    progress: ProgressCallback | bool | None = None,
+) -> FloatArray:
+    r"""Return the distance of each node to a boundary, negative inside.
+
+    Distances are straight ones in the plane or in space, whatever lies between.
+
+    Parameters
+    ----------
+    background : SimplexMesh, CartesianGrid or Octree
+        Where the nodes are; meshes with triangles in the plane or tetrahedra.  The inactive
+        nodes of a grid have distances as well.
+    boundary : SimplexMesh, callable or array_like, optional
+        *SimplexMesh*: triangles in space, segments in the plane.  They may be dirty: holes,
+        slivers, cracks, repeated nodes, facets that overlap or cross.
+
+        *callable*: takes points, float64[n, dim], and gives n finite numbers, negative
+        inside.  It need not be a distance, but change its sign at the boundary, and have a
+        gradient there; it is asked for points a little off the background, too.
+
+        *array of bool*, of the shape of a CartesianGrid: an image whose pixels have the nodes
+        as centres, True inside.  An object that reaches the border of the image goes on there.
+
+        *array of float*, of the shape of a CartesianGrid: nodal values of such a function,
+        between which a cubic spline is put.
+
+        *None*, for a SimplexMesh: its own boundary.  Its nodes have distance 0, all others are
+        inside.
+    band : float, default 3
+        In spacings, at least 1; inf allowed.  Nodes up to that distance are treated with most
+        care (see Notes): exactly for surfaces, by projection for functions and images.
+    method : {"projection", "reinitialization"}
+        For functions and images: how the distances in the band are found.  Reinitialization
+        needs a CartesianGrid, and values of the function at its nodes only.
+    smoothing : float, default 1.5
+        For boolean images: standard deviation of the low-pass filter, in pixels, >= 0.
+    progress : callable or bool, optional
+        Called as ``progress(text, share)``; True: a bar on the terminal.
+
+    Returns
+    -------
+    ndarray of float64, of the background's nodal shape
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, the boundary does not fit the background, or a
+        function or image has the same sign at all nodes.
+
+    See Also
+    --------
+    size_from_feature, size_from_curvature, refine_at_boundary
+
+    Notes
+    -----
+    *Surfaces.*  On grids distances in the band are exact to rounding: every facet is compared
+    with all nodes around it.  Beyond, nodes hand on their nearest facet to their neighbours,
+    which walk on from it to the nearest one around.  The result is the distance of a facet,
+    so never too small; it is too large, by a few hundredths of a spacing, where many facets
+    are equally near, at the centre of a sphere say.  With ``band=inf``, and on other
+    backgrounds, all distances are exact, at 25 times the time.
+
+    The sign is that of the winding number [1]_, summed by a tree [2]_: inside are the nodes
+    around which the surface winds by more than a half, either way.  So all facets may be
+    oriented inward, and what is enclosed twice is inside, but a cavity must be oriented
+    against what is around it.  Facets that contradict their neighbours are turned.
+    At a hole the sign changes across the surface on which the hole takes half of all
+    directions, bulging a little from the hole, and the distance jumps from ``-d`` to ``d``
+    there, d up to the radius of the hole.  An open sheet encloses nothing: distances are
+    positive on both sides.
+
+    *Functions.*  A node i in the band has the distance of the point y that solves
+
+    .. math:: f(y) = 0, \qquad x_i - y \parallel \nabla f(y)
+
+    by Newton's method [3]_, with derivatives by differences: for smooth f the error
+    is around 1e-9 spacings.  It starts from the foot of a neighbour, or beside the zero level
+    from where that crosses an edge, so that f is never used far from its zero level.  Farther
+    nodes take the nearest of the feet of nodes beside the zero level, and the paraboloid
+    around it: second order, and in practice a thousandth of a spacing.
+    Parts of the zero level between two neighbouring nodes of one sign are not seen.
+
+    *Reinitialization* solves :math:`\phi_t + \mathrm{sign}(f) (|\nabla \phi| - 1) = 0` to a steady
+    state [4]_, with one-sided differences of second order up to the zero level
+    [5]_; second order in the spacing and better.
+
+    *Images.*  The distance to the nearest pixel of the other kind is smoothed by a filter that
+    does not shrink convex objects; after each of four rounds every pixel centre is put back to
+    its side, so that nothing is lost that has a pixel.  Mean error on discs of radius 5 to
+    80: 0.09 pixels.  To remove specks and noise, smooth before, and give the result less its
+    threshold as floats.
+
+    Memory is 35 bytes per node of a grid for surfaces, 80 for functions and images, with the
+    result; time, 2 to 6 microseconds per node and 10 per facet.
+
+    References
+    ----------
+    .. [1] A. Jacobson, L. Kavan, O. Sorkine-Hornung, "Robust inside-outside segmentation using
+       generalized winding numbers", ACM Trans. Graph. 32 (2013) 33.
+    .. [2] G. Barill, N. G. Dickson, R. Schmidt, D. I. W. Levin, A. Jacobson, "Fast winding
+       numbers for soups and clouds", ACM Trans. Graph. 37 (2018) 43.
+    .. [3] P.-O. Persson, G. Strang, "A simple mesh generator in MATLAB", SIAM Rev. 46 (2004)
+       329-345.
+    .. [4] M. Sussman, P. Smereka, S. Osher, "A level set approach for computing solutions to
+       incompressible two-phase flow", J. Comput. Phys. 114 (1994) 146-159.
+    .. [5] C. Min, "On reinitializing level set functions", J. Comput. Phys. 229 (2010)
+       2764-2772.
+
+    Examples
+    --------
+    The unit circle from a function with other slopes than 1:
+
+    >>> import numpy as np
+    >>> from adaptsize import CartesianGrid, signed_distance
+    >>> grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))
+    >>> phi = signed_distance(grid, lambda x: (x**2).sum(axis=1) ** 2 - 1.0)
+    >>> float(np.round(phi[20, 20], 4)), float(np.round(phi[40, 20], 4))
+    (-1.0, 1.0)
+    """
+    _check_background(background)
+    band = as_number("band", band, lower=1.0, allow_inf=True)
+    one_of("method", method, METHODS)
+    if method == "reinitialization" and not isinstance(background, CartesianGrid):
+        raise ValueError(f"method='reinitialization' needs a CartesianGrid, got {background!r}")
+    with reporting(progress) as report:
+        if boundary is None:
+            return _to_own_boundary(background, report)
+        if isinstance(boundary, SimplexMesh):
+            if method == "reinitialization":
+                raise ValueError(f"method='reinitialization' needs a function, got {boundary!r}")
+            return _to_surface(background, boundary, band, report)
+        function, values = _as_implicit(background, boundary, smoothing)
+        if method == "reinitialization":
+            assert isinstance(background, CartesianGrid)
+            return _by_reinitialization(background, values, band, report)
+        return implicit_distance(background, function, values, band, report)
+
+
+def _check_background(background: object) -> None:
+    if not isinstance(background, (SimplexMesh, CartesianGrid, Octree)):
+        raise ValueError(
+            f"background must be a SimplexMesh, CartesianGrid or Octree, got {describe(background)}"
+        )
+    if isinstance(background, SimplexMesh) and background.cell_dim < background.dim:
+        raise ValueError(
+            "background must have cells of full dimension, triangles in the plane or "
+            f"tetrahedra, got {background!r}"
+        )
+
+
+def _to_own_boundary(background: AnyBackground, report: ProgressCallback) -> FloatArray:
+    if not isinstance(background, SimplexMesh):
+        raise ValueError(
+            f"boundary may be left out for a SimplexMesh only, got {background!r} as background"
+        )
+    boundary = background.boundary()
+    distance = -surface_distance(background, boundary.mesh, np.inf, report)
+    distance[boundary.nodes] = 0.0
+    return distance
+
+
+def _to_surface(
+    background: AnyBackground, surface: SimplexMesh, band: float, report: ProgressCallback
+) -> FloatArray:
+    if surface.dim != background.dim or surface.cell_dim != surface.dim - 1:
+        wanted = "triangles in space" if background.dim == 3 else "segments in the plane"
+        raise ValueError(f"boundary must be a mesh of {wanted}, got {surface!r}")
+    distance = surface_distance(background, surface, band, report)
+    inside = inside_surface(background, surface, distance, report)
+    return np.where(inside, -distance, distance)
+
+
+def _by_reinitialization(
+    grid: CartesianGrid, values: FloatArray, band: float, report: ProgressCallback
+) -> FloatArray:
+    """Return reinitialized values in the band, and beyond it the distance to their zero level."""
+    if (values > 0.0).all() or not (values > 0.0).any():
+        raise ValueError(
+            "boundary must change its sign between two neighbouring nodes of the background, got "
+            f"values from {values.min():g} to {values.max():g}"
+        )
+    phi = reinitialize(grid, values, band, report)
+    near = np.abs(phi) <= band * float(grid.spacing.max())
+    if near.all():
+        return phi
+    distance = implicit_distance(grid, GridSpline(grid, phi), phi, 1.0, report)
+    return np.where(near, phi, distance)
+
+
+def _as_implicit(
+    background: AnyBackground, boundary: Any, smoothing: float
+) -> tuple[Implicit, FloatArray]:
+    """Return a function whose zero level is the boundary, and its values at the nodes."""
+    if callable(boundary):
+
+        def function(points: FloatArray) -> FloatArray:
+            values = as_float_array("boundary(points)", boundary(points), (len(points),))
+            refuse_where("boundary(points)", ~np.isfinite(values), values, "must be finite")
+            return values
+
+        if isinstance(background, CartesianGrid):
+            return function, background.sample(function)
+        return function, function(background.points)
+    image = np.asarray(boundary)
+    if not isinstance(background, CartesianGrid) or image.shape != background.shape:
+        raise ValueError(
+            "boundary must be a SimplexMesh, a callable or, on a CartesianGrid, an array of the "
+            f"shape of the grid, got {describe(boundary)} for {background!r}"
+        )
+    if image.dtype == np.bool_:
+        values = smooth_mask(image, as_number("smoothing", smoothing, lower=0.0))
+    else:
+        values = as_float_array("boundary", image)
+        refuse_where("boundary", ~np.isfinite(values), values, "must be finite")
+    return GridSpline(background, values), values

@@ -1,0 +1,219 @@
+"""Exact closest points of a boundary, wherever they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, refuse_where
+from adaptsize.background import Octree, SimplexMesh
+from adaptsize.geometry.curvature import crease_edges
+from adaptsize.geometry.distance.orientation import oriented
+from adaptsize.geometry.distance.surface import inside_surface
+from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+
+#: Takes points, float64[n, dim]; returns the signed distance of each.
+DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
+
+# Points between two reports: about 0.2 s.
+_CHUNK = 20_000
+# Differences of a distance function are taken over this share of the extent: what they lose to
+# rounding, 1e-16 / 1e-6, is as little as what a kink nearby takes.
+_STEP_SHARE = 1e-6
+# Gradients of a distance have length 1 to that, or differences of several fronts are mixed.
+_MIXED = 1e-3
+# Where to look then, in steps: in a direction in which few kinks run.
+_BESIDE = np.array([2.6, 3.7, 5.1])
+# A foot must be this much closer to the boundary than where it was looked for, and ...
+_FOOT_SHARE = 0.01
+# ... so many of the nodes must have one: all but those at the medial axis.
+_LEAST_FEET = 0.5
+
+
+class Depths(NamedTuple):
+    """What a boundary looks like from points."""
+
+    depth: FloatArray
+    """Distance from the boundary, negative outside, float64[n]."""
+    outward: FloatArray
+    """Gradient of the signed distance, float64[n, dim]: inside, to the closest point; 0 on it."""
+
+    def feet(self, points: FloatArray) -> FloatArray:
+        """Return the closest points of the boundary, float64[n, dim]."""
+        return np.asarray(points + self.depth[:, None] * self.outward)
+
+
+class Boundary(Protocol):
+    """Something that has a closest point for every point."""
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Where three or more sharp edges meet, float64[n, dim]; as far as known."""
+        ...
+
+    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
+        """Return what nodes see."""
+        ...
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return distances without sign, for points of any shape [..., dim]."""
+        ...
+
+    def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
+        """Return what points see; inside or not is found out unless it is told."""
+        ...
+
+
+class SurfaceBoundary:
+    """Triangles in space or segments in the plane.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Dirty ones are allowed.
+    """
+
+    def __init__(self, surface: SimplexMesh) -> None:
+        self.surface = surface
+
+    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
+        """Return what the nodes see."""
+        points = background.points
+        feet, distance = np.empty(points.shape), np.empty(len(points))
+        for first in range(0, len(points), _CHUNK):
+            part = slice(first, first + _CHUNK)
+            feet[part], distance[part] = self._nearest(points[part])
+            report("distance", min(1.0, (first + _CHUNK) / len(points)))
+        inside = inside_surface(background, self.surface, distance, report)
+        return _depths(points, feet, distance, inside)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return distances without sign."""
+        found = self.surface.locator.nearest(points.reshape(-1, points.shape[-1]))[2]
+        return found.reshape(points.shape[:-1])
+
+    def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
+        """Return what points see."""
+        feet, distance = self._nearest(points)
+        inside = np.ones(len(points), np.bool_) if is_inside is None else is_inside.copy()
+        unknown = slice(None) if is_inside is None else ~is_inside
+        inside[unknown] = self._winding.contains(points[unknown])
+        return _depths(points, feet, distance, inside)
+
+    def _nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        nodes, weights, distance = self.surface.locator.weights(points)
+        return np.einsum("ij,ijk->ik", weights, self.surface.points[nodes]), distance
+
+    @cached_property
+    def vertices(self) -> FloatArray:
+        """Where three or more sharp edges meet."""
+        if self.surface.dim == 2:
+            return np.empty((0, 2))
+        merged = oriented(self.surface)[0]
+        meeting = np.bincount(crease_edges(merged).ravel(), minlength=merged.n_points)
+        return merged.points[meeting > 2]
+
+    @cached_property
+    def _winding(self) -> WindingNumber:
+        surface = self.surface
+        return WindingNumber(surface if is_cycle(surface) else oriented(surface)[0])
+
+
+class OwnBoundary(SurfaceBoundary):
+    """The boundary of the background, a mesh of full dimension, itself."""
+
+    def __init__(self, mesh: SimplexMesh) -> None:
+        super().__init__(mesh.boundary().mesh)
+
+    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
+        """Return what the nodes see."""
+        feet, distance = self._nearest(background.points)
+        assert isinstance(background, SimplexMesh)
+        on_it = background.boundary().nodes
+        feet[on_it], distance[on_it] = background.points[on_it], 0.0
+        return _depths(background.points, feet, distance, np.ones(len(feet), np.bool_))
+
+
+class FunctionBoundary:
+    """The zero level of a signed distance function.
+
+    Parameters
+    ----------
+    function : callable
+        Takes points, float64[n, dim]; returns exact distances, negative inside.
+    extent : float
+        Length of the part.
+
+    Raises
+    ------
+    ValueError
+        When it is asked, if the function does not return one finite number per point; if it is
+        no distance.
+    """
+
+    vertices = np.empty((0, 3))
+
+    def __init__(self, function: DistanceFunction, extent: float) -> None:
+        self._function = function
+        self._step = _STEP_SHARE * extent
+
+    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
+        """Return what the nodes see."""
+        seen = self.seen_from(background.points)
+        # Distances of less than that are differences of rounding.
+        away = np.abs(seen.depth) > 100.0 * self._step
+        left = self.distance(seen.feet(background.points)[away])
+        good = left <= _FOOT_SHARE * np.abs(seen.depth[away]) + self._step
+        if away.any() and good.mean() < _LEAST_FEET:
+            raise ValueError(
+                "boundary must be a signed distance: one such step along its gradient leads to "
+                f"where it is zero, got that from {good.sum()} of {away.sum()} nodes only"
+            )
+        report("distance", 1.0)
+        return seen
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return distances without sign."""
+        return np.abs(self._values(points.reshape(-1, points.shape[-1]))).reshape(points.shape[:-1])
+
+    def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
+        """Return what points see."""
+        gradient = self._gradient(points)
+        length = np.linalg.norm(gradient, axis=1)
+        # Differences across a kink mix two fronts; one of them is met beside it.
+        mixed = np.flatnonzero(np.abs(length - 1.0) > _MIXED)
+        if len(mixed):
+            beside = self._step * _BESIDE[: points.shape[1]]
+            gradient[mixed] = self._gradient(points[mixed] + beside)
+            length[mixed] = np.linalg.norm(gradient[mixed], axis=1)
+        outward = gradient / np.where(length > 0.0, length, 1.0)[:, None]
+        return Depths(-self._values(points), outward)
+
+    def _gradient(self, points: FloatArray) -> FloatArray:
+        """Return central differences."""
+        gradient = np.empty(points.shape)
+        for axis in range(points.shape[1]):
+            step = np.zeros(points.shape[1])
+            step[axis] = self._step
+            gradient[:, axis] = self._values(points + step) - self._values(points - step)
+        return gradient / (2.0 * self._step)
+
+    def _values(self, points: FloatArray) -> FloatArray:
+        values = as_float_array("boundary(points)", self._function(points), (len(points),))
+        refuse_where("boundary(points)", ~np.isfinite(values), values, "must be finite")
+        return values
+
+
+def _depths(
+    points: FloatArray, feet: FloatArray, distance: FloatArray, inside: BoolArray
+) -> Depths:
+    depth = np.where(inside, distance, -distance)
+    way = feet - points
+    length = np.linalg.norm(way, axis=1)
+    way /= np.where(length > 0.0, np.where(inside, length, -length), 1.0)[:, None]
+    return Depths(depth, way)

@@ -1,0 +1,204 @@
+"""Distance to triangles in space or segments in the plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from adaptsize._kernels import surface_distance as kernels
+from adaptsize.background import CartesianGrid, SimplexMesh, topology
+from adaptsize.geometry.distance.orientation import oriented
+from adaptsize.geometry.distance.propagation import (
+    AnyBackground,
+    Features,
+    Nodes,
+    frame_of,
+    hand_on,
+    places_of,
+)
+from adaptsize.geometry.distance.winding import WindingNumber, is_cycle, same_places
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+# Facets are cut for the scan until they are so many spacings long: boxes around long
+# slanting ones would hold many nodes that are far from them.
+_LONGEST = 6.0
+# Facets, and nodes, between two reports: about 0.2 s.
+_FACETS_AT_ONCE = 20_000
+_POINTS_AT_ONCE = 20_000
+
+
+def surface_distance(
+    background: AnyBackground,
+    surface: SimplexMesh,
+    band: float,
+    report: ProgressCallback,
+) -> FloatArray:
+    """Return the distance of each node to a surface, without sign, of ``nodal_shape``.
+
+    On grids distances up to ``band`` spacings are exact.  Farther nodes have the distance of
+    the nearest among the facets that are nearest to their neighbours, which is exact with
+    rare exceptions.  On other backgrounds all are exact.
+    """
+    if isinstance(background, CartesianGrid) and math.isfinite(band):
+        return _on_grid(background, surface, band * float(background.spacing.max()), report)
+    distance = np.empty(background.n_points)
+    done = 0
+    for points in _nodes_of(background):
+        distance[done : done + len(points)] = surface.locator.nearest(points)[2]
+        done += len(points)
+        report("distance", done / background.n_points)
+    return distance.reshape(background.nodal_shape)
+
+
+def _on_grid(
+    grid: CartesianGrid, surface: SimplexMesh, reach: float, report: ProgressCallback
+) -> FloatArray:
+    frame = frame_of(grid)
+    points, facets = _in_space(surface.points), np.array(surface.cells)
+    reach *= 1.0 + 1e-9  # nodes just within count
+    distance = np.full(grid.n_points, reach)
+    nearest = np.full(grid.n_points, -1, np.int32)
+    pieces = _short_facets(points, facets, grid, reach)
+    n = len(pieces.facets)
+    for exact in (False, True):
+        for first in range(0, n, _FACETS_AT_ONCE):
+            part = (first, min(first + _FACETS_AT_ONCE, n))
+            kernels.scan_facets(
+                pieces.points, pieces.facets, *part, *frame, reach, exact, distance, nearest
+            )
+            report("distance in the band", 0.5 * (part[1] / n + exact))
+        if not exact:
+            distance *= 1.0 + 1e-9  # the facet itself must be found nearer than its centroid
+    found = nearest >= 0
+    nearest[found] = pieces.owner[nearest[found]]
+    distance[~found] = np.inf
+    if not found.all():
+        _seed_hull(grid, surface, distance, nearest)
+        corners = same_places(points, facets)[facets]
+        features = Features(points, facets, corners, *topology.rings(corners, len(points)))
+        hand_on(frame, features, distance, nearest, report)
+    return distance.reshape(grid.shape)
+
+
+class _Pieces:
+    """Parts of facets, none longer than wanted."""
+
+    def __init__(self, points: FloatArray, facets: IntArray, owner: IntArray) -> None:
+        self.points = points
+        self.facets = facets
+        self.owner = owner
+
+
+def _short_facets(
+    points: FloatArray, facets: IntArray, grid: CartesianGrid, reach: float
+) -> _Pieces:
+    """Halve facets along their longest edge until they are short; leave out far ones."""
+    longest = _LONGEST * float(grid.spacing.max())
+    lower, upper = _in_space(grid.lower[None])[0] - reach, _in_space(grid.upper[None])[0] + reach
+    corners, owner = points[facets], np.arange(len(facets), dtype=np.int32)
+    short, owners = [], []
+    while len(corners):
+        near = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
+        corners, owner = corners[near.all(axis=1)], owner[near.all(axis=1)]
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        done = edges.max(axis=1, initial=0.0) <= longest
+        short.append(corners[done])
+        owners.append(owner[done])
+        corners, owner, edges = corners[~done], owner[~done], edges[~done]
+        which, a = np.arange(len(corners)), edges.argmax(axis=1)
+        b = (a + 1) % facets.shape[1]
+        middle = 0.5 * (corners[which, a] + corners[which, b])
+        halves = np.repeat(corners[None], 2, axis=0)
+        halves[0, which, a], halves[1, which, b] = middle, middle
+        corners, owner = np.concatenate(halves), np.tile(owner, 2)
+    found = np.concatenate(short)
+    cells = np.arange(found.shape[0] * found.shape[1], dtype=np.int32).reshape(found.shape[:2])
+    return _Pieces(found.reshape(-1, 3), cells, np.concatenate(owners))
+
+
+def _seed_hull(
+    grid: CartesianGrid, surface: SimplexMesh, distance: FloatArray, nearest: IntArray
+) -> None:
+    """Give the nodes on the sides of the grid their distances, if facets may lie beyond.
+
+    The way from a node to its closest point leaves the grid near one of them.
+    """
+    used = surface.points[np.unique(surface.cells)]
+    if (used >= grid.lower).all() and (used <= grid.upper).all():
+        return
+    inner = np.zeros(grid.shape, np.bool_)
+    inner[(slice(1, -1),) * grid.dim] = True
+    hull = np.flatnonzero(~inner.ravel() & (nearest < 0))
+    index = np.stack(np.unravel_index(hull, grid.shape), axis=1)
+    cells, _, distances = surface.locator.nearest(grid.origin + grid.spacing * index)
+    distance[hull], nearest[hull] = distances, cells
+
+
+def inside_surface(
+    background: AnyBackground,
+    surface: SimplexMesh,
+    distance: FloatArray,
+    report: ProgressCallback,
+) -> BoolArray:
+    """Return which nodes lie inside a surface, given their distances to it.
+
+    Nodes that no facet can part are asked about once, if winding numbers are whole.
+    """
+    is_whole = is_cycle(surface)
+    if not is_whole:  # facets that contradict their neighbours may be all there is to mend
+        surface = oriented(surface)[0]
+        is_whole = is_cycle(surface)
+    winding = WindingNumber(surface)
+    if not is_whole:
+        return winding.contains(background.points, report).reshape(background.nodal_shape)
+    label = _connected(background, distance).ravel()
+    one_of = np.empty(int(label.max()) + 1, np.int64)
+    one_of[label] = np.arange(label.size)
+    inside = winding.contains(places_of(background)(one_of), report)
+    return np.asarray(inside[label]).reshape(background.nodal_shape)
+
+
+def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
+    """Return for each node the number of its group, from 0 on.
+
+    Neighbours whose distances to the surface add up to more than the distance between
+    them have no facet between them.
+    """
+    if isinstance(background, CartesianGrid):
+        apart = distance > 0.5 * float(background.spacing.max()) * (1.0 + 1e-9)
+        label, n = ndimage.label(apart)
+        groups: Nodes = label.astype(np.int64) - 1
+        alone = ~apart
+        groups[alone] = n + np.arange(int(alone.sum()))
+        return groups
+    mesh = background if isinstance(background, SimplexMesh) else background.mesh
+    i, j = mesh.edges.T
+    joined = distance[i] + distance[j] > mesh.edge_lengths * (1.0 + 1e-9)
+    n = mesh.n_points
+    graph = coo_array((np.ones(int(joined.sum())), (i[joined], j[joined])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1]).astype(np.int64)
+
+
+def _nodes_of(background: AnyBackground) -> Iterator[FloatArray]:
+    """Yield the nodes in parts."""
+    if isinstance(background, CartesianGrid):
+        for _, points in background.slabs():
+            for first in range(0, len(points), _POINTS_AT_ONCE):
+                yield points[first : first + _POINTS_AT_ONCE]
+        return
+    for first in range(0, background.n_points, _POINTS_AT_ONCE):
+        yield background.points[first : first + _POINTS_AT_ONCE]
+
+
+def _in_space(points: npt.NDArray[Any]) -> FloatArray:
+    """Return points with zeros for the coordinates that they lack, float64[n, 3]."""
+    padded = np.zeros((len(points), 3))
+    padded[:, : points.shape[1]] = points
+    return padded

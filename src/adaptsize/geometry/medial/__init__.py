@@ -1,0 +1,1 @@
+"""Medial axes, inscribed spheres and feature sizes."""

@@ -1,0 +1,396 @@
+"""The medial axis of a boundary on the edges of an octree or a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import describe
+from adaptsize.background import Octree, SimplexMesh
+from adaptsize.geometry.distance.closest_points import (
+    Boundary,
+    Depths,
+    FunctionBoundary,
+    OwnBoundary,
+    SurfaceBoundary,
+)
+from adaptsize.geometry.medial.grid_corners import Fronts, meet_at_corner
+from adaptsize.geometry.medial.points import MedialAxis
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+
+# Least angle, in degrees, between the directions to the boundary unless another one is given.
+SEPARATION_ANGLE = 40.0
+
+# Edges looked at between two reports.
+_EDGES_AT_ONCE = 200_000
+# So often the part of an edge on which fronts meet is halved.
+_HALVINGS = 8
+# Ends of edges closer to the boundary than that, in lengths of the edge, have no direction; ...
+_ON_BOUNDARY = 1e-6
+# ... there it is looked for this far along the edge.
+_OFF_BOUNDARY = 1.0 / 64.0
+# Rates at which depths change along an edge differ by more.
+_ROUNDING = 1e-12
+# How far inward from an edge on which directions turn fast points are looked for, in its lengths.
+_FARTHEST = 2.0
+# An end of an edge this close to the normal of a point, as the sine of the angle, is as far from
+# the medial axis as from the point; ...
+_ASIDE = 0.02
+# ... from others the axis is looked for at their foot, up to this share of the way to it aside.
+_ACROSS = 0.125
+# Directions at the ends of the last part of an edge are those of a point if its radius is this
+# share of the edge at least, sixteen times that part.
+_RESOLVED = 1.0 / 16.0
+# Feet that are at most so many radii away from a vertex, both of them, are on its edges; those of a
+# vertex and a wall are farther from each other by the root of 2.
+_BESIDE = 1.2
+
+
+class Meetings(NamedTuple):
+    """Where fronts meet, one entry for each point."""
+
+    fronts: Fronts
+    ends: npt.NDArray[np.int64]
+    """Nodes of the edge that led there, int64[n, 2]."""
+
+    def taken(self, which: BoolArray) -> Meetings:
+        """Return some of the points."""
+        return Meetings(self.fronts.taken(which), self.ends[which])
+
+    @property
+    def normals(self) -> FloatArray:
+        """Unit normals of the medial axis, of either sign, float64[n, dim]."""
+        across = self.fronts.directions[:, 0] - self.fronts.directions[:, 1]
+        return np.asarray(across / np.linalg.norm(across, axis=1)[:, None])
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Parts of edges, at the ends of which the boundary looks different."""
+
+    ends: npt.NDArray[np.int64]
+    """Nodes of the edge, int64[n, 2]."""
+    start: FloatArray
+    """float64[n, dim]."""
+    way: FloatArray
+    """From one end of the edge to the other, float64[n, dim]."""
+    at: FloatArray
+    """Where the part begins and ends, 0 to 1, float64[n, 2]."""
+    depth: FloatArray
+    """float64[n, 2]."""
+    outward: FloatArray
+    """float64[n, 2, dim]."""
+
+    def taken(self, which: npt.NDArray[Any]) -> _Stretch:
+        return replace(self, **{name: value[which] for name, value in vars(self).items()})
+
+    def points(self, at: FloatArray) -> FloatArray:
+        """Return points of the edges, float64[n, dim]."""
+        return np.asarray(self.start + at[:, None] * self.way)
+
+    @property
+    def cosine(self) -> FloatArray:
+        """Of the angle between the directions at the ends."""
+        return np.asarray((self.outward[:, 0] * self.outward[:, 1]).sum(axis=1))
+
+
+def find_meetings(
+    mesh: SimplexMesh,
+    boundary: Boundary,
+    nodes: Depths,
+    separation: float,
+    report: ProgressCallback,
+) -> Meetings:
+    """Return where fronts from different parts of a boundary meet, inside.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane or tetrahedra.
+    boundary : Boundary
+    nodes : Depths
+        What the nodes of the mesh see.
+    separation : float
+        Least angle between the directions to the boundary, in radians.
+    report : callable
+
+    Returns
+    -------
+    Meetings
+        Where the directions jump, on the edge; where they only turn fast, off it.
+    """
+    least = float(np.cos(separation))
+    edges = mesh.edges
+    found = []
+    for first in range(0, len(edges), _EDGES_AT_ONCE):
+        part = edges[first : first + _EDGES_AT_ONCE].astype(np.int64)
+        stretch = _candidates(mesh, boundary, nodes, part, least)
+        stretch = _narrowed(boundary, stretch, least)
+        jumps = _has_jump(stretch)
+        found.append(_crossings(stretch.taken(jumps)))
+        found.append(_beside(boundary, stretch.taken(~jumps), least))
+        report("finding the medial axis", min(1.0, (first + _EDGES_AT_ONCE) / len(edges)))
+    return _joined(found)
+
+
+def _joined(parts: list[Meetings]) -> Meetings:
+    fronts = Fronts(*(np.concatenate(a) for a in zip(*(p.fronts for p in parts), strict=True)))
+    return Meetings(fronts, np.concatenate([p.ends for p in parts]))
+
+
+def _candidates(
+    mesh: SimplexMesh,
+    boundary: Boundary,
+    nodes: Depths,
+    edges: npt.NDArray[np.int64],
+    least: float,
+) -> _Stretch:
+    """Return the edges on which a ridge of the depth may lie inside."""
+    start = mesh.points[edges[:, 0]]
+    way = mesh.points[edges[:, 1]] - start
+    length = np.linalg.norm(way, axis=1)
+    depth = nodes.depth[edges]
+    # Nothing inside is reached from both ends.
+    reaches = (depth > 0.0).any(axis=1) | (-depth.sum(axis=1) <= length)
+    edges, start, way, length, depth = (
+        array[reaches] for array in (edges, start, way, length, depth)
+    )
+    at = np.tile([0.0, 1.0], (len(edges), 1))
+    stretch = _Stretch(edges, start, way, at, depth, nodes.outward[edges])
+    for side in range(2):
+        blind = np.flatnonzero(np.abs(depth[:, side]) <= _ON_BOUNDARY * length)
+        if len(blind):
+            stretch.at[blind, side] += _OFF_BOUNDARY * (1.0 - 2.0 * side)
+            seen = boundary.seen_from(stretch.taken(blind).points(stretch.at[blind, side]))
+            stretch.depth[blind, side], stretch.outward[blind, side] = seen
+    directed = (np.abs(stretch.depth) > _ON_BOUNDARY * length[:, None]).all(axis=1)
+    turn = stretch.outward[:, 1] - stretch.outward[:, 0]
+    # Outward at both ends: the depth has a ridge.  Inward: that of the outside has.
+    ridge = (turn * way).sum(axis=1) > 0.0
+    return stretch.taken(directed & ridge & (stretch.cosine <= least))
+
+
+def _narrowed(boundary: Boundary, stretch: _Stretch, least: float) -> _Stretch:
+    """Halve the parts of edges (In/Out) as long as the directions at their ends differ enough."""
+    going = np.arange(len(stretch.ends))
+    for _ in range(_HALVINGS):
+        part = stretch.taken(going)
+        middle = 0.5 * (part.at[:, 0] + part.at[:, 1])
+        is_inside = np.asarray((part.depth > 0.0).all(axis=1))
+        seen = boundary.seen_from(part.points(middle), is_inside)
+        near = _ON_BOUNDARY * np.linalg.norm(part.way, axis=1)
+        blind = np.flatnonzero(np.abs(seen.depth) <= near)
+        if len(blind):  # on the boundary; not so beside it
+            middle[blind] += _OFF_BOUNDARY * np.diff(part.at[blind], axis=1)[:, 0]
+            beside = boundary.seen_from(part.points(middle)[blind])
+            seen.depth[blind], seen.outward[blind] = beside
+        cosines = (part.outward * seen.outward[:, None, :]).sum(axis=2)
+        first = cosines[:, 0] < cosines[:, 1]
+        jumps = cosines.min(axis=1, initial=1.0) <= least
+        going, first, middle = going[jumps], first[jumps], middle[jumps]
+        side = np.where(first, 1, 0)
+        stretch.at[going, side] = middle
+        stretch.depth[going, side] = seen.depth[jumps]
+        stretch.outward[going, side] = seen.outward[jumps]
+    return stretch
+
+
+def _crossings(stretch: _Stretch) -> Meetings:
+    """Return where two fronts are equally far from the boundary."""
+    # Depths fall in the direction outward.
+    slopes = -(stretch.outward * stretch.way[:, None, :]).sum(axis=2)
+    low, high = stretch.at.T
+    gap = stretch.depth[:, 1] - stretch.depth[:, 0] - slopes[:, 1] * (high - low)
+    bend = slopes[:, 0] - slopes[:, 1]
+    # An edge that runs along the axis meets it anywhere.
+    on_axis = bend <= _ROUNDING * np.abs(slopes).max(axis=1, initial=0.0)
+    at = np.clip(low + gap / np.where(on_axis, 1.0, bend), low, high)
+    at[on_axis] = 0.5 * (low + high)[on_axis]
+    depth = stretch.depth[:, 0] + slopes[:, 0] * (at - low)
+    inside = (stretch.depth > 0.0).all(axis=1) & (depth > 0.0)
+    fronts = Fronts(stretch.points(at), depth, stretch.outward)
+    return Meetings(fronts, stretch.ends).taken(np.asarray(inside))
+
+
+def _beside(boundary: Boundary, stretch: _Stretch, least: float) -> Meetings:
+    """Return where fronts meet on the way inward from where directions turn fast.
+
+    The normal of the boundary leads to the centre of curvature, which is as far as the turn is
+    fast: one length of the edge if the directions turn by one radian on it.  The medial axis
+    lies on the way to it.
+    """
+    middle = stretch.points(stretch.at.mean(axis=1))
+    seen = boundary.seen_from(middle)
+    length = np.linalg.norm(stretch.way, axis=1)
+    inside = seen.depth > 0.0
+    way = -_FARTHEST * length[:, None] * seen.outward
+    return _on_the_way(
+        boundary,
+        stretch.ends[inside],
+        middle[inside],
+        way[inside],
+        Depths(seen.depth[inside], seen.outward[inside]),
+        least,
+    )
+
+
+def _beyond_corners(
+    points: FloatArray, boundary: Boundary, corners: Meetings, least: float
+) -> Meetings:
+    """Return where the two fronts of a corner meet a third one: on the rim of the medial axis.
+
+    The rim lies on the way from a meeting at a corner away from it, which is gone a little to
+    either side, where only one of the two fronts is the nearest.
+    """
+    fronts, normals = corners.fronts, corners.normals
+    length = np.linalg.norm(np.diff(points[corners.ends], axis=1)[:, 0], axis=1)
+    inward = -fronts.directions.sum(axis=1)
+    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    found = []
+    for side in range(2):
+        aside = (1.0 - 2.0 * side) * _OFF_BOUNDARY * length
+        start = fronts.points + aside[:, None] * normals
+        outward = fronts.directions[:, side]
+        # On its own side the depth below a plane front grows by that, less the step aside.
+        depth = fronts.radii - aside * (normals * outward).sum(axis=1)
+        way = _FARTHEST * length[:, None] * inward
+        good = depth > 0.0
+        seen = Depths(depth[good], outward[good])
+        found.append(_on_the_way(boundary, corners.ends[good], start[good], way[good], seen, least))
+    return _joined(found)
+
+
+def _on_the_way(
+    boundary: Boundary,
+    ends: npt.NDArray[np.int64],
+    start: FloatArray,
+    way: FloatArray,
+    seen: Depths,
+    least: float,
+) -> Meetings:
+    """Return where another front is met first on ways from points that see one."""
+    # In the ball around a point inside everything is.
+    far = boundary.seen_from(start + way, np.linalg.norm(way, axis=1) < seen.depth)
+    depth = np.column_stack([seen.depth, far.depth])
+    outward = np.stack([seen.outward, far.outward], axis=1)
+    ray = _Stretch(ends, start, way, np.tile([0.0, 1.0], (len(ends), 1)), depth, outward)
+    ray = _narrowed(boundary, ray.taken(ray.cosine <= least), least)
+    return _crossings(ray.taken(_has_jump(ray)))
+
+
+def _has_jump(stretch: _Stretch) -> BoolArray:
+    """Return where the directions differ however close the points are."""
+    return np.asarray(np.diff(stretch.at, axis=1)[:, 0] < 1.5 * 0.5**_HALVINGS)
+
+
+def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: float) -> FloatArray:
+    """Return how far the medial axis is from the ends of the edges, float64[n, 2].
+
+    That is the distance from the plane tangent to it, if the axis goes on in that plane up to the
+    foot of the end: if directions jump there as well.  Else it is the distance from the point.
+    """
+    normals = found.normals[:, None, :]
+    away = points[found.ends] - found.fronts.points[:, None, :]
+    across = (away * normals).sum(axis=2)
+    along = away - across[:, :, None] * normals
+    distances = np.linalg.norm(away, axis=2)
+    aside = np.linalg.norm(along, axis=2)
+    asked = np.nonzero(aside > _ASIDE * distances)
+    foot = (found.fronts.points[:, None, :] + along)[asked]
+    off = _ACROSS * aside[asked][:, None] * normals[asked[0], 0]
+    is_inside = (1.0 + _ACROSS) * aside[asked] < found.fronts.radii[asked[0]]
+    sides = [boundary.seen_from(foot + sign * off, is_inside) for sign in (-1.0, 1.0)]
+    turn = sides[1].outward - sides[0].outward
+    goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= least
+    goes_on &= (turn * off).sum(axis=1) > 0.0
+    goes_on &= (sides[0].depth > 0.0) & (sides[1].depth > 0.0)
+    distances[asked] = np.where(goes_on, np.abs(across[asked]), distances[asked])
+    return np.asarray(distances)
+
+
+def _at_vertex(
+    points: FloatArray, boundary: Boundary, found: Meetings, corner_angle: float
+) -> BoolArray:
+    """Tell which meetings are of edges that run into one vertex, too small to tell, or outside.
+
+    Where reentrant edges meet, as at the corners of a rib that stands on a plate, fronts come
+    from edges, which tangent planes say nothing of.
+    """
+    from scipy.spatial import cKDTree
+
+    fronts = found.fronts
+    edge = np.linalg.norm(np.diff(points[found.ends], axis=1)[:, 0], axis=1)
+    dropped = fronts.radii < _RESOLVED * edge
+    if len(boundary.vertices) and len(fronts.radii):
+        vertex = boundary.vertices[cKDTree(boundary.vertices).query(fronts.points)[1]]
+        away = np.linalg.norm(fronts.feet() - vertex[:, None, :], axis=2)
+        dropped |= (away <= _BESIDE * fronts.radii[:, None]).all(axis=1)
+    dropped &= fronts.cosine > -np.cos(np.radians(corner_angle))
+    # An edge that leaves the domain between two points inside turns round at the boundary.
+    small = np.flatnonzero(fronts.radii < _RESOLVED * edge)
+    for side in range(2):
+        half_way = fronts.feet(0.5)[small, side]
+        dropped[small] |= boundary.seen_from(half_way).depth <= 0.0
+    return np.asarray(dropped)
+
+
+def medial_axis_on_mesh(
+    mesh: SimplexMesh,
+    boundary: Boundary,
+    nodes: Depths,
+    separation_angle: float,
+    corner_angle: float,
+    report: ProgressCallback,
+) -> MedialAxis:
+    """Return the medial axis from what the nodes of a mesh see; angles in degrees."""
+    found = find_meetings(mesh, boundary, nodes, np.radians(separation_angle), report)
+    if len(found.ends) == 0 and not (nodes.depth > 0.0).any():
+        raise ValueError("boundary must have a node or an edge of the background in it, got none")
+    least = float(np.cos(np.radians(separation_angle)))
+    meet, apex = meet_at_corner(boundary.distance, 0.0, found.fronts, corner_angle)
+    at_corner = meet | _at_vertex(mesh.points, boundary, found, corner_angle)
+    rim = _beyond_corners(mesh.points, boundary, found.taken(at_corner), least)
+    in_corner = meet_at_corner(boundary.distance, 0.0, rim.fronts, corner_angle)[0]
+    in_corner |= _at_vertex(mesh.points, boundary, rim, corner_angle)
+    found = _joined([found.taken(~at_corner), rim.taken(~in_corner)])
+    fronts = found.fronts
+    distances = np.full(mesh.n_points, np.inf)
+    np.minimum.at(distances, found.ends, _distances(mesh.points, boundary, found, least))
+    return MedialAxis(
+        points=fronts.points,
+        normals=found.normals,
+        radii=fronts.radii,
+        angles=np.degrees(np.arccos(np.clip(fronts.cosine, -1.0, 1.0))),
+        distances=distances,
+        corners=apex[meet],
+    )
+
+
+def boundary_on(background: object, boundary: object) -> tuple[SimplexMesh, Boundary]:
+    """Return the mesh of an octree or a mesh, and a boundary to be asked, after a look at both."""
+    if not isinstance(background, Octree | SimplexMesh):
+        raise ValueError(
+            "background must be a CartesianGrid, an Octree or a SimplexMesh, "
+            f"got {describe(background)}"
+        )
+    mesh = background.mesh if isinstance(background, Octree) else background
+    if mesh.cell_dim < mesh.dim or mesh.dim == 1:
+        raise ValueError(
+            f"background must have triangles in the plane or tetrahedra, got {background!r}"
+        )
+    if boundary is None and isinstance(background, SimplexMesh):
+        return mesh, OwnBoundary(mesh)
+    if isinstance(boundary, SimplexMesh):
+        if boundary.dim != mesh.dim or boundary.cell_dim != mesh.dim - 1:
+            kind = "segments" if mesh.dim == 2 else "triangles"
+            raise ValueError(f"boundary must consist of {kind} in {mesh.dim}-D, got {boundary!r}")
+        return mesh, SurfaceBoundary(boundary)
+    if callable(boundary):
+        return mesh, FunctionBoundary(boundary, background.diagonal)
+    raise ValueError(
+        "boundary must be a SimplexMesh or a function that gives distances anywhere; distances at "
+        f"nodes are for a CartesianGrid, got {describe(boundary)} for {background!r}"
+    )

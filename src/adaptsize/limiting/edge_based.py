@@ -1,0 +1,49 @@
+"""The edge-based scheme, which the paper refutes: sizes that grow along edges only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from adaptsize._kernels import edge_based as kernels
+from adaptsize.limiting.fast_marching import march_to_rest
+from adaptsize.limiting.fast_marching_grid import march_grid_to_rest
+from adaptsize.limiting.solution import Solution
+from adaptsize.typing import FloatArray, ProgressCallback
+
+if TYPE_CHECKING:
+    from adaptsize.background import CartesianGrid, SimplexMesh
+    from adaptsize.limiting.gradient_limit import Slope
+
+
+def solve_edge_based(
+    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, residual: bool, report: ProgressCallback
+) -> Solution:
+    """Solve h_k = min(h0_k, min over edges of h_j + g |x_k - x_j|) exactly.
+
+    These are the shortest paths in the graph of the mesh, which most mesh generators
+    use as their gradation.  They do **not** converge to the limited size function
+    when the mesh is refined: fronts follow the edges, not the straight lines between
+    them.  Offered for comparison only.
+
+    Parameters and result as for `solve_fast_marching`; the cheapest possible scheme.
+    """
+    return march_to_rest(
+        mesh, h0, slope, kernels.sweep_edges, kernels.march_edges, residual, report
+    )
+
+
+def solve_grid_edges(
+    grid: CartesianGrid,
+    h0: FloatArray,
+    slope: Slope,
+    *,
+    residual: bool,
+    report: ProgressCallback,
+) -> Solution:
+    """Solve h_k = min(h0_k, min over neighbours along the axes of h_j + g_k dx_a) exactly.
+
+    Section 6.2 of Persson's paper.  Does **not** converge to the limited size function: it
+    measures lengths along the axes.  For comparison, and to make sizes of second order keep
+    the bound along edges; parameters and result as for `solve_grid_marching`.
+    """
+    return march_grid_to_rest(grid, h0, slope, 1, True, residual, report)

@@ -1,0 +1,193 @@
+"""Fast marching on Cartesian grids, of first and second order."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from adaptsize._kernels import fast_marching_grid as kernels
+from adaptsize.background.padding import buckets_for, pad, strides_of_padded, unpad
+from adaptsize.limiting.solution import Solution
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+
+if TYPE_CHECKING:
+    from adaptsize.background import CartesianGrid
+    from adaptsize.limiting.gradient_limit import Slope
+
+# Nodes accepted between two reports, which also let Ctrl-C through: about 0.1 s.
+_CHUNK = 500_000
+
+# A candidate must be lower by more than rounding to count.
+_KEEP = 1.0 - 1e-14
+
+# Nodes whose order is improved between two reports.
+_REFINED_AT_ONCE = 1_000_000
+
+
+def solve_grid_marching(
+    grid: CartesianGrid,
+    h0: FloatArray,
+    slope: Slope,
+    *,
+    order: int,
+    residual: bool,
+    report: ProgressCallback,
+) -> Solution:
+    r"""Solve the upwind equations of a Cartesian grid by marching.
+
+    The size at a node is the root of
+
+    .. math:: \sum_a \max\left(\frac{h - v_a}{\Delta x_a}, 0\right)^2 = g^2,
+              \qquad h \le h_0,
+
+    with the smaller neighbour :math:`v_a` along each axis: equation (17) of [1]_ at rest.
+    Nodes are taken in order of size up to half a rise per cell, those in a bucket in any
+    order, and come back when they are lowered again.
+
+    At second order the one-sided difference through two nodes replaces the first where
+    both lie upwind [2]_.  What is upwind, and the order of the nodes, is taken from the
+    first-order sizes; so one pass suffices, each node being computed once.
+
+    Parameters
+    ----------
+    grid : CartesianGrid
+    h0 : float64[shape]
+        inf allowed; what inactive nodes hold does not matter.
+    slope : Slope
+        g at the nodes, shape of the grid, or one g.
+    order : int
+        1 or 2.
+    residual : bool
+        Whether to spend one more sweep on the residual of the first-order equations
+        (0 is told otherwise; the second-order pass is explicit).
+    report : callable
+
+    Returns
+    -------
+    Solution
+        inf at inactive nodes.  The order is reached where the bounds are smooth; at point
+        sources the error falls like the spacing (with a factor log for order 1), at order 2
+        with a constant three to six times smaller.
+
+    Notes
+    -----
+    O(n) time; besides ``h0`` and the result 20 bytes per node (40 at order 2), and 8 more for g
+    that varies.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, Engineering with Computers 22 (2006) 95-109.
+    .. [2] J. A. Sethian, SIAM Review 41 (1999) 199-235.
+    """
+    return march_grid_to_rest(grid, h0, slope, order, False, residual, report)
+
+
+def march_grid_to_rest(
+    grid: CartesianGrid,
+    h0: FloatArray,
+    slope: Slope,
+    order: int,
+    edges: bool,
+    with_residual: bool,
+    report: ProgressCallback,
+) -> Solution:
+    """March until no node is lowered any more; ``edges``: along edges only."""
+    bounds = pad(grid, h0)
+    u = bounds.copy() if order == 2 else bounds
+    weights = tuple(float(w) for w in 1.0 / grid.spacing**2)
+    g = pad(grid, slope.values) if slope.step else slope.values
+    geometry = (strides_of_padded(grid), weights, g, slope.step)
+    candidate = np.empty(u.size)
+    kernels.sweep_grid(u, *geometry, edges, candidate)
+    seeds = np.flatnonzero(candidate < u * _KEEP).astype(np.int32)
+    u[seeds] = candidate[seeds]
+    del candidate
+
+    steepest = float(slope.values.max())
+    accepted = accept_all(grid, u, geometry, edges, steepest, seeds, report)
+    residual = partial(residual_of, u, geometry, edges) if with_residual else 0.0
+    if order == 2:
+        u = _refine(grid, u, bounds, geometry, report)
+        _keep_edges(grid, u, geometry, steepest, report)
+    return Solution(unpad(grid, u), accepted, residual)
+
+
+def residual_of(
+    u: FloatArray,
+    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
+    edges: bool,
+) -> float:
+    """Return by how much a padded size is above its update, relative to the largest finite one."""
+    candidate = np.empty(u.size)
+    kernels.sweep_grid(u, *geometry, edges, candidate)
+    finite = np.isfinite(u)
+    excess = np.maximum(u[finite] - candidate[finite], 0.0)
+    return float(excess.max() / u[finite].max())
+
+
+def accept_all(
+    grid: CartesianGrid,
+    u: FloatArray,
+    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
+    edges: bool,
+    steepest: float,
+    seeds: IntArray,
+    report: ProgressCallback,
+) -> int:
+    """March from the seeds, which are lowered already; return how many nodes were accepted."""
+    if len(seeds) == 0:
+        return 0
+    g = geometry[2]
+    least = float(np.min(g, where=g > 0.0, initial=steepest))
+    rises = least * float(grid.spacing.min()), steepest * float(grid.spacing.max())
+    queue = buckets_for(u, seeds, *rises)
+    accepted, newly = 0, _CHUNK
+    while newly == _CHUNK:
+        newly = kernels.march_grid(u, *geometry, edges, _KEEP, *queue, _CHUNK)
+        accepted += newly
+        report("limiting the gradient", min(accepted / grid.n_points, 1.0))
+    report("limiting the gradient", 1.0)
+    return accepted
+
+
+def _keep_edges(
+    grid: CartesianGrid,
+    u: FloatArray,
+    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
+    steepest: float,
+    report: ProgressCallback,
+) -> None:
+    """Lower the sizes (In/Out) that are too steep along an edge, as few of second order are."""
+    candidate = np.empty(u.size)
+    kernels.sweep_grid(u, *geometry, True, candidate)
+    seeds = np.flatnonzero(candidate < u * _KEEP).astype(np.int32)
+    u[seeds] = candidate[seeds]
+    accept_all(grid, u, geometry, True, steepest, seeds, report)
+
+
+def _refine(
+    grid: CartesianGrid,
+    u1: FloatArray,
+    u0: FloatArray,
+    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
+    report: ProgressCallback,
+) -> FloatArray:
+    """Return the second-order sizes from the first-order ones."""
+    strides, weights, g, g_step = geometry
+    finite = u1[np.isfinite(u1)]
+    order = np.empty(u1.size, np.int32)
+    start = np.empty(finite.size + 1, np.int32)
+    count = kernels.order_by_size(u1, u0, finite.min(), finite.max(), start, order)
+    if count < 0:
+        order = np.flatnonzero(u1 < u0).astype(np.int32)
+        order = order[np.argsort(u1[order], kind="stable")]
+        count = order.size
+    spacing = tuple(map(float, grid.spacing))
+    u = u0.copy()
+    for begin in range(0, count, _REFINED_AT_ONCE):
+        part = order[begin : min(begin + _REFINED_AT_ONCE, count)]
+        kernels.refine_in_order(part, u1, u0, strides, weights, spacing, g, g_step, u)
+        report("second-order pass", (begin + len(part)) / count)
+    return u

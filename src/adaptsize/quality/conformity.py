@@ -1,0 +1,254 @@
+"""How well a mesh meets a size function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_sizes
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import SimplexMesh, topology
+from adaptsize.quality.elements import minimum_angles, radius_ratios
+from adaptsize.typing import BoolArray, FloatArray
+
+#: Wanted edge lengths: a SizeFunction or another callable, one per node, or a number.
+SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
+
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+# An edge is good while neither halving nor doubling it would bring it nearer to its size.
+_BAND = (np.sqrt(0.5), np.sqrt(2.0))
+
+
+@dataclass(frozen=True)
+class RatioStatistics:
+    """Edge length over wanted size, over a set of edges."""
+
+    n_edges: int
+    """Edges with a finite wanted size; the others do not count."""
+    q05: float
+    q25: float
+    q50: float
+    q75: float
+    q95: float
+    mean: float
+    share_in_band: float
+    """Share of the edges with a ratio in [1/sqrt 2, sqrt 2]."""
+
+
+@dataclass(frozen=True)
+class Conformity:
+    """How well a mesh obeys a size function, and how good its cells are.
+
+    Attributes
+    ----------
+    n_points, n_cells : int
+    cell_dim : int
+        2 triangles, 3 tetrahedra.
+    edges : RatioStatistics
+        Over all edges.
+    boundary_edges : RatioStatistics or None
+        Over the edges on the boundary; None if there is none with a finite wanted size.
+    radius_ratio_min, radius_ratio_p01, radius_ratio_mean : float
+        Smallest value, 1 % quantile and mean of `radius_ratios`.
+    angle_min, angle_p01 : float
+        Smallest value and 1 % quantile of `minimum_angles`, degrees.
+    n_inverted : int
+        Cells of negative or zero measure.  A mesh that is inverted as a whole counts
+        in full.  Surface cells have no sign: only those of zero measure count.
+    hausdorff : float or None
+        Lower bound on the Hausdorff distance to the given surface.
+    hausdorff_relative : float or None
+        The same over the diagonal of that surface.
+    """
+
+    n_points: int
+    n_cells: int
+    cell_dim: int
+    edges: RatioStatistics
+    boundary_edges: RatioStatistics | None
+    radius_ratio_min: float
+    radius_ratio_p01: float
+    radius_ratio_mean: float
+    angle_min: float
+    angle_p01: float
+    n_inverted: int
+    hausdorff: float | None = None
+    hausdorff_relative: float | None = None
+
+    @property
+    def share_in_band(self) -> float:
+        """Share of all edges with length over size in [1/sqrt 2, sqrt 2]."""
+        return self.edges.share_in_band
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return nested dictionaries of plain numbers (and None), as JSON wants them."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        """Return a small table."""
+        kind, angle = ("tetrahedra", "dihedral angle")
+        if self.cell_dim == 2:
+            kind, angle = ("triangles", "angle")
+        lines = [
+            f"{self.n_points} points, {self.n_cells} {kind}, {self.n_inverted} inverted",
+            "length / size        5 %    25 %    50 %    75 %    95 %    mean  in band     edges",
+            _ratio_line("all edges", self.edges),
+        ]
+        if self.boundary_edges is not None:
+            lines.append(_ratio_line("boundary edges", self.boundary_edges))
+        lines.append(
+            f"radius ratio: min {self.radius_ratio_min:.4f}, 1 % {self.radius_ratio_p01:.4f}, "
+            f"mean {self.radius_ratio_mean:.4f}"
+        )
+        lines.append(f"minimum {angle}: {self.angle_min:.2f} deg, 1 % {self.angle_p01:.2f} deg")
+        if self.hausdorff is not None:
+            lines.append(
+                f"distance to the surface: {self.hausdorff:.4g} "
+                f"({self.hausdorff_relative:.3%} of the diagonal)"
+            )
+        return "\n".join(lines)
+
+
+def _ratio_line(name: str, ratio: RatioStatistics) -> str:
+    quantiles = (ratio.q05, ratio.q25, ratio.q50, ratio.q75, ratio.q95, ratio.mean)
+    columns = " ".join(f"{value:7.3f}" for value in quantiles)
+    return f"{name:16} {columns} {ratio.share_in_band:8.2%} {ratio.n_edges:9d}"
+
+
+def size_conformity(
+    mesh: SimplexMesh, size: SizeLike, *, surface: SimplexMesh | None = None
+) -> Conformity:
+    r"""Measure how well a mesh meets wanted sizes, and the quality of its cells.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles or tetrahedra.
+    size : SizeFunction, callable, array_like of float, shape (n_points,), or float
+        Wanted edge length.  Functions are called with the midpoints of the edges, an
+        array of shape (n, dim); nodal values are those of ``mesh`` and are averaged.
+        inf where nothing is asked: such edges do not count.
+    surface : SimplexMesh, optional
+        What the boundary of ``mesh`` (or ``mesh`` itself, if it has cells of the same
+        dimension) should look like; its distance is then measured.
+
+    Returns
+    -------
+    Conformity
+
+    Raises
+    ------
+    ValueError
+        If the mesh consists of segments, a size is not positive or NaN, no edge has a
+        finite size, or ``surface`` does not fit the mesh.
+
+    Notes
+    -----
+    The Hausdorff distance is the larger of the two one-sided ones.  Each is measured
+    from the nodes, edge midpoints and centroids of the cells of one side to the closest
+    point of the other side: it is a lower bound, exact where flat pieces differ most at
+    one of these points.  All of the boundary takes part, cavities too; interfaces
+    between cell regions do not.
+
+    Examples
+    --------
+    The unit square cut in two, with a wanted size of 1:
+
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> conformity = size_conformity(mesh, 1.0)
+    >>> conformity.edges.q50, conformity.share_in_band, round(conformity.angle_min, 6)
+    (1.0, 1.0, 45.0)
+    """
+    if mesh.cell_dim == 1:
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    wanted = _size_at_midpoints(mesh, size)
+    ratio = np.where(np.isfinite(wanted), mesh.edge_lengths / wanted, np.nan)
+    edges = _ratio_statistics(ratio)
+    if edges is None:
+        raise ValueError("size must be finite on one edge at least, got inf everywhere")
+    ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
+    distance = None if surface is None else _hausdorff(mesh, surface)
+    return Conformity(
+        n_points=mesh.n_points,
+        n_cells=mesh.n_cells,
+        cell_dim=mesh.cell_dim,
+        edges=edges,
+        boundary_edges=_ratio_statistics(ratio[_boundary_edges(mesh)]),
+        radius_ratio_min=float(ratios.min()),
+        radius_ratio_p01=float(np.quantile(ratios, 0.01)),
+        radius_ratio_mean=float(ratios.mean()),
+        angle_min=float(angles.min()),
+        angle_p01=float(np.quantile(angles, 0.01)),
+        n_inverted=int(np.count_nonzero(_inverted(mesh))),
+        hausdorff=distance,
+        hausdorff_relative=None if distance is None else distance / surface.diagonal,  # type: ignore[union-attr]
+    )
+
+
+def _inverted(mesh: SimplexMesh) -> BoolArray:
+    flat = mesh.measures == 0.0
+    if mesh.cell_dim == mesh.dim:
+        flat = flat | (mesh.signed_measures <= 0.0)
+    return np.asarray(flat)
+
+
+def _size_at_midpoints(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
+    """Return the wanted size of each edge, checked."""
+    i, j = mesh.edges.T
+    if callable(size):
+        midpoints = 0.5 * (mesh.points[i] + mesh.points[j])
+        return as_sizes("size(midpoints)", size(midpoints), (len(i),))
+    if np.ndim(size) == 0:
+        return np.full(len(i), as_sizes("size", size, ())[()])
+    nodal = as_sizes("size", size, (mesh.n_points,))
+    return np.asarray(0.5 * (nodal[i] + nodal[j]))
+
+
+def _ratio_statistics(ratio: FloatArray) -> RatioStatistics | None:
+    """Return the statistics of the ratios that are not NaN; None if there is none."""
+    ratio = ratio[~np.isnan(ratio)]
+    if len(ratio) == 0:
+        return None
+    in_band = (ratio >= _BAND[0]) & (ratio <= _BAND[1])
+    q05, q25, q50, q75, q95 = (float(q) for q in np.quantile(ratio, _QUANTILES))
+    mean, share = float(ratio.mean()), float(in_band.mean())
+    return RatioStatistics(len(ratio), q05, q25, q50, q75, q95, mean, share)
+
+
+def _boundary_edges(mesh: SimplexMesh) -> npt.NDArray[np.int64]:
+    """Return the rows of ``mesh.edges`` that lie on facets of one cell only."""
+    facets = mesh.facets[mesh.facet_cell_counts == 1]
+    pairs = topology.edges_of(facets, mesh.n_points).astype(np.int64)
+    # The edges are in lexicographic order, and so are these keys.
+    keys = mesh.edges.astype(np.int64) @ np.array([mesh.n_points, 1])
+    return np.asarray(np.searchsorted(keys, pairs @ np.array([mesh.n_points, 1])))
+
+
+def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
+    """Return a lower bound on the Hausdorff distance of a surface and a mesh's boundary."""
+    if mesh.dim != surface.dim or mesh.cell_dim - surface.cell_dim not in (0, 1):
+        raise ValueError(
+            f"surface must have cells like those of the mesh or of its boundary, "
+            f"got {surface!r} for {mesh!r}"
+        )
+    skin = mesh if mesh.cell_dim == surface.cell_dim else mesh.boundary().mesh
+    there = surface.locator.nearest(_samples(skin))[2].max()
+    back = skin.locator.nearest(_samples(surface))[2].max()
+    return float(max(there, back))
+
+
+def _samples(mesh: SimplexMesh) -> FloatArray:
+    """Return the nodes in cells, the midpoints of the edges and the centroids of the cells."""
+    used = np.zeros(mesh.n_points, np.bool_)
+    used[mesh.cells] = True
+    return np.concatenate(
+        [
+            mesh.points[used],
+            mesh.points[mesh.edges].mean(axis=1),
+            mesh.points[mesh.cells].mean(axis=1),
+        ]
+    )

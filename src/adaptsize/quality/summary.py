@@ -1,0 +1,155 @@
+"""What is in a mesh, at a glance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from adaptsize.background import SimplexMesh
+from adaptsize.quality.elements import minimum_angles, radius_ratios
+
+_KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
+_MEASURES = {"segments": "length", "triangles": "area", "tetrahedra": "volume"}
+
+
+@dataclass(frozen=True)
+class MeshSummary:
+    """Counts, extent, tags, fields, topology and quality of a mesh."""
+
+    n_points: int
+    n_cells: int
+    kind: str
+    """``"segments"``, ``"triangles"`` or ``"tetrahedra"``."""
+    dim: int
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    diagonal: float
+    measure: float
+    """Length, area or volume of all cells."""
+    edge_min: float
+    edge_median: float
+    edge_max: float
+    cell_tags: dict[int, int]
+    """Number of cells by tag."""
+    facet_tags: dict[int, int]
+    """Number of tagged facets by tag."""
+    point_fields: tuple[str, ...]
+    cell_fields: tuple[str, ...]
+    n_components: int
+    n_boundary_facets: int
+    """Facets of one cell; 0 if the mesh is closed."""
+    n_nonmanifold_facets: int
+    """Facets of three cells or more."""
+    n_unused_points: int
+    n_duplicate_points: int
+    n_degenerate_cells: int
+    """Cells whose radius ratio is below 1e-6."""
+    radius_ratio_median: float | None
+    angle_min: float | None
+    """Smallest (dihedral) angle in degrees; None for segments."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain numbers, texts, lists and dictionaries, as JSON wants them."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        """Return one line per subject."""
+        box = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(self.lower, self.upper, strict=True))
+        closed = ""
+        if self.kind == "triangles" and self.dim == 3:
+            closed = "closed, " if self.n_boundary_facets == 0 else "open, "
+        facets = f"{self.n_boundary_facets} boundary, {self.n_nonmanifold_facets} non-manifold"
+        rows = [
+            ("cells", f"{self.n_cells} {self.kind}, {self.n_points} points in {self.dim}-D"),
+            ("box", f"{box}, diagonal {self.diagonal:g}"),
+            (_MEASURES[self.kind], f"{self.measure:g}"),
+            ("edges", f"{self.edge_min:g} to {self.edge_max:g}, median {self.edge_median:g}"),
+            ("topology", f"{closed}{self.n_components} component(s), facets: {facets}"),
+            ("cell tags", _counted(self.cell_tags)),
+            ("facet tags", _counted(self.facet_tags)),
+            ("point fields", ", ".join(self.point_fields) or "none"),
+            ("cell fields", ", ".join(self.cell_fields) or "none"),
+            ("points", f"{self.n_duplicate_points} duplicate, {self.n_unused_points} unused"),
+        ]
+        if self.radius_ratio_median is not None:
+            quality = (
+                f"median radius ratio {self.radius_ratio_median:.3f}, smallest angle "
+                f"{self.angle_min:.3g} degrees, {self.n_degenerate_cells} degenerate"
+            )
+            rows.append(("quality", quality))
+        return "\n".join(f"{name:13}{text}" for name, text in rows)
+
+
+def summarize(mesh: SimplexMesh) -> MeshSummary:
+    """Return counts, extent, tags, fields, topology and quality of a mesh.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+
+    Returns
+    -------
+    MeshSummary
+
+    Notes
+    -----
+    O(n log n).  Points are duplicates if all their coordinates are equal.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> summary = summarize(mesh)
+    >>> summary.n_boundary_facets, summary.measure, summary.angle_min
+    (4, 1.0, 45.0)
+    """
+    used = np.unique(mesh.cells)
+    points = mesh.points[used]
+    ratios = None if mesh.cell_dim == 1 else radius_ratios(mesh)
+    return MeshSummary(
+        n_points=mesh.n_points,
+        n_cells=mesh.n_cells,
+        kind=_KINDS[mesh.cell_dim],
+        dim=mesh.dim,
+        lower=tuple(points.min(axis=0).tolist()),
+        upper=tuple(points.max(axis=0).tolist()),
+        diagonal=mesh.diagonal,
+        measure=float(mesh.measures.sum()),
+        edge_min=float(mesh.edge_lengths.min()),
+        edge_median=float(np.median(mesh.edge_lengths)),
+        edge_max=float(mesh.edge_lengths.max()),
+        cell_tags=_counts(mesh.cell_tags),
+        facet_tags=_counts(mesh.facet_tags),
+        point_fields=tuple(mesh.point_data),
+        cell_fields=tuple(mesh.cell_data),
+        n_components=_n_components(mesh),
+        n_boundary_facets=int((mesh.facet_cell_counts == 1).sum()),
+        n_nonmanifold_facets=int((mesh.facet_cell_counts > 2).sum()),
+        n_unused_points=mesh.n_points - len(used),
+        n_duplicate_points=mesh.n_points - len(np.unique(mesh.points, axis=0)),
+        n_degenerate_cells=0 if ratios is None else int((ratios < 1e-6).sum()),
+        radius_ratio_median=None if ratios is None else float(np.median(ratios)),
+        angle_min=None if ratios is None else round(float(minimum_angles(mesh).min()), 9),
+    )
+
+
+def _counts(tags: Any) -> dict[int, int]:
+    if tags is None:
+        return {}
+    names, counts = np.unique(tags, return_counts=True)
+    return dict(zip(names.tolist(), counts.tolist(), strict=True))
+
+
+def _counted(counts: dict[int, int]) -> str:
+    return ", ".join(f"{tag} ({n})" for tag, n in counts.items()) or "none"
+
+
+def _n_components(mesh: SimplexMesh) -> int:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    i, j = mesh.edges.T
+    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(mesh.n_points,) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    return len(np.unique(labels[mesh.cells[:, 0]]))

@@ -1,0 +1,1 @@
+"""Meshes from distance functions by smoothing, after DistMesh."""

@@ -1,0 +1,270 @@
+"""From nodes at rest to a mesh: boundary nodes on the boundary, flat cells mended."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._kernels.smoothing import MOST_AROUND, fill_quality, smooth_nodes, swap
+from adaptsize.background import topology
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+from adaptsize.remeshing.distmesh.rejection import Size
+from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+#: Rounds of triangulation and projection; two are enough as a rule.
+_ROUNDS = 8
+#: Cells of lower quality at the boundary are taken away if nothing is lost.
+_FLAT = 0.25
+#: Cells of lower quality are to be mended.
+_BAD = {2: 0.6, 3: 0.45}
+_PASSES, _SWEEPS = 12, 10
+#: First length of the steps in which a place for a node is looked for, in sizes.
+_FIRST_STEP = 0.2
+#: Layers of neighbours that are moved too where nothing else helps.
+_WIDEST = 3
+#: Cosine of the angle between a facet and the boundary above which a node is at no edge or corner.
+_STRAIGHT = 0.8
+#: Nodes on the boundary are brought as near as this, in sizes.
+TOLERANCE = 1e-6
+
+
+def finish(
+    domain: ImplicitDomain,
+    size: Size,
+    points: FloatArray,
+    *,
+    n_fixed: int,
+    report: ProgressCallback,
+) -> tuple[FloatArray, IntArray]:
+    """Return a mesh of these nodes, whose boundary nodes lie on the boundary.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+        The first ``n_fixed`` stay where they are.
+    """
+    points = points.copy()
+    for k in range(_ROUNDS):
+        report("fitting the boundary", k / _ROUNDS)
+        h, phi = size(points), domain.phi(points)
+        cells = without_flat(points, triangulate(domain, points, phi, h), n_fixed)
+        at = np.flatnonzero(nodes_of(skin_of(cells, len(points)), len(points)))
+        at = at[at >= n_fixed]
+        there, _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
+        near = np.linalg.norm(there - points[at], axis=1) <= ON_BOUNDARY * h[at]
+        if near.all():
+            points[at] = there
+            break
+        if k < _ROUNDS - 1:
+            points[at] = there
+        else:
+            _move_if_good(points, cells, at, there)
+    _refuse_empty(cells)
+    return improved(domain, points, cells, h, n_fixed=n_fixed, report=report)
+
+
+def _move_if_good(
+    points: FloatArray, cells: IntArray, nodes: npt.NDArray[np.intp], there: FloatArray
+) -> None:
+    """Move those of the nodes whose cells stay good.  Changes ``points``."""
+    old = points.copy()
+    points[nodes] = there
+    for _ in range(_ROUNDS):  # taking back one move may spoil another
+        worse = nodes[_worst_of_nodes(points, cells)[nodes] < 0.5 * _FLAT]
+        worse = worse[(points[worse] != old[worse]).any(axis=1)]
+        if len(worse) == 0:
+            return
+        points[worse] = old[worse]
+    points[:] = old
+
+
+def _refuse_empty(cells: IntArray) -> None:
+    if len(cells) == 0:
+        raise ValueError(
+            "size must be small enough for the domain, got sizes for which no cell fits into it"
+        )
+
+
+def without_flat(points: FloatArray, cells: IntArray, n_fixed: int) -> IntArray:
+    """Return the cells without flat ones that have all facets of one side on the boundary.
+
+    The boundary then passes on their other side.  In the plane these are triangles beside a
+    straight part of the boundary, in space slivers between four nodes of the boundary.
+    """
+    for _ in range(10):
+        quality = np.empty(len(cells))
+        fill_quality(points, cells, quality)
+        flat = np.flatnonzero(quality < _FLAT)
+        gone = _one_sided(points, cells, flat, n_fixed) if len(flat) else []
+        if len(gone) == 0:
+            break
+        cells = np.delete(cells, gone, axis=0)
+    return cells
+
+
+def _one_sided(
+    points: FloatArray, cells: IntArray, flat: npt.NDArray[np.intp], n_fixed: int
+) -> list[int]:
+    """Return those of the flat cells that may go, no two of them with a common node."""
+    width = cells.shape[1]
+    facets, cell_facets = topology.facets_of(cells, len(points))
+    single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
+    skin = facets[single]
+    on_boundary = np.zeros(len(points), np.bool_)
+    on_boundary[skin] = True
+    pairs = {tuple(pair) for pair in topology.edges_of(skin, len(points)).tolist()}
+    n_cells = np.bincount(cells.ravel(), minlength=len(points))
+    touched = np.zeros(len(points), np.bool_)
+    gone = []
+    for c in flat.tolist():
+        nodes = cells[c]
+        outer = single[cell_facets[c]]
+        if not outer.any() or outer.all() or touched[nodes].any():
+            continue
+        hidden = nodes[outer]  # each opposite to a facet on the boundary: they come to light
+        if len(hidden) == 1:
+            closed = bool(on_boundary[hidden[0]])
+        elif len(hidden) == width - 1:  # their common node would be lost
+            lost = nodes[~outer][0]
+            closed = bool(lost < n_fixed or n_cells[lost] > 1)
+        else:
+            closed = tuple(sorted(hidden.tolist())) in pairs
+        if closed or not _is_one_side(points[nodes], outer):
+            continue
+        touched[nodes] = True
+        gone.append(c)
+    return gone
+
+
+def _is_one_side(corners: FloatArray, outer: BoolArray) -> bool:
+    """Tell whether the facets in ``outer`` cover a flat cell from one side."""
+    normals = np.stack([_facet_normal(np.delete(corners, v, axis=0)) for v in range(len(corners))])
+    centre = corners.mean(axis=0)
+    for v in range(len(corners)):
+        if normals[v] @ (centre - corners[v]) < 0.0:  # outward: away from the opposite corner
+            normals[v] *= -1.0
+    area = np.linalg.norm(normals, axis=1)
+    covered = float(area[outer].sum())
+    shown = float(np.linalg.norm(normals[outer].sum(axis=0)))
+    return shown > 0.8 * covered and float(area[~outer].sum()) < 1.25 * covered
+
+
+def _facet_normal(corners: FloatArray) -> FloatArray:
+    if len(corners) == 2:
+        edge = corners[1] - corners[0]
+        return np.array([edge[1], -edge[0]])
+    return 0.5 * np.cross(corners[1] - corners[0], corners[2] - corners[0])
+
+
+def improved(
+    domain: ImplicitDomain,
+    points: FloatArray,
+    cells: IntArray,
+    h: FloatArray,
+    *,
+    n_fixed: int,
+    report: ProgressCallback,
+) -> tuple[FloatArray, IntArray]:
+    """Return the mesh with its worst cells made better by swaps and moves of single nodes."""
+    dim = points.shape[1]
+    points, cells = points.copy(), cells.copy()
+    best, wider = (-1.0, 0), 0
+    for k in range(_PASSES):
+        report("improving cells", k / _PASSES)
+        if dim == 3:
+            cells = _swapped(points, cells)
+        quality = np.empty(len(cells))
+        fill_quality(points, cells, quality)
+        bad = quality < _BAD[dim]
+        state = (round(float(quality.min()), 2), -int(bad.sum()))
+        if state <= best:
+            wider += 1
+            bad = quality < _FLAT
+        best = max(state, best)
+        if not bad.any() or wider > _WIDEST:
+            break
+        nodes = np.unique(cells[bad])
+        for _ in range(wider):  # the neighbours are in the way
+            nodes = np.unique(cells[np.isin(cells, nodes).any(axis=1)])
+        _move_nodes(domain, points, cells, (1 + wider) * _FIRST_STEP * h, h, nodes, n_fixed)
+    return points, cells
+
+
+def _swapped(points: FloatArray, cells: IntArray) -> IntArray:
+    """Return tetrahedra with edges and faces swapped until nothing gets better."""
+    for _ in range(_SWEEPS):
+        quality = np.empty(len(cells))
+        fill_quality(points, cells, quality)
+        bad = np.flatnonzero(quality < _BAD[3])
+        bad = bad[np.argsort(quality[bad])]
+        ring_ptr, ring = topology.rings(cells, len(points))
+        dead = np.zeros(len(cells), np.bool_)
+        made = np.empty((2 * MOST_AROUND * (len(bad) + 1), 4), np.int32)
+        n_made = swap(points, cells, ring_ptr, ring, bad, quality, dead, made)
+        if n_made == 0:
+            break
+        cells = np.concatenate([cells[~dead], made[:n_made]])
+    return cells
+
+
+def _move_nodes(
+    domain: ImplicitDomain,
+    points: FloatArray,
+    cells: IntArray,
+    steps: FloatArray,
+    h: FloatArray,
+    nodes: npt.NDArray[np.integer],
+    n_fixed: int,
+) -> None:
+    """Move nodes to better places, those of smooth boundaries along it.  Changes ``points``."""
+    nodes = nodes[nodes >= n_fixed]
+    normals = np.zeros_like(points)
+    on_boundary = nodes_of(skin_of(cells, len(points)), len(points))
+    at = nodes[on_boundary[nodes]]
+    gradient = domain.gradient(points[at], domain.phi(points[at]), h[at])
+    length = np.linalg.norm(gradient, axis=1)
+    normals[at] = gradient / np.where(length > 0.0, length, 1.0)[:, None]
+    sharp = at[(length == 0.0) | _is_crease(points, cells, normals)[at]]
+    nodes = np.setdiff1d(nodes, sharp).astype(np.int64)
+    before, old = _worst_of_nodes(points, cells), points.copy()
+    ring_ptr, ring = topology.rings(cells, len(points))
+    smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps)
+    at = np.setdiff1d(at, sharp)
+    at = at[(points[at] != old[at]).any(axis=1)]
+    points[at], _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
+    for _ in range(_ROUNDS):  # taking back one move may spoil another
+        worse = at[_worst_of_nodes(points, cells)[at] < before[at]]
+        worse = worse[(points[worse] != old[worse]).any(axis=1)]
+        if len(worse) == 0:
+            return
+        points[worse] = old[worse]
+    points[:] = old
+
+
+def _worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Return the least quality of the cells around each node."""
+    quality = np.empty(len(cells))
+    fill_quality(points, cells, quality)
+    worst = np.ones(len(points))
+    np.minimum.at(worst, cells.ravel(), np.repeat(quality, cells.shape[1]))
+    return worst
+
+
+def _is_crease(points: FloatArray, cells: IntArray, normals: FloatArray) -> BoolArray:
+    """Return at which nodes a facet of the boundary lies askew to the normal of the domain."""
+    facets, cell_facets = topology.facets_of(cells, len(points))
+    single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
+    skin = facets[single]
+    corners = points[skin]
+    if points.shape[1] == 2:
+        edge = corners[:, 1] - corners[:, 0]
+        across = np.column_stack([edge[:, 1], -edge[:, 0]])
+    else:
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    askew = np.zeros(len(points), np.bool_)
+    for v in range(skin.shape[1]):
+        cosine = np.abs(np.einsum("ij,ij->i", across, normals[skin[:, v]]))
+        askew[skin[cosine < _STRAIGHT, v]] = True
+    return askew

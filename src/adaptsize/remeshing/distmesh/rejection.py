@@ -1,0 +1,276 @@
+"""Points spread by rejection: as many per volume as elements of the wanted size have nodes.
+
+A tree of boxes goes down to boxes of the wanted size, so that the work is that of the points
+kept, however much the sizes differ.  A box of edge s (in the plane s by sqrt(3) s) holds two
+points: together they are the triangular lattice of spacing s in the plane, the body-centred
+cubic lattice in space, whose Delaunay triangulations are as regular as can be.  A point is kept
+with probability (s / h)^dim, as in [1]_; where h = s, the lattice is left as it is.
+
+References
+----------
+.. [1] P.-O. Persson, G. Strang, "A simple mesh generator in MATLAB", SIAM Review 46 (2004)
+   329-345.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import refuse_where
+from adaptsize.errors import TooManyElementsError
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, estimated_slope, grid_of
+from adaptsize.typing import FloatArray
+
+Size = Callable[[FloatArray], FloatArray]
+
+#: Edges of a box that holds two points of a lattice whose mean edge is 1.  In space the
+#: body-centred cubic lattice has 3 edges of length a and 4 of sqrt(3)/2 a per point.
+_BOX = {
+    2: np.array([1.0, math.sqrt(3.0)]),
+    3: np.full(3, 7.0 / (3.0 + 2.0 * math.sqrt(3.0))),
+}
+#: Where the two points lie in their box.
+_PLACES = (0.25, 0.75)
+#: Boxes along the longest side at first: narrower parts than that are found by the slope of phi.
+_FIRST = {2: 48, 3: 20}
+#: Sub-samples of a box at the boundary along each axis.
+_SUBSAMPLES = {2: 5, 3: 4}
+#: Elements per node.
+ELEMENTS_PER_NODE = {2: 2.0, 3: 5.5}
+_MAX_LEVEL = 40
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Where a mesh of the wanted sizes could have its nodes.
+
+    Attributes
+    ----------
+    points : float64[n, dim]
+        Inside the domain.
+    probes : float64[m, dim]
+        Places inside that the mesh should cover, one in each box.
+    measure : float
+        Area or volume of the domain, from the boxes; good to a per cent or so.
+    """
+
+    points: FloatArray
+    probes: FloatArray
+    measure: float
+
+
+class _Lattice(NamedTuple):
+    lower: FloatArray
+    spacing: float
+    """Of level 0."""
+    box: FloatArray
+    """Edges of a box for spacing 1."""
+
+    def at(self, index: npt.NDArray[np.int64], level: int, place: float) -> FloatArray:
+        edge = self.box * math.ldexp(self.spacing, -level)
+        return np.asarray(self.lower + (index + place) * edge)
+
+
+def sized(size: Callable[[FloatArray], FloatArray], domain: ImplicitDomain) -> Size:
+    """Return a size function that is checked where the domain is, and NaN where it is not known.
+
+    Outside the domain a size may be anything.
+    """
+
+    def function(points: FloatArray) -> FloatArray:
+        if len(points) == 0:
+            return np.empty(0)
+        values = np.asarray(size(points), np.float64)
+        if values.shape != (len(points),):
+            raise ValueError(f"size(points) must have shape {(len(points),)}, got {values.shape}")
+        bad = ~(np.isfinite(values) & (values > 0.0))
+        if bad.any():
+            inside = np.zeros(len(points), np.bool_)
+            inside[bad] = domain.phi(points[bad]) < 0.0
+            refuse_where(
+                "size(points)", inside, values, "must be finite and positive in the domain"
+            )
+            values = np.where(bad, np.nan, values)
+        return values
+
+    return function
+
+
+def extended(size: Size, probes: FloatArray) -> Size:
+    """Return a size function that is the one of the nearest probe where it is not known."""
+    from scipy.spatial import cKDTree
+
+    known = size(probes)
+
+    def function(points: FloatArray) -> FloatArray:
+        values = size(points)
+        unknown = np.isnan(values)
+        if unknown.any():
+            values[unknown] = known[cKDTree(probes).query(points[unknown])[1]]
+        return values
+
+    return function
+
+
+def examine(domain: ImplicitDomain) -> ImplicitDomain:
+    """Return the domain with the slope of its function estimated."""
+    extent = domain.upper - domain.lower
+    counts = np.maximum(3, np.ceil(_FIRST[domain.dim] * extent / extent.max()).astype(int) + 1)
+    grid = grid_of(domain.lower, domain.upper, counts)
+    phi = domain.given(grid.reshape(-1, domain.dim)).reshape(counts)
+    return replace(domain, slope=estimated_slope(phi, extent / (counts - 1)))
+
+
+def sample(
+    domain: ImplicitDomain,
+    size: Size,
+    rng: np.random.Generator,
+    *,
+    max_elements: float,
+) -> Sampling:
+    """Return random points, spread by the wanted size.
+
+    Raises
+    ------
+    ValueError
+        If no place inside the domain is found, or a size there is not finite and positive.
+    TooManyElementsError
+        If the sizes ask for more elements than ``max_elements``.
+    """
+    lattice, index = _root(domain, size)
+    limit = max_elements / ELEMENTS_PER_NODE[domain.dim]
+    points, probes = [], []
+    measure, expected = 0.0, 0.0
+    for level in range(_MAX_LEVEL + 1):
+        index, is_leaf, to_come = _leaves(domain, size, lattice, index, level)
+        leaves = index[is_leaf | (level == _MAX_LEVEL)]
+        index = index[~is_leaf]
+        kept, weight = _draw(domain, size, lattice, leaves, level, rng)
+        inside, volume = _probe(domain, lattice, leaves, level, rng)
+        points.append(kept)
+        probes.append(inside)
+        expected += weight
+        measure += volume
+        _refuse_too_many(expected + to_come, limit, max_elements)
+        if len(index) == 0:
+            break
+        index = _children(index)
+    places = np.concatenate(probes)
+    if len(places) == 0:
+        raise ValueError(
+            "distance must be negative in the domain, got nothing negative between "
+            f"lower = {domain.lower.tolist()} and upper = {domain.upper.tolist()}; "
+            "is it negative inside?"
+        )
+    return Sampling(np.concatenate(points), places, measure)
+
+
+def _root(domain: ImplicitDomain, size: Size) -> tuple[_Lattice, npt.NDArray[np.int64]]:
+    """Return the lattice and the boxes of level 0, which cover the domain.
+
+    The smallest size found is a spacing of some level, so that a constant size leaves the lattice.
+    """
+    extent = domain.upper - domain.lower
+    first = float(extent.max()) / _FIRST[domain.dim]
+    counts = np.maximum(3, np.ceil(extent / first).astype(int))
+    grid = grid_of(domain.lower, domain.upper, counts).reshape(-1, domain.dim)
+    h = size(grid[domain.phi(grid) < 0.0])
+    least = float(h.min()) if len(h) else first
+    spacing = math.ldexp(least, max(0, math.floor(math.log2(first / least))))
+    box = _BOX[domain.dim]
+    shape = np.ceil(extent / (box * spacing) - 1e-9).astype(np.int64)
+    # Centred, so that the lattice does not depend on where the box is.
+    lower = domain.lower - 0.5 * (shape * box * spacing - extent)
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
+    return _Lattice(lower, spacing, box), index.reshape(-1, domain.dim)
+
+
+def _leaves(
+    domain: ImplicitDomain,
+    size: Size,
+    lattice: _Lattice,
+    index: npt.NDArray[np.int64],
+    level: int,
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], float]:
+    """Return the boxes that may meet the domain, and which of them are small enough.
+
+    The number is a lower bound on how many points will come of the others.
+    """
+    spacing = math.ldexp(lattice.spacing, -level)
+    centres = lattice.at(index, level, 0.5)
+    radius = 0.5 * spacing * float(np.linalg.norm(lattice.box))
+    phi = domain.phi(centres)
+    near = phi <= domain.slope * radius
+    index, centres, phi = index[near], centres[near], phi[near]
+    sizes = np.stack([size(centres), *(size(lattice.at(index, level, place)) for place in _PLACES)])
+    known = np.where(np.isnan(sizes), np.inf, sizes).min(axis=0)
+    # Where no size is known, beside the domain: as fine as anywhere on this level.
+    known[np.isinf(known)] = known.min(initial=lattice.spacing)
+    is_leaf = spacing <= known * (1.0 + 1e-9)
+    whole = ~is_leaf & (phi < -domain.slope * radius)
+    to_come = 2.0 * float(((spacing / sizes[:, whole].max(axis=0)) ** domain.dim).sum())
+    return index, is_leaf, to_come
+
+
+def _draw(
+    domain: ImplicitDomain,
+    size: Size,
+    lattice: _Lattice,
+    leaves: npt.NDArray[np.int64],
+    level: int,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, float]:
+    """Return the points that are kept, and how many were to be expected."""
+    points = np.concatenate([lattice.at(leaves, level, place) for place in _PLACES])
+    points = points[domain.phi(points) < 0.0]
+    spacing = math.ldexp(lattice.spacing, -level)
+    share = np.minimum((spacing / size(points)) ** domain.dim, 1.0)
+    share[share > 1.0 - 1e-6] = 1.0
+    return points[rng.random(len(points)) < share], float(share.sum())
+
+
+def _probe(
+    domain: ImplicitDomain,
+    lattice: _Lattice,
+    leaves: npt.NDArray[np.int64],
+    level: int,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, float]:
+    """Return places inside the domain, and the measure of the domain in these boxes."""
+    edges = lattice.box * math.ldexp(lattice.spacing, -level)
+    centres = lattice.at(leaves, level, 0.5)
+    phi = domain.phi(centres)
+    crossed = np.abs(phi) <= domain.slope * 0.5 * float(np.linalg.norm(edges))
+    n = _SUBSAMPLES[domain.dim]
+    offsets = grid_of(-0.5 * edges, 0.5 * edges, [n + 1] * domain.dim)
+    offsets = offsets[(slice(0, n),) * domain.dim].reshape(-1, domain.dim) + 0.5 * edges / n
+    # Jittered: a boundary along the boxes would be taken a whole sub-sample too near or too far.
+    jitter = rng.uniform(-0.5, 0.5, (int(crossed.sum()), *offsets.shape)) * edges / n
+    fine = centres[crossed][:, None] + offsets + jitter
+    values = domain.phi(fine.reshape(-1, domain.dim)).reshape(fine.shape[:2])
+    deepest = values.argmin(axis=1)
+    rows = np.flatnonzero(values.min(axis=1, initial=np.inf) < 0.0)
+    whole = centres[~crossed & (phi < 0.0)]
+    volume = len(whole) + np.count_nonzero(values < 0.0) / len(offsets)
+    return np.concatenate([whole, fine[rows, deepest[rows]]]), float(edges.prod()) * volume
+
+
+def _children(index: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    dim = index.shape[1]
+    offsets = np.indices((2,) * dim).reshape(dim, -1).T
+    return np.asarray((2 * index[:, None] + offsets).reshape(-1, dim))
+
+
+def _refuse_too_many(nodes: float, limit: float, max_elements: float) -> None:
+    if nodes > limit:
+        elements = nodes / limit * max_elements
+        raise TooManyElementsError(
+            f"the sizes ask for {elements:.3g} elements or more, above "
+            f"max_elements = {max_elements:.3g}; ask for larger sizes or raise max_elements"
+        )

@@ -1,0 +1,227 @@
+"""Nodes pushed apart until the edges between them have the wanted lengths.
+
+The loop is that of [1]_: Delaunay triangulation, linear repulsive forces along the edges, nodes
+that left the domain put back to its boundary.  What differs: steps over the number of neighbours,
+so that nodes of many do not swing; the median of length over size as the scale, which a few bad
+cells do not shift; nodes added and removed on the way, as in [2]_; corners; shorter steps late.
+
+References
+----------
+.. [1] P.-O. Persson, G. Strang, "A simple mesh generator in MATLAB", SIAM Review 46 (2004)
+   329-345.
+.. [2] F. J. Bossen, P. S. Heckbert, "A pliant method for anisotropic mesh generation", 5th
+   International Meshing Roundtable (1996) 63-74.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize.background import topology
+from adaptsize.remeshing.distmesh.corners import with_corners
+from adaptsize.remeshing.distmesh.density import MeshEdges, adapted, uncovered
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+from adaptsize.remeshing.distmesh.rejection import Size
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+#: Edges want to be longer than they can by this factor: the pressure drives nodes to the boundary.
+_PRESSURE = {2: 1.15, 3: 1.1}
+#: Length of a step, in forces over the number of neighbours: below 2 neighbours that are pushed
+#: against each other along one edge do not pass the place where the force ends.
+_STEP = 1.5
+#: Nodes are connected anew when one of 100 moved further than this since, in sizes.
+_STALE = 0.1
+#: No node moves further in one step, in sizes.
+_LONGEST = 0.25
+#: Nodes are added and removed in each tenth of the first steps.
+_ADAPT_EVERY, _ADAPT_UNTIL = 10, 60
+#: A node this near to the boundary is on it, in sizes.
+ON_BOUNDARY = 1e-3
+#: Cells this deep in the domain at least are part of it, in sizes.
+_INSIDE = 0.05
+#: Steps are shortened by this factor from then on: where several triangulations are as good, nodes
+#: would swing between them for ever.
+_COOLING = 0.985
+#: The mean way of a step at which nodes have come to rest, in sizes.
+_AT_REST = 2.5e-3
+#: Not before all rules had their turn.
+_FEWEST = 36
+
+
+class Relaxed(NamedTuple):
+    """Nodes at rest."""
+
+    points: FloatArray
+    n_fixed: int
+    """The first ones have not moved: those given, and in the plane corners that were found."""
+    n_steps: int
+    n_triangulations: int
+    last_move: float
+    """Mean length of the last step, in sizes, as if it had not been shortened."""
+    at_rest: bool
+
+
+def triangulate(
+    domain: ImplicitDomain, points: FloatArray, phi: FloatArray, h: FloatArray
+) -> IntArray:
+    """Return the Delaunay cells whose centroids lie in the domain, positive, int32[m, dim + 1].
+
+    Raises
+    ------
+    ValueError
+        If there are too few nodes for a cell.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    try:
+        cells = Delaunay(points).simplices.astype(np.int32)
+    except (QhullError, ValueError) as error:
+        raise ValueError(
+            "size must be small enough to put nodes into the domain, got sizes for which "
+            f"{len(points)} nodes suffice"
+        ) from error
+    cells = np.ascontiguousarray(cells[_are_inside(domain, points, cells, phi, h)])
+    negative = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]]) < 0.0
+    cells[negative, :2] = cells[negative, 1::-1]
+    return np.asarray(cells)
+
+
+def _are_inside(
+    domain: ImplicitDomain, points: FloatArray, cells: IntArray, phi: FloatArray, h: FloatArray
+) -> BoolArray:
+    """Return which cells have their centroids deep enough in the domain."""
+    corners = points[cells]
+    longest = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
+    inside = domain.depth(phi[cells]).max(axis=1) > longest
+    unsure = np.flatnonzero(~inside)
+    centroids, wanted = corners[unsure].mean(axis=1), h[cells[unsure]].mean(axis=1)
+    depth = domain.depth(domain.phi(centroids))
+    # The slope is a bound only: where it says too little, the gradient tells.
+    near = (depth > 0.0) & (depth <= _INSIDE * wanted)
+    depth[near] = domain.depths(centroids[near], wanted[near])
+    inside[unsure] = depth > _INSIDE * wanted
+    return np.asarray(inside)
+
+
+def skin_of(cells: IntArray, n_points: int) -> IntArray:
+    """Return the facets of one cell only, int32[m, dim]."""
+    facets, cell_facets = topology.facets_of(cells, n_points)
+    single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
+    return np.asarray(facets[single])
+
+
+def nodes_of(facets: IntArray, n_points: int) -> BoolArray:
+    """Return which nodes lie on facets."""
+    marked = np.zeros(n_points, np.bool_)
+    marked[facets] = True
+    return marked
+
+
+class _Connection(NamedTuple):
+    """How nodes were connected last."""
+
+    points: FloatArray
+    """Where they were then."""
+    edges: IntArray
+    skin: IntArray
+    """Facets on the boundary."""
+    on_boundary: BoolArray
+
+
+def _connect(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> _Connection:
+    cells = triangulate(domain, points, domain.phi(points), h)
+    skin = skin_of(cells, len(points))
+    edges = topology.edges_of(cells, len(points))
+    return _Connection(points, edges, skin, nodes_of(skin, len(points)))
+
+
+def relax(
+    domain: ImplicitDomain,
+    size: Size,
+    points: FloatArray,
+    probes: FloatArray,
+    *,
+    n_fixed: int,
+    max_iter: int,
+    max_nodes: float,
+    report: ProgressCallback,
+) -> Relaxed:
+    """Return the nodes moved, some added and some removed; the first ``n_fixed`` as they are."""
+    points = uncovered(domain, size, points, probes)
+    adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
+    known: _Connection | None = None
+    count, k, mean, at_rest = 0, 0, np.inf, False
+    for k in range(1, max_iter + 1):
+        report("moving nodes", k / max_iter)
+        h = size(points)
+        if known is None or _is_stale(points, known.points, h):
+            known = _connect(domain, points, h)
+            count += 1
+        changed = None
+        if k % _ADAPT_EVERY == 0 and k <= adapt_until:
+            mesh = MeshEdges(points, known.edges, known.on_boundary, h, n_fixed)
+            changed = adapted(domain, size, mesh, probes, max_nodes)
+        elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
+            skin_edges = topology.edges_of(known.skin, len(points))
+            changed, n_fixed = with_corners(domain, points, h, skin_edges, n_fixed)
+        if changed is not None:
+            points, known = changed, None
+            continue
+        shortened = _COOLING ** max(0, k - _ADAPT_UNTIL)
+        move = shortened * _forces(points, known.edges, h)
+        move[:n_fixed] = 0.0
+        moved = _put_back(domain, points + move, h, known.on_boundary, n_fixed)
+        mean = float((np.linalg.norm(moved - points, axis=1) / h).mean()) / shortened
+        points = moved
+        at_rest = mean < _AT_REST
+        if at_rest and k >= _FEWEST:
+            break
+    return Relaxed(points, n_fixed, k, count, mean, at_rest)
+
+
+def _is_stale(points: FloatArray, connected: FloatArray, h: FloatArray) -> bool:
+    way = np.linalg.norm(points - connected, axis=1) / h
+    return bool(np.quantile(way, 0.99) > _STALE)
+
+
+def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
+    """Return the steps that the forces along the edges ask for, float64[n, dim]."""
+    n, dim = points.shape
+    i, j = edges.T
+    edge = points[i] - points[j]
+    length = np.linalg.norm(edge, axis=1)
+    wanted = 0.5 * (h[i] + h[j])
+    # With as many nodes as there are, edges cannot be shorter or longer on the whole.
+    scale = np.clip(np.median(length / wanted), 0.9, 1.15)
+    excess = np.maximum(_PRESSURE[dim] * scale * wanted - length, 0.0)
+    force = excess / np.maximum(length, 1e-12 * wanted)
+    move = np.empty((n, dim))
+    for d in range(dim):
+        along = force * edge[:, d]
+        move[:, d] = np.bincount(i, along, n) - np.bincount(j, along, n)
+    n_neighbours = np.bincount(edges.ravel(), minlength=n)
+    move *= (_STEP / np.maximum(n_neighbours, 1))[:, None]
+    way = np.linalg.norm(move, axis=1)
+    far = way > _LONGEST * h
+    move[far] *= (_LONGEST * h[far] / way[far])[:, None]
+    return move
+
+
+def _put_back(
+    domain: ImplicitDomain,
+    points: FloatArray,
+    h: FloatArray,
+    on_boundary: BoolArray,
+    n_fixed: int,
+) -> FloatArray:
+    """Return the nodes with those outside, and those of the boundary, on the boundary."""
+    outside = domain.phi(points) > 0.0
+    moving = outside | on_boundary
+    moving[:n_fixed] = False
+    at = np.flatnonzero(moving)
+    there, _ = domain.project(points[at], h[at], tolerance=ON_BOUNDARY, max_steps=2)
+    near = np.linalg.norm(there - points[at], axis=1) < 0.5 * h[at]
+    points[at] = np.where((outside[at] | near)[:, None], there, points[at])
+    return points

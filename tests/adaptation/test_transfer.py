@@ -1,0 +1,345 @@
+"""Transfer of fields between meshes: interpolation, and means over exact overlaps."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import (
+    jittered_cube,
+    jittered_square,
+    random_sphere,
+    random_square,
+    slit_square,
+    structured_square,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+from adaptsize import FieldTransfer, SimplexMesh, transfer_fields
+
+SEED = 50671
+
+
+def pair(dim, n=(7, 9)):
+    """Two meshes of one square or cube that have no inner node in common."""
+    if dim == 2:
+        old, new = structured_square(n[0], half_width=1.0), jittered_square(n[1], SEED)
+        return old, SimplexMesh(new.points / 50.0, new.cells)
+    return (jittered_cube(k, SEED + k, half_width=1.0) for k in n)
+
+
+def clipped_area(triangle, other):
+    """Area of two triangles' intersection: Sutherland and Hodgman, in plain Python."""
+    polygon = [tuple(p) for p in triangle]
+    corners = [tuple(p) for p in other]
+    (ax, ay), (bx, by), (cx, cy) = corners
+    if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) < 0.0:
+        corners.reverse()
+    for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True):
+        side = [(bx - ax) * (y - ay) - (by - ay) * (x - ax) for x, y in polygon]
+        kept = []
+        for i, (x, y) in enumerate(polygon):
+            (u, v), before = polygon[i - 1], side[i - 1]
+            if before * side[i] < 0.0:
+                t = before / (before - side[i])
+                kept.append((u + t * (x - u), v + t * (y - v)))
+            if side[i] >= 0.0:
+                kept.append((x, y))
+        polygon = kept
+    x, y = np.array(polygon).reshape(-1, 2).T
+    return 0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1)))
+
+
+def clipped_volume(tetrahedron, other):
+    """Volume of two tetrahedra's intersection, from half spaces (Qhull)."""
+    rows = np.concatenate([ConvexHull(c).equations for c in (tetrahedron, other)])
+    norm = np.linalg.norm(rows[:, :-1], axis=1)
+    # The centre of the largest ball inside, if there is one.
+    found = linprog(
+        [0, 0, 0, -1],
+        A_ub=np.column_stack([rows[:, :-1], norm]),
+        b_ub=-rows[:, -1],
+        bounds=[(None, None)] * 3 + [(0, None)],
+    )
+    if not found.success or found.x[3] < 1e-9:
+        return 0.0
+    return ConvexHull(HalfspaceIntersection(rows, found.x[:3]).intersections).volume
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_overlaps_are_those_of_a_slow_twin(dim):
+    rng = np.random.default_rng(SEED)
+    count = {2: 60, 3: 12}[dim]
+    # Cells of one mesh need not fit together: all pairs of random simplices.
+    cells = np.arange(count * (dim + 1)).reshape(count, dim + 1)
+    old, new = (SimplexMesh(rng.random((count * (dim + 1), dim)), cells) for _ in range(2))
+    clipped = {2: clipped_area, 3: clipped_volume}[dim]
+    expected = [[clipped(new.points[a], old.points[b]) for b in cells] for a in cells]
+    assert np.count_nonzero(expected) > count
+    # Qhull's own precision for the volumes.
+    assert_allclose(
+        FieldTransfer(old, new).overlap.toarray(), expected, atol={2: 1e-15, 3: 1e-12}[dim]
+    )
+
+
+def test_overlaps_of_simplices_known_by_hand():
+    # Two tetrahedra x, y, z >= 0 with x + y + z <= 1 and <= 1/2 share the smaller one; the
+    # tetrahedron moved by 1/2 along x shares one of half the edge; moved by 1 a corner only.
+    corner = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    shifts = [np.zeros(3), [0.5, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    points = np.concatenate([0.5 * corner, *[corner + shift for shift in shifts]])
+    cells = np.arange(16).reshape(4, 4)[:, [1, 0, 2, 3]]  # inverted, too
+    overlap = FieldTransfer(SimplexMesh(corner, [[0, 1, 2, 3]]), SimplexMesh(points, cells)).overlap
+    assert_allclose(overlap.toarray().ravel(), np.array([0.125, 1.0, 0.125, 0.0]) / 6.0, atol=1e-17)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("scale", "shift"), [(1.0, 0.0), (1e-9, 0.0), (1e7, 3e7)])
+def test_overlaps_fill_the_cells_of_both_meshes(dim, scale, shift):
+    old, new = (SimplexMesh(scale * m.points + shift, m.cells) for m in pair(dim))
+    transfer = FieldTransfer(old, new)
+    # Coordinates of size 4 over a hundredth of it: rounding 1e-16 * 4 / 0.01 in flat cells.
+    assert_allclose(transfer.coverage, 1.0, rtol=1e-11)
+    assert_allclose(transfer.overlap.sum(axis=0), old.measures, rtol=1e-11)
+
+
+def fields_on(n, rng):
+    """A scalar, a vector, a tensor and a complex field of n rows."""
+    shapes = [(n,), (n, 2), (n, 3, 3)]
+    return [*[rng.normal(size=s) for s in shapes], rng.normal(size=n) + 1j * rng.normal(size=n)]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_conservative_transfer_keeps_integrals_of_any_shape(dim):
+    old, new = pair(dim)
+    transfer = FieldTransfer(old, new)
+    for field in fields_on(old.n_cells, np.random.default_rng(SEED)):
+        made = transfer.cells(field)
+        assert made.shape == (new.n_cells, *field.shape[1:])
+        assert made.dtype == field.dtype
+        before, after = transfer.integrals(field, made)
+        assert before.shape == field.shape[1:]
+        assert_allclose(after, before, atol=1e-13 * np.abs(field).max())
+        assert_allclose(before, np.tensordot(old.measures, field, axes=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_conservative_transfer_is_the_projection(dim):
+    # The L2 projection on constants: the mean over the cell, here of each old cell's indicator.
+    old, new = pair(dim, (4, 5))
+    transfer = FieldTransfer(old, new)
+    made = transfer.cells(np.eye(old.n_cells))
+    share = transfer.overlap.toarray() / new.measures[:, None]
+    assert_allclose(made, share, atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]), st.booleans())
+def test_maximum_principle_constants_and_positivity(seed, dim, conservative):
+    rng = np.random.default_rng(seed)
+    old, new = (_random_mesh(dim, rng) for _ in range(2))
+    transfer = FieldTransfer(old, new)
+    nodal, by_cell = rng.exponential(size=old.n_points), rng.exponential(size=old.n_cells)
+    for field, made in (
+        (nodal, transfer.nodal(nodal)),
+        (by_cell, transfer.cells(by_cell, conservative=conservative)),
+        (by_cell, transfer.cells(by_cell, keep_integral=True)),
+    ):
+        # Exactly, without a tolerance, also where the two hulls differ.
+        assert field.min() <= made.min()
+        assert made.max() <= field.max()
+    assert_array_equal(transfer.nodal(np.full(old.n_points, 0.1)), 0.1)
+    assert_array_equal(transfer.cells(np.full(old.n_cells, 0.1), conservative=conservative), 0.1)
+
+
+def _random_mesh(dim, rng):
+    from scipy.spatial import Delaunay
+
+    points = rng.uniform(-1.0, 1.0, (12, dim))
+    return SimplexMesh(points, Delaunay(points).simplices)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_linear_nodal_fields_are_exact(dim):
+    old, new = pair(dim)
+    a = np.random.default_rng(SEED).normal(size=(dim, 4))
+    made = FieldTransfer(old, new).nodal(old.points @ a + 7.0)
+    # Barycentric coordinates of slivers: a few digits less than 1e-16.
+    assert_allclose(made, new.points @ a + 7.0, rtol=1e-12)
+
+
+def test_a_mesh_to_itself_changes_nothing():
+    for mesh in (random_square(60, SEED), jittered_cube(4, SEED)):
+        rng = np.random.default_rng(SEED)
+        nodal, by_cell = rng.random(mesh.n_points), rng.random(mesh.n_cells)
+        made = transfer_fields(mesh, mesh, fields={"u": nodal}, cell_fields={"q": by_cell})
+        assert_allclose(made.fields["u"], nodal, rtol=1e-13)
+        # Slivers as flat as 1e-5 lose as many digits to their neighbours.
+        assert_allclose(made.cell_fields["q"], by_cell, rtol=1e-9)
+
+
+def wave(x):
+    return np.sin(2.0 * x[:, 0] + 0.3) * np.cos(1.5 * x[:, 1])
+
+
+def test_interpolation_is_of_second_order_and_projection_of_first():
+    error = []
+    for n in (10, 20, 40):
+        old, new = pair(2, (n, n + 4))
+        transfer = FieldTransfer(old, new)
+        nodal = transfer.nodal(wave(old.points)) - wave(new.points)
+        middle, new_middle = (m.points[m.cells].mean(axis=1) for m in (old, new))
+        by_cell = transfer.cells(wave(middle)) - wave(new_middle)
+        error.append([np.abs(nodal).max(), np.sqrt((new.measures * by_cell**2).sum())])
+    order = np.log(np.divide(error[:-1], error[1:])) / np.log(2.0)
+    assert (order[:, 0] > 1.8).all(), f"errors {error}, orders {order}"
+    assert (order[:, 1] > 0.9).all(), f"errors {error}, orders {order}"
+
+
+def polygon(n):
+    """A regular polygon as a fan of triangles; its corners are on the unit circle."""
+    angle = 2.0 * np.pi * np.arange(n) / n
+    points = np.concatenate([[[0.0, 0.0]], np.column_stack([np.cos(angle), np.sin(angle)])])
+    ring = np.arange(n)
+    return SimplexMesh(points, np.column_stack([0 * ring, 1 + ring, 1 + (ring + 1) % n]))
+
+
+def test_where_domains_differ_means_are_over_the_common_part_and_the_defect_is_told():
+    old, new = polygon(6), polygon(12)
+    transfer = FieldTransfer(old, new)
+    # Triangles of a twelfth stick out of the hexagon: sin 60 / 2 per two over sin 30.
+    assert_allclose(transfer.coverage, np.sin(np.pi / 3) / 2.0 / np.sin(np.pi / 6), rtol=1e-12)
+    heat = np.arange(1.0, 7.0)
+    made = transfer.cells(heat)
+    assert_allclose(made, np.repeat(heat, 2), rtol=1e-14)  # each half a sixth
+    before, after = transfer.integrals(heat, made)
+    assert after / before == pytest.approx(new.measures.sum() / old.measures.sum(), rel=1e-12)
+    repaired = transfer.cells(heat, keep_integral=True)
+    assert new.measures @ repaired == pytest.approx(before, rel=1e-13)
+    assert repaired.min() >= 1.0
+    assert repaired.max() <= 6.0
+    # The other way too, where the old domain sticks out.
+    back = FieldTransfer(new, old).cells(repaired, keep_integral=True)
+    assert old.measures @ back == pytest.approx(before, rel=1e-13)
+    # A constant has no room: bounds go before the integral.
+    assert_array_equal(transfer.cells(np.ones(6), keep_integral=True), 1.0)
+
+
+def test_repair_changes_cells_at_the_boundary_first():
+    old = jittered_square(12, SEED, half_width=1.0)
+    new = jittered_square(15, SEED + 1, half_width=1.001)
+    field = np.random.default_rng(SEED).random(old.n_cells)
+    transfer = FieldTransfer(old, new)
+    plain, kept = transfer.cells(field), transfer.cells(field, keep_integral=True)
+    inner = np.setdiff1d(np.arange(new.n_cells), new.boundary().cells)
+    assert_array_equal(kept[inner], plain[inner])
+    before, after = transfer.integrals(field, kept)
+    assert after == pytest.approx(before, rel=1e-13)
+
+
+def test_points_outside_get_the_value_of_the_nearest_point():
+    old = structured_square(4, half_width=1.0)
+    new = SimplexMesh([[2.0, 0.25], [5.0, 5.0], [-1.5, -9.0], [0.1, 0.1]], [[0, 1, 2]])
+    transfer = FieldTransfer(old, new)
+    made = transfer.nodal(old.points)
+    assert_allclose(made, [[1.0, 0.25], [1.0, 1.0], [-1.0, -1.0], [0.1, 0.1]], atol=1e-15)
+    assert_allclose(transfer.distances[1], np.hypot(4.0, 4.0))
+    # A cell wholly outside gets the value of the cell nearest to its centroid.
+    away = SimplexMesh([[9.0, 9.0], [10.0, 9.0], [9.0, 10.0]], [[0, 1, 2]])
+    number = np.arange(old.n_cells, dtype=float)
+    corner = old.locator.nearest([[28.0 / 3.0, 28.0 / 3.0]])[0]
+    assert FieldTransfer(old, away).cells(number)[0] == number[corner[0]]
+
+
+def test_integers_and_booleans_are_taken_over_not_averaged():
+    old, new = pair(2)
+    transfer = FieldTransfer(old, new)
+    tag = (old.points[old.cells].mean(axis=1)[:, 0] > 0.0).astype(np.int16) + 3
+    made = transfer.cells(tag)
+    assert made.dtype == np.int16
+    middle = new.points[new.cells].mean(axis=1)
+    clear = np.abs(middle[:, 0]) > 0.4
+    assert_array_equal(made[clear], np.where(middle[clear, 0] > 0.0, 4, 3))
+    flag = transfer.nodal(old.points[:, 0] > 0.5)
+    assert flag.dtype == np.bool_
+    assert set(np.unique(transfer.nodal(np.arange(old.n_points)))) <= set(range(old.n_points))
+
+
+def test_value_at_the_centroid():
+    old, new = pair(3, (4, 5))
+    number = np.arange(old.n_cells, dtype=float)
+    made = FieldTransfer(old, new).cells(number, conservative=False)
+    holder = old.locator.nearest(new.points[new.cells].mean(axis=1))[0]
+    assert_array_equal(made, holder)
+
+
+def test_triangles_in_space_by_nearest_point():
+    old, new = random_sphere(300, SEED), random_sphere(200, SEED + 1)
+    transfer = FieldTransfer(old, new)
+    made = transfer.nodal(old.points)
+    # Facets of a sphere of 300 nodes sag by up to some 0.1.
+    assert np.abs(made - new.points).max() < 0.15
+    assert transfer.cells(old.measures, conservative=False).shape == (new.n_cells,)
+    with pytest.raises(ValueError, match="conservative must be False for triangles in space"):
+        transfer.cells(old.measures)
+
+
+def test_nodes_on_a_slit_get_the_values_of_their_side():
+    old, new = slit_square(8), slit_square(14)
+
+    def side(mesh):
+        up = np.zeros(mesh.n_points)
+        middle = mesh.points[mesh.cells].mean(axis=1)
+        up[mesh.cells[(middle[:, 1] > 0.0) & (middle[:, 0] > 0.0)]] = 1.0
+        return up
+
+    # Linear on either side, and a jump between them.
+    a = np.array([0.3, 1.7])
+    jump = lambda mesh: mesh.points @ a + 5.0 * side(mesh) * (mesh.points[:, 0] > 0.2)  # noqa: E731
+    made = FieldTransfer(old, new).nodal(jump(old))
+    on_slit = (np.abs(new.points[:, 1]) < 1e-12) & (new.points[:, 0] > 0.45)
+    assert on_slit.sum() == 2 * 4
+    assert_allclose(made[on_slit], jump(new)[on_slit], rtol=1e-12)
+
+
+def test_nodes_in_no_cell_and_flat_cells_do_no_harm():
+    points = [[0, 0], [1, 0], [1, 1], [0, 1], [7, 7], [0.5, 0.5]]
+    cells = [[0, 1, 2], [0, 2, 3], [0, 5, 2]]  # the last one is flat
+    old = SimplexMesh(points, cells)
+    new = SimplexMesh(points, np.array(cells)[:, ::-1])
+    transfer = FieldTransfer(old, new)
+    assert_allclose(transfer.nodal(old.points)[:4], old.points[:4])
+    made = transfer.cells([1.0, 3.0, 100.0])
+    assert_allclose(made[:2], [1.0, 3.0])
+    assert np.isfinite(made).all()
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"fields": {"u": [1.0, 2.0]}}, r"fields\['u'\] must have 4 rows, got shape \(2,\)"),
+        ({"fields": {"u": [1, 2, np.nan, 4]}}, r"fields\['u'\] must be finite, got .*\[2\] = nan"),
+        ({"cell_fields": {"q": ["a", "b"]}}, r"cell_fields\['q'\] must be an array of numbers"),
+    ],
+)
+def test_bad_fields_are_named(fields, message):
+    mesh = structured_square(1)
+    with pytest.raises(ValueError, match=message):
+        transfer_fields(mesh, mesh, **fields)
+
+
+def test_meshes_of_two_kinds_are_refused():
+    with pytest.raises(ValueError, match="old and new must be meshes of one kind"):
+        FieldTransfer(structured_square(1), jittered_cube(2, SEED))
+    with pytest.raises(ValueError, match="new must be a SimplexMesh of triangles or tetrahedra"):
+        FieldTransfer(structured_square(1), SimplexMesh([[0.0], [1.0]], [[0, 1]]))
+
+
+def test_progress_stops_the_work():
+    old, new = pair(2, (10, 12))
+
+    def stop(text, share):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        transfer_fields(old, new, cell_fields={"q": np.ones(old.n_cells)}, progress=stop)

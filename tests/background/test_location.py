@@ -1,0 +1,181 @@
+"""The locator against a look at every cell."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from meshes import jittered_cube, random_sphere, random_square, structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import SimplexMesh
+from adaptsize._kernels.distance import closest_on_cell
+
+
+def smallest_distances(mesh, points):
+    """Distance of each point to its closest cell, by trying all of them."""
+    corners = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim)))
+    cells = mesh.cells.copy()  # writable, as everywhere else: one compilation less
+    result = []
+    for x in np.pad(points, ((0, 0), (0, 3 - mesh.dim))):
+        place = tuple(float(t) for t in x)
+        tried = [closest_on_cell(corners, cells, c, place)[0] for c in range(mesh.n_cells)]
+        result.append(np.sqrt(min(tried)))
+    return np.array(result)
+
+
+def closest_points(mesh, cells, weights):
+    return (weights[:, :, None] * mesh.points[mesh.cells[cells]]).sum(axis=1)
+
+
+def check_against_all_cells(mesh, points):
+    cells, weights, distances = mesh.locator.nearest(points)
+    unit = np.abs(mesh.points).max() + np.abs(points).max()
+    assert_allclose(distances, smallest_distances(mesh, points), rtol=0.0, atol=1e-13 * unit)
+    # The weights give a point of the cell at that distance.
+    assert (weights >= 0.0).all()
+    assert_allclose(weights.sum(axis=1), 1.0, rtol=0.0, atol=1e-13)
+    moved = np.linalg.norm(closest_points(mesh, cells, weights) - points, axis=1)
+    assert_allclose(moved, distances, rtol=0.0, atol=1e-13 * unit)
+
+
+def polyline():
+    angle = np.linspace(0.0, 5.0, 40)
+    points = np.column_stack([np.cos(angle), np.sin(angle), 0.1 * angle])
+    return SimplexMesh(points, np.column_stack([np.arange(39), np.arange(1, 40)]))
+
+
+def with_hole():
+    mesh = random_square(300, 61007)
+    centres = mesh.points[mesh.cells].mean(axis=1)
+    return SimplexMesh(mesh.points, mesh.cells[np.linalg.norm(centres, axis=1) > 0.6])
+
+
+def two_balls():
+    first, second = random_sphere(60, 30317), random_sphere(40, 30319, radius=0.2)
+    points = np.concatenate([first.points, second.points + np.array([2.0, 0.0, 0.0])])
+    return SimplexMesh(points, np.concatenate([first.cells, second.cells + 60]))
+
+
+MESHES = {
+    "triangles": lambda: random_square(200, 8123),
+    "with a hole": with_hole,
+    "tetrahedra": lambda: jittered_cube(5, 771, half_width=1.0),
+    "sphere": lambda: random_sphere(150, 4099),
+    "two balls": two_balls,
+    "polyline in space": polyline,
+    "segments on a line": lambda: SimplexMesh([[0.0], [1.0], [3.0], [4.0]], [[0, 1], [2, 3]]),
+    "one triangle": lambda: SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_nearest_agrees_with_a_look_at_every_cell(name):
+    mesh = MESHES[name]()
+    rng = np.random.default_rng(1709)
+    around = rng.uniform(-1.6, 1.6, (40, mesh.dim))
+    far = rng.uniform(-1e3, 1e3, (5, mesh.dim))
+    on_nodes = mesh.points[mesh.cells[:10].ravel()]
+    on_edges = mesh.points[mesh.edges[:20]].mean(axis=1)
+    check_against_all_cells(mesh, np.concatenate([around, far, on_nodes, on_edges]))
+
+
+@st.composite
+def lattice_meshes(draw):
+    """Draw cells between random points of a coarse lattice: overlapping, flat, repeated."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    dim = draw(st.integers(1, 3))
+    width = draw(st.integers(2, dim + 1))
+    points = rng.integers(0, 4, (int(rng.integers(width, 30)), dim)).astype(float)
+    n_cells = int(rng.integers(1, 40))
+    cells = np.array([rng.permutation(len(points))[:width] for _ in range(n_cells)])
+    queries = rng.integers(-2, 12, (12, dim)) / 2.0
+    return SimplexMesh(points, cells), queries
+
+
+@given(lattice_meshes())
+@settings(max_examples=60)
+def test_nearest_agrees_with_a_look_at_every_cell_of_nasty_meshes(case):
+    check_against_all_cells(*case)
+
+
+@pytest.mark.parametrize("name", ["triangles", "tetrahedra"])
+def test_points_inside_have_distance_zero_and_their_own_cell(name):
+    mesh = MESHES[name]()
+    rng = np.random.default_rng(60161)
+    own = rng.integers(0, mesh.n_cells, 500)
+    # At least 0.05 away from every face, measured by the weights: no tie with a neighbour.
+    weights = 0.8 * rng.dirichlet(np.ones(mesh.cells.shape[1]), 500) + 0.2 / mesh.cells.shape[1]
+    cells, found, distances = mesh.locator.nearest(closest_points(mesh, own, weights))
+    assert_array_equal(distances, 0.0)
+    assert_array_equal(cells, own)
+    # Slivers lose digits in proportion to their flatness; these are above 1e-4.
+    assert_allclose(found, weights, rtol=0.0, atol=1e-10)
+
+
+def test_orientation_does_not_matter():
+    mesh = jittered_cube(4, 8887, half_width=1.0)
+    flipped = SimplexMesh(mesh.points, mesh.cells[:, [1, 0, 2, 3]])
+    points = np.random.default_rng(8861).uniform(-1.2, 1.2, (200, 3))
+    straight, other = mesh.locator.nearest(points), flipped.locator.nearest(points)
+    assert_array_equal(straight[0], other[0])
+    assert_allclose(straight[2], other[2], rtol=0.0, atol=1e-14)
+
+
+def test_the_answer_for_a_point_does_not_depend_on_the_other_points():
+    mesh = structured_square(12, half_width=1.0)  # many ties: nodes, edges, diagonals
+    rng = np.random.default_rng(2903)
+    points = rng.integers(-15, 16, (3000, 2)) / 12.0
+    together = mesh.locator.nearest(points)
+    for part in np.array_split(rng.permutation(3000), [1, 10, 400]):
+        alone = mesh.locator.nearest(points[part])
+        for whole, some in zip(together, alone, strict=True):
+            assert_array_equal(whole[part], some)
+
+
+def test_nodes_in_no_cell_are_not_found():
+    mesh = SimplexMesh([[9, 9], [0, 0], [1, 0], [0, 1], [1e30, 0]], [[1, 2, 3]])
+    cells, weights, distances = mesh.locator.nearest([[9.0, 9.0], [0.25, 0.25]])
+    assert_allclose(distances, [8.5 * np.sqrt(2.0), 0.0], rtol=1e-15)
+    assert_allclose(weights, [[0, 0.5, 0.5], [0.5, 0.25, 0.25]])
+    assert_array_equal(cells, 0)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-9, 1e9, 1e150])
+def test_any_unit_of_length_works(scale):
+    mesh = random_square(50, 1213)
+    points = np.random.default_rng(1217).uniform(-2.0, 2.0, (100, 2))
+    cells, weights, distances = mesh.locator.nearest(points)
+    scaled = SimplexMesh(mesh.points * scale, mesh.cells).locator.nearest(points * scale)
+    assert_array_equal(scaled[0], cells)
+    # Relative rounding of the scaled coordinates, enlarged by the flattest triangle.
+    assert_allclose(scaled[1], weights, rtol=0.0, atol=1e-11)
+    assert_allclose(scaled[2] / scale, distances, rtol=1e-12, atol=1e-15)
+
+
+def test_points_absurdly_far_away_are_answered():
+    mesh = random_square(50, 1213)
+    cells, weights, distances = mesh.locator.nearest([[1e300, 0.0], [-1e300, 1e300]])
+    assert (cells >= 0).all()
+    assert_allclose(weights.sum(axis=1), 1.0)
+    assert (distances > 1e100).all()
+
+
+def test_no_points_give_empty_arrays():
+    mesh = random_sphere(20, 1301)
+    cells, weights, distances = mesh.locator.nearest(np.empty((0, 3)))
+    assert (cells.shape, weights.shape, distances.shape) == ((0,), (0, 3), (0,))
+    assert (cells.dtype, weights.dtype) == (np.int32, np.float64)
+
+
+def test_bad_points_are_named():
+    locator = random_square(20, 1303).locator
+    with pytest.raises(ValueError, match=r"points must have shape \(n, 2\), got \(4, 3\)"):
+        locator.nearest(np.zeros((4, 3)))
+    with pytest.raises(ValueError, match=r"points must be finite, got points\[1, 0\] = nan"):
+        locator.nearest([[0.0, 0.0], [np.nan, 0.0]])
+
+
+def test_the_locator_is_built_once():
+    mesh = random_square(20, 1303)
+    assert mesh.locator is mesh.locator
+    assert mesh.with_data(point_data={"h": np.ones(20)}).locator is mesh.locator

@@ -1,0 +1,266 @@
+"""Octrees: leaves, and the simplices that they are cut into."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from numpy.testing import assert_allclose, assert_array_equal
+from trees import DEEPEST, at_point, at_random, octrees, sphere
+
+from adaptsize import Octree, refine_at_boundary
+
+
+def lies_on_box(tree, facets):
+    """Tell which facets lie in a side of the box."""
+    x = tree.points[facets]
+    on_side = [(x[:, :, d] == end[d]).all(axis=1) for d in range(tree.dim)
+               for end in (tree.lower, tree.upper)]  # fmt: skip
+    return np.any(on_side, axis=0)
+
+
+# Cutting into simplices
+
+
+def check_conforming(tree):
+    mesh = tree.mesh
+    assert np.may_share_memory(mesh.points, tree.points)
+    assert (mesh.signed_measures > 0.0).all()
+    volume = np.prod(tree.upper - tree.lower)
+    assert_allclose(mesh.measures.sum(), volume, rtol=1e-12)
+    # Cells of positive volume fill the box; if each facet inside belongs to two of them, no
+    # node hangs.
+    assert mesh.facet_cell_counts.max() <= 2
+    assert lies_on_box(tree, mesh.facets[mesh.facet_cell_counts == 1]).all()
+    assert_array_equal(np.unique(mesh.cells), np.arange(tree.n_points))
+    assert len(np.unique(tree.points, axis=0)) == tree.n_points
+
+
+@given(octrees())
+@settings(max_examples=30)
+def test_any_tree_is_cut_into_simplices_that_fit_together(tree):
+    check_conforming(tree)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_trees_of_level_20_at_a_point_are_cut_too(dim):
+    # At the cube's corner the neighbours differ most: a leaf of level 1 beside one of 20.
+    x = np.full(dim, 0.5 - 1e-9)
+    tree = Octree.build(np.zeros(dim), np.ones(dim), at_point(x), max_level=20)
+    assert tree.n_leaves == 1 + 20 * (2**dim - 1)
+    check_conforming(tree)
+    assert tree.levels[tree.locator.leaf(x[None])] == 20
+    _, distances = tree.locator.interpolate(np.ones(tree.n_points), x[None])
+    assert distances == 0.0
+
+
+def test_a_quadtree_by_hand():
+    # One quarter of the square halved: two of the others have a hanging node.
+    tree = Octree([0, 0], [4, 4], (1, 1), [2, 2, 2, 2, 1, 1, 1])
+    assert_array_equal(tree.leaf_lower, [[0, 0], [0, 1], [1, 0], [1, 1], [0, 2], [2, 0], [2, 2]])
+    assert_array_equal(tree.leaf_sizes, [[1, 1]] * 4 + [[2, 2]] * 3)
+    assert_array_equal(tree.leaf_centres, tree.leaf_lower + 0.5 * tree.leaf_sizes)
+    assert_array_equal(tree.points[tree.leaf_corners[5]], [[2, 0], [2, 2], [4, 0], [4, 2]])
+    assert_array_equal(tree.points[-2:], [[1, 3], [3, 1]])  # centres, behind 14 corners
+    assert (tree.n_points, tree.mesh.n_cells) == (16, 4 * 2 + 2 * 5 + 2)
+    # Diagonals go from corners of even indices on their level to odd ones.
+    edges = {frozenset(map(tuple, edge)) for edge in tree.points[tree.mesh.edges].tolist()}
+    diagonals = [((0, 0), (1, 1)), ((0, 2), (1, 1)), ((2, 0), (1, 1)), ((2, 2), (1, 1))]
+    assert edges.issuperset(map(frozenset, [*diagonals, ((4, 4), (2, 2))]))
+
+
+def dihedral_angles(mesh):
+    """Angles of triangles, or between faces of tetrahedra, in degrees."""
+    corners = mesh.points[mesh.cells]
+    matrix = np.linalg.inv(corners[:, 1:] - corners[:, :1])
+    normals = np.concatenate([-matrix.sum(axis=2, keepdims=True), matrix], axis=2)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    cosines = -np.einsum("cdi,cdj->cij", normals, normals)
+    i, j = np.triu_indices(mesh.dim + 1, 1)
+    return np.degrees(np.arccos(np.clip(cosines[:, i, j], -1.0, 1.0)))
+
+
+@pytest.mark.parametrize(("dim", "least", "most"), [(2, 45.0, 90.0), (3, 45.0, 120.0)])
+def test_balanced_cubes_have_the_promised_angles(dim, least, most):
+    tree = Octree.build(
+        np.zeros(dim), np.ones(dim), at_random(7349, 0.45), max_level=DEEPEST[dim],
+        balanced=True, root_shape=[2] * dim,
+    )  # fmt: skip
+    angles = dihedral_angles(tree.mesh)
+    # acos near 0 degrees would lose digits; near these angles it does not.
+    assert_allclose([angles.min(), angles.max()], [least, most], atol=1e-9)
+
+
+# Leaves
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_leaves_are_refined_exactly_where_the_criterion_asks(dim):
+    asked = []
+
+    def needs_refinement(centres, sizes):
+        asked.append(len(centres))
+        return (np.abs(sphere(centres)) < 0.4 * sizes[:, 0]) & (sizes[:, 0] > 0.1)
+
+    tree = Octree.build(-np.ones(dim), np.ones(dim), needs_refinement, max_level=DEEPEST[dim])
+    assert len(asked) == DEEPEST[dim]
+    n_refined = (tree.n_leaves - 1) // (2**dim - 1)
+    assert sum(asked) - n_refined == np.count_nonzero(tree.levels < DEEPEST[dim])
+    below = tree.levels < DEEPEST[dim]
+    assert not needs_refinement(tree.leaf_centres[below], tree.leaf_sizes[below]).any()
+    # The parent of a leaf: the cell of twice the size on the lattice of its level.
+    edges = tree.leaf_sizes
+    parents = np.floor((tree.leaf_centres + 1.0) / (2.0 * edges)) * 2.0 * edges - 1.0 + edges
+    inner = tree.levels > 0
+    assert needs_refinement(parents[inner], 2.0 * edges[inner]).all()
+
+
+@given(octrees(balanced=True))
+@settings(max_examples=20)
+def test_balanced_leaves_that_touch_differ_by_one_level_at_most(tree):
+    # A coarser leaf that touches a leaf covers the whole side, edge or corner of it.
+    for direction in np.ndindex(*[3] * tree.dim):
+        beside = tree.leaf_centres + 0.50001 * (np.array(direction) - 1) * tree.leaf_sizes
+        neighbour = tree.locator.leaf(beside)
+        assert (tree.levels - tree.levels[neighbour] <= 1).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_balance_refines_only_and_adds_nothing_to_a_balanced_tree(dim):
+    def build(balanced):
+        criterion = at_random(5711, 0.4)
+        box = (np.zeros(dim), np.ones(dim))
+        return Octree.build(*box, criterion, max_level=5, balanced=balanced, root_shape=[3] * dim)
+
+    plain, balanced = build(False), build(True)
+    assert balanced.n_leaves > plain.n_leaves
+    holder = plain.locator.leaf(balanced.leaf_centres)
+    assert (balanced.levels >= plain.levels[holder]).all()
+
+    def like_balanced(centres, sizes):
+        level = np.rint(np.log2(1.0 / (3.0 * sizes[:, 0])))
+        return balanced.levels[balanced.locator.leaf(centres)] > level
+
+    again = Octree.build(
+        np.zeros(dim), np.ones(dim), like_balanced, max_level=5, balanced=True, root_shape=[3] * dim
+    )
+    assert again.n_leaves <= balanced.n_leaves
+
+
+def test_storage_grows_like_the_boundary():
+    # Eight times finer: 8 times the leaves at a circle and 64 times at a sphere, where a
+    # full grid would have 64 and 512 times as many.  How the circle lies on the lattice
+    # makes it vary by some per cent from level to level.
+    def n_leaves(dim, max_level):
+        criterion = refine_at_boundary(sphere)
+        return Octree.build([-1] * dim, [1] * dim, criterion, max_level=max_level).n_leaves
+
+    assert_allclose(n_leaves(2, 11) / n_leaves(2, 8), 8.0, rtol=0.05)
+    assert_allclose(n_leaves(3, 7) / n_leaves(3, 4), 64.0, rtol=0.1)
+
+
+@given(octrees())
+@settings(max_examples=20)
+def test_levels_are_all_there_is_to_a_tree(tree):
+    again = Octree(tree.lower, tree.upper, tree.root_shape, tree.levels)
+    assert_array_equal(again.leaf_lower, tree.leaf_lower)
+    lower, upper = tree.leaf_lower, tree.leaf_lower + tree.leaf_sizes
+    assert_array_equal(tree.locator.leaf(0.5 * (lower + upper)), np.arange(tree.n_leaves))
+    volumes = tree.leaf_sizes.prod(axis=1)
+    assert_allclose(volumes.sum(), np.prod(tree.upper - tree.lower), rtol=1e-12)
+
+
+# Arguments
+
+
+def never(centres, sizes):
+    return np.zeros(len(centres), bool)
+
+
+def always(centres, sizes):
+    return np.ones(len(centres), bool)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "keywords", "message"),
+    [
+        ([0], [1], {}, r"lower must have shape \(2,\) or \(3,\), got \(1,\)"),
+        ([0, 0], [1, 1, 1], {}, r"upper must have the shape of lower, \(2,\), got \(3,\)"),
+        ([0, np.nan], [1, 1], {}, r"lower must be finite, got lower\[1\] = nan"),
+        ([0, 0], [1, 0], {}, r"upper must be greater than lower = \[0.0, 0.0\], got upper\[1\]"),
+        ([-1e308, 0], [1e308, 1], {}, r"upper - lower must be finite"),
+        ([0, 0], [1, 1], {"max_level": 1.5}, r"max_level must be an integer >= 0, got 1.5"),
+        ([0, 0], [1, 1], {"max_level": -1}, r"max_level must be an integer >= 0, got -1"),
+        ([0] * 3, [1] * 3, {"max_level": 21}, r"max_level must be at most 20 for \(1, 1, 1\)"),
+        ([0] * 2, [1] * 2, {"max_level": 32}, r"max_level must be at most 31 for \(1, 1\)"),
+        ([1e9] * 2, [1e9 + 1] * 2, {"max_level": 20}, r"max_level = 20 makes cells with edges"),
+        ([0, 0], [1, 1], {"root_shape": [1, 0]}, r"root_shape must be integers >= 1, got"),
+        ([0, 0], [1, 1], {"root_shape": [2]}, r"root_shape must have shape \(2,\), got \(1,\)"),
+        ([0, 0], [1e7, 1], {"max_leaves": 10**6}, r"has 10000000 leaves when .* level 0"),
+    ],
+)
+def test_bad_boxes_and_numbers_are_named(lower, upper, keywords, message):
+    with pytest.raises(ValueError, match=message):
+        Octree.build(lower, upper, never, **{"max_level": 1, **keywords})
+
+
+def test_deepest_levels_are_reached():
+    for dim, level in ((2, 31), (3, 20)):
+        tree = Octree.build([0] * dim, [1] * dim, at_point(0.3), max_level=level)
+        assert tree.levels.max() == level
+        nodes, weights, _ = tree.locator.weights(np.full((1, dim), 0.3))
+        assert_allclose((weights[0] @ tree.points[nodes[0]]), 0.3, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("answer", "given"),
+    [
+        (np.ones, r"float64 of shape \(1,\)"),
+        (lambda m: np.ones((m, 2), bool), r"bool of shape \(1, 2\)"),
+        (lambda m: True, r"bool of shape \(\)"),
+    ],
+)
+def test_criteria_must_return_one_bool_per_cell(answer, given):
+    with pytest.raises(ValueError, match=rf"must return bool of shape \(1,\).*got {given}"):
+        Octree.build([0, 0], [1, 1], lambda c, s: answer(len(c)), max_level=2)
+
+
+def test_a_criterion_that_never_says_no_is_found_out():
+    with pytest.raises(ValueError, match=r"max_leaves = 1000 .* has 1024 leaves .* level 5"):
+        Octree.build([0, 0], [1, 1], always, max_level=20, max_leaves=1000)
+
+
+@pytest.mark.parametrize(
+    ("levels", "message"),
+    [
+        ([1, 1, 1], r"levels must be those of leaves that fill the box, got .* 0.75 of it"),
+        ([1, 1, 1, 1, 1], r"fill the box, got leaves that fill 1.25 of it"),
+        ([2, 1, 2, 2, 2, 1, 1], r"along the Z curve, got levels\[1\] = 1"),
+        ([-1], r"levels must be at least 0, got levels\[0\] = -1"),
+        ([1.0], r"levels must be integers of shape \(n_leaves,\), got float64 of shape \(1,\)"),
+        ([], r"levels must be integers of shape"),
+        ([90], r"levels must be at most 31"),
+    ],
+)
+def test_levels_that_do_not_fill_the_box_are_refused(levels, message):
+    with pytest.raises(ValueError, match=message):
+        Octree([0, 0], [1, 1], (1, 1), levels)
+
+
+def test_arrays_are_read_only_and_arguments_are_left_alone():
+    lower, upper = np.zeros(2), np.ones(2)
+    tree = Octree.build(lower, upper, at_point(0.3), max_level=3)
+    lower[0] = 9.0
+    assert tree.lower[0] == 0.0
+    names = ["lower", "upper", "levels", "points", "leaf_lower", "leaf_centres", "leaf_sizes"]
+    for name in [*names, "leaf_corners"]:
+        assert not getattr(tree, name).flags.writeable, name
+    assert tree.mesh is tree.mesh
+    assert tree.locator is tree.locator
+    with pytest.raises(AttributeError):
+        tree.levels = None
+
+
+def test_root_cells_are_nearly_cubes_by_default():
+    tree = Octree.build([0, 0, 0], [10.2, 1, 1.4], never, max_level=0)
+    assert tree.root_shape == (10, 1, 1)
+    assert tree.n_leaves == 10
+    assert tree.diagonal == pytest.approx(np.sqrt(10.2**2 + 1.0 + 1.4**2))

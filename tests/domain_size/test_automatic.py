@@ -1,0 +1,237 @@
+"""Sizes chosen from a part, the refined surface they live on, and summaries."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import jittered_cube, random_sphere, random_square, structured_square
+from scipy.spatial import Delaunay
+
+from adaptsize import BoxSource, SimplexMesh, limit_gradient, read
+from adaptsize.background.flipping import flip_edges
+from adaptsize.background.folds import folds_of
+from adaptsize.background.splitting import split_edges
+from adaptsize.domain_size.on_surface import choose_size
+from adaptsize.quality import summarize
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+def cylinder(n, *, radius=1.0, height=20.0):
+    """A closed cylinder as CAD programs export it: n long strips, caps as fans."""
+    angle = 2 * np.pi * np.arange(n) / n
+    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.vstack([np.c_[ring, np.zeros(n)], np.c_[ring, np.full(n, height)]])
+    cells = []
+    for i in range(n):
+        j = (i + 1) % n
+        cells += [[i, j, j + n], [i, j + n, i + n]]
+    for i in range(1, n - 1):
+        cells += [[0, i + 1, i], [n, n + i, n + i + 1]]
+    return SimplexMesh(points, cells)
+
+
+# --- splitting edges --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [611, 612, 613])
+def test_splitting_keeps_area_orientation_and_boundary(seed):
+    mesh = random_square(60, seed)
+    flipped = np.random.default_rng(seed).random(mesh.n_cells) < 0.5
+    cells = np.where(flipped[:, None], mesh.cells[:, [1, 0, 2]], mesh.cells)
+    mesh = SimplexMesh(mesh.points, cells, cell_tags=flipped)
+    chosen = np.random.default_rng(seed + 10).random(len(mesh.edges)) < 0.5
+    split = split_edges(mesh, chosen)
+    new = split.mesh
+    assert new.n_points == mesh.n_points + chosen.sum()
+    assert new.n_cells == mesh.n_cells + chosen[mesh.cell_facets].sum()  # one more per new node
+    for tag, sign in ((0, 1.0), (1, -1.0)):
+        before = mesh.signed_measures[mesh.cell_tags == tag]
+        after = new.signed_measures[new.cell_tags == tag]
+        assert np.sign(after).tolist() == [np.sign(before[0])] * len(after)
+        assert after.sum() == pytest.approx(before.sum(), rel=1e-12)
+        assert sign * before[0] * np.sign(before[0]) * sign > 0
+    assert (new.facet_cell_counts <= 2).all()  # conforming
+    n_split_on_boundary = (mesh.facet_cell_counts[chosen] == 1).sum()
+    assert (new.facet_cell_counts == 1).sum() == (
+        (mesh.facet_cell_counts == 1).sum() + n_split_on_boundary
+    )
+
+
+def test_new_nodes_are_midpoints():
+    mesh = random_square(30, 614)
+    chosen = np.zeros(len(mesh.edges), bool)
+    chosen[[3, 8]] = True
+    split = split_edges(mesh, chosen)
+    assert split.split_edges.tolist() == [3, 8]
+    middle = mesh.points[mesh.edges[[3, 8]]].mean(axis=1)
+    np.testing.assert_array_equal(split.mesh.points[mesh.n_points :], middle)
+
+
+def test_splitting_wants_triangles():
+    with pytest.raises(ValueError, match="must consist of triangles"):
+        split_edges(jittered_cube(3, 615), np.ones(1, bool))
+
+
+# --- flipping edges ---------------------------------------------------------------
+
+
+def edge_set(mesh):
+    return {tuple(edge) for edge in mesh.edges.tolist()}
+
+
+def test_flipping_gives_the_delaunay_triangulation_of_a_stretched_one():
+    # Delaunay where x was twice as long; on the hull nothing can be flipped.
+    stretched = random_square(300, 621)
+    mesh = SimplexMesh(stretched.points * (0.5, 1.0), stretched.cells)
+    flipped = flip_edges(mesh, np.empty((0, 2), np.int32))
+    hull = mesh.edges[mesh.facet_cell_counts == 1]
+    wanted = SimplexMesh(mesh.points, Delaunay(mesh.points).simplices)
+    assert edge_set(flipped) != edge_set(mesh)
+    assert {tuple(edge) for edge in hull.tolist()} <= edge_set(flipped)
+    assert flipped.signed_measures.min() > 0.0
+    assert flipped.measures.sum() == pytest.approx(mesh.measures.sum(), rel=1e-12)
+    same = edge_set(flipped) & edge_set(wanted)
+    # Both fill the hull of the points but for slivers on its outside.
+    assert len(same) > 0.98 * len(mesh.edges)
+
+
+def test_kept_edges_and_borders_of_tags_are_not_flipped():
+    kite = np.array([[0, 0], [4, 0], [2, 1], [2, -1]], float)
+    cells = [[0, 1, 2], [1, 0, 3]]
+    assert (2, 3) in edge_set(flip_edges(SimplexMesh(kite, cells), np.empty((0, 2), np.int32)))
+    kept = flip_edges(SimplexMesh(kite, cells), np.array([[0, 1]], np.int32))
+    tagged = flip_edges(SimplexMesh(kite, cells, cell_tags=[1, 2]), np.empty((0, 2), np.int32))
+    assert (0, 1) in edge_set(kept)
+    assert (0, 1) in edge_set(tagged)
+
+
+# --- sizes on surfaces ------------------------------------------------------------
+
+
+def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
+    n = 24
+    mesh = cylinder(n)
+    bent, sharp = folds_of(mesh, np.deg2rad(40.0))
+    i, j = bent.T
+    assert len(i) == n
+    np.testing.assert_array_equal(j - i, n)
+    assert len(sharp) == 2 * n
+
+
+def test_cad_cylinder_is_fine_all_along_and_coarse_in_the_middle_of_its_caps():
+    radius = 10.0
+    mesh = cylinder(48, radius=radius, height=60.0)
+    chosen = choose_size(mesh, elements_per_radian=5.0, g=0.25, hmax=8.0)
+    size = chosen.size
+    # On the side h = R / K, also in the middle, 30 from the next node of the file; the
+    # facets lie up to R (1 - cos(pi / 48)) inside the circle.
+    angle = np.linspace(0.1, 6.1, 40)
+    side = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(40, 30.0)])
+    wanted = radius / 5.0
+    np.testing.assert_allclose(size(side), wanted, rtol=0.15)
+    # In the middle of a cap the exact size is R / K + g R; along edges it may be more, and
+    # linear interpolation on edges of up to twice the size blurs it.
+    middle = size(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 60.0]]))
+    assert (middle > wanted + 0.6 * 0.25 * radius).all()
+    assert (middle <= 8.0).all()
+
+
+def test_sizes_are_limited_along_the_edges_of_the_refined_surface():
+    chosen = choose_size(cylinder(32, radius=5.0), g=0.2)
+    mesh, h = chosen.size.background, chosen.size.values
+    i, j = mesh.edges.T
+    assert (np.abs(h[i] - h[j]) <= 0.2 * mesh.edge_lengths * (1 + 1e-12)).all()
+    assert (mesh.edge_lengths <= 2.0 * h[mesh.edges].min(axis=1)).all()
+    assert mesh.measures.sum() == pytest.approx(cylinder(32, radius=5.0).measures.sum())
+
+
+@pytest.mark.parametrize("method", ["auto", "fast-marching"])
+def test_the_bound_holds_on_the_slivers_of_a_cad_surface(method):
+    # Halved twice without flips: nodes depend on each other in circles (policy iteration).
+    mesh = read(DATA / "bracket.stl")
+    for _ in range(2):
+        mesh = split_edges(mesh, mesh.edge_lengths > 4.0).mesh
+    h0 = np.where(mesh.points[:, 2] < 1.0, 0.5, 6.0)
+    _, told = limit_gradient(mesh, h0, 0.25, method=method, full_output=True)
+    assert told.largest_edge_slope <= 1.0 + 1e-9
+
+
+def test_defaults_are_shares_of_the_diagonal_and_given_values_are_kept():
+    mesh = random_sphere(400, 616, radius=3.0)
+    chosen = choose_size(mesh)
+    assert chosen.hmax == pytest.approx(mesh.diagonal / 20)
+    assert chosen.hmin == pytest.approx(mesh.diagonal / 1000)
+    assert chosen.elements_per_radian == 4.0
+    given = choose_size(mesh, elements_per_radian=2.0, hmin=0.5, hmax=1.0)
+    assert (given.elements_per_radian, given.hmin, given.hmax) == (2.0, 0.5, 1.0)
+    assert given.size.values.min() >= 0.5
+    assert given.size.values.max() <= 1.0
+
+
+def test_sizes_grow_until_the_number_of_elements_is_allowed():
+    mesh = jittered_cube(4, 617)
+    free = choose_size(mesh, hmax=4.0)
+    relaxed = choose_size(mesh, max_elements=2000)
+    assert free.n_rounds == 0
+    assert relaxed.n_rounds > 0
+    assert relaxed.n_estimated <= 2000 < choose_size(mesh).n_estimated
+
+
+def test_given_sizes_that_ask_for_too_much_do_not_relax_the_others_to_nothing():
+    chosen = choose_size(jittered_cube(3, 622), hmax=1e-3)
+    assert chosen.n_estimated > 300_000
+    assert chosen.elements_per_radian == 1.0
+
+
+def test_sources_and_bounds_are_heeded_and_hmin_is_not_undercut():
+    mesh = jittered_cube(6, 618)
+    source = BoxSource([-50, -50, -50], [0, 0, 0], 3.0)
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[-1] = 1e-3
+    chosen = choose_size(mesh, hmin=2.0, hmax=20.0, sources=[source], h0=h0)
+    assert chosen.size.values[-1] == 2.0
+    assert chosen.size(np.array([[-25.0, -25.0, -25.0]]))[0] == pytest.approx(3.0, rel=0.05)
+
+
+def test_surface_sizes_grow_inwards_on_a_volume():
+    cube = jittered_cube(9, 619)
+    surface = cube.boundary().mesh
+    chosen = choose_size(surface, elements_per_radian=0.0, g=0.1, hmax=10.0)
+    assert chosen.on(cube).max() == 10.0  # and no farther than hmax
+    h = replace(chosen, hmax=np.inf).on(cube)
+    depth = 50.0 - np.abs(cube.points).max(axis=1)
+    # Exact: 10 + g depth, which is concave, so that interpolation in cells that lie across
+    # its ridges is too low; by less than g times half the spacing of 12.5.
+    np.testing.assert_allclose(h, 10.0 + 0.1 * depth, atol=0.1 * 6.25)
+    assert np.ptp(h) > 4.0
+
+
+def test_segments_are_refused():
+    with pytest.raises(ValueError, match="triangles or tetrahedra"):
+        choose_size(structured_square(2).boundary().mesh)
+
+
+# --- summaries --------------------------------------------------------------------
+
+
+def test_summary_of_two_separate_squares():
+    square = structured_square(3, half_width=1.5)
+    points = np.concatenate([square.points, square.points + np.array([10.0, 0.0])])
+    cells = np.concatenate([square.cells, square.cells + 16])
+    summary = summarize(SimplexMesh(points, cells, cell_tags=np.repeat([4, 5], 18)))
+    assert summary.n_components == 2
+    assert summary.n_boundary_facets == 24
+    assert summary.cell_tags == {4: 18, 5: 18}
+    assert summary.measure == pytest.approx(18.0)
+    assert summary.angle_min == pytest.approx(45.0)
+    assert (summary.lower, summary.upper) == ((-1.5, -1.5), (11.5, 1.5))
+    assert "36 triangles, 32 points in 2-D" in str(summary)
+
+
+def test_summary_of_segments_has_no_quality():
+    summary = summarize(structured_square(2).boundary().mesh)
+    assert summary.radius_ratio_median is None
+    assert summary.measure == pytest.approx(400.0)
+    assert "quality" not in str(summary)

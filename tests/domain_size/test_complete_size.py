@@ -1,0 +1,302 @@
+"""The complete size function: what each cause asks for, who controls what, on every background."""
+
+import numpy as np
+import pytest
+from meshes import random_sphere, random_square, structured_square
+from numpy.testing import assert_allclose
+
+from adaptsize import (
+    CartesianGrid,
+    Octree,
+    PointSource,
+    SimplexMesh,
+    SizeFunction,
+    limit_gradient,
+    refine_at_boundary,
+    size_function,
+)
+from adaptsize.domain_size.report import limit_bounds, nodal_measures
+
+G = 0.25
+BOX = ([-1.3, -1.3], [1.3, 1.3])
+GRID = CartesianGrid([-1.3, -1.3], 0.02, (131, 131))
+
+
+def disc(points, centre=(0.0, 0.0), radius=1.0):
+    return np.linalg.norm(points - np.asarray(centre), axis=1) - radius
+
+
+def strip(points, half=0.2):
+    """A bar along x, 1.6 long with round ends of radius 0.2."""
+    x, y = points.T
+    return np.hypot(np.maximum(np.abs(x) - 0.6, 0.0), y) - half
+
+
+# --- what is asked ----------------------------------------------------------------
+
+
+def test_on_a_disc_the_size_is_the_radius_over_k_and_grows_inwards_by_g():
+    size = size_function(
+        disc, background=GRID, elements_per_radian=5.0, elements_across=0.0, g=G, hmax=10.0
+    )
+    angle = np.linspace(0.0, 2.0 * np.pi, 37)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    for r in (1.0, 0.8, 0.5, 0.2):
+        # Curvature to h^2 / (3 r^2) of the spacing 0.02, interpolation to g h / 2 at the most.
+        assert_allclose(size(r * circle), 0.2 + G * (1.0 - r), atol=0.5 * G * 0.02)
+
+
+def test_a_bar_has_so_many_elements_across():
+    size = size_function(
+        strip, background=GRID, elements_per_radian=0.0, elements_across=5.0, g=G, hmax=10.0
+    )
+    x = np.linspace(-0.5, 0.5, 11)
+    for y in (-0.19, 0.0, 0.1):
+        # The feature size, half the width, is exact to a share of the spacing on straight walls.
+        assert_allclose(size(np.column_stack([x, np.full(11, y)])), 0.4 / 5.0, atol=0.2 * 0.02)
+
+
+def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
+    ball = PointSource([0.3, 0.1], 0.03)
+    options = {"background": GRID, "g": G, "hmin": 1e-3, "hmax": 0.15}
+    alone = [
+        size_function(strip, elements_across=0.0, **options),
+        size_function(strip, elements_per_radian=0.0, **options),
+        size_function(strip, elements_per_radian=0.0, elements_across=0.0, sources=ball, **options),
+    ]
+    size, report = size_function(strip, sources=ball, **options, full_output=True)
+    inside = report.cause >= 0
+    least = np.minimum.reduce([one.values for one in alone])
+    # Limiting and minimum commute; sources on edges differ by what limiting along them rounds off.
+    assert_allclose(size.values[inside], least[inside], rtol=5e-3)
+    for k, name in enumerate(("curvature", "feature size", "sources")):
+        controlled = report.cause == report.causes.index(name)
+        assert controlled.any()
+        assert_allclose(size.values[controlled], alone[k].values[controlled], rtol=5e-3)
+
+
+def test_sizes_do_not_pass_through_the_outside():
+    def two(points):  # a small disc 0.2 beside a large one
+        return np.minimum(disc(points, (-0.3, 0.0), 0.8), disc(points, (0.8, 0.0), 0.1))
+
+    size = size_function(
+        two, background=GRID, elements_per_radian=4.0, elements_across=0.0, g=G, hmax=10.0
+    )
+    # 0.8 / 4 on the large disc; straight from the small one it would be 0.1 / 4 + 0.2 g.
+    assert_allclose(size([[0.5, 0.0]]), 0.2, atol=0.01)
+    assert_allclose(size([[0.7, 0.0]]), 0.025, atol=0.004)
+
+
+def test_outside_sizes_go_on_as_at_the_boundary():
+    size = size_function(
+        disc, background=GRID, elements_per_radian=5.0, elements_across=0.0, g=G, hmax=10.0
+    )
+    # One box diagonal beyond the boundary at most, growing by g.
+    assert_allclose(size([[1.29, 0.0], [0.9, 0.9], [5.0, 5.0]]), 0.2, atol=G * 0.03)
+
+
+@pytest.mark.parametrize("given", ["array", "callable", "size function"])
+def test_further_bounds_count(given):
+    mesh = random_square(400, seed=98)
+    values = 0.02 + 0.05 * np.abs(mesh.points[:, 0] - 0.5)
+    h0 = {
+        "array": values,
+        "callable": lambda x: 0.02 + 0.05 * np.abs(x[:, 0] - 0.5),
+        "size function": SizeFunction(mesh, values),
+    }[given]
+    size, report = size_function(
+        mesh, h0=h0, hmax=1.0, elements_per_radian=0.0, elements_across=0.0, full_output=True
+    )
+    assert_allclose(size.values, values, rtol=1e-12)
+    assert report.domain_shares["h0"] == pytest.approx(1.0)
+
+
+# --- who controls what ------------------------------------------------------------
+
+
+def unit_square(n):
+    """Right triangles of the unit square, 2 n^2 of them."""
+    mesh = structured_square(n)
+    low, high = mesh.points.min(), mesh.points.max()
+    return SimplexMesh((mesh.points - low) / (high - low), mesh.cells)
+
+
+def two_bounds(mesh):
+    """Small sizes asked for on the left and on the right."""
+    x = mesh.points[:, 0]
+    left = np.where(x < 1e-9, 0.05, np.inf)
+    right = np.where(x > 1.0 - 1e-9, 0.1, np.inf)
+    return {"left": left, "right": right}
+
+
+def test_each_cause_controls_what_is_nearer_to_it_and_the_middle_is_free():
+    mesh = unit_square(40)
+    _, report = limit_bounds(mesh, two_bounds(mesh), 0.5, hmin=0.01, hmax=0.2)
+    # 0.2 is reached 0.3 from the left and 0.2 from the right.
+    assert report.domain_shares["left"] == pytest.approx(0.3, abs=0.03)
+    assert report.domain_shares["right"] == pytest.approx(0.2, abs=0.03)
+    assert report.domain_shares["hmax"] == pytest.approx(0.5, abs=0.03)
+    assert report.smallest["left"] == 0.05
+    assert report.smallest["right"] == 0.1
+    # The integrals of h^-2: of (0.05 + 0.5 x)^-2 over 0.3, that is 2 (20 - 5), and so on.
+    elements = np.array([2.0 * (20.0 - 5.0), 2.0 * (10.0 - 5.0), 0.5 / 0.2**2])
+    shares = [report.element_shares[name] for name in ("left", "right", "hmax")]
+    assert_allclose(shares, elements / elements.sum(), atol=0.03)
+
+
+@pytest.mark.parametrize("kind", ["exact", "other"])
+def test_sources_and_separate_runs_tell_the_same_causes(kind, monkeypatch):
+    mesh = random_square(900, seed=4711)
+    x = mesh.points[:, 0]
+    bounds = {
+        "left": np.where(x < -0.95, 0.05, np.inf),
+        "right": np.where(x > 0.95, 0.1, np.inf),
+    }
+    h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
+    assert report.info.method == "exact"
+    if kind == "other":  # as on surfaces and lines
+        monkeypatch.setattr("adaptsize.domain_size.report._measure_dim", lambda background: 1)
+        h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
+    alone = {name: limit_gradient(mesh, bound, 0.5) for name, bound in bounds.items()}
+    alone["hmax"] = np.full(mesh.n_points, 0.3)
+    best = np.array([alone[name] for name in ("left", "right", "hmax")])
+    sure = np.sort(best, axis=0)[1] > 1.02 * best.min(axis=0)  # no close race
+    expected = np.array(["left", "right", "hmax"])[best.argmin(axis=0)]
+    told = np.array(report.causes)[report.cause]
+    assert sure.mean() > 0.8
+    # Slivers of random points bend a few of the ways.
+    assert (told[sure] == expected[sure]).mean() > 0.99
+    assert h.max() <= 0.3
+
+
+def test_what_hmin_raises_is_controlled_by_hmin():
+    mesh = unit_square(20)
+    h, report = limit_bounds(mesh, two_bounds(mesh), 0.5, hmin=0.08, hmax=0.2)
+    assert h.min() == 0.08
+    left = mesh.points[:, 0] < 0.2
+    assert {report.causes[k] for k in report.cause[left]} == {"hmin"}
+    assert report.domain_shares["left"] == 0.0
+    assert "left" not in str(report)
+
+
+def test_shares_add_up_and_nodes_outside_have_no_cause():
+    _, report = size_function(strip, background=GRID, hmax=0.2, full_output=True)
+    for shares in (report.domain_shares, report.element_shares):
+        assert sum(shares.values()) == pytest.approx(1.0)
+    phi = strip(GRID.points).reshape(GRID.shape)
+    assert (report.cause[phi < -0.01] >= 0).all()
+    assert (report.cause[phi > 0.011] == -1).all()  # half a pixel may count by parts
+    assert set(report.bounds) == {"curvature", "feature size"}
+
+
+def test_measures_of_nodes_fill_the_domain():
+    square = unit_square(7)
+    assert nodal_measures(square).sum() == pytest.approx(1.0)
+    assert nodal_measures(GRID).sum() == pytest.approx(2.6**2)
+    tree = Octree.build([0, 0], [2, 1], refine_at_boundary(lambda x: x[:, 0] - 0.3), max_level=4)
+    assert nodal_measures(tree).sum() == pytest.approx(2.0)
+    half = CartesianGrid([0.0], 0.5, (3,), active=[True, True, False])
+    assert nodal_measures(half).tolist() == [0.25, 0.5, 0.0]
+
+
+# --- domains and backgrounds ------------------------------------------------------
+
+
+def polygon(n, radius=1.0):
+    angle = 2.0 * np.pi * np.arange(n) / n
+    points = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    return SimplexMesh(points, np.column_stack([np.arange(n), (np.arange(n) + 1) % n]))
+
+
+@pytest.mark.parametrize("domain", ["callable", "level set", "polyline"])
+def test_one_disc_in_three_forms_has_the_same_sizes(domain):
+    options = {"elements_per_radian": 5.0, "elements_across": 0.0, "g": G, "hmax": 10.0}
+    if domain == "callable":
+        size = size_function(lambda x: 3.0 * disc(x), box=BOX, **options)  # no distance
+    elif domain == "level set":
+        size = size_function((GRID, disc(GRID.points).reshape(GRID.shape)), **options)
+    else:
+        size = size_function(polygon(120), **options)
+    assert isinstance(size.background, CartesianGrid)
+    assert_allclose(size([[1.0, 0.0], [0.0, -0.6], [0.1, 0.0]]), [0.2, 0.3, 0.425], atol=0.01)
+
+
+def sphere_backgrounds():
+    lower, upper = [-1.1] * 3, [1.1] * 3
+    rule = refine_at_boundary(lambda x: np.linalg.norm(x, axis=1) - 1.0, spacing=0.15)
+    yield "own", None
+    yield "grid", CartesianGrid(lower, 0.1, (23, 23, 23))
+    yield "octree", Octree.build(lower, upper, rule, max_level=4)
+
+
+@pytest.mark.parametrize(("kind", "background"), list(sphere_backgrounds()))
+def test_a_sphere_has_the_same_sizes_on_every_background(kind, background):
+    sphere = random_sphere(1200, seed=3)
+    size, report = size_function(
+        sphere,
+        background=background,
+        elements_per_radian=4.0,
+        elements_across=0.0,
+        g=G,
+        hmax=0.6,
+        full_output=True,
+    )
+    on_sphere = size(sphere.points)
+    # Curvature of random triangulations to a few per cent; nodes beside the surface add g h.
+    assert_allclose(np.median(on_sphere), 0.25, atol=0.02)
+    assert report.domain_shares["curvature"] > 0.5
+    if kind != "own":  # nodes up to a box beside the surface ask for as much as on it
+        assert 0.5 - G * 0.3 < size([[0.0, 0.0, 0.0]])[0] < 0.51
+
+
+def test_of_a_surface_the_copy_is_refined_and_each_bound_with_it():
+    box = np.array([[x, y, z] for x in (0.0, 4.0) for y in (0.0, 4.0) for z in (0.0, 0.5)])
+    from scipy.spatial import ConvexHull
+
+    plate = SimplexMesh(box, ConvexHull(box).simplices)
+    size, report = size_function(plate, elements_across=2.0, g=G, hmax=2.0, full_output=True)
+    assert size.background.n_points > 100
+    assert report.cause.shape == size.values.shape
+    assert all(bound.shape == size.values.shape for bound in report.bounds.values())
+    assert report.domain_shares["feature size"] == pytest.approx(1.0)
+    # From h on both sides sizes grow to the middle, 0.25 away: the integral of 1 / h is 2.
+    assert np.median(size.values) == pytest.approx(G * 0.25 / np.expm1(0.5 * G * 2.0), rel=0.02)
+
+
+def test_an_open_line_is_its_own_domain():
+    x = np.linspace(0.0, 1.0, 21)
+    line = SimplexMesh(
+        np.column_stack([x, x**2]), np.column_stack([np.arange(20), np.arange(1, 21)])
+    )
+    size = size_function(line, elements_across=0.0, hmax=0.4)
+    assert size.background is line
+
+
+# --- refused ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("domain", "options", "told"),
+    [
+        (disc, {}, "box must be given with a callable domain"),
+        (disc, {"box": [0.0]}, "box must be a pair"),
+        (disc, {"box": ([1, 1], [0, 0])}, r"lower < upper"),
+        (disc, {"box": ([2.0, 2.0], [3.0, 3.0])}, "zero|negative|boundary"),
+        (disc, {"background": polygon(8)}, "background must be a CartesianGrid for a domain that"),
+        (polygon(8), {"background": Octree([0, 0, 0], [1, 1, 1], (1, 1, 1), [0])}, "must be 2-D"),
+        ((GRID, np.ones((3, 3))), {}, "phi must have shape"),
+        ((GRID, np.ones(GRID.shape)), {}, "negative at a node"),
+        ((GRID, -np.ones(GRID.shape)), {}, "boundary in the background"),
+        (np.ones((5, 5), bool), {"background": GRID}, "background must be None for an image"),
+        ("disc", {}, "domain must be"),
+        (disc, {"background": GRID, "g": -1.0}, "g must be"),
+        (disc, {"background": GRID, "elements_across": -1.0}, "elements_across must be"),
+        (disc, {"background": GRID, "hmin": 1.0, "hmax": 0.5}, "hmin must be at most hmax"),
+        (disc, {"background": GRID, "hmin": 0.0}, "hmin must be finite and > 0"),
+        (disc, {"background": GRID, "h0": np.ones(3)}, "h0 must have shape"),
+    ],
+)
+def test_bad_arguments_are_one_clear_line(domain, options, told):
+    with pytest.raises(ValueError, match=told) as caught:
+        size_function(domain, **options)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,238 @@
+"""Signed distance to zero levels of functions that are far from distances."""
+
+import numpy as np
+import pytest
+from meshes import jittered_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
+
+BOTH = pytest.mark.parametrize("method", ["projection", "reinitialization"])
+
+
+def radius(x):
+    return np.linalg.norm(x, axis=1)
+
+
+def to_circle(x):
+    return radius(x) - 1.0
+
+
+# Zero on the unit circle (sphere); slopes there from 1 to 5, from e^-1 to e, 4, and 0.1 to 5.8.
+FAR_FROM_DISTANCES = {
+    "waves": lambda x: (radius(x) ** 2 - 1.0) * (2.0 + np.sin(3.0 * x[:, 0] + 1.0)),
+    "exponential": lambda x: np.expm1(2.0 * to_circle(x)) * np.exp(x[:, 0]),
+    "quartic": lambda x: (x**2).sum(axis=1) ** 2 - 1.0,
+    "valley": lambda x: (((x - 1.0 / np.sqrt(2.0)) ** 2).sum(axis=1) + 0.05) * to_circle(x),
+}
+EACH = pytest.mark.parametrize("function", FAR_FROM_DISTANCES.values(), ids=FAR_FROM_DISTANCES)
+
+
+def grid_of(n, dim=2):
+    return CartesianGrid([-1.83, -1.79, -1.81][:dim], 3.6 / n, (n + 1,) * dim)
+
+
+def exact_on(grid):
+    return to_circle(grid.points).reshape(grid.shape)
+
+
+@EACH
+@pytest.mark.parametrize("dim", [2, 3])
+def test_projection_is_exact_in_the_band(function, dim):
+    grid = grid_of(40, dim)
+    exact, h = exact_on(grid), grid.spacing.max()
+    phi = signed_distance(grid, function)
+    near = np.abs(exact) <= 3.0 * h
+    # Differences over 0.001 spacings have a relative error of 1e-6 h^2 / 6 in the gradient,
+    # whose direction moves the foot by d times that and the distance by its square.
+    assert_allclose(phi[near], exact[near], atol=1e-8 * h)
+    # Beyond, the paraboloid around a foot up to a spacing away: third order in that, seen
+    # largest at the centre, where curvature and distance all but cancel.
+    assert_allclose(phi, exact, atol=0.01 * h)
+    assert np.abs(phi - exact).mean() < 1e-4 * h
+
+
+@EACH
+def test_everywhere_exact_with_an_endless_band(function):
+    grid = grid_of(40)
+    phi = signed_distance(grid, function, band=np.inf)
+    # Beside the centre the way to the foot is ill conditioned, by 1 over the share of the radius.
+    assert_allclose(phi, exact_on(grid), atol=1e-5 * grid.spacing.max())
+
+
+@EACH
+def test_reinitialization_is_of_second_order_and_more(function):
+    errors = []
+    for n in (40, 80, 160):
+        grid = grid_of(n)
+        exact, h = exact_on(grid), grid.spacing.max()
+        phi = signed_distance(grid, function, method="reinitialization")
+        near = np.abs(exact) <= 3.0 * h
+        errors.append(np.abs(phi - exact)[near].max())
+        clear = np.abs(exact) > 0.03 * h
+        assert_array_equal(phi[clear] < 0.0, exact[clear] < 0.0)
+        assert_allclose(phi, exact, atol=0.1 * h)
+    order = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (order > 2.0).all(), f"errors {errors}, orders {order}"
+    assert errors[-1] < 3e-3 * h
+
+
+@EACH
+def test_second_order_and_more_beyond_the_band(function):
+    errors = []
+    for n in (20, 40, 80):
+        grid = grid_of(n)
+        exact = exact_on(grid)
+        # Away from the centre, where the order is lost.
+        far = (np.abs(exact) > 3.0 * grid.spacing.max()) & (exact > -0.7)
+        errors.append(np.abs(signed_distance(grid, function, band=1.0) - exact)[far].max())
+    order = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (order > 1.5).all(), f"errors {errors}, orders {order}"
+    assert errors[-1] < 1e-4
+
+
+@BOTH
+def test_a_multiple_of_the_function_gives_the_same(method):
+    grid = grid_of(30)
+    function = FAR_FROM_DISTANCES["waves"]
+    phi = signed_distance(grid, function, method=method)
+    for factor in (1e-8, 1e8):
+        scaled = signed_distance(grid, lambda x, c=factor: c * function(x), method=method)
+        assert_allclose(scaled, phi, atol=1e-7)
+    turned = signed_distance(grid, lambda x: -function(x), method=method)
+    assert_allclose(turned, -phi, atol=1e-7)
+
+
+@BOTH
+def test_spacings_may_differ(method):
+    grid = CartesianGrid([-1.6, -1.5], [0.02, 0.06], (161, 51))
+    phi = signed_distance(grid, FAR_FROM_DISTANCES["waves"], method=method)
+    near = np.abs(exact_on(grid)) < 3.0 * 0.06
+    # Second order of differences over 0.06: 0.06^3 / 6 of the third derivatives, some 20.
+    tolerance = 1e-9 if method == "projection" else 2e-3
+    assert_allclose(phi[near], exact_on(grid)[near], atol=tolerance)
+
+
+def test_corners_of_the_zero_level():
+    # max(|x|, |y|) - 1 has the level sets of a square; its distance is round at the corners.
+    grid = CartesianGrid([-2.01, -2.03], 0.1, (41, 41))
+    away = np.abs(grid.points) - 1.0
+    exact = np.hypot(*np.maximum(away, 0.0).T) + np.minimum(away.max(axis=1), 0.0)
+    for band in (3.0, np.inf):
+        phi = signed_distance(grid, lambda x: np.abs(x).max(axis=1) - 1.0, band=band).ravel()
+        projected = np.abs(exact) <= band * 0.1
+        assert_allclose(phi[projected], exact[projected], atol=1e-9)
+        assert_allclose(phi, exact, atol=0.15 * 0.1)
+
+
+def test_distances_go_straight_through_thin_parts_and_between_parts():
+    # Two discs 3 spacings apart, each nearest on its side.
+    def two(x):
+        return np.minimum(radius(x - [0.9, 0.0]) ** 2, radius(x - [-0.9, 0.0]) ** 2) - 0.7**2
+
+    grid = CartesianGrid([-2.01, -1.52], 0.13, (32, 25))
+    to_left, to_right = (radius(grid.points - [c, 0.0]) - 0.7 for c in (-0.9, 0.9))
+    phi = signed_distance(grid, two).ravel()
+    assert_allclose(phi, np.minimum(to_left, to_right), atol=2e-3 * 0.13)
+
+
+def test_a_torus_in_space():
+    def torus(x):
+        # Without its square root, x^2 + ... of degree 4.
+        ring = x[:, 0] ** 2 + x[:, 1] ** 2
+        return (ring + x[:, 2] ** 2 + 1.0 - 0.16) ** 2 - 4.0 * ring
+
+    grid = CartesianGrid([-1.7, -1.71, -0.72], 0.07, (50, 50, 22))
+    ring = np.hypot(*grid.points[:, :2].T)
+    exact = np.hypot(ring - 1.0, grid.points[:, 2]) - 0.4
+    phi = signed_distance(grid, torus).ravel()
+    near = np.abs(exact) < 3.0 * 0.07
+    assert_allclose(phi[near], exact[near], atol=1e-8)
+    # On the circle inside the tube, the focus of feet all around, a few hundredths of a spacing.
+    assert_allclose(phi, exact, atol=0.05 * 0.07)
+
+
+def test_meshes_and_octrees():
+    function = FAR_FROM_DISTANCES["waves"]
+    mesh = jittered_square(41, 613, half_width=1.8)
+
+    def near(centres, sizes):
+        return np.abs(to_circle(centres)) < sizes[:, 0]
+
+    tree = Octree.build([-1.8, -1.79], [1.8, 1.81], near, max_level=6)
+    solid = Octree.build([-1.5] * 3, [1.6] * 3, near, max_level=4)
+    for background, h in ((mesh, 0.09), (tree, 0.057), (solid, 0.2)):
+        phi = signed_distance(background, function)
+        exact = to_circle(background.points)
+        close = np.abs(exact) <= 3.0 * h
+        assert_allclose(phi[close], exact[close], atol=1e-7 * h)
+        assert_allclose(phi, exact, atol=0.01 * h)
+
+
+def test_one_axis():
+    grid = CartesianGrid([0.0], 0.1, (31,))
+    phi = signed_distance(grid, lambda x: (x[:, 0] - 0.83) * (x[:, 0] + 2.0))
+    assert_allclose(phi, grid.points[:, 0] - 0.83, atol=1e-12)
+
+
+def test_zeros_at_nodes():
+    grid = CartesianGrid([-1.0, -1.0], 0.25, (9, 9))
+    for method in ("projection", "reinitialization"):
+        phi = signed_distance(grid, lambda x: x[:, 0] * (3.0 + x[:, 1]), method=method)
+        assert_allclose(phi, grid.points[:, 0].reshape(9, 9), atol=1e-6)
+
+
+def test_samples_of_a_function_count_as_a_spline():
+    errors = []
+    for n in (20, 40, 80):
+        grid = grid_of(n)
+        values = grid.sample(FAR_FROM_DISTANCES["waves"])
+        before = values.copy()
+        phi = signed_distance(grid, values)
+        assert_array_equal(values, before)
+        errors.append(np.abs(phi - exact_on(grid)).max())
+    # Cubic splines are of fourth order; what is lost beyond the band is of second.
+    order = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (order > 1.7).all(), f"errors {errors}, orders {order}"
+    assert errors[-1] < 1e-3 * 0.045
+
+
+def test_parts_smaller_than_a_box_are_not_seen_but_do_no_harm():
+    def dots(x):
+        return np.minimum(radius(x - [0.05, 0.05]) - 0.02, to_circle(x - [3.0, 0.0]))
+
+    grid = CartesianGrid([0.0, 0.0], 0.1, (41, 11))
+    phi = signed_distance(grid, dots)
+    exact = to_circle(grid.points - [3.0, 0.0]).reshape(grid.shape)
+    assert_allclose(phi, exact, atol=1e-3)
+
+
+@BOTH
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_functions_of_one_sign_are_refused(method, sign):
+    with pytest.raises(ValueError, match="boundary must change its sign"):
+        signed_distance(grid_of(4), lambda x: sign * (1.0 + radius(x)), method=method)
+
+
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("background", "boundary", "options", "message"),
+    [
+        (grid_of(4), lambda x: x, {}, r"boundary\(points\) must have shape \(25,\)"),
+        (grid_of(4), lambda x: x[:, 0] / 0.0, {}, r"boundary\(points\) must be finite"),
+        (grid_of(4), np.ones((4, 5)), {}, "boundary must be a SimplexMesh, a callable or"),
+        (grid_of(4), np.full((5, 5), np.nan), {}, r"boundary must be finite, got boundary\[0, 0\]"),
+        (SQUARE, np.ones(4), {}, "boundary must be a SimplexMesh, a callable or"),
+        (SQUARE, to_circle, {"method": "reinitialization"}, "needs a CartesianGrid"),
+        (grid_of(4), to_circle, {"method": "sussman"}, "method must be one of"),
+        (grid_of(4), np.eye(5) > 0.0, {"smoothing": -1.0}, "smoothing must be"),
+    ],
+)
+def test_wrong_arguments_are_refused(background, boundary, options, message):
+    with (
+        np.errstate(divide="ignore", invalid="ignore"),
+        pytest.raises(ValueError, match=message),
+    ):
+        signed_distance(background, boundary, **options)

@@ -1,0 +1,391 @@
+"""Signed distance to triangles in space and segments in the plane, clean and dirty."""
+
+import itertools
+
+import numpy as np
+import pytest
+from curved_shapes import part_of, sliver_cylinder, smooth_torus
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from meshes import jittered_cube, jittered_square, random_sphere
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
+from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+
+INWARD_AND_OUTWARD = pytest.mark.parametrize("turned", [False, True], ids=["outward", "inward"])
+
+
+def rotation(seed):
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q
+
+
+def box_surface():
+    """The cube [-1, 1]^3 as 12 triangles."""
+    points = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return SimplexMesh(points, [[q[i] for i in t] for q in quads for t in ([0, 1, 2], [0, 2, 3])])
+
+
+def to_box(x):
+    away = np.abs(x) - 1.0
+    return np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
+
+
+def turn(mesh, turned=True):
+    return SimplexMesh(mesh.points, mesh.cells[:, ::-1]) if turned else mesh
+
+
+def torus(n=24):
+    return smooth_torus(n)[0]
+
+
+def grid_around(mesh, n, margin=0.3):
+    spacing = (np.ptp(mesh.points, axis=0).max() + 2.0 * margin) / n
+    return CartesianGrid.around(mesh.points, spacing, margin=margin)
+
+
+@INWARD_AND_OUTWARD
+def test_box_of_few_large_slanting_triangles(turned):
+    q = rotation(731)
+    surface = SimplexMesh(box_surface().points @ q, box_surface().cells)
+    grid = CartesianGrid([-2.2, -2.1, -2.3], [0.15, 0.17, 0.2], (30, 26, 24))
+    phi = signed_distance(grid, turn(surface, turned))
+    # On flat faces no two facets compete at a distance: all is exact, also beyond the band.
+    assert_allclose(phi, to_box(grid.points @ q.T).reshape(grid.shape), atol=1e-12)
+
+
+def test_exact_in_the_band_and_never_too_small_beyond():
+    surface = torus()
+    grid = grid_around(surface, 40)
+    h = grid.spacing.max()
+    exact = signed_distance(grid, surface, band=np.inf)
+    phi = signed_distance(grid, surface)
+    near = np.abs(exact) <= 3.0 * h
+    assert 0.1 < near.mean() < 0.9
+    assert_allclose(phi[near], exact[near], atol=1e-14)
+    assert_array_equal(phi < 0.0, exact < 0.0)
+    excess = np.abs(phi) - np.abs(exact)
+    assert excess.min() > -1e-13
+    # The centre of the tube is equally far from facets all around, and there the nearest ones
+    # are missed by an edge or two, here of 0.1, at a distance of 0.4.
+    assert excess.max() < 0.3 * h
+    assert excess.mean() < 0.002 * h
+
+
+def test_exact_distances_are_those_of_all_facets():
+    surface = random_sphere(60, 914)
+    grid = grid_around(surface, 8)
+    phi = signed_distance(grid, surface, band=np.inf)
+    # Dense samples of every facet bound the distance from above, and within half their spacing.
+    n = 60
+    i, j = np.array([(i, j) for i in range(n + 1) for j in range(n + 1 - i)]).T
+    weights = np.stack([i, j, n - i - j], axis=1) / n
+    samples = np.einsum("sk,mkd->msd", weights, surface.points[surface.cells]).reshape(-1, 3)
+    from scipy.spatial import cKDTree
+
+    bound = cKDTree(samples).query(grid.points)[0].reshape(grid.shape)
+    assert (np.abs(phi) <= bound + 1e-12).all()
+    assert (np.abs(phi) >= bound - surface.edge_lengths.max() / n).all()
+
+
+def test_surface_that_reaches_out_of_the_grid_or_lies_outside():
+    surface = box_surface()
+    grid = CartesianGrid([-0.5, 0.1, 0.4], 0.1, (15, 8, 9))
+    outside = CartesianGrid([3.0, 0.0, 2.5], 0.2, (4, 5, 6))
+    for background in (grid, outside):
+        exact = to_box(background.points).reshape(background.shape)
+        assert_allclose(signed_distance(background, surface, band=1.0), exact, atol=1e-12)
+
+
+@pytest.mark.parametrize("band", [1.0, 3.0, 7.5])
+def test_band_changes_no_distance_within_it(band):
+    surface = turn(torus(12))
+    grid = grid_around(surface, 30)
+    exact = signed_distance(grid, surface, band=np.inf)
+    phi = signed_distance(grid, surface, band=band)
+    near = np.abs(exact) <= band * grid.spacing.max()
+    assert_allclose(phi[near], exact[near], atol=1e-14)
+
+
+def dirty(kind):
+    """The torus with dirt that leaves no hole wider than 1e-6."""
+    rng = np.random.default_rng(5081)
+    clean = torus()
+    n = clean.n_cells
+    soup = SimplexMesh(clean.points[clean.cells].reshape(-1, 3), np.arange(3 * n).reshape(n, 3))
+    if kind == "repeated nodes":
+        return soup
+    if kind == "cracks":
+        return SimplexMesh(soup.points + rng.uniform(-1e-6, 1e-6, soup.points.shape), soup.cells)
+    if kind == "turned facets":
+        cells = clean.cells.copy()
+        some = rng.random(n) < 0.3
+        cells[some] = cells[some][:, ::-1]
+        return SimplexMesh(clean.points, cells)
+    if kind == "doubled facets":
+        return SimplexMesh(clean.points, np.concatenate([clean.cells, clean.cells]))
+    if kind == "nodes of no facet":
+        far = np.array([[1e30, 0.0, -1e30], [0.0, 3.0, 0.0]])
+        return SimplexMesh(np.concatenate([soup.points, far]), soup.cells)
+    # Facets without area along edges, their third corner a repeated node.
+    ends = clean.edges[::9]
+    points = np.concatenate([clean.points, clean.points[ends[:, 1]]])
+    flat = np.column_stack([ends, clean.n_points + np.arange(len(ends))])
+    return SimplexMesh(points, np.concatenate([clean.cells, flat]))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "repeated nodes",
+        "cracks",
+        "turned facets",
+        "doubled facets",
+        "nodes of no facet",
+        "facets without area",
+    ],
+)
+def test_dirt_changes_nothing(kind):
+    clean = torus()
+    grid = grid_around(clean, 24)
+    phi, expected = signed_distance(grid, dirty(kind)), signed_distance(grid, clean)
+    # Ties between facets are broken otherwise, and cracks stop walks over the surface.
+    near = np.abs(expected) <= 3.0 * grid.spacing.max()
+    assert_allclose(phi[near], expected[near], atol=2e-6)
+    assert_array_equal(phi < 0.0, expected < 0.0)
+    assert_allclose(phi, expected, atol=0.15 * grid.spacing.max())
+
+
+def test_holes_change_signs_near_them_only():
+    whole = torus()
+    holes = np.array([[1.4, 0.0, 0.0], [-0.6, 0.0, 0.0], [0.0, -1.0, 0.4], [0.0, 1.0, -0.4]])
+
+    def kept(x):
+        return (np.linalg.norm(x[:, None] - holes, axis=2) > 0.12).all(axis=1)
+
+    surface = part_of(whole, kept)[0]
+    assert whole.n_cells - surface.n_cells > 20
+    grid = grid_around(whole, 40)
+    expected, phi = signed_distance(grid, whole), signed_distance(grid, surface)
+    # 0.12 and one edge is their radius; a node as far away sees them under a small angle.
+    far = (np.linalg.norm(grid.points[:, None] - holes, axis=2) > 0.25).all(axis=1)
+    far = far.reshape(grid.shape) & (expected != 0.0)
+    assert_array_equal(phi[far] < 0.0, expected[far] < 0.0)
+    assert (phi[~far] < 0.0).any()
+    # The spacing is well below the holes: a fill of connected nodes would run through.
+    assert grid.spacing.max() < 0.09
+
+
+def test_slivers_of_a_cylinder():
+    surface = sliver_cylinder(200, 3391)
+    grid = CartesianGrid([-1.51, -1.52, -0.51], 0.1, (31, 31, 31))
+    phi = signed_distance(grid, surface, band=np.inf)
+    away = np.stack([np.hypot(*grid.points[:, :2].T) - 1.0, np.abs(grid.points[:, 2] - 1.0) - 1.0])
+    exact = np.linalg.norm(np.maximum(away, 0.0), axis=0) + np.minimum(away.max(axis=0), 0.0)
+    # The polygon lies within 1 - cos(half of the widest angle, 1.5 pi / 200) < 0.0003.
+    assert_allclose(phi.ravel(), exact, atol=3e-4)
+
+
+def test_what_is_enclosed_twice_is_inside_and_a_cavity_is_not():
+    one, other = random_sphere(300, 11), random_sphere(300, 12)
+    aside = np.add(other.points, [0.7, 0.0, 0.0])
+    shifted = np.concatenate([one.points, aside])
+    both = SimplexMesh(shifted, np.concatenate([one.cells, other.cells + one.n_points]))
+    points = np.concatenate([one.points, 0.5 * other.points])
+    inner = turn(other).cells + one.n_points
+    shell = SimplexMesh(points, np.concatenate([one.cells, inner]))
+    grid = CartesianGrid([-1.31, -1.31, -1.31], 0.13, (29, 21, 21))
+    to_one = signed_distance(grid, one)
+    to_other = signed_distance(grid, SimplexMesh(aside, other.cells))
+    union = signed_distance(grid, both)
+    assert_array_equal(union < 0.0, (to_one < 0.0) | (to_other < 0.0))
+    to_hole = signed_distance(grid, SimplexMesh(0.5 * other.points, other.cells))
+    assert_array_equal(signed_distance(grid, shell) < 0.0, (to_one < 0.0) & (to_hole > 0.0))
+
+
+def test_open_sheet_encloses_nothing():
+    plate = jittered_square(12, 808, half_width=1.0)
+    sheet = SimplexMesh(np.column_stack([plate.points, np.zeros(plate.n_points)]), plate.cells)
+    grid = CartesianGrid([-1.5, -1.5, -0.77], 0.11, (28, 28, 15))
+    phi = signed_distance(grid, sheet)
+    beyond = np.maximum(np.abs(grid.points[:, :2]) - 1.0, 0.0)
+    exact = np.hypot(np.hypot(*beyond.T), grid.points[:, 2]).reshape(grid.shape)
+    assert_allclose(phi, exact, atol=1e-12)
+
+
+def test_other_backgrounds_have_exact_distances():
+    q = rotation(64)
+    surface = SimplexMesh(0.7 * box_surface().points @ q, box_surface().cells)
+
+    def exact(x):
+        return 0.7 * to_box(x @ q.T / 0.7)
+
+    def near(centres, sizes):
+        return np.abs(exact(centres)) < sizes[:, 0]
+
+    tree = Octree.build([-1.5] * 3, [1.5] * 3, near, max_level=4)
+    mesh = jittered_cube(9, 5150, half_width=1.5)
+    for background in (tree, mesh):
+        phi = signed_distance(background, surface)
+        assert_allclose(phi, exact(background.points), atol=1e-12)
+
+
+def test_own_boundary_of_triangles_and_tetrahedra():
+    for mesh in (jittered_square(15, 77, half_width=2.0), jittered_cube(7, 78, half_width=2.0)):
+        phi = signed_distance(mesh)
+        # Inside a cube the nearest side is the nearest in the sense of coordinates.
+        assert_allclose(phi, np.abs(mesh.points).max(axis=1) - 2.0, atol=1e-12)
+        nodes = mesh.boundary().nodes
+        assert (phi[nodes] == 0.0).all()
+        assert (np.delete(phi, nodes) < 0.0).all()
+
+
+def test_own_boundary_with_a_hole_as_a_given_boundary():
+    square = jittered_square(31, 79, half_width=1.0)
+    middle = square.points[square.cells].mean(axis=1)
+    ring = SimplexMesh(square.points, square.cells[np.hypot(*middle.T) > 0.4])
+    used = np.unique(ring.cells)
+    phi, given = signed_distance(ring), signed_distance(ring, ring.boundary().mesh)
+    assert_allclose(np.abs(phi[used]), np.abs(given[used]), atol=1e-14)
+    off = used[np.abs(phi[used]) > 1e-12]
+    assert (given[off] < 0.0).all()
+
+
+@st.composite
+def polygons(draw):
+    """Star-shaped polygons with spikes, their segments in any order and direction."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n = draw(st.integers(3, 30))
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))
+    points = rng.uniform(0.2, 1.0, n)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    cells = np.stack([np.arange(n), (np.arange(n) + 1) % n], axis=1)
+    turned = rng.random(n) < draw(st.sampled_from([0.0, 0.5, 1.0]))
+    cells[turned] = cells[turned][:, ::-1]
+    return points, cells, SimplexMesh(points, cells[rng.permutation(n)])
+
+
+def crossings_to_the_right(points, cells, x):
+    """Inside by counting the sides that a ray to the right crosses: right for closed polygons."""
+    a, b = points[cells[:, 0]], points[cells[:, 1]]
+    count = np.zeros(len(x), int)
+    for p, q in zip(a, b, strict=True):
+        spans = (p[1] > x[:, 1]) != (q[1] > x[:, 1])
+        at = p[0] + (x[spans, 1] - p[1]) * (q[0] - p[0]) / (q[1] - p[1])
+        count[spans] += at > x[spans, 0]
+    return count % 2 == 1
+
+
+@given(polygons())
+@settings(max_examples=25)
+def test_polygons_by_brute_force(polygon):
+    points, cells, mesh = polygon
+    grid = CartesianGrid([-1.213, -1.207], 0.1017, (25, 25))
+    phi = signed_distance(grid, mesh, band=2.0).ravel()
+    x, a = grid.points[:, None], points[cells[:, 0]]
+    e = points[cells[:, 1]] - a
+    t = np.clip(((x - a) * e).sum(axis=2) / (e**2).sum(axis=1), 0.0, 1.0)
+    exact = np.linalg.norm(x - a - t[..., None] * e, axis=2).min(axis=1)
+    near = exact <= 2.0 * 0.1017
+    assert_allclose(np.abs(phi[near]), exact[near], atol=1e-12)
+    assert (np.abs(phi) >= exact - 1e-12).all()
+    assert (np.abs(phi) <= exact + 0.1017).all()
+    clear = exact > 1e-9
+    assert_array_equal(phi[clear] < 0.0, crossings_to_the_right(points, cells, grid.points)[clear])
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-8.0, 8.0))
+@settings(max_examples=6)
+def test_scaled_and_moved_with_the_surface(seed, exponent):
+    rng = np.random.default_rng(seed)
+    surface = random_sphere(40, seed)
+    scale, shift = 10.0**exponent, rng.normal(size=3)
+    grid = CartesianGrid([-1.3] * 3, 0.2, (14, 14, 14))
+    moved = CartesianGrid(scale * (grid.origin + shift), scale * 0.2, grid.shape)
+    phi = signed_distance(grid, surface)
+    there = signed_distance(moved, SimplexMesh(scale * (surface.points + shift), surface.cells))
+    near = np.abs(phi) < 0.59
+    assert_allclose(there[near], scale * phi[near], atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_winding_number_by_a_tree_is_the_sum_over_all_facets(dim):
+    rng = np.random.default_rng(27)
+    surface = part_of(torus(30), lambda x: np.arange(len(x)) % 7 > 0)[0]
+    if dim == 2:
+        angle = np.linspace(0.0, 6.0, 800)
+        points = (1.0 + 0.2 * np.sin(5.0 * angle))[:, None] * np.column_stack(
+            [np.cos(angle), np.sin(angle)]
+        )
+        surface = SimplexMesh(points, np.stack([np.arange(799), np.arange(1, 800)], axis=1))
+    queries = rng.uniform(-1.5, 1.5, (300, dim))
+    a = surface.points[surface.cells] - queries[:, None, None]
+    if dim == 2:
+        cross = a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0]
+        exact = np.arctan2(cross, (a[..., 0, :] * a[..., 1, :]).sum(axis=-1)).sum(axis=1)
+        exact /= 2.0 * np.pi
+    else:
+        # Solid angle by the angles between the planes through the edges (Girard).
+        unit = a / np.linalg.norm(a, axis=-1, keepdims=True)
+        side = np.cross(unit, np.roll(unit, -1, axis=-2))
+        side /= np.linalg.norm(side, axis=-1, keepdims=True)
+        cosine = -(side * np.roll(side, 1, axis=-2)).sum(axis=-1)
+        excess = np.arccos(np.clip(cosine, -1.0, 1.0)).sum(axis=-1) - np.pi
+        exact = (excess * np.sign(np.linalg.det(a))).sum(axis=1) / (4.0 * np.pi)
+    assert not is_cycle(surface)
+    assert np.ptp(exact) > 0.8
+    # What `contains` leaves as room for the error of the tree.
+    assert np.abs(WindingNumber(surface)(queries) - exact).max() < 0.05
+
+
+def test_cycles_are_told_from_surfaces_with_holes():
+    clean = torus(12)
+    soup = clean.points[clean.cells].reshape(-1, 3)
+    assert is_cycle(clean)
+    assert is_cycle(SimplexMesh(soup, np.arange(len(soup)).reshape(-1, 3)))
+    assert not is_cycle(SimplexMesh(clean.points, clean.cells[1:]))
+    turned = clean.cells.copy()
+    turned[5] = turned[5, ::-1]
+    assert not is_cycle(SimplexMesh(clean.points, turned))
+
+
+def test_arguments_are_left_alone_and_progress_is_told():
+    surface = torus(12)
+    points, cells = surface.points.copy(), surface.cells.copy()
+    told = []
+    signed_distance(grid_around(surface, 20), surface, progress=lambda *a: told.append(a))
+    assert_array_equal(surface.points, points)
+    assert_array_equal(surface.cells, cells)
+    assert {"distance in the band", "distance beyond the band", "sign"} <= {t for t, _ in told}
+    assert all(0.0 <= share <= 1.0 for _, share in told)
+
+
+GRID = CartesianGrid([0.0, 0.0, 0.0], 0.5, (3, 3, 3))
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.zeros(3), box_surface()), "background must be a SimplexMesh, CartesianGrid or Octree"),
+        ((box_surface(), box_surface()), "background must have cells of full dimension"),
+        ((GRID,), "boundary may be left out for a SimplexMesh only"),
+        ((GRID, SQUARE), "boundary must be a mesh of triangles in space"),
+        ((SQUARE, SQUARE), "boundary must be a mesh of segments in the plane"),
+    ],
+)
+def test_wrong_surfaces_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        signed_distance(*arguments)
+
+
+@pytest.mark.parametrize("band", [0.5, -1.0, np.nan, "wide"])
+def test_wrong_bands_are_refused(band):
+    with pytest.raises(ValueError, match="band must be"):
+        signed_distance(GRID, box_surface(), band=band)
+
+
+def test_reinitialization_of_a_surface_is_refused():
+    with pytest.raises(ValueError, match="needs a function"):
+        signed_distance(GRID, box_surface(), method="reinitialization")

@@ -1,0 +1,255 @@
+"""Local feature size from the medial axis, on shapes whose widths are known."""
+
+import numpy as np
+import planar_shapes as planar
+import pytest
+import solid_shapes as solid
+
+from adaptsize import CartesianGrid, feature_size, medial_axis
+
+
+def at(grid, values, place):
+    """Return the value of the node closest to a place."""
+    node = np.rint((np.asarray(place) - grid.origin) / grid.spacing).astype(int)
+    return values[tuple(node)]
+
+
+# Widths
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
+def test_between_parallel_walls_it_is_half_their_distance(degrees):
+    step = 0.02
+    grid, phi = planar.sampled(planar.turned(planar.rectangle(1.8, 0.6), degrees), step)
+    size = feature_size(grid, phi)
+    angle = np.radians(degrees)
+    x, y = np.abs(grid.points @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).T
+    middle = ((x < 0.5) & (y < 0.3)).reshape(grid.shape)
+    # Marching a plane along a diagonal is of first order next to the seeds only.
+    assert np.abs(size[middle] - 0.3).max() < 0.5 * step
+    assert np.abs(size[middle] - 0.3).mean() < 0.1 * step
+    assert np.isinf(size[phi > 0.0]).all()
+    assert np.isfinite(size[phi <= 0.0]).all()
+
+
+@pytest.mark.parametrize("spacings", [2.5, 3.0, 4.0])
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
+def test_strips_of_a_few_spacings_are_resolved(degrees, spacings):
+    step = 0.02
+    shape = planar.turned(planar.rectangle(1.8, spacings * step), degrees)
+    for shift in ((0.0, 0.0), (0.5, 0.5), (0.31, 0.77)):
+        grid, phi = planar.sampled(shape, step, shift=shift)
+        inside = feature_size(grid, phi)[phi <= 0.0]
+        assert np.median(inside) == pytest.approx(0.5 * spacings * step, rel=0.01)
+        # At the ends the corners are close.
+        assert inside.max() < 4.0 * step
+
+
+def test_plates_on_both_sides_of_a_gap_do_not_see_each_other():
+    # Widths of 0.2 and 0.8 with a gap of 0.06: straight across it the narrow one is near.
+    x = np.linspace(-1.0, 1.0, 101)
+    walls = np.maximum(np.abs(x - 0.03 - 0.4) - 0.4, -np.inf)
+    phi = np.minimum(np.abs(x + 0.13) - 0.1, walls)
+    grid = CartesianGrid([-1.0, 0.0], 0.02, (101, 11))
+    size = feature_size(grid, np.tile(phi[:, None], (1, 11)))
+    np.testing.assert_allclose(size[(phi <= 0.0) & (x > 0.0)], 0.4, atol=1e-9)
+    np.testing.assert_allclose(size[(phi <= 0.0) & (x < 0.0)], 0.1, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), solid.turn_about((1.0, 2.0, 3.0), 40.0)])
+def test_in_the_middle_of_a_thin_box_it_is_half_the_thickness(turn):
+    step = 1.0 / 32.0
+    grid, phi = solid.sampled(solid.turned(solid.box(1.4, 1.0, 0.3), turn), step)
+    size = feature_size(grid, phi)
+    x, y, z = np.abs(grid.points @ turn).T
+    middle = ((x < 0.4) & (y < 0.2) & (z < 0.15)).reshape(grid.shape)
+    assert np.abs(size[middle] - 0.15).max() < step
+    assert size.min() > 0.15 - 0.5 * step
+
+
+def test_on_an_ellipse_it_is_the_distance_from_the_ends_of_the_axis():
+    step = 1.0 / 80.0
+    grid, phi = planar.sampled(planar.ellipse(1.0, 0.5), step)
+    size = feature_size(grid, phi)
+    # b^2 / a at the vertices, b beside the middle.
+    assert at(grid, size, (1.0 - step, 0.0)) == pytest.approx(0.25, abs=3.0 * step)
+    assert at(grid, size, (0.0, 0.5 - step)) == pytest.approx(0.5, abs=step)
+    assert size.min() > 0.25 - 3.0 * step
+
+
+def test_on_an_annulus_it_converges():
+    error = []
+    for n in (20, 40, 80):
+        grid, phi = planar.sampled(planar.annulus(0.4, 1.0), 1.0 / n, shift=(0.3, 0.6))
+        inside = phi <= 0.0
+        error.append(np.abs(feature_size(grid, phi)[inside] - 0.3).max())
+    order = np.log2(np.divide(error[:-1], error[1:]))
+    # Marching at first order.
+    assert (order > 0.8).all(), f"errors {error}, orders {order}"
+    assert error[-1] < 0.3 / 80.0
+
+
+@pytest.mark.parametrize("steps", [6.3, 14.0])
+def test_in_balls_and_discs_it_is_the_radius(steps):
+    rng = np.random.default_rng(20060112)
+    for shape, shapes in ((planar.disc(0.9), planar), (solid.ball(0.9), solid)):
+        step = 0.9 / steps
+        for _ in range(6):
+            grid, phi = shapes.sampled(shape, step, shift=rng.random(3)[: 2 + (shapes is solid)])
+            size = feature_size(grid, phi)[phi <= 0.0]
+            # A centre up to a spacing off, and rings around it at first order.
+            assert size.max() < 0.9 + 1.6 * step
+            assert size.min() > 0.9 - 1.3 * step
+
+
+# Corners
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
+def test_size_at_the_corners_of_a_square_is_not_small(degrees):
+    step = 0.02
+    grid, phi = planar.sampled(planar.turned(planar.rectangle(1.2, 1.2), degrees), step)
+    size = feature_size(grid, phi)
+    assert size[phi <= 0.0].min() > 0.6 - 1.5 * step
+    angle = np.radians(degrees)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    # The middle of a side, half the width from the centre; corners, half a diagonal.
+    assert at(grid, size, turn @ (0.58, 0.0)) == pytest.approx(0.6, abs=1.5 * step)
+    assert at(grid, size, turn @ (0.57, 0.57)) == pytest.approx(0.6 * 2.0**0.5, abs=2.5 * step)
+
+
+def test_with_corners_counted_as_narrow_it_vanishes_there():
+    grid, phi = planar.sampled(planar.rectangle(1.2, 1.2), 0.02)
+    size = feature_size(grid, phi, medial_axis(grid, phi, corner_angle=180.0))
+    assert size[phi <= 0.0].min() < 0.1
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), solid.turn_about((1.0, 2.0, 3.0), 40.0)])
+def test_size_at_the_edges_of_a_box_is_not_small(turn):
+    step = 1.0 / 32.0
+    grid, phi = solid.sampled(solid.turned(solid.box(1.0, 0.8, 0.5), turn), step, half=0.85)
+    size = feature_size(grid, phi)
+    assert size[phi <= 0.0].min() > 0.25 - 0.5 * step
+    x, y, z = np.abs(grid.points @ turn).T
+    close = ((x > 0.5 - step) & (y > 0.4 - step) & (z > 0.25 - step)).reshape(grid.shape)
+    corners = size[close & (phi <= 0.0)]
+    # At (0.25, 0.15, 0) the middle sheet begins: the diagonal of a cube of 0.25.
+    assert 0.25 < corners.min() <= corners.max() < 0.25 * 3.0**0.5 + 3.0 * step
+    # No larger than the shortest edge.
+    assert size[np.isfinite(size)].max() < 0.5 + step
+
+
+@pytest.mark.parametrize("sides", [3, 5, 6, 12])
+def test_at_a_polygon_it_is_at_most_a_side_and_not_small(sides):
+    step = 0.015
+    shape = planar.turned(planar.regular_polygon(sides, 1.0), 7.0)
+    grid, phi = planar.sampled(shape, step)
+    size = feature_size(grid, phi)
+    side, inner = 2.0 * np.sin(np.pi / sides), np.cos(np.pi / sides)
+    at_boundary = (phi <= 0.0) & (phi > -1.5 * step)
+    assert size[at_boundary].max() < min(side, 1.0) + 2.5 * step
+    assert size[phi <= 0.0].min() > min(side, inner) - 2.5 * step
+    free = feature_size(grid, phi, edges=False)
+    assert free[phi <= 0.0].max() == pytest.approx(1.0, abs=3.0 * step)
+    assert (size <= free).all()
+
+
+def test_a_chamfer_bounds_the_size_by_its_length():
+    step = 0.02
+    shape = planar.polygon([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.7), (0.7, 0.9), (-0.9, 0.9)])
+    grid, phi = planar.sampled(shape, step)
+    size = feature_size(grid, phi)
+    length = 0.2 * 2.0**0.5
+    assert at(grid, size, (0.78, 0.78)) == pytest.approx(length, abs=2.0 * step)
+    assert at(grid, size, (0.88, 0.68)) == pytest.approx(length, abs=3.0 * step)
+    assert at(grid, size, (-0.88, -0.88)) > 0.8
+
+
+def test_a_hub_between_flanges_is_as_wide_as_it_is():
+    # The tangents of the hub and of a flange's outside meet on the outside, but in the flange.
+    step = 0.0125
+    half = [
+        (-0.6, 0.0), (-0.6, 0.9), (-0.4, 0.9), (-0.4, 0.45), (0.4, 0.45), (0.4, 0.9), (0.6, 0.9),
+        (0.6, 0.0),
+    ]  # fmt: skip
+    corners = np.array(half + [(x, -y) for x, y in half[-2:0:-1]])
+    grid, phi = planar.sampled(planar.polygon(corners), step)
+    found = medial_axis(grid, phi)
+    # Between hub and outside, up to the middle of the hub.
+    off = np.abs(np.abs(found.points[:, 0]) - 0.15 - np.abs(found.points[:, 1]))
+    diagonal = found.points[(off < 0.5 * step) & (np.abs(found.points[:, 1]) < 0.3)]
+    for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        way = np.abs(diagonal[(np.sign(diagonal) == sign).all(axis=1)][:, 1])
+        assert np.diff(np.sort(np.concatenate([[0.0], way, [0.3]]))).max() < 4.0 * step
+
+
+def test_edges_between_corners_may_be_curved():
+    # A lens: two arcs of radius 1 that meet at (0, +-0.6), each 2 asin(0.6) long.
+    centre = np.array([0.8, 0.0])
+    grid, phi = planar.sampled(
+        lambda x: np.hypot(*(np.abs(x) + centre).T) - 1.0,
+        0.01,
+    )
+    size = feature_size(grid, phi)
+    # 0.2 half way; corners of 74 degrees.
+    assert at(grid, size, (0.0, 0.0)) == pytest.approx(0.2, abs=0.005)
+    assert 0.1 < size[phi <= 0.0].min() < 0.21
+
+
+@pytest.mark.parametrize("corner_angle", [30.0, 10.0])
+def test_a_sharp_wedge_is_narrow_unless_it_counts_as_a_corner(corner_angle):
+    half = np.radians(10.0)
+    wedge = planar.polygon([(-1.0, 0.0), (1.0, -2.0 * np.tan(half)), (1.0, 2.0 * np.tan(half))])
+    grid, phi = planar.sampled(wedge, 0.02, half=1.1)
+    size = feature_size(grid, phi, medial_axis(grid, phi, corner_angle=corner_angle))
+    tip = at(grid, size, (-0.8, 0.0))
+    if corner_angle == 30.0:
+        assert tip == pytest.approx(0.2 * np.sin(half), abs=0.01)
+    else:
+        assert tip > 0.3
+
+
+def test_a_wavy_boundary_is_as_wide_as_a_smooth_one():
+    grid, phi = planar.sampled(planar.wavy_disc(0.9, 0.005, 24), 1.0 / 60.0)
+    size = feature_size(grid, phi)
+    assert size[phi <= 0.0].min() > 0.75
+
+
+# Arguments
+
+
+def test_what_was_found_before_is_used_and_nothing_is_written_into():
+    grid, phi = planar.sampled(planar.rectangle(1.6, 0.8), 0.05)
+    found, before = medial_axis(grid, phi), phi.copy()
+    distances = found.distances.copy()
+    np.testing.assert_array_equal(feature_size(grid, phi, found), feature_size(grid, phi))
+    np.testing.assert_array_equal(phi, before)
+    np.testing.assert_array_equal(found.distances, distances)
+
+
+def test_inactive_nodes_are_outside():
+    grid, phi = planar.sampled(planar.rectangle(1.6, 0.8), 0.05)
+    active = grid.points[:, 0].reshape(grid.shape) < 0.3
+    part = feature_size(grid.with_active(active), np.where(active, phi, np.nan))
+    assert np.isinf(part[~active]).all()
+    middle = active & (phi <= 0.0) & (np.abs(grid.points[:, 0]).reshape(grid.shape) < 0.2)
+    np.testing.assert_allclose(part[middle], 0.4, atol=0.03)
+
+
+def test_bad_arguments_are_refused():
+    grid, phi = planar.sampled(planar.disc(0.9), 0.2)
+    with pytest.raises(ValueError, match="phi must have shape"):
+        feature_size(grid, phi[1:])
+    with pytest.raises(ValueError, match="phi must be negative"):
+        feature_size(grid, np.abs(phi) + 1.0)
+    other = medial_axis(*planar.sampled(planar.disc(0.9), 0.1))
+    with pytest.raises(ValueError, match="medial must be of a background of shape"):
+        feature_size(grid, phi, other)
+
+
+def test_progress_ends_at_one():
+    grid, phi = planar.sampled(planar.disc(0.9), 0.1)
+    told = []
+    feature_size(grid, phi, progress=lambda text, share: told.append((text, share)))
+    assert {text for text, share in told if share == 1.0} == {text for text, _ in told}
+    assert len({text for text, _ in told}) >= 2

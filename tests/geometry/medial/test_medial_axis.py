@@ -1,0 +1,522 @@
+"""Algorithm 1 on shapes whose medial axis is known."""
+
+import numpy as np
+import planar_shapes as planar
+import pytest
+import solid_shapes as solid
+from scipy.spatial import cKDTree
+
+from adaptsize import CartesianGrid, medial_axis
+from adaptsize._kernels.medial_axis import find_crossings
+
+SHIFTS = [(0.0, 0.0), (0.5, 0.5), (0.31, 0.77)]
+
+
+def covered(axis_points, found, reach):
+    """Return the share of points of the true axis with one found within reach."""
+    return float(np.mean(cKDTree(found).query(axis_points)[0] <= reach))
+
+
+def between(a, b, n=400):
+    return np.linspace(a, b, n)
+
+
+# Positions
+
+
+def test_points_of_an_annulus_are_of_third_order():
+    error = []
+    for n in (20, 40, 80):
+        grid, phi = planar.sampled(planar.annulus(0.4, 1.0), 1.0 / n, shift=(0.3, 0.6))
+        found = medial_axis(grid, phi)
+        error.append(np.abs(np.linalg.norm(found.points, axis=1) - 0.7).max())
+        # An edge crosses a circle of radius R about 8 R / h times.
+        assert len(found.points) > 0.9 * 8.0 * 0.7 * n
+    order = np.log2(np.divide(error[:-1], error[1:]))
+    # Parabolas: an error of h^3 over the jump of the slopes.
+    assert (order > 2.7).all(), f"errors {error}, orders {order}"
+    assert error[0] < 0.005 / 20.0
+
+
+def test_normals_radii_angles_and_distances_of_an_annulus():
+    grid, phi = planar.sampled(planar.annulus(0.4, 1.0), 0.02, shift=(0.3, 0.6))
+    found = medial_axis(grid, phi)
+    outward = found.points / np.linalg.norm(found.points, axis=1)[:, None]
+    across = np.abs((found.normals * outward).sum(axis=1))
+    np.testing.assert_allclose(across, 1.0, atol=2e-3)
+    np.testing.assert_allclose(found.radii, 0.3, atol=1e-4)
+    assert found.angles.min() > 175.0
+    known = np.isfinite(found.distances)
+    exact = np.abs(np.linalg.norm(grid.points, axis=1) - 0.7).reshape(grid.shape)
+    # The tangent instead of the circle, at up to a spacing from it: h^2 / (2 R).
+    off = np.abs(found.distances - exact)[known]
+    assert off.max() < 0.02**2 / 0.7
+    assert known.sum() > len(found.points)
+
+
+@pytest.mark.parametrize("shift", SHIFTS)
+def test_axis_of_an_ellipse_ends_at_the_centres_of_curvature(shift):
+    step = 1.0 / 60.0
+    grid, phi = planar.sampled(planar.ellipse(1.0, 0.5), step, shift=shift)
+    x, y = medial_axis(grid, phi).points.T
+    # x = +-(a^2 - b^2) / a, where both fronts fall together and no method has digits.
+    inner = np.abs(x) < 0.6
+    assert np.abs(y[inner]).max() < 0.002 * step
+    assert np.abs(y).max() < 0.5 * step
+    assert 0.75 - 1.5 * step < np.abs(x).max() < 0.75 + 2.0 * step
+    assert covered(between((-0.7, 0.0), (0.7, 0.0)), np.column_stack([x, y]), step) == 1.0
+
+
+@pytest.mark.parametrize("degrees", [0.0, 10.0, 30.0, 45.0])
+@pytest.mark.parametrize("shift", SHIFTS)
+def test_axis_of_a_rectangle_is_its_middle_line(degrees, shift):
+    step = 1.0 / 50.0
+    shape = planar.turned(planar.rectangle(1.6, 0.8), degrees)
+    grid, phi = planar.sampled(shape, step, shift=shift)
+    found = medial_axis(grid, phi)
+    angle = np.radians(degrees)
+    end = 0.4 * np.array([np.cos(angle), np.sin(angle)])
+    assert planar.to_segment(found.points, -end, end).max() < 0.51 * step
+    assert np.median(planar.to_segment(found.points, -end, end)) < 1e-10
+    # At its ends, where three fronts meet, up to two spacings are missing.
+    assert covered(between(-0.9 * end, 0.9 * end), found.points, 1.5 * step) > 0.99
+
+
+@pytest.mark.parametrize("degrees", [0.0, 10.0, 30.0, 45.0])
+def test_without_corners_the_branches_into_them_are_found(degrees):
+    step = 1.0 / 50.0
+    shape = planar.turned(planar.rectangle(1.6, 0.8), degrees)
+    grid, phi = planar.sampled(shape, step, shift=(0.31, 0.77))
+    found = medial_axis(grid, phi, corner_angle=180.0)
+    angle = np.radians(degrees)
+    back = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    middle, corner = (0.4, 0.0), (0.8, 0.4)
+    away = np.abs(found.points @ back)  # four branches in one quarter
+    off = np.minimum(
+        planar.to_segment(away, (0.0, 0.0), middle), planar.to_segment(away, middle, corner)
+    )
+    assert off.max() < 0.5 * step
+    # Up to the corner, but for the last three nodes.
+    branch = between(middle, np.array(corner) - 4.0 * step)
+    for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        assert covered(branch * sign, found.points @ back, 1.5 * step) > 0.95
+
+
+def test_axis_of_an_l_is_two_middle_lines_and_a_parabola():
+    step = 1.0 / 50.0
+    grid, phi = planar.sampled(planar.letter_l(1.0, 0.8), step, shift=(0.31, 0.77))
+    found = medial_axis(grid, phi)
+    # Equally far from the vertex at (-0.2, -0.2) and a wall at -1: a parabola through (-0.2, -0.6).
+    along = between(-0.2, 0.2 - 2.0 * 0.8 + 0.8, 400)
+    bent = np.column_stack([along, -0.6 + (along + 0.2) ** 2 / 1.6])
+    bent = bent[bent[:, 0] >= bent[:, 1]]
+    axis = np.concatenate(
+        [
+            bent,
+            bent[:, ::-1],
+            between((-0.2, -0.6), (0.6, -0.6)),
+            between((-0.6, -0.2), (-0.6, 0.6)),
+        ]
+    )
+    assert cKDTree(axis).query(found.points)[0].max() < 0.5 * step
+    assert covered(axis, found.points, 1.5 * step) > 0.97
+
+
+@pytest.mark.parametrize("curvature", [2.0, 3.0])
+def test_axis_of_three_parabolas_ends_at_their_centres_of_curvature(curvature):
+    step, reach = 1.0 / 80.0, 0.8
+    shape = planar.three_parabolas(curvature, reach)
+    grid, phi = planar.sampled(shape, step, shift=(0.31, 0.77))
+    found = medial_axis(grid, phi)
+    lowest = reach - 1.0 / curvature
+    ends = [lowest * np.array([np.sin(t), -np.cos(t)]) for t in np.radians([0.0, 120.0, 240.0])]
+    off = np.min([planar.to_segment(found.points, (0.0, 0.0), end) for end in ends], axis=0)
+    assert off.max() < 2.5 * step
+    assert np.quantile(off, 0.9) < 0.2 * step
+    for end in ends:
+        assert covered(between((0.0, 0.0), 0.93 * end), found.points, 2.0 * step) > 0.97
+
+
+# False points
+
+
+@pytest.mark.parametrize("steps", [8.0, 20.0, 57.3])
+def test_a_disc_has_points_at_its_centre_only(steps):
+    rng = np.random.default_rng(20060112)
+    for shift in rng.random((12, 2)):
+        grid, phi = planar.sampled(planar.disc(0.9), 0.9 / steps, shift=shift)
+        found = medial_axis(grid, phi)
+        assert 1 <= len(found.points) <= 6
+        assert np.linalg.norm(found.points, axis=1).max() < 1.2 * 0.9 / steps
+
+
+def test_with_smaller_gamma_smooth_fronts_are_taken_for_crossings():
+    grid, phi = planar.sampled(planar.disc(0.9), 0.02, shift=(0.31, 0.77))
+    away = {
+        gamma: np.linalg.norm(medial_axis(grid, phi, gamma=gamma).points, axis=1).max()
+        for gamma in (1.0, 2.0)
+    }
+    assert away[1.0] > 3.0 * 0.02
+    assert away[2.0] < 1.2 * 0.02
+
+
+@pytest.mark.parametrize(("height", "waves"), [(0.002, 40), (0.005, 24)])
+def test_a_slightly_wavy_boundary_has_no_points_near_it(height, waves):
+    grid, phi = planar.sampled(planar.wavy_disc(0.9, height, waves), 1.0 / 60.0)
+    found = medial_axis(grid, phi)
+    # Crests have a curvature of 1 / r + height waves^2 / r^2: centres from 0.2 inwards.
+    assert len(found.points) > 0
+    assert found.radii.min() > 0.15
+
+
+@pytest.mark.parametrize("part", [0.001, 0.01, 0.1])
+def test_noise_of_a_tenth_of_a_spacing_gives_no_points_near_the_boundary(part):
+    step = 1.0 / 60.0
+    rng = np.random.default_rng(19731)
+    for shape, radius in (
+        (planar.turned(planar.rectangle(1.8, 0.8), 20.0), 0.4),
+        (planar.annulus(0.5, 1.0), 0.25),
+    ):
+        grid, phi = planar.sampled(shape, step)
+        found = medial_axis(grid, phi + part * step * rng.uniform(-1.0, 1.0, phi.shape))
+        assert len(found.points) > 40
+        assert found.radii.min() > 0.9 * radius
+
+
+def test_walls_that_are_flatter_than_the_tolerance_do_not_meet():
+    # A roof: two walls that meet at 170 degrees, so that the fronts differ by 10.
+    step, half = 0.05, np.radians(5.0)
+    grid = CartesianGrid([-1.0, -1.0], step, (41, 41))
+    phi = grid.sample(lambda x: np.abs(x[:, 0]) * np.sin(half) + x[:, 1] * np.cos(half) - 1.5)
+    below, above = 0.9 * np.radians(10.0) / (2.0 * step), 1.1 * np.radians(10.0) / (2.0 * step)
+    options = {"corner_angle": 180.0}
+    sharp = medial_axis(grid, phi, curvature_tolerance=below, **options)
+    assert len(sharp.points) > 30
+    np.testing.assert_allclose(sharp.points[:, 0], 0.0, atol=1e-12)
+    assert len(medial_axis(grid, phi, curvature_tolerance=above, **options).points) == 0
+
+
+def test_without_tolerance_what_is_found_still_has_normals():
+    shapes = (planar.disc(0.9), planar.ellipse(1.0, 0.5), planar.three_parabolas(2.5, 0.8))
+    for shape in shapes:
+        grid, phi = planar.sampled(shape, 0.02)
+        found = medial_axis(grid, phi, curvature_tolerance=0.0, corner_angle=180.0)
+        np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, rtol=1e-12)
+
+
+# In space
+
+
+def turns():
+    return [np.eye(3), solid.turn_about((1.0, 2.0, 3.0), 40.0)]
+
+
+@pytest.mark.parametrize("turn", turns())
+def test_axis_of_a_box_is_the_middle_sheet(turn):
+    step = 1.0 / 32.0
+    grid, phi = solid.sampled(
+        solid.turned(solid.box(1.0, 0.8, 0.5), turn), step, half=0.85, shift=(0.3, 0.1, 0.6)
+    )
+    found = medial_axis(grid, phi)
+    x, y, z = np.abs(found.points @ turn).T
+    assert z.max() < 0.5 * step
+    assert np.median(z) < 1e-10
+    assert x.max() < 0.25 + step
+    assert y.max() < 0.15 + step
+    sheet = np.stack(np.meshgrid(between(-0.25, 0.25, 30), between(-0.15, 0.15, 30), [0.0]), -1)
+    assert covered(sheet.reshape(-1, 3), found.points @ turn, 1.5 * step) > 0.99
+    np.testing.assert_allclose(found.radii, 0.25, atol=0.5 * step)
+
+
+@pytest.mark.parametrize("turn", turns())
+def test_axis_of_a_torus_is_a_circle(turn):
+    step = 1.0 / 32.0
+    grid, phi = solid.sampled(
+        solid.turned(solid.torus(0.55, 0.22), turn), step, half=0.85, shift=(0.3, 0.1, 0.6)
+    )
+    found = medial_axis(grid, phi)
+    x, y, z = (found.points @ turn).T
+    assert np.hypot(np.hypot(x, y) - 0.55, z).max() < 1.2 * step
+    angle = between(0.0, 2.0 * np.pi)
+    circle = 0.55 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    assert covered(circle, found.points @ turn, 2.0 * step) == 1.0
+
+
+@pytest.mark.parametrize("turn", turns())
+def test_axis_of_a_cylinder_is_a_line(turn):
+    step = 1.0 / 32.0
+    grid, phi = solid.sampled(
+        solid.turned(solid.cylinder(0.3, 1.4), turn), step, half=0.85, shift=(0.3, 0.1, 0.6)
+    )
+    found = medial_axis(grid, phi)
+    x, y, z = np.abs(found.points @ turn).T
+    # From 0.4 on the flat ends come closer than the side: cones, which lead to a sharp edge.
+    assert np.hypot(x, y).max() < 2.0 * step
+    assert z.max() < 0.4 + 2.0 * step
+    line = between((0.0, 0.0, -0.4), (0.0, 0.0, 0.4))
+    assert covered(line, found.points @ turn, 2.0 * step) == 1.0
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (1.0, 1.0, 0.0), (3.0, 4.0, 12.0)])
+def test_axes_of_parallel_plates_are_their_middle_planes(normal):
+    step = 1.0 / 20.0
+    # Six spacings thick, four apart.
+    grid, phi = solid.sampled(solid.plates(0.2, 0.3, normal), step, half=0.6)
+    found = medial_axis(grid, phi)
+    unit = np.array(normal) / np.linalg.norm(normal)
+    # Beyond the border of the grid planes are continued as they are, but not where they meet.
+    inner = (np.abs(found.points) < 0.6 - 2.0 * step).all(axis=1)
+    np.testing.assert_allclose(np.abs(found.points @ unit)[inner], 0.25, atol=1e-10)
+    np.testing.assert_allclose(np.abs(found.normals @ unit)[inner], 1.0, atol=1e-6)
+    assert np.abs(np.abs(found.points @ unit) - 0.25).max() < 0.5 * step
+    known = np.isfinite(found.distances).ravel() & (np.abs(grid.points) < 0.5).all(axis=1)
+    exact = np.abs(np.abs(grid.points[known] @ unit) - 0.25)
+    np.testing.assert_allclose(found.distances.ravel()[known], exact, atol=1e-5)
+
+
+# Corners
+
+
+def test_where_pieces_do_not_meet_they_form_no_corner():
+    # Two walls at right angles with a slit of a spacing at their corner are unlike a corner only
+    # in the numbers of their pieces.
+    grid = CartesianGrid([0.0, 0.0], 0.05, (41, 41))
+    x, y = grid.points.T
+    phi = -np.minimum(x, y).reshape(grid.shape)
+    nearest = (x > y).astype(int).reshape(grid.shape)
+    assert len(medial_axis(grid, phi, patches=nearest).points) == 0
+    # A third piece along the boundary next to the corner keeps the two apart.
+    nearest[np.abs(phi) <= 0.1] = 2
+    found = medial_axis(grid, phi, patches=nearest)
+    assert len(found.points) > 20
+    np.testing.assert_allclose(found.points[:, 0], found.points[:, 1], atol=1e-12)
+
+
+def test_pieces_that_meet_may_be_rounded_off_by_more():
+    # A corner of radius 0.3, seen from a distance of up to 1.
+    grid, phi = planar.sampled(
+        lambda x: np.where(
+            (x < 0.3).all(axis=1),
+            np.linalg.norm(x - 0.3, axis=1) - 0.3,
+            -np.minimum(x[:, 0], x[:, 1]),
+        ),
+        0.05,
+        half=1.0,
+        shift=(0.31, 0.77),
+    )
+    away = grid.points.reshape(*grid.shape, 2)
+    nearest = (away[..., 0] > away[..., 1]).astype(int)
+    blind = medial_axis(grid, phi).points.max()
+    informed = medial_axis(grid, phi, patches=nearest).points.max()
+    one = medial_axis(grid, phi, patches=np.zeros(grid.shape, int)).points.max()
+    # A corner if its radius is up to a share of the distance, and half a spacing at the apex,
+    # which is 0.41 radii off the rounding.
+    slack = 0.5 * 0.05 / (np.sqrt(2.0) - 1.0)
+    assert blind == pytest.approx((0.3 - slack) / 0.25, abs=0.05)
+    assert informed == pytest.approx((0.3 - slack) / 0.5, abs=0.05)
+    assert one == blind
+
+
+@pytest.mark.parametrize("angle", [20.0, 40.0, 90.0, 140.0])
+def test_walls_form_a_corner_from_the_corner_angle_on(angle):
+    half = np.radians(0.5 * angle)
+    wedge = planar.polygon([(-1.0, 0.0), (1.0, -2.0 * np.tan(half)), (1.0, 2.0 * np.tan(half))])
+    grid, phi = planar.sampled(wedge, 0.02, shift=(0.31, 0.77), half=1.1)
+    for corner_angle in (30.0, 60.0):
+        found = medial_axis(grid, phi, corner_angle=corner_angle)
+        # Equally far from both sides, and closer to them than to the third.
+        at_wedge = found.points[np.abs(found.points[:, 1]) < 1e-9]
+        assert (len(at_wedge) > 20) == (angle < corner_angle)
+
+
+def test_corners_are_told_where_they_are():
+    shape = planar.turned(planar.rectangle(1.6, 0.8), 20.0)
+    grid, phi = planar.sampled(shape, 0.02)
+    corners = medial_axis(grid, phi).corners
+    angle = np.radians(20.0)
+    back = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    np.testing.assert_allclose(np.abs(corners @ back), [[0.8, 0.4]] * len(corners), atol=0.002)
+    assert len({tuple(np.sign(c)) for c in corners @ back}) == 4
+    assert len(medial_axis(*planar.sampled(planar.wavy_disc(0.9, 0.005, 24), 0.02)).corners) == 0
+
+
+# Grids
+
+
+def test_spacings_may_differ_between_axes():
+    grid, phi = planar.sampled(planar.annulus(0.4, 1.0), (0.02, 0.04), shift=(0.3, 0.6))
+    found = medial_axis(grid, phi)
+    assert np.abs(np.linalg.norm(found.points, axis=1) - 0.7).max() < 2.5e-3 * 0.04
+    angle = between(0.0, 2.0 * np.pi)
+    circle = 0.7 * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert covered(circle, found.points, 0.06) == 1.0
+    exact = np.abs(np.linalg.norm(grid.points, axis=1) - 0.7).reshape(grid.shape)
+    known = np.isfinite(found.distances)
+    assert np.abs(found.distances - exact)[known].max() < 0.04**2 / 0.7
+
+
+def test_units_and_the_order_of_the_axes_do_not_matter():
+    shape = planar.turned(planar.letter_l(1.0, 0.8), 17.0)
+    grid, phi = planar.sampled(shape, 0.04, shift=(0.31, 0.77))
+    plain = medial_axis(grid, phi)
+    large = medial_axis(CartesianGrid(1024.0 * grid.origin, 40.96, grid.shape), 1024.0 * phi)
+    np.testing.assert_allclose(large.points, 1024.0 * plain.points, rtol=1e-9)
+    np.testing.assert_allclose(large.distances, 1024.0 * plain.distances, rtol=1e-9)
+    other = CartesianGrid(grid.origin[::-1], grid.spacing[::-1], grid.shape[::-1])
+    swapped = medial_axis(other, phi.T)
+    np.testing.assert_allclose(swapped.distances.T, plain.distances, rtol=1e-9)
+
+
+def test_inactive_nodes_do_not_count():
+    # Two strips of width 1 beside each other; what the inactive half holds is nonsense.
+    x = np.linspace(-0.2, 2.2, 49)
+    one = np.abs(x - 0.5) - 0.5
+    phi = np.tile(np.where(x < 1.1, one, np.nan)[:, None], (1, 9))
+    grid = CartesianGrid([-0.2, 0.0], 0.05, phi.shape, active=np.isfinite(phi))
+    found = medial_axis(grid, phi)
+    assert len(found.points) == 9
+    np.testing.assert_allclose(found.points[:, 0], 0.5, atol=1e-12)
+
+
+def test_in_one_dimension_it_is_the_middle():
+    grid = CartesianGrid([0.0], 0.1, (21,))
+    found = medial_axis(grid, np.abs(grid.points[:, 0] - 1.03) - 0.7)
+    np.testing.assert_allclose(found.points, [[1.03]], rtol=1e-12)
+
+
+# The kernel
+
+
+def by_polynomials(phi, tolerance, gamma):
+    """Algorithm 1 on a plane grid of spacing 1 with NumPy's polynomials; {(i, j, axis): s0}."""
+    n, m = phi.shape
+
+    def one_sided(line):
+        """Of seven values the difference in the middle, on the smoother side."""
+        back, front = line[3] - line[2], line[4] - line[3]
+        bends = abs(np.diff(line[1:4], 2)[0]), abs(np.diff(line[3:6], 2)[0])
+        if abs(bends[0] - bends[1]) <= 1e-9 * sum(bends):
+            return 0.5 * (back + front)
+        return back if bends[0] < bends[1] else front
+
+    def curvature(i, j):
+        c = phi[i - 1 : i + 2, j - 1 : j + 2]
+        fx, fy = 0.5 * (c[2, 1] - c[0, 1]), 0.5 * (c[1, 2] - c[1, 0])
+        fxx, fyy = np.diff(c[:, 1], 2)[0], np.diff(c[1], 2)[0]
+        fxy = 0.25 * (c[2, 2] - c[2, 0] - c[0, 2] + c[0, 0])
+        return abs(fxx * fy**2 - 2 * fx * fy * fxy + fyy * fx**2) / np.hypot(fx, fy) ** 3
+
+    found = {}
+    for axis in (0, 1):
+        for i in range(4, n - 5):
+            for j in range(4, m - 5):
+                step = np.eye(2, dtype=int)[axis]
+                line = np.array([phi[tuple(np.array([i, j]) + s * step)] for s in range(-2, 4)])
+                if line[2] >= 0.0 or line[3] >= 0.0:
+                    continue
+                apart = np.poly1d(np.polyfit([1, 2, 3], line[3:], 2)) - np.poly1d(
+                    np.polyfit([-2, -1, 0], line[:3], 2)
+                )
+                slope = apart.deriv()
+                roots = [s.real for s in np.roots(apart) if abs(s.imag) < 1e-12]
+                roots = [s for s in roots if -1e-9 <= s <= 1.0 + 1e-9]
+                if len(roots) != 1 or slope(-2.0) <= 0.0 or slope(3.0) <= 0.0:
+                    continue
+                a, b = np.array([i, j]), np.array([i, j]) + step
+                across = 1 - axis
+                gradients = []
+                for node, along in ((a, line[2] - line[1]), (b, line[4] - line[3])):
+                    beside = [
+                        phi[tuple(node + s * np.eye(2, dtype=int)[across])] for s in range(-3, 4)
+                    ]
+                    gradients.append((along, one_sided(np.array(beside))))
+                kappa = max(curvature(*(a - step)), curvature(*(b + step)))
+                alpha = np.dot(*gradients)
+                bound = max(1.0 - 0.5 * (gamma * kappa) ** 2, 0.5)
+                if alpha < min(bound, 1.0 - 0.5 * (gamma * tolerance) ** 2):
+                    found[i, j, axis] = roots[0]
+    return found
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [planar.turned(planar.letter_l(9.0, 8.0), 17.0), planar.ellipse(11.0, 6.0), planar.disc(9.0)],
+)
+def test_kernel_does_what_algorithm_1_says(shape):
+    _, phi = planar.sampled(shape, 1.0, half=17.0, shift=(0.31, 0.77))
+    twin = by_polynomials(phi, 0.1, 2.0)
+    room = 2 * phi.size
+    node, axis = np.empty((2, room), np.int64)
+    place, rise, depth = np.empty((3, room))
+    padded = np.pad(phi, 3, mode="reflect", reflect_type="odd")
+    count, rows = find_crossings(
+        padded.ravel(),
+        (1, *phi.shape),
+        (0, 3, 3),
+        (0, padded.shape[1], 1),
+        (1.0, 1.0, 1.0),
+        0.1,
+        2.0,
+        0,
+        node,
+        axis,
+        place,
+        rise,
+        depth,
+        np.empty((room, 2, 3)),
+    )
+    assert rows == phi.shape[0]
+    i, j = np.unravel_index(node[:count], phi.shape)
+    keys = zip(i.tolist(), j.tolist(), (axis[:count] - 1).tolist(), strict=True)
+    found = dict(zip(keys, place[:count].tolist(), strict=True))
+    assert len(twin) > 3
+    assert found.keys() == twin.keys()
+    for key, s in twin.items():
+        assert found[key] == pytest.approx(s, abs=1e-9)
+
+
+# Arguments
+
+
+def test_bad_arguments_are_refused():
+    grid, phi = planar.sampled(planar.disc(0.9), 0.2)
+    bad = phi.copy()
+    bad[2, 3] = np.inf
+    with pytest.raises(ValueError, match=r"phi must be finite, got phi\[2, 3\] = inf"):
+        medial_axis(grid, bad)
+    with pytest.raises(ValueError, match="phi must have shape"):
+        medial_axis(grid, phi[1:])
+    with pytest.raises(ValueError, match="phi must be negative at one node at least"):
+        medial_axis(grid, np.abs(phi))
+    with pytest.raises(ValueError, match="distances at nodes are for a CartesianGrid"):
+        medial_axis(grid.mesh, phi)
+    with pytest.raises(ValueError, match="gamma must be finite and > 0"):
+        medial_axis(grid, phi, gamma=0.0)
+    with pytest.raises(ValueError, match="curvature_tolerance must be finite and >= 0"):
+        medial_axis(grid, phi, curvature_tolerance=-1.0)
+    with pytest.raises(ValueError, match="corner_angle must be 0 to 180"):
+        medial_axis(grid, phi, corner_angle=190.0)
+    with pytest.raises(ValueError, match="patches must be integers of shape"):
+        medial_axis(grid, phi, patches=phi)
+
+
+def test_arguments_are_left_alone_and_results_are_read_only():
+    grid, phi = planar.sampled(planar.disc(0.9), 0.1)
+    before = phi.copy()
+    found = medial_axis(grid, phi)
+    np.testing.assert_array_equal(phi, before)
+    with pytest.raises(ValueError, match="read-only"):
+        found.points[0] = 0.0
+
+
+def test_progress_ends_at_one_and_an_exception_in_it_stops_the_work():
+    grid, phi = planar.sampled(planar.disc(0.9), 0.1)
+    shares = []
+    medial_axis(grid, phi, progress=lambda text, share: shares.append(share))
+    assert shares[-1] == 1.0
+
+    def stop(text, share):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        medial_axis(grid, phi, progress=stop)

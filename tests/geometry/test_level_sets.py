@@ -1,0 +1,310 @@
+"""Curvature of boundaries that are given by their signed distance on a grid."""
+
+import numpy as np
+import pytest
+from distance_shapes import (
+    RADIUS,
+    Ellipse,
+    ball,
+    box,
+    cylinder,
+    slope,
+    torus,
+    torus_curvature,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import CartesianGrid
+from adaptsize.geometry import level_set_curvature
+
+
+def near(grid, phi, width=2.0):
+    """Nodes up to some spacings from the boundary, those on the border of the grid left out."""
+    found = np.zeros(grid.shape, bool)
+    core = (slice(1, -1),) * grid.dim
+    found[core] = np.abs(phi[core]) <= width * grid.spacing.max()
+    return found
+
+
+def largest_error(grid, shape, exact, **options):
+    """The largest error of the boundary's curvature, of nodes up to 2 spacings from it."""
+    phi = grid.sample(shape)
+    kappa = level_set_curvature(grid, phi, **options)
+    inside = near(grid, phi)
+    expected = exact(grid.points) if callable(exact) else exact
+    expected = np.broadcast_to(expected, (grid.n_points, grid.dim - 1)).reshape(kappa.shape)
+    assert np.isfinite(kappa[inside]).all()
+    return np.abs(kappa - expected)[inside].max()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_circles_and_spheres_to_the_accuracy_of_the_differences(dim, sign):
+    # Under 45 degrees to the axes the third derivatives of the distance r make the differences
+    # err by h^2 / (4 r^2), and 1 / (1 - kappa phi) = r / R makes that h^2 / (4 r R).
+    grid = box(40, dim)
+    h = grid.spacing[0]
+    bound = h**2 / (4.0 * (RADIUS - 2.0 * h) * RADIUS) / RADIUS
+    error = largest_error(grid, lambda x: sign * ball(x), sign / RADIUS)
+    assert 0.1 * bound < error < 1.02 * bound  # and terms in h^4
+
+
+def test_cylinders_are_curved_around_and_not_along():
+    grid = box(40, 3)
+    error = largest_error(grid, cylinder, np.array([1.0 / RADIUS, 0.0]))
+    assert error < 0.01 / RADIUS
+    error = largest_error(grid, lambda x: -cylinder(x), np.array([0.0, -1.0 / RADIUS]))
+    assert error < 0.01 / RADIUS
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_lines_and_planes_have_no_curvature(dim):
+    # Rounding of the distance, 1e-16, over h^2.
+    assert largest_error(box(40, dim, stretch=0.7), slope, 0.0) < 1e-12
+
+
+SMOOTH = {
+    "circle": (2, ball, 1.0 / RADIUS),
+    "ellipse": (2, Ellipse(), lambda x: Ellipse().curvature_at(Ellipse().closest(x))[:, None]),
+    "sphere": (3, ball, 1.0 / RADIUS),
+    "torus": (3, torus, torus_curvature),
+}
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.parametrize("stretch", [1.0, 0.5])
+def test_second_order(name, stretch):
+    dim, shape, exact = SMOOTH[name]
+    cells = (40, 80) if dim == 3 else (80, 160)
+    error = [largest_error(box(n, dim, stretch=stretch), shape, exact) for n in cells]
+    order = np.log2(np.divide(error[:-1], error[1:]))
+    # Nodes 2 spacings inside come away from the centres of curvature as the grid is refined.
+    assert (order > 1.9).all(), f"errors {error}, orders {order}"
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_going_back_to_the_boundary_is_needed_with_this_sign(name):
+    dim, shape, exact = SMOOTH[name]
+    grid = box(80, dim)
+    corrected = largest_error(grid, shape, exact)
+    switched_off = largest_error(grid, shape, exact, at_boundary=False)
+    phi = grid.sample(shape)
+    level = level_set_curvature(grid, phi, at_boundary=False)
+    expected = exact(grid.points).reshape(level.shape) if callable(exact) else exact
+    printed = level / (1.0 + level * phi[..., None])
+    printed_error = np.abs(printed - expected)[near(grid, phi)].max()
+    assert switched_off > 10.0 * corrected
+    assert printed_error > 1.5 * switched_off
+
+
+def test_mean_and_gaussian_curvature_give_the_principal_ones():
+    # The formulas of Goldman (2005) in the derivatives, here by other code.
+    grid = box(36, 3, stretch=0.8)
+    phi = grid.sample(torus)
+    first = np.gradient(phi, *grid.spacing)
+    core = (slice(1, -1),) * 3
+
+    def second(d):  # the narrow difference; np.gradient twice is the wide one
+        rolled = np.roll(phi, 1, d) - 2.0 * phi + np.roll(phi, -1, d)
+        return rolled / grid.spacing[d] ** 2
+
+    hessian = np.array(
+        [
+            [second(d) if d == e else np.gradient(first[d], grid.spacing[e], axis=e)
+             for e in range(3)]
+            for d in range(3)
+        ]
+    )  # fmt: skip
+    f, a = np.array(first), hessian
+    square = (f**2).sum(axis=0)
+    along = np.einsum("i...,ij...,j...->...", f, a, f)
+    mean = (square * np.trace(a) - along) / (2.0 * square**1.5)
+    cofactors = np.empty_like(a)
+    for i in range(3):
+        for j in range(3):
+            p, q, r, s = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            cofactors[i, j] = a[p, r] * a[q, s] - a[p, s] * a[q, r]
+    gauss = np.einsum("i...,ij...,j...->...", f, cofactors, f) / square**2
+    kappa = level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=10.0)[core]
+    assert_allclose(kappa.mean(axis=-1), mean[core], rtol=1e-10, atol=1e-10)
+    assert_allclose(kappa.prod(axis=-1), gauss[core], rtol=1e-9, atol=1e-9)
+    assert (kappa[..., 0] >= kappa[..., 1]).all()
+
+
+def test_saddles_have_both_signs():
+    grid = box(60, 3)
+    phi = grid.sample(torus)
+    kappa = level_set_curvature(grid, phi, band=1.0)
+    radius = np.hypot(*grid.points.T[:2]).reshape(grid.shape)
+    inner = near(grid, phi, 1.0) & (radius < RADIUS - 0.1)
+    assert (kappa[inner, 0] > 0.0).all()
+    assert (kappa[inner, 1] < 0.0).all()
+
+
+def test_no_value_on_the_border_beside_unknown_distances_and_at_inactive_nodes():
+    grid = box(20)
+    phi = grid.sample(slope)
+    phi[5, 7], phi[12, 3], phi[14, 14] = np.nan, np.inf, -np.inf
+    active = np.ones(grid.shape, bool)
+    active[15:, 15:] = False
+    found = np.isfinite(level_set_curvature(grid.with_active(active), phi)[..., 0])
+    expected = active.copy()
+    expected[[0, -1]] = expected[:, [0, -1]] = False
+    for i, j in ((5, 7), (12, 3), (14, 14)):
+        expected[i - 1 : i + 2, j - 1 : j + 2] = False
+    assert_array_equal(found, expected)
+
+
+def test_inactive_nodes_do_count_in_the_differences():
+    grid = box(40)
+    phi = grid.sample(ball)
+    everywhere = level_set_curvature(grid, phi)
+    inside = phi <= 0.0
+    kappa = level_set_curvature(grid.with_active(inside), phi)
+    assert_array_equal(kappa[inside], everywhere[inside])
+    assert np.isnan(kappa[~inside]).all()
+
+
+def test_no_value_outside_the_band():
+    grid = box(40, stretch=0.5)
+    phi = grid.sample(ball)
+    kappa = level_set_curvature(grid, phi, band=1.5)[..., 0]
+    assert_array_equal(np.isfinite(kappa), np.abs(phi) <= 1.5 * grid.spacing.max())
+
+
+def test_no_value_at_kinks():
+    # Where two sides of a square are as near, the mean gradient has length 1 / sqrt 2.
+    grid = CartesianGrid([-1.0, -1.0], 0.1, (21, 21))
+    phi = grid.sample(lambda x: np.abs(x).max(axis=1) - 0.75)
+    kappa = level_set_curvature(grid, phi, at_boundary=False)[..., 0]
+    diagonal = np.arange(1, 20)
+    assert np.isnan(kappa[diagonal, diagonal]).all()
+    assert np.isnan(kappa[diagonal, 20 - diagonal]).all()
+    # A node off the diagonals by one does not know of the other side but from one corner.
+    assert np.isfinite(kappa[12, 15])
+    loose = level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=0.3)[..., 0]
+    assert np.isfinite(loose[15, 15])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_no_value_at_and_beyond_centres_of_curvature(dim, sign):
+    # Circles of radius r about 0, or cylinders, at a distance of r + 0.2 from their boundary.
+    grid = box(30, dim)
+    phi = sign * grid.sample(lambda x: np.hypot(x[:, 0], x[:, 1]) + 0.2)
+    level = level_set_curvature(grid, phi, at_boundary=False)
+    assert np.isfinite(level[(20,) * dim]).all()
+    assert np.isnan(level_set_curvature(grid, phi)).all()
+
+
+def test_constants_have_no_gradient_whatever_the_tolerance():
+    grid = box(10)
+    assert np.isnan(level_set_curvature(grid, np.zeros(grid.shape), gradient_tolerance=2.0)).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_smoothing_keeps_circles_and_damps_noise(dim):
+    grid = box(40, dim)
+    phi = grid.sample(ball)
+    inside = near(grid, phi)
+    exact = 1.0 / RADIUS
+    smooth = level_set_curvature(grid, phi, smoothing=2)[inside]
+    assert np.abs(smooth - exact).max() < 0.01 * exact
+    noise = np.random.default_rng(8123).normal(scale=0.02 * grid.spacing[0], size=grid.shape)
+    error = [
+        np.sqrt(np.mean((level_set_curvature(grid, phi + noise, smoothing=n)[inside] - exact) ** 2))
+        for n in (0, 1, 2)
+    ]
+    # White noise of deviation e in phi is one of about sqrt(6) e / h^2 in second differences;
+    # one average takes the middle coefficients 1, -2, 1 to 1/4, 0, -1/2, 0, 1/4, deviation 0.61.
+    assert error[1] < error[0] / 2.5
+    assert error[2] < error[1] / 1.5
+
+
+def test_smoothing_is_as_often_as_told_and_kinks_are_those_of_the_distance():
+    grid = box(40)
+    phi = grid.sample(ball)
+    phi[3, 5] += 0.02  # something that shows
+    once = phi.copy()
+    for axis in (0, 1, 0, 1):
+        padded = np.pad(once, [(int(d == axis), int(d == axis)) for d in (0, 1)], mode="edge")
+        low, middle, high = (np.moveaxis(padded, axis, 0)[s] for s in _SHIFTS)
+        once = np.moveaxis(0.25 * low + 0.5 * middle + 0.25 * high, 0, axis)
+    by_hand = level_set_curvature(grid, once, at_boundary=False, gradient_tolerance=9.0)
+    smooth = level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=9.0, smoothing=2)
+    inner = (slice(3, -3),) * 2  # at the border the mean of means and the wide mean differ
+    assert_allclose(smooth[inner], by_hand[inner], atol=1e-10)
+    # Averages over 4 spacings shorten the gradient near the middle, that of phi is what counts.
+    found = [
+        level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=0.06, smoothing=n)
+        for n in (0, 32)
+    ]
+    assert_array_equal(*map(np.isfinite, found))
+
+
+_SHIFTS = (slice(None, -2), slice(1, -1), slice(2, None))
+
+
+@given(st.floats(1e-6, 1e6))
+def test_curvature_is_the_inverse_of_a_length(scale):
+    grid = box(12, 3)
+    phi = grid.sample(torus)
+    scaled = CartesianGrid(scale * grid.origin, scale * grid.spacing, grid.shape)
+    kappa = level_set_curvature(grid, phi)
+    # Sums of six terms of 1 / h^2: rounding of some 1e-15 * 100.
+    assert_allclose(scale * level_set_curvature(scaled, scale * phi), kappa, atol=1e-11, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_other_side_has_the_opposite_curvature(dim):
+    grid = box(20, dim)
+    phi = grid.sample(torus if dim == 3 else Ellipse())
+    kappa = level_set_curvature(grid, phi)
+    assert_allclose(level_set_curvature(grid, -phi), -kappa[..., ::-1], atol=1e-11)
+
+
+def test_axes_may_be_exchanged():
+    grid = box(20, 3, stretch=0.8)
+    phi = grid.sample(cylinder)
+    kappa = level_set_curvature(grid, phi)
+    turned = CartesianGrid(grid.origin[[2, 0, 1]], grid.spacing[[2, 0, 1]],
+                           [grid.shape[d] for d in (2, 0, 1)])  # fmt: skip
+    other = level_set_curvature(turned, np.transpose(phi, (2, 0, 1)))
+    assert_allclose(other, np.transpose(kappa, (2, 0, 1, 3)), atol=1e-11)
+
+
+def test_parts_of_the_nodes_give_what_all_give(monkeypatch):
+    grid = box(20, 3)
+    phi = grid.sample(torus)
+    kappa = level_set_curvature(grid, phi)
+    monkeypatch.setattr("adaptsize.geometry.level_sets._NODES_AT_ONCE", 1000)
+    shares = []
+    again = level_set_curvature(grid, phi, progress=lambda text, share: shares.append(share))
+    assert_array_equal(again, kappa)
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1], len(shares)) == (0.0, 1.0, -(-grid.n_points // 1000) + 1)
+
+
+def test_distances_are_left_alone():
+    grid = box(20)
+    phi = grid.sample(ball)
+    before = phi.copy()
+    level_set_curvature(grid, phi, smoothing=2)
+    assert_array_equal(phi, before)
+
+
+def test_bad_arguments_are_named():
+    grid = box(10)
+    phi = grid.sample(ball)
+    with pytest.raises(ValueError, match=r"phi must have shape \(11, 11\), got \(121,\)"):
+        level_set_curvature(grid, phi.ravel())
+    with pytest.raises(ValueError, match="grid must be 2-D or 3-D"):
+        level_set_curvature(CartesianGrid([0.0], 0.1, (11,)), np.zeros(11))
+    with pytest.raises(ValueError, match="band must be >= 0"):
+        level_set_curvature(grid, phi, band=-1.0)
+    with pytest.raises(ValueError, match="gradient_tolerance must be finite and >= 0"):
+        level_set_curvature(grid, phi, gradient_tolerance=np.nan)
+    with pytest.raises(ValueError, match="smoothing must be a whole number"):
+        level_set_curvature(grid, phi, smoothing=0.5)

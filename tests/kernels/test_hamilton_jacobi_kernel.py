@@ -1,0 +1,161 @@
+"""The Hamilton-Jacobi steps on padded grids against array formulas."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize._kernels.hamilton_jacobi import hamilton_jacobi_stage, iterate_hamilton_jacobi
+
+
+def _padded(values, width):
+    return np.pad(values, width, constant_values=np.nan)
+
+
+def _problem(h0, g, spacing, order, dt, still=0.0):
+    """Pack what the kernels take; ``h0`` holds NaN at missing nodes, ``g`` too if per node."""
+    bound = _padded(h0, order)
+    number = np.arange(bound.size).reshape(bound.shape)
+    first = number[tuple(slice(order, -order) for _ in h0.shape)][..., 0]
+    strides = np.array(bound.strides) // bound.itemsize
+    weights = np.asarray(spacing, dtype=float) ** -2.0
+    varies = g.shape == h0.shape
+    limits = _padded(g, order).ravel() if varies else g
+    rows = (np.array(first, ndmin=1).ravel(), h0.shape[-1], strides)
+    return (bound.ravel(), limits, int(varies), *rows, weights, order, dt, still)
+
+
+def _stage(u, base, share, problem, order):
+    out = np.full(_padded(u, order).shape, np.nan)
+    moving = hamilton_jacobi_stage(
+        _padded(u, order).ravel(), _padded(base, order).ravel(), share, problem, out.ravel()
+    )
+    return out, moving
+
+
+def _shifted(u, axis, by):
+    """Return the neighbours ``by`` nodes further along the axis, NaN beyond the end."""
+    wide = np.pad(
+        u, [(2, 2) if a == axis else (0, 0) for a in range(u.ndim)], constant_values=np.nan
+    )
+    return np.take(wide, np.arange(u.shape[axis]) + 2 + by, axis=axis)
+
+
+def _minmod(a, b):
+    smaller = np.sign(a) * np.minimum(np.abs(a), np.abs(b))
+    return np.nan_to_num(np.where(np.sign(a) == np.sign(b), smaller, 0.0))
+
+
+def _twin(u, h0, g, spacing, order, dt):
+    """Return Euler's step by the textbook: D^- and D^+ per axis, then Godunov's choice."""
+    square, lowest = np.zeros_like(u), u.copy()
+    for axis, dx in enumerate(spacing):
+        ll, low, high, hh = (_shifted(u, axis, by) for by in (-2, -1, 1, 2))
+        backward, forward = (u - low) / dx, (high - u) / dx
+        lowest = np.fmin(lowest, np.fmin(low, high))
+        if order == 2:
+            middle = (high - 2.0 * u + low) / dx**2
+            backward = backward + 0.5 * dx * _minmod((u - 2.0 * low + ll) / dx**2, middle)
+            forward = forward - 0.5 * dx * _minmod((hh - 2.0 * high + u) / dx**2, middle)
+        square += np.fmax(np.fmax(backward, -forward), 0.0) ** 2
+    moved = u - dt * (np.sqrt(square) - g)
+    if order == 2:
+        moved = np.maximum(moved, lowest)
+    return np.minimum(h0, moved)
+
+
+def _random_problem(shape, seed, *, missing=0.2):
+    rng = np.random.default_rng(seed)
+    gone = rng.random(shape) < missing
+    u = rng.uniform(0.5, 3.0, shape)
+    h0 = np.where(rng.random(shape) < 0.4, u + rng.uniform(0.0, 0.1, shape), np.inf)
+    g = rng.uniform(0.1, 1.0, shape)
+    for values in (u, h0, g):
+        values[gone] = np.nan
+    return u, h0, g
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("shape", [(40,), (9, 12), (6, 7, 8)])
+def test_one_step_is_the_textbook_formula(shape, order):
+    spacing = (0.7, 1.0, 0.4)[: len(shape)]
+    u, h0, g = _random_problem(shape, seed=21)
+    for limit in (g, np.array([0.3])):
+        problem = _problem(h0, limit, spacing, order, 0.1)
+        out, _ = _stage(u, u, 0.0, problem, order)
+        expected = _twin(u, h0, limit, spacing, order, 0.1)
+        inside = tuple(slice(order, -order) for _ in shape)
+        assert_allclose(out[inside], expected, rtol=1e-13)  # NaN where nodes are missing
+        # What lies around the grid is left alone.
+        assert np.isnan(out).sum() == out.size - np.isfinite(u).sum()
+
+
+def test_order_two_is_exact_for_quadratics():
+    # ENO differences of second order reproduce the slope of a parabola: 2x at every node.
+    x = np.linspace(1.0, 2.0, 11)
+    problem = _problem(np.full(11, np.inf), np.array([0.0]), (0.1,), 2, 0.01)
+    out, _ = _stage(x**2, x**2, 0.0, problem, 2)
+    assert_allclose(out[4:-3], (x**2 - 0.01 * 2.0 * x)[2:-1], rtol=1e-13)
+
+
+@given(seed=st.integers(0, 2**32 - 1), dim=st.integers(1, 3), cfl=st.floats(0.1, 1.0))
+def test_first_order_steps_keep_the_order_of_two_fields(seed, dim, cfl):
+    shape, spacing = (7, 5, 4)[:dim], np.array([1.0, 0.3, 0.8])[:dim]
+    u, h0, g = _random_problem(shape, seed)
+    above = u + np.random.default_rng(seed).exponential(0.2, shape) ** 3
+    dt = cfl / np.sqrt((spacing**-2.0).sum())
+    problem = _problem(h0, g, spacing, 1, dt)
+    below, _ = _stage(u, u, 0.0, problem, 1)
+    higher, _ = _stage(above, above, 0.0, problem, 1)
+    assert not (below > higher + 1e-14).any()
+
+
+def test_longer_steps_than_the_limit_break_the_order():
+    # One steep fall: raising u by 1 lowers u - dt (u - 0) / dx as soon as dt > dx.
+    h0, g = np.array([0.0, np.inf]), np.array([0.3])
+    for dt, keeps in ((1.0, True), (1.5, False)):
+        problem = _problem(h0, g, (1.0,), 1, dt)
+        low, high = (
+            _stage(u, u, 0.0, problem, 1)[0][2]
+            for u in (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
+        )
+        assert (low <= high) == keeps
+
+
+def test_moving_nodes_are_counted_and_missing_ones_are_not():
+    # D = 0 at node 0, which rises by dt g = 0.1 unless h0 holds it; node 2 falls by
+    # dt (1 - 0.5) = 0.1; node 3 is missing; node 4 has no neighbours and rises.
+    u = np.array([1.0, 1.0, 2.0, np.nan, 1.0])
+    h0 = np.array([1.0, 1.0, np.inf, np.nan, np.inf])
+    g = np.array([0.5])
+    for still, count in ((0.0, 2), (0.099, 2), (0.101, 0)):
+        out, moving = _stage(u, u, 0.0, _problem(h0, g, (1.0,), 1, 0.2, still), 1)
+        assert moving == count
+    assert_allclose(out[1:-1], [1.0, 1.0, 1.9, np.nan, 1.1], rtol=1e-15)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("n_steps", [1, 2, 5])
+def test_steps_are_eulers_or_runge_kuttas(order, n_steps):
+    u, h0, g = _random_problem((8, 9), seed=22)
+    problem = _problem(h0, g, (1.0, 1.0), order, 0.3)
+    now, spare, stage = (_padded(a, order).ravel() for a in (u, u * np.nan, u * np.nan))
+    taken, moving = iterate_hamilton_jacobi(n_steps, now, spare, stage, problem)
+    assert (taken, moving > 0) == (n_steps, True)
+
+    def mixed(share, values):
+        free = _twin(values, np.inf, g, (1.0, 1.0), order, 0.3)
+        return np.minimum(h0, share * u + (1.0 - share) * free)
+
+    for _ in range(n_steps):
+        u = mixed(0.0, u) if order == 1 else mixed(1.0 / 3.0, mixed(0.75, mixed(0.0, u)))
+    assert_allclose(now if n_steps % 2 == 0 else spare, _padded(u, order).ravel(), rtol=1e-13)
+
+
+def test_iteration_stops_where_nothing_moves():
+    h0 = np.array([1.0, 1.2, 1.1])  # slopes below 0.3: h0 is the solution
+    problem = _problem(h0, np.array([0.3]), (1.0,), 1, 0.5)
+    now, spare = _padded(h0, 1), np.full(5, np.nan)
+    assert iterate_hamilton_jacobi(10, now, spare, spare, problem) == (1, 0)
+    assert_array_equal(spare[1:-1], h0)

@@ -1,0 +1,305 @@
+"""Exact limiting on meshes that are no proper triangulation, with answers worked out by hand.
+
+A source of size 1 is at one node; ``lengths`` are those of the shortest paths from there.
+"""
+
+import numpy as np
+import pytest
+from exact_oracle import edge_sizes, plane_domain, plane_sizes, straight_sizes
+from meshes import jittered_cube, jittered_square, random_square, slit_square, structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import SimplexMesh, limit_gradient
+
+METHOD = "exact"
+G = 0.3
+INF = np.inf
+SQRT2, SQRT5 = np.sqrt(2.0), np.sqrt(5.0)
+
+
+def limit(mesh, h0, **options):
+    return limit_gradient(mesh, h0, G, method=METHOD, **options)
+
+
+def assert_lengths(mesh, source, lengths):
+    """Compare sizes, and in the plane those of the reference, with 1 + g * lengths."""
+    h0 = np.full(mesh.n_points, INF)
+    h0[source] = 1.0
+    expected = 1.0 + G * np.asarray(lengths)
+    if mesh.cell_dim == 2:
+        assert_allclose(plane_sizes(plane_domain(mesh), h0, G), expected, rtol=1e-13)
+    for face_sources in (False, True):
+        assert_allclose(limit(mesh, h0, face_sources=face_sources), expected, rtol=1e-13)
+
+
+def assert_between_bounds(mesh, h0):
+    """Assert what holds for any mesh: straight lines below, paths along edges above."""
+    upper = edge_sizes(mesh, h0, G)
+    for face_sources in (False, True):
+        h = limit(mesh, h0, face_sources=face_sources)
+        assert_array_equal(np.isfinite(h), np.isfinite(upper))
+        assert (h <= upper * (1.0 + 1e-12)).all()
+        assert (h <= h0).all()
+        i, j = mesh.edges.T
+        finite = np.isfinite(h[i])
+        rise = np.abs(h[i][finite] - h[j][finite])
+        assert (rise <= G * mesh.edge_lengths[finite] + 1e-12 * h[i][finite]).all()
+        if not face_sources:
+            assert (h >= straight_sizes(mesh.points, h0, G) * (1.0 - 1e-12)).all()
+
+
+# --- cells given twice, and cells without area ------------------------------------------------
+
+# Three unit squares, an L, its reflex corner at node 4.  From node 5 = (2, 1): node 7 = (1, 2) by
+# the corner 1 + 1, node 6 = (0, 2) by the corner 1 + sqrt 2.
+L_POINTS = [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1], [0, 2], [1, 2]]
+L_CELLS = [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [3, 4, 7], [3, 7, 6]]
+L_LENGTHS = [SQRT5, SQRT2, 1.0, 2.0, 1.0, 0.0, 1.0 + SQRT2, 2.0]
+
+
+@pytest.mark.parametrize("again", [[0], [3], [4], [2, 3, 4], [0, 1, 2, 3, 4, 5]])
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2]], ids=["alike", "turned over"])
+def test_cells_given_twice_have_no_effect(again, order):
+    twice = np.array(L_CELLS)[again][:, order]
+    assert_lengths(SimplexMesh(L_POINTS, np.concatenate([L_CELLS, twice])), 5, L_LENGTHS)
+
+
+def test_cells_given_three_times_around_holes_have_no_effect():
+    mesh = jittered_square(8, 2301)
+    cells = np.delete(mesh.cells, [10, 30, 60], axis=0)
+    rng = np.random.default_rng(2302)
+    h0 = np.where(rng.random(64) < 0.3, rng.uniform(1.0, 20.0, 64), INF)
+    h0[0] = 1.0
+    expected = plane_sizes(plane_domain(SimplexMesh(mesh.points, cells)), h0, G)
+    thrice = SimplexMesh(mesh.points, np.concatenate([cells, cells[::2], cells[::2, ::-1]]))
+    assert_allclose(limit(thrice, h0, face_sources=False), expected, rtol=1e-12)
+
+
+def test_flat_cells_on_the_hull_have_no_effect():
+    # The L, node 8 in the middle of its lower side 0-2 and node 9 in the middle of 4-5.
+    points = [*L_POINTS, [1.5, 0.0], [1.5, 1.0]]
+    lengths = [*L_LENGTHS, np.hypot(0.5, 1.0), 0.5]
+    cut = [[0, 1, 4], [0, 4, 3], [1, 8, 9], [1, 9, 4], [8, 2, 5], [8, 5, 9], *L_CELLS[4:]]
+    for flat in ([[1, 8, 2]], [[4, 9, 5]], [[1, 8, 2], [9, 5, 4]]):
+        assert_lengths(SimplexMesh(points, cut + flat), 5, lengths)
+
+
+def test_a_node_that_only_a_flat_cell_on_the_hull_has_is_reached_through_it():
+    # Nodes 8 and 9 as above, but on sides of cells that do not have them.
+    points = [*L_POINTS, [1.5, 0.0], [1.5, 1.0]]
+    mesh = SimplexMesh(points, [*L_CELLS, [1, 8, 2], [4, 9, 5]])
+    assert_lengths(mesh, 5, [*L_LENGTHS, np.hypot(0.5, 1.0), 0.5])
+    # From node 8 all is seen but node 7: the line to node 6 is left of the corner at y = 1.
+    near = np.hypot(0.5, 1.0)
+    assert_lengths(mesh, 8, [1.5, 0.5, 0.5, np.hypot(1.5, 1), near, near, 2.5, near + 1, 0, 1])
+
+
+# Below y = 0 one cell on the side from node 0 to node 1, above it two, which meet in node 2.
+ROWS = [[0, 0], [2, 0], [1, 0], [1, -1], [0, 1], [2, 1]]
+ROW_CELLS = [[0, 1, 3], [0, 2, 4], [2, 5, 4], [2, 1, 5]]
+
+
+def test_a_flat_cell_between_two_rows_lets_everything_through():
+    # The hull of the six nodes, which is convex.
+    mesh = SimplexMesh(ROWS, [*ROW_CELLS, [0, 2, 1]])
+    assert_lengths(mesh, 3, [SQRT2, SQRT2, 1.0, 0.0, SQRT5, SQRT5])
+    assert_lengths(mesh, 4, [1.0, SQRT5, SQRT2, SQRT5, 0.0, 2.0])
+
+
+def test_without_it_there_is_a_crack_with_two_ends():
+    # From node 3 nodes 4 and 2 are reached by node 0: sqrt 2 + 1 both; by node 1 node 5.
+    around = SQRT2 + 1.0
+    mesh = SimplexMesh(ROWS, ROW_CELLS)
+    assert_lengths(mesh, 3, [SQRT2, SQRT2, around, 0.0, around, around])
+    assert_lengths(mesh, 2, [1.0, 1.0, 0.0, around, SQRT2, SQRT2])
+
+
+def test_nodes_on_the_two_sides_of_a_crack_do_not_see_each_other_along_it():
+    # Node 6 = (1.5, 0) on the lower side.  From node 2 by node 1: 1 + 0.5.
+    points = [*ROWS, [1.5, 0.0]]
+    cells = [[0, 6, 3], [6, 1, 3], *ROW_CELLS[1:]]
+    to_3 = SQRT2 + 1.0
+    assert_lengths(SimplexMesh(points, cells), 2, [1.0, 1.0, 0.0, to_3, SQRT2, SQRT2, 1.5])
+
+
+# --- slits, pinched nodes, components ---------------------------------------------------------
+
+
+def around_the_tip(points, source, is_above):
+    """Shortest paths in the square with a slit y = 0, x > 0: straight, or by the tip (0, 0)."""
+    straight = np.linalg.norm(points - points[source], axis=1)
+    y = points[:, 1]
+    share = np.where(is_above != is_above[source], points[source, 1], 0.0)
+    share = np.divide(share, points[source, 1] - y, out=np.zeros_like(y), where=share != 0.0)
+    crosses_at = points[source, 0] + share * (points[:, 0] - points[source, 0])
+    # On the slit itself the line to a node of the other side runs along it.
+    hidden = (is_above != is_above[source]) & (crosses_at > 1e-12)
+    by_tip = np.linalg.norm(points, axis=1) + np.linalg.norm(points[source])
+    return np.where(hidden, by_tip, straight)
+
+
+@pytest.mark.parametrize("place", [(1.0, 0.5), (0.5, 0.25), (0.75, 0.0), (-1.0, 1.0), (0.25, -0.5)])
+def test_paths_go_around_the_tip_of_a_slit_of_no_width(place):
+    mesh = slit_square(8)
+    is_above = np.zeros(mesh.n_points, bool)
+    is_above[mesh.cells[mesh.points[mesh.cells].mean(axis=1)[:, 1] > 0.0]] = True
+    # Nodes of the line y = 0 left of the tip belong to both sides.
+    y, x = mesh.points[:, 1], mesh.points[:, 0]
+    for source in np.flatnonzero(np.linalg.norm(mesh.points - place, axis=1) < 1e-12):
+        side = np.where((np.abs(y) < 1e-12) & (x < 1e-12), is_above[source], is_above)
+        assert_lengths(mesh, source, around_the_tip(mesh.points, source, side))
+
+
+def test_twins_on_a_slit_are_as_far_apart_as_twice_from_the_tip():
+    mesh = slit_square(8)
+    pairs = [np.flatnonzero((mesh.points == [x, 0.0]).all(axis=1)) for x in (0.25, 0.75, 1.0)]
+    for first, x in zip(pairs, (0.25, 0.75, 1.0), strict=True):
+        h0 = np.full(mesh.n_points, INF)
+        h0[first[0]] = 1.0
+        h = limit(mesh, h0)
+        for second, other_x in zip(pairs, (0.25, 0.75, 1.0), strict=True):
+            same, across = h[second] if h[second[0]] < h[second[1]] else h[second[::-1]]
+            assert_allclose(same, 1.0 + G * abs(x - other_x), rtol=1e-13)
+            assert_allclose(across, 1.0 + G * (x + other_x), rtol=1e-13)
+
+
+def test_information_passes_through_a_pinched_node():
+    # Unit squares that share node 3 = (1, 1).  From node 1 = (1, 0): to (2, 1) by the node 1 + 1,
+    # straight 1.4; to (1, 2) straight through the node.
+    points = [[0, 0], [1, 0], [0, 1], [1, 1], [2, 1], [1, 2], [2, 2]]
+    cells = [[0, 1, 3], [0, 3, 2], [3, 4, 6], [3, 6, 5]]
+    assert_lengths(SimplexMesh(points, cells), 1, [1.0, 0, SQRT2, 1, 2, 2, 1 + SQRT2])
+    lengths = [0, 1, 1, SQRT2, 1 + SQRT2, 1 + SQRT2, 2 * SQRT2]
+    assert_lengths(SimplexMesh(points, cells), 0, lengths)
+
+
+def test_information_passes_a_node_of_three_sectors():
+    # Three triangles around the origin that share no edge; between two of them by the origin.
+    angle = np.radians([0, 60, 120, 180, 240, 300])
+    points = np.concatenate([[[0.0, 0.0]], np.column_stack([np.cos(angle), np.sin(angle)])])
+    mesh = SimplexMesh(points, [[0, 1, 2], [0, 3, 4], [0, 5, 6]])
+    assert_lengths(mesh, 1, [1.0, 0.0, 1.0, 2.0, 2.0, 2.0, 2.0])
+
+
+def test_a_node_in_no_cell_keeps_its_bound_and_does_not_act():
+    points = [*L_POINTS, [0.5, 0.5], [1.5, 1.5], [1.0, 1.0]]
+    for bound in (INF, 0.01):
+        h0 = np.array([INF] * 5 + [1.0] + [INF] * 2 + [bound] * 3)
+        h = limit(SimplexMesh(points, L_CELLS), h0)
+        assert_array_equal(h[8:], [bound] * 3)
+        assert_allclose(h[:8], 1.0 + G * np.array(L_LENGTHS), rtol=1e-13)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.1])
+def test_nothing_crosses_between_components(gap):
+    one = structured_square(5, half_width=1.0)
+    other = one.points + np.array([2.0 + gap, 0.0])
+    mesh = SimplexMesh(
+        np.concatenate([one.points, other]), np.concatenate([one.cells, one.cells + one.n_points])
+    )
+    away = np.linalg.norm(one.points - one.points[0], axis=1)
+    assert_lengths(mesh, 0, np.concatenate([away, np.full(one.n_points, INF)]))
+    h0 = np.full(mesh.n_points, INF)
+    h0[[0, one.n_points]] = 1.0, 0.1
+    expected = np.concatenate([1.0 + G * away, 0.1 + G * away])
+    assert_allclose(limit(mesh, h0), expected, rtol=1e-13)
+
+
+def test_an_island_in_a_hole_is_a_component():
+    mesh = structured_square(6, half_width=3.0)
+    centres = np.abs(mesh.points[mesh.cells].mean(axis=1)).max(axis=1)
+    island = mesh.points[mesh.cells[centres < 1.0].ravel()].reshape(-1, 3, 2) * 0.9
+    cells = np.concatenate(
+        [mesh.cells[centres > 2.0], mesh.n_points + np.arange(3 * len(island)).reshape(-1, 3)]
+    )
+    points = np.concatenate([mesh.points, island.reshape(-1, 2)])
+    h0 = np.full(len(points), INF)
+    h0[0], h0[mesh.n_points] = 1.0, 0.01
+    h = limit(SimplexMesh(points, cells), h0)
+    expected = plane_sizes(plane_domain(SimplexMesh(points, cells)), h0, G)
+    assert_allclose(h, expected, rtol=1e-13)
+    # From corner to corner by a corner of the hole: 3 sqrt 2 would be through the island.
+    corner, opposite = np.array([-2.0, 2.0]), np.array([3.0, 3.0])
+    length = np.linalg.norm([1.0, 5.0]) + np.linalg.norm(opposite - corner)
+    assert_allclose(h[np.flatnonzero((points == opposite).all(axis=1))], 1.0 + G * length)
+
+
+# --- folds ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(2303, 2311))
+def test_folded_cells_keep_sizes_between_straight_lines_and_edges(seed):
+    rng = np.random.default_rng(seed)
+    mesh = (random_square(60, seed), jittered_cube(4, seed))[seed % 2]
+    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.boundary().nodes)
+    points = mesh.points.copy()
+    moved = rng.choice(inner, 3, replace=False)
+    points[moved] += rng.normal(size=(3, mesh.dim)) * 0.5 * np.ptp(points, axis=0)
+    folded = SimplexMesh(points, mesh.cells)
+    h0 = np.where(rng.random(mesh.n_points) < 0.2, rng.uniform(1.0, 3.0, mesh.n_points), INF)
+    h0[inner[0]] = 1.0
+    assert_between_bounds(folded, h0)
+
+
+def test_segments_apart_doubled_and_back_over_each_other():
+    # 0-1-3 with one segment twice, and apart from it 4-6-5, of which the last goes back.
+    points = [[0.0], [1.0], [3.0], [4.0], [6.0], [5.0]]
+    h0 = [1.0, INF, INF, 2.0, INF, INF]
+    straight = SimplexMesh(points, [[0, 1], [2, 1], [1, 2], [3, 4]])
+    expected = [1.0, 1.0 + G, 1.0 + 3.0 * G, 2.0, 2.0 + 2.0 * G, INF]
+    assert_allclose(limit(straight, h0), expected, rtol=1e-14)
+    assert_between_bounds(SimplexMesh(points, [[0, 1], [2, 1], [3, 4], [4, 5]]), np.array(h0))
+
+
+# --- space ------------------------------------------------------------------------------------
+
+
+def boxes(*corners):
+    """Unit cubes of 6 tetrahedra each, which share the nodes that they have in common."""
+    ways = [[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]]
+    unit = np.array([[k & 1, k >> 1 & 1, k >> 2] for k in range(8)], float)
+    all_points = (np.array(corners, float)[:, None] + unit).reshape(-1, 3)
+    points, number = np.unique(all_points, axis=0, return_inverse=True)
+    cells = number.reshape(-1, 1, 8)[:, 0][:, ways]
+    return SimplexMesh(points, cells.reshape(-1, 4))
+
+
+def node_at(mesh, place):
+    return int(np.flatnonzero((mesh.points == place).all(axis=1))[0])
+
+
+def test_tetrahedra_given_twice_or_flat_have_no_effect():
+    mesh = boxes((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    source = node_at(mesh, (2, 1, 0))
+    h0 = np.full(mesh.n_points, INF)
+    h0[source] = 1.0
+    h = limit(mesh, h0)
+    # Over the edge x = y = 1 to (1, 2, z): turned into one plane, hypot(1 + 1, z).
+    for z, length in ((0, 2.0), (1, SQRT5)):
+        assert_allclose(h[node_at(mesh, (1, 2, z))], 1.0 + G * length, rtol=1e-9)
+    corners = [node_at(mesh, place) for place in ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))]
+    for more in (mesh.cells[:3], mesh.cells[5:, [1, 0, 2, 3]], mesh.cells, [corners]):
+        changed = SimplexMesh(mesh.points, np.concatenate([mesh.cells, more]))
+        assert_allclose(limit(changed, h0), h, rtol=1e-12)
+
+
+def test_cubes_that_share_an_edge_a_node_or_nothing():
+    # Over the common edge x = y = 1 from (0, 1, 0) to (1, 2, 1): hypot(1 + 1, 1) at the least.
+    mesh = boxes((0, 0, 0), (1, 1, 0))
+    h0 = np.full(mesh.n_points, INF)
+    h0[node_at(mesh, (0, 1, 0))] = 1.0
+    h = limit(mesh, h0)
+    assert h[node_at(mesh, (1, 2, 1))] > (1.0 + G * SQRT5) * (1.0 - 1e-12)
+    assert_allclose(h[node_at(mesh, (1, 2, 0))], 1.0 + G * 2.0, rtol=1e-12)
+    assert_between_bounds(mesh, h0)
+    # By the common node (1, 1, 1): sqrt 2 + sqrt 2 from (0, 1, 0) to (2, 1, 2).
+    mesh = boxes((0, 0, 0), (1, 1, 1))
+    h0 = np.full(mesh.n_points, INF)
+    h0[node_at(mesh, (0, 1, 0))] = 1.0
+    h = limit(mesh, h0)
+    assert_allclose(h[node_at(mesh, (2, 1, 2))], 1.0 + G * 2.0 * SQRT2, rtol=1e-12)
+    assert_between_bounds(mesh, h0)
+    mesh = boxes((0, 0, 0), (1.5, 0, 0))
+    h0 = np.full(mesh.n_points, INF)
+    h0[node_at(mesh, (1, 0, 0))] = 1.0
+    assert_array_equal(np.isinf(limit(mesh, h0)), mesh.points[:, 0] > 1.2)

@@ -1,0 +1,259 @@
+"""Exact limiting of nodal bounds among tetrahedra, in domains that are not convex.
+
+Where the place that a size comes from is seen the result is exact, elsewhere at least the length of
+a path that exists.  Walls and corridors have exact lengths, jagged parts of a cube bounds.
+"""
+
+from itertools import permutations
+
+import domains
+import numpy as np
+import pytest
+from exact_oracle import edge_sizes, fine_graph_sizes, straight_sizes
+from geodesics import _bent_in_rectangle, prism_sizes, window_sizes
+from meshes import jittered_cube
+from numpy.testing import assert_allclose
+
+from adaptsize import SimplexMesh, limit_gradient
+
+METHOD = "exact"
+G = 0.3
+
+#: Below the exact sizes, which are up to 60: rounding, and that of the references.
+TOO_SMALL = 1e-9
+#: Over one reflex edge, or the two of a wall, which are straight: the exact sizes themselves.
+WALL_TOLERANCE = 1e-9
+#: Paths over two edges of a window that meet in a corner are not exact: share of the nodes, and by
+#: how much with about 5 000 nodes.
+WINDOW_SHARE, WINDOW_ERROR = 0.02, 0.25
+#: Around two edges that are askew, in a corridor 4 wide: a bend stays at its best place for the
+#: way to the other edge.
+CORRIDOR_ERROR = 0.03
+#: Paths over edges and faces cut in eight are longer than straight ones by 1.4 % at most.
+GRAPH_EXCESS = 0.02
+
+
+def limit(mesh, h0, **options):
+    return limit_gradient(mesh, h0, G, method=METHOD, face_sources=False, **options)
+
+
+def assert_between_bounds(mesh, h0):
+    """Limit; compare with straight lines, paths along edges, and the info."""
+    h, info = limit(mesh, h0, full_output=True)
+    lower, upper = straight_sizes(mesh.points, h0, G), edge_sizes(mesh, h0, G)
+    assert np.isfinite(upper).all()
+    assert (h >= lower * (1.0 - 1e-12)).all()
+    assert (h <= upper * (1.0 + 1e-12)).all()
+    gap = h - lower
+    assert 0 < info.n_proved <= np.count_nonzero(gap <= 1e-12 * h)
+    assert info.largest_gap == pytest.approx(gap.max(), rel=1e-9, abs=1e-12)
+    if info.n_proved == mesh.n_points:
+        assert info.largest_gap == 0.0
+    return h, info
+
+
+def some_bounds(mesh, rng, share, *, low=1.0, high=20.0):
+    h0 = np.where(rng.random(mesh.n_points) < share, rng.uniform(low, high, mesh.n_points), np.inf)
+    h0[rng.integers(mesh.n_points)] = low
+    return h0
+
+
+def exact_of(reference, domain, mesh, h0):
+    sources = np.flatnonzero(np.isfinite(h0))
+    return reference(domain, mesh.points, G, mesh.points[sources], h0[sources])
+
+
+# --- walls and windows -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [2401, 2402])
+def test_sizes_behind_a_wall_are_exact(seed):
+    case = domains.CASES["wall"]
+    mesh, domain = case.make(4000, seed=seed)
+    h0, _ = domains.point_sources(mesh, case.places, case.sizes)
+    h, _ = assert_between_bounds(mesh, h0)
+    exact = exact_of(prism_sizes, domain, mesh, h0)
+    assert_allclose(h, exact, rtol=0.0, atol=WALL_TOLERANCE)
+    assert (exact > straight_sizes(mesh.points, h0, G) + 1.0).mean() > 0.1
+
+
+@pytest.mark.parametrize("share", [0.01, 1.0])
+def test_bounds_at_many_nodes_beside_a_wall(share):
+    mesh, domain = domains.wall_box(3000, seed=2403)
+    h0 = some_bounds(mesh, np.random.default_rng(2404), share)
+    h, _ = assert_between_bounds(mesh, h0)
+    some = np.random.default_rng(2405).choice(mesh.n_points, 100, replace=False)
+    sources = np.flatnonzero(h0 <= h.max())
+    if share == 1.0:  # others are too large to matter
+        sources = sources[h[sources] == h0[sources]]
+    exact = prism_sizes(domain, mesh.points[some], G, mesh.points[sources], h0[sources])
+    error = h[some] - exact
+    assert error.min() > -TOO_SMALL
+    assert np.mean(error > WALL_TOLERANCE) <= 0.01
+
+
+@pytest.mark.parametrize("seed", [2406, 2407])
+def test_sizes_behind_a_window_are_nearly_exact(seed):
+    case = domains.CASES["window"]
+    mesh, domain = case.make(4400, seed=seed)
+    h0, _ = domains.point_sources(mesh, case.places, case.sizes)
+    h, _ = assert_between_bounds(mesh, h0)
+    error = h - exact_of(window_sizes, domain, mesh, h0)
+    assert error.min() > -TOO_SMALL
+    assert np.mean(error > 1e-9) <= WINDOW_SHARE
+    assert error.max() <= WINDOW_ERROR
+
+
+# --- solids of cubes -------------------------------------------------------------------------
+
+
+def solid_of_cubes(keep, shape, seed):
+    """Tetrahedra of the unit cubes in a box whose middles are kept, inner nodes moved."""
+    corner = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 3)
+    corner = corner[keep(corner + 0.5)]
+    number = np.arange(np.prod(np.add(shape, 1))).reshape(np.add(shape, 1))
+    cells = []
+    for way in permutations(range(3)):
+        steps = np.concatenate(
+            [np.zeros((1, 3), int), np.cumsum(np.eye(3, dtype=int)[list(way)], 0)]
+        )
+        cells.append(np.column_stack([number[tuple((corner + step).T)] for step in steps]))
+    used, cells = np.unique(np.concatenate(cells), return_inverse=True)
+    points = np.argwhere(number >= 0)[used].astype(float)
+    mesh = SimplexMesh(points, cells.reshape(-1, 4))
+    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.boundary().nodes)
+    points[inner] += np.random.default_rng(seed).uniform(-0.15, 0.15, (len(inner), 3))
+    return SimplexMesh(points, mesh.cells)
+
+
+@pytest.mark.parametrize("n_sources", [1, 5, 25])
+@pytest.mark.parametrize("seed", [2408, 2409])
+def test_sizes_in_an_l_with_sources_near_its_reflex_edge(seed, n_sources):
+    # (0, 8) x (0, 8) x (0, 6) without x, y > 4; sources within three edges of x = y = 4.
+    mesh = solid_of_cubes(lambda x: (x[:, 0] < 4) | (x[:, 1] < 4), (8, 8, 6), seed)
+    rings = (np.array([[0, 0], [8, 0], [8, 4], [4, 4], [4, 8], [0, 8]], float),)
+    rng = np.random.default_rng(seed)
+    near = np.flatnonzero(np.abs(mesh.points[:, :2] - 4.0).max(axis=1) < 3.1)
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[rng.choice(near, n_sources, replace=False)] = rng.uniform(1.0, 1.5, n_sources)
+    h, _ = assert_between_bounds(mesh, h0)
+    assert_allclose(h, exact_of(prism_sizes, rings, mesh, h0), rtol=0.0, atol=WALL_TOLERANCE)
+
+
+def around_two_edges(source, points):
+    """Least lengths |a - p| + |p - q| + |q - b|, p and q in the cuts y = 4 and z = 4, 4 < x < 8.
+
+    A smooth convex function, because p and q are 4 apart or more: as `geodesics.window_sizes` does,
+    minimise it over p and q in turn.
+    """
+    q = np.tile([6.0, 10.0, 4.0], (len(points), 1))
+    for _ in range(200):
+        p = bent_in_cut([1, 0, 2], source, q, (4.0, (4.0, 0.0), (8.0, 4.0)))
+        q = bent_in_cut([2, 0, 1], p, points, (4.0, (4.0, 8.0), (8.0, 12.0)))
+    return sum(np.linalg.norm(v, axis=1) for v in (p - source, q - p, points - q))
+
+
+def bent_in_cut(axes, a, b, rectangle):
+    """Return where in a rectangle across the first of ``axes`` paths from a to b are shortest."""
+    place = _bent_in_rectangle(a[..., axes], b[:, axes], rectangle)[0]
+    return place[:, np.argsort(axes)]
+
+
+@pytest.mark.parametrize("seed", [2410, 2411])
+def test_sizes_in_a_corridor_around_two_bends(seed):
+    # Along x to x = 8, along y to y = 12, and up along z: the reflex edges are x = y = 4, and
+    # y = 8, z = 4.
+    def keep(x):
+        first = (x[:, 1] < 4) & (x[:, 2] < 4)
+        second = (x[:, 0] > 4) & (x[:, 2] < 4)
+        third = (x[:, 0] > 4) & (x[:, 1] > 8)
+        return first | second | third
+
+    mesh = solid_of_cubes(keep, (8, 12, 10), seed)
+    source = int(np.argmin(np.linalg.norm(mesh.points - [0.0, 1.0, 1.0], axis=1)))
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[source] = 1.0
+    h, _ = assert_between_bounds(mesh, h0)
+    assert (h <= fine_graph_sizes(mesh, h0, G, 2) * (1.0 + 1e-12)).mean() > 0.99
+    at_end = mesh.points[:, 2] > 4.5
+    exact = 1.0 + G * around_two_edges(mesh.points[source], mesh.points[at_end])
+    error = h[at_end] - exact
+    assert error.min() > -TOO_SMALL
+    assert error.max() <= CORRIDOR_ERROR
+
+
+# --- jagged parts ------------------------------------------------------------------------------
+
+
+def parts_of_cube(seed, n_side=17):
+    """Cut a jittered cube in 8 by where the middles of cells are, along planes askew to it."""
+    mesh = jittered_cube(n_side, seed)
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    part = (middles @ axes > rng.uniform(-8.0, 8.0, 3)) @ [1, 2, 4]
+    for k in range(8):
+        used, cells = np.unique(mesh.cells[part == k], return_inverse=True)
+        yield SimplexMesh(mesh.points[used], cells.reshape(-1, 4))
+
+
+@pytest.mark.parametrize(("seed", "share"), [(2412, 0.0), (2413, 0.02), (2413, 1.0)])
+def test_sizes_in_jagged_parts_are_between_their_bounds(seed, share):
+    n_bent = 0
+    for mesh in parts_of_cube(seed):
+        h0 = some_bounds(mesh, np.random.default_rng(seed), share)
+        h, info = assert_between_bounds(mesh, h0)
+        n_bent += mesh.n_points - info.n_proved
+        seen = clearly_seen_minimisers(mesh, h0)
+        lower = straight_sizes(mesh.points, h0, G)
+        assert_allclose(h[seen], lower[seen], rtol=1e-12)
+        assert info.n_proved >= np.count_nonzero(seen)
+    assert n_bent > 100
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_sizes_in_a_jagged_part_are_near_those_of_paths_over_a_fine_graph(share):
+    mesh = min(parts_of_cube(2414, 9), key=lambda part: part.n_points)
+    h0 = some_bounds(mesh, np.random.default_rng(2414), share)
+    h, _ = assert_between_bounds(mesh, h0)
+    fine = fine_graph_sizes(mesh, h0, G, 8)
+    assert (h >= fine / (1.0 + GRAPH_EXCESS)).all()
+    assert np.mean(h <= fine * (1.0 + 1e-12)) > 0.85
+
+
+def clearly_seen_minimisers(mesh, h0):
+    """Tell which nodes see the node of formula (11) along a line that stays clear of the boundary.
+
+    The line meets no triangle of the boundary, enlarged by 1e-6, but those at its ends, these only
+    there, and the boundary winds around its middle.
+    """
+    nodes, sources = np.arange(mesh.n_points), np.flatnonzero(np.isfinite(h0))
+    values = h0[sources] + G * np.linalg.norm(mesh.points[:, None] - mesh.points[sources], axis=2)
+    source = sources[np.argmin(values, axis=1)]
+    a, b = mesh.points, mesh.points[source]
+    boundary = mesh.boundary()
+    seen, winding = source != nodes, np.zeros(mesh.n_points)
+    for triangle in boundary.nodes[boundary.mesh.cells]:
+        p, q, r = mesh.points[triangle]
+        normal = np.cross(q - p, r - p)
+        flat = 1e-9 * np.linalg.norm(normal) * mesh.diagonal
+        off_a, off_b = (a - p) @ normal, (b - p) @ normal
+        is_flat_a, is_flat_b = np.abs(off_a) <= flat, np.abs(off_b) <= flat
+        share = np.divide(off_a, off_a - off_b, out=np.zeros_like(off_a), where=off_a != off_b)
+        x = a + share[:, None] * (b - a)
+        areas = [np.cross(v - u, x - u) @ normal for u, v in ((p, q), (q, r), (r, p))]
+        meets = np.min(areas, axis=0) > -1e-6 * (normal @ normal)
+        meets &= (off_a * off_b < 0.0) | is_flat_a | is_flat_b
+        is_at_end = np.isin(source, triangle) | np.isin(nodes, triangle)
+        lies_in = is_flat_a & is_flat_b
+        seen &= ~np.where(is_at_end, lies_in, meets | lies_in)
+        winding += solid_angles(*(corner - 0.5 * (a + b) for corner in (p, q, r)))
+    return seen & (winding > 2.0 * np.pi)
+
+
+def solid_angles(a, b, c):
+    """Return the signed solid angles of triangles seen from the origin, float64[n]."""
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    u, v, w = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    products = ((a * b).sum(axis=1) * w, (b * c).sum(axis=1) * u, (c * a).sum(axis=1) * v)
+    return 2.0 * np.arctan2(volume, u * v * w + sum(products))

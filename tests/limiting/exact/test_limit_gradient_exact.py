@@ -1,0 +1,256 @@
+"""Cases with a known limited size, on meshes (those of all backgrounds stand beside this file)."""
+
+import numpy as np
+import pytest
+from backgrounds import CASES, cases, two_sources
+from meshes import jittered_square, random_sphere, random_square, structured_square
+from numpy.testing import assert_allclose
+from scipy.spatial import Delaunay
+
+from adaptsize import SimplexMesh, limit_gradient
+from adaptsize._kernels.fast_marching import sweep_cells
+
+MARCHING = ("fast-marching", "positive-coefficient")  # the same equations
+G = 0.3
+
+
+@pytest.mark.parametrize("method", MARCHING)
+def test_marching_solves_what_plain_sweeps_converge_to(method):
+    # The slow twin: repeat the local update of all nodes until nothing changes.
+    mesh = random_square(400, 26)
+    rng = np.random.default_rng(27)
+    h0 = np.where(rng.random(400) < 0.2, rng.uniform(0.01, 1.0, 400), np.inf)
+    g = rng.uniform(0.1, 1.0, mesh.n_cells)
+    h, candidate = h0.copy(), np.empty(400)
+    for _ in range(400):
+        sweep_cells(mesh.points, (0, 0), mesh.cells, h, g, 1, candidate)
+        h = np.minimum(h, candidate)
+    assert_allclose(limit_gradient(mesh, h0, g, method=method), h, rtol=1e-12)
+
+
+def slit_square(n_side, seed):
+    """The square (-50, 50)^2 without the slit |x| < 0.5, y > -20, jittered inside.
+
+    The cells that cross the slit are left out, so that its sides are nodes at x = -/+ 0.5.
+    """
+    base = jittered_square(n_side, seed)
+    points = base.points[np.abs(base.points[:, 0]) > 1.5]
+    y = np.linspace(-50.0, 50.0, n_side)
+    sides = [np.column_stack([np.full(n_side, x), y]) for x in (-0.5, 0.5)]
+    points = np.concatenate([points, *sides])  # -20 is one of the y: the corners of the slit
+    cells = Delaunay(points).simplices
+    x, y = points[cells].mean(axis=1).T
+    crossing = (np.abs(x) < 0.5) & (y > -20.0)
+    return SimplexMesh(points, cells[~crossing])
+
+
+def slit_distance(points, source):
+    """Geodesic distance from a source left of the slit: around its end where that hides it."""
+    tips = np.array([[-0.5, -20.0], [0.5, -20.0]])
+    straight = np.linalg.norm(points - source, axis=1)
+    hidden = np.zeros(len(points), bool)
+    for x in (-0.5, 0.5):  # where the straight line crosses this side of the slit above its end
+        share = (x - source[0]) / np.where(points[:, 0] > x, points[:, 0] - source[0], np.nan)
+        crossing = source[1] + share * (points[:, 1] - source[1])
+        hidden |= np.nan_to_num(crossing, nan=-np.inf) > -20.0
+    to_first = np.linalg.norm(source - tips[0])
+    after_first = np.linalg.norm(points - tips[0], axis=1)
+    # From the left tip straight on, unless the right side is in the way too.
+    around_right = np.linalg.norm(tips[0] - tips[1]) + np.linalg.norm(points - tips[1], axis=1)
+    bent_again = (points[:, 0] >= 0.5) & (points[:, 1] > -20.0)
+    around = to_first + np.where(bent_again, around_right, after_first)
+    return np.where(hidden, around, straight)
+
+
+@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
+def test_sizes_go_around_a_slit(case):
+    # Fig. 6: the right of the slit learns of the left only around the tip.
+    errors = []
+    for n_side in (41, 81):
+        mesh = slit_square(n_side, seed=28)
+        source = np.array([-20.0, 30.0])
+        exact = 1.0 + G * slit_distance(mesh.points, source)
+        near = np.linalg.norm(mesh.points - source, axis=1) < 10.0
+        h = case.limit(mesh, np.where(near, exact, np.inf), G)
+        # Of cubics the largest error, on the edge of the shadow, falls slower: .083, .097, .071.
+        of_all = np.mean if case.method == "hermite" else np.max
+        errors.append(of_all(np.abs(h - exact)))
+        straight = 1.0 + G * np.linalg.norm(mesh.points - source, axis=1)
+        right = (mesh.points[:, 0] > 0.0) & (mesh.points[:, 1] > 30.0)
+        # Behind the slit the straight line would be up to 0.3 * 60 too small.
+        assert (h - straight)[right].min() > 10.0
+    # The corners of the slit are new point sources: first order with a log factor.
+    assert errors[0] < 0.6
+    assert errors[1] < 0.75 * errors[0], errors
+
+
+@pytest.mark.parametrize("case", cases("simplices", "surface"), ids=str)
+def test_folding_a_sheet_changes_nothing(case):
+    # An accordion of panels 10 wide: bending along lines of the mesh keeps all lengths
+    # within the sheet, while neighbouring panels come as near as 1.7 to each other.
+    flat = structured_square(40)
+    along, y = (flat.points + 50.0).T
+    zigzag = np.abs((along + 10.0) % 20.0 - 10.0)
+    slant = np.radians(85.0)
+    folded = np.column_stack([along * np.cos(slant), y, zigzag * np.sin(slant)])
+    h0, _ = two_sources(flat)
+    h = case.limit(SimplexMesh(folded, flat.cells), h0, G)
+    assert_allclose(h, case.limit(flat, h0, G), rtol=case.rounding)
+    assert np.ptp(folded[:, 0]) < 10.0  # a straight-line rule would give at most 1 + 0.3 * 100.9
+    assert h.max() > 18.0
+
+
+@pytest.mark.parametrize("case", cases("simplices", "surface"), ids=str)
+def test_sizes_follow_great_circles(case):
+    # First order: errors of the geodesic distance on a unit sphere of n random points.
+    errors = []
+    for n in (2500, 10_000):
+        mesh = random_sphere(n, seed=29)
+        pole = int(np.argmax(mesh.points[:, 2]))
+        angle = np.arccos(np.clip(mesh.points @ mesh.points[pole], -1.0, 1.0))
+        h0 = np.full(n, np.inf)
+        h0[pole] = 1e-9
+        errors.append(np.abs(case.limit(mesh, h0, 1.0) - angle).max())
+    assert errors[0] < 0.06
+    assert errors[1] < 0.7 * errors[0], errors
+
+
+@pytest.mark.parametrize("case", cases("simplices", "surface"), ids=str)
+def test_two_sheets_do_not_see_each_other_across_their_gap(case):
+    sheet = structured_square(10, half_width=1.0)
+    n = sheet.n_points
+    lower = np.column_stack([sheet.points, np.zeros(n)])
+    upper = lower + np.array([0.0, 0.0, 1e-3])
+    mesh = SimplexMesh(
+        np.concatenate([lower, upper]), np.concatenate([sheet.cells, sheet.cells + n])
+    )
+    h0 = np.full(2 * n, 5.0)
+    h0[0] = 0.01
+    h = case.limit(mesh, h0, G)
+    assert h[:n].max() < 1.0
+    assert (h[n:] == 5.0).all()
+
+
+@pytest.mark.parametrize(
+    "case", [c for c in CASES if "segments" in c.all_kinds and "cells" in c.all_limits], ids=str
+)
+def test_g_of_each_segment_adds_up_along_a_line(case):
+    rng = np.random.default_rng(30)
+    x = np.cumsum(rng.uniform(0.1, 1.0, 30))
+    g = rng.uniform(0.1, 1.0, 29)
+    mesh = SimplexMesh(x[:, None], np.column_stack([np.arange(29), np.arange(1, 30)]))
+    h0 = np.full(30, np.inf)
+    h0[0] = 2.0
+    exact = 2.0 + np.concatenate([[0.0], np.cumsum(g * np.diff(x))])
+    assert_allclose(case.limit(mesh, h0, g), exact, rtol=1e-13)
+
+
+@pytest.mark.parametrize("case", cases("simplices", "plane", "cells"), ids=str)
+def test_nodal_g_is_the_mean_in_each_cell_or_linear(case):
+    mesh = random_square(300, 31)
+    g = np.random.default_rng(32).uniform(0.1, 0.5, 300)
+    h0 = np.full(300, np.inf)
+    h0[7] = 0.1
+    per_cell = case.limit(mesh, h0, g[mesh.cells].mean(axis=1))
+    assert (case.limit(mesh, h0, g) == per_cell).all() != case.linear_g
+
+
+@pytest.mark.parametrize("case", cases("simplices", "plane", "cells"), ids=str)
+def test_jump_of_g_bends_the_front_at_the_interface(case):
+    # g is 0.1 for x < 0 and 0.4 for x > 0; a plane wave from the left meets the jump head-on.
+    mesh = structured_square(50)
+    g = np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.0, 0.1, 0.4)
+    x = mesh.points[:, 0]
+    h = case.limit(mesh, np.where(x == -50.0, 1.0, np.inf), g)
+    assert_allclose(h, np.where(x < 0.0, 1.0 + 0.1 * (x + 50.0), 6.0 + 0.4 * x), rtol=1e-12)
+
+
+def smooth_g(h):
+    """Figure 15: from 0.6 for small sizes to 0.2 for large ones."""
+    return 0.4 - 0.2 * np.tanh((h - 6.0) / 2.0)
+
+
+@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
+def test_g_of_h_with_two_sources_is_the_transformed_closed_form(case):
+    # Phi is known here: 1/g = 1/(0.4 - 0.2 tanh u), integrated by scipy as the twin.
+    from scipy.integrate import solve_ivp
+
+    mesh = jittered_square(41, seed=34)
+    h0, _ = two_sources(mesh)
+    nodes = np.flatnonzero(np.isfinite(h0))
+    exact = np.full(mesh.n_points, np.inf)
+    for node in nodes:
+        s = np.linalg.norm(mesh.points - mesh.points[node], axis=1)
+        order = np.argsort(s)
+        path = solve_ivp(
+            lambda _, h: smooth_g(h),
+            (0.0, s.max()),
+            [h0[node]],
+            t_eval=s[order],
+            rtol=1e-11,
+            atol=1e-12,
+        )
+        exact[order] = np.minimum(exact[order], path.y[0])
+    assert_allclose(limit_gradient(mesh, h0, smooth_g, method="exact"), exact, rtol=1e-7)
+    error = case.limit(mesh, h0, smooth_g) - exact
+    if case.is_exact:  # to the accuracy of both references
+        assert np.abs(error).max() < 1e-6
+        return
+    assert error.max() < 0.5
+    # Cubics pass below the ridge where fronts meet.
+    assert error.min() > (-0.06 if case.method == "hermite" else -0.02)
+
+
+@pytest.mark.parametrize("case", cases("simplices", "segments"), ids=str)
+def test_g_of_h_that_jumps_and_is_not_monotone_is_still_unique(case):
+    def g(h):
+        return np.where((h > 2.0) & (h < 3.0), 0.1, 0.5)
+
+    x = np.linspace(0.0, 30.0, 301)
+    mesh = SimplexMesh(x[:, None], np.column_stack([np.arange(300), np.arange(1, 301)]))
+    h0 = np.full(301, np.inf)
+    h0[0] = 1.0
+    # 1 -> 2 takes 2, 2 -> 3 takes 10, then slope 0.5 again.
+    exact = np.interp(x, [0.0, 2.0, 12.0, 30.0], [1.0, 2.0, 3.0, 12.0])
+    # The table has 8192 intervals per factor e: the jumps are met to h / 8192.
+    assert_allclose(case.limit(mesh, h0, g), exact, rtol=3e-4)
+
+
+@pytest.mark.parametrize("case", cases("simplices", "plane", "cells"), ids=str)
+def test_product_of_g_of_x_and_g_of_h(case):
+    # a = 1 for x < 0, 2 beyond; b = 0.02 h: exp(0.02 s) with s counted double beyond 0.
+    mesh = structured_square(50)
+    x = mesh.points[:, 0]
+    a = np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.0, 1.0, 2.0)
+    h = case.limit(mesh, np.where(x == -50.0, 1.0, np.inf), (a, lambda h: 0.02 * h))
+    path = np.where(x < 0.0, x + 50.0, 50.0 + 2.0 * x)
+    assert_allclose(h, np.exp(0.02 * path), rtol=1e-8)
+
+
+@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
+def test_constant_g_of_h_is_the_number(case):
+    mesh = random_square(300, 35)
+    h0 = np.where(np.arange(300) % 17 == 0, 0.05, np.inf)
+    h = case.limit(mesh, h0, lambda h: np.full_like(h, 0.3))
+    assert_allclose(h, case.limit(mesh, h0, 0.3), rtol=case.rounding)
+
+
+def test_published_positive_coefficient_scheme_undershoots_at_sources():
+    # Why the floor is on by default: from the fast marching field, which is too large by
+    # less than 0.4, the scheme as published falls to more than 1 below the true size.
+    mesh = jittered_square(51, seed=38)
+    h0, exact = two_sources(mesh)
+    raw = limit_gradient(mesh, h0, G, method="positive-coefficient", floor=None) - exact
+    assert raw.min() < -1.0
+    floored = limit_gradient(mesh, h0, G, method="positive-coefficient") - exact
+    assert floored.min() > -0.05
+    assert floored.max() < 0.4
+
+
+def test_floored_scheme_comes_down_to_fast_marching_from_a_constant():
+    mesh = jittered_square(41, seed=39)
+    h0, _ = two_sources(mesh)
+    h = limit_gradient(
+        mesh, h0, G, method="positive-coefficient", initial=np.full(mesh.n_points, 50.0), tol=1e-8
+    )
+    assert_allclose(h, limit_gradient(mesh, h0, G, method="fast-marching"), rtol=1e-7)

@@ -1,0 +1,400 @@
+"""Limiting again from an earlier solution: as a full solution, but for the work."""
+
+import re
+
+import domains
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from meshes import jittered_cube, random_square
+from meshes import slit_square as crack
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import CartesianGrid, LimitingInfo, Octree, SimplexMesh, limit_gradient
+
+G = 0.3
+
+PLANE = random_square(300, 20261)
+SPACE = jittered_cube(5, 20262, half_width=1.0)
+FLAT_GRID = CartesianGrid([0.0, 0.0], [0.1, 0.13], (17, 15))
+BOX_GRID = CartesianGrid([0.0, 0.0, 0.0], 0.1, (6, 7, 8))
+HOLED_GRID = CartesianGrid(
+    [0.0, 0.0], 0.1, (17, 15), active=np.random.default_rng(20263).random((17, 15)) < 0.8
+)
+TREE = Octree.build(
+    [0.0, 0.0], [2.0, 1.0], lambda c, s: np.abs(c[:, 0] - 0.7) < s[:, 0], max_level=4
+)
+TWO_PARTS = SimplexMesh(
+    np.concatenate([PLANE.points, PLANE.points + 5.0]),
+    np.concatenate([PLANE.cells, PLANE.cells + PLANE.n_points]),
+)
+BACKGROUNDS = {
+    "plane": PLANE, "space": SPACE, "grid": FLAT_GRID, "box": BOX_GRID, "holed": HOLED_GRID,
+    "octree": TREE, "two parts": TWO_PARTS,
+}  # fmt: skip
+CHANGES = ("lowered", "raised", "both", "to and from inf", "everything", "nothing")
+
+
+def bounds(background, rng, share):
+    """Return random bounds on a share of the nodes."""
+    shape = background.nodal_shape
+    h0 = np.where(rng.random(shape) < share, rng.uniform(0.01, 2.0, shape), np.inf)
+    h0.flat[first_node(background)] = 0.7
+    return h0
+
+
+def first_node(background):
+    active = getattr(background, "active", None)
+    return 0 if active is None else int(np.flatnonzero(active)[0])
+
+
+def changed(h0, kind, rng, keep):
+    """Return new bounds; node ``keep`` stays finite."""
+    new = h0.copy()
+    if kind == "nothing":
+        return new
+    if kind == "everything":
+        return rng.uniform(0.01, 2.0, h0.shape)
+    nodes = rng.choice(h0.size, max(1, h0.size // 30), replace=False)
+    factor = {"lowered": (0.2, 1.0), "raised": (1.0, 4.0)}.get(kind, (0.3, 3.0))
+    new.flat[nodes] *= rng.uniform(*factor, len(nodes))
+    if kind == "to and from inf":
+        new.flat[nodes] = np.where(
+            np.isinf(new.flat[nodes]), rng.uniform(0.01, 2.0, len(nodes)), np.inf
+        )
+    new.flat[keep] = min(new.flat[keep], 5.0)
+    return new
+
+
+def limits(background, kind, rng):
+    """Return a gradient limit of some kind."""
+    if kind == "number":
+        return G
+    if kind == "zero":
+        return 0.0
+    if kind == "of h":
+        return lambda h: 0.1 + 0.3 / (1.0 + h)
+    if kind == "cells" and isinstance(background, SimplexMesh):
+        return rng.uniform(0.1, 0.5, background.n_cells)
+    return rng.uniform(0.1, 0.5, background.nodal_shape)
+
+
+@pytest.mark.parametrize("nodes_only", [False, True])
+@pytest.mark.parametrize("name", BACKGROUNDS)
+@settings(max_examples=12)
+@given(
+    kind=st.sampled_from(CHANGES),
+    limit=st.sampled_from(["number", "zero", "of h"]),
+    share=st.sampled_from([0.01, 0.05, 0.5, 1.0]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_sizes_from_an_earlier_solution_are_those_from_nothing(
+    name, nodes_only, kind, limit, share, seed
+):
+    background, rng = BACKGROUNDS[name], np.random.default_rng(seed)
+    h0, g = bounds(background, rng, share), limits(background, limit, rng)
+    options = {"face_sources": not nodes_only}
+    _, info = limit_gradient(background, h0, g, full_output=True, **options)
+    new = changed(h0, kind, rng, first_node(background))
+    h = limit_gradient(background, new, g, initial=info, **options)
+    full = limit_gradient(background, new, g, **options)
+    if limit == "of h":  # tables from other smallest sizes interpolate to 2e-9
+        assert_allclose(h, full, rtol=1e-7)
+    else:
+        assert_array_equal(h, full)
+
+
+# --- the warm start of the exact method ------------------------------------------------------
+
+MESHES = {
+    "square": lambda: random_square(600, 20264),
+    "cube": lambda: jittered_cube(8, 20265),
+    "slit": lambda: domains.slit_square(700)[0],
+    "slit of no width": lambda: crack(10),
+    "round holes": lambda: domains.round_holes(900)[0],
+    "maze": lambda: domains.maze(900)[0],
+    "holes of one triangle": lambda: domains.with_removed_cells(
+        random_square(200, 20266), 20266, 20
+    )[0],
+    "cells given twice": lambda: doubled(domains.l_shape(300)[0]),
+}
+
+
+def doubled(mesh):
+    """Return the mesh with every third cell given again."""
+    return SimplexMesh(mesh.points, np.concatenate([mesh.cells, mesh.cells[::3]]))
+
+
+class Bounds:
+    """Bounds at a share of the nodes that change step by step."""
+
+    def __init__(self, mesh, share, seed):
+        self.rng = np.random.default_rng(seed)
+        self.nodes = np.unique(mesh.cells)
+        self.scale = 0.1 * np.ptp(mesh.points, axis=0).max()
+        self.h0 = np.full(mesh.n_points, np.inf)
+        count = max(2, int(share * len(self.nodes)))
+        self.put(self.rng.choice(self.nodes, count, replace=False))
+
+    def put(self, nodes):
+        self.h0[nodes] = self.scale * self.rng.uniform(0.05, 1.5, np.size(nodes))
+
+    def step(self, kind):
+        """Raise, lower, set or take away some bounds, or one after the other at different nodes."""
+        self.h0 = self.h0.copy()
+        bounded = np.flatnonzero(np.isfinite(self.h0))
+        some = self.rng.choice(bounded, max(1, len(bounded) // 20))
+        if kind in ("raised", "all"):
+            self.h0[some] *= self.rng.uniform(1.0, 5.0)
+        if kind in ("lowered", "all"):
+            self.h0[self.rng.choice(bounded)] *= self.rng.uniform(0.1, 1.0)
+        if kind in ("new", "all"):
+            self.put(self.rng.choice(self.nodes, max(1, len(bounded) // 20)))
+        if kind in ("removed", "all") and len(bounded) > 2:
+            self.h0[self.rng.choice(bounded, max(1, len(bounded) // 20))] = np.inf
+        if kind == "least removed" and len(bounded) > 2:
+            self.h0[np.argmin(self.h0)] = np.inf  # which may serve all nodes
+        if kind == "least raised":
+            self.h0[np.argmin(self.h0)] *= 3.0
+        if np.isinf(self.h0).all():
+            self.put(self.nodes[:1])
+        return self.h0
+
+
+STEPS = ("raised", "lowered", "new", "removed", "all", "least removed", "least raised")
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 1.0])
+@pytest.mark.parametrize("name", MESHES)
+def test_many_changes_in_a_row_give_what_a_solution_from_nothing_gives(name, share):
+    mesh = MESHES[name]()
+    bounds = Bounds(mesh, share, 20267)
+    options = {"face_sources": False, "full_output": True}
+    h, info = limit_gradient(mesh, bounds.h0, G, **options)
+    places = mesh.points[mesh.cells].mean(axis=1)[::5]
+    n_other = 0
+    for number in range(5 * len(STEPS)):
+        before = h
+        h0 = bounds.step(STEPS[number % len(STEPS)])
+        kept = h0.copy()
+        h, info = limit_gradient(mesh, h0, G, initial=info, **options)
+        full, told = limit_gradient(mesh, h0, G, **options)
+        assert_array_equal(h, full)
+        assert_array_equal(h0, kept)
+        n_other += not np.array_equal(h, before)
+        # The info is as good as one from nothing, too.
+        assert (info.n_changed, info.n_free) == (told.n_changed, told.n_free)
+        assert (info.iterations, info.n_proved) == (told.iterations, told.n_proved)
+        assert_array_equal(info.sources.evaluate(places), told.sources.evaluate(places))
+        has = info.sources.nodes[:, 0] >= 0
+        assert_array_equal(has, np.isfinite(h))
+    assert n_other > 2 * len(STEPS)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_isolated_bounds_count_as_bounds_at_nodes(name):
+    """Without two bounds in one cell nothing is linear: the same as nodes only."""
+    mesh = MESHES[name]()
+    bounds = Bounds(mesh, 0.0, 20268)
+    h, info = limit_gradient(mesh, bounds.h0, G, full_output=True)
+    for number in range(2 * len(STEPS)):
+        h0 = bounds.step(STEPS[number % len(STEPS)])
+        if number == len(STEPS):  # once two in a cell
+            h0[mesh.cells[0]] = bounds.scale
+        h, info = limit_gradient(mesh, h0, G, initial=info, full_output=True)
+        assert_array_equal(h, limit_gradient(mesh, h0, G))
+
+
+def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
+    """In convex domains and in the plane; other problems are solved anew."""
+
+    def refuse(*args, **options):
+        raise AssertionError("solved from nothing")
+
+    for name, make in MESHES.items():
+        mesh = make()
+        bounds = Bounds(mesh, 0.02, 20269)
+        _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+        h0 = bounds.step("all")
+        full = limit_gradient(mesh, h0, G, face_sources=False)
+        with monkeypatch.context() as patch:
+            patch.setattr("adaptsize.limiting.on_simplices.solve_exact", refuse)
+            h = limit_gradient(mesh, h0, G, face_sources=False, initial=info)
+        assert_array_equal(h, full, err_msg=name)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_number_of_threads_may_change(threads):
+    mesh = random_square(4000, 20270)  # several chunks
+    bounds = Bounds(mesh, 0.1, 20271)
+    options = {"face_sources": False, "threads": threads}
+    _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+    h0 = bounds.step("all")
+    h = limit_gradient(mesh, h0, G, initial=info, **options)
+    assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False, threads=3 - threads))
+
+
+def test_linear_data_and_solids_that_are_not_convex_are_solved_anew():
+    box = domains.wall_box(800)[0]
+    for mesh, share in (
+        (PLANE, 1.0),
+        (SPACE, 1.0),
+        (domains.slit_square(400)[0], 1.0),
+        (box, 0.01),
+    ):
+        bounds = Bounds(mesh, share, 20272)
+        _, info = limit_gradient(mesh, bounds.h0, G, full_output=True)
+        for kind in STEPS:
+            h0 = bounds.step(kind)
+            h, info = limit_gradient(mesh, h0, G, initial=info, full_output=True)
+            assert_array_equal(h, limit_gradient(mesh, h0, G))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_folds_make_no_difference(seed):
+    mesh = random_square(40, seed)
+    points = mesh.points.copy()
+    rng = np.random.default_rng(seed)
+    points[rng.choice(40, 2)] += rng.normal(size=(2, 2)) * 0.3
+    if seed % 2:
+        points[mesh.cells[0, 0]] = points[mesh.cells[0, 1]]
+    mesh = SimplexMesh(points, mesh.cells)
+    bounds = Bounds(mesh, 0.2, seed)
+    _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+    for kind in 3 * STEPS:
+        h0 = bounds.step(kind)
+        h, info = limit_gradient(mesh, h0, G, face_sources=False, initial=info, full_output=True)
+        assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False))
+
+
+# --- what is kept and what is asked for ---------------------------------------------------------
+
+
+def test_arrays_of_the_caller_may_change_afterwards():
+    h0 = bounds(PLANE, np.random.default_rng(20272), 0.5)
+    h, info = limit_gradient(PLANE, h0, G, full_output=True)
+    told = info.largest_edge_slope
+    h[:] = 1.0
+    h0[:50] = 2.0 * h0[:50]  # in place: the earlier bounds must have been kept
+    again, after = limit_gradient(PLANE, h0, G, initial=info, full_output=True)
+    assert_array_equal(again, limit_gradient(PLANE, h0, G, initial=info))
+    assert_array_equal(again, limit_gradient(PLANE, h0, G))
+    assert told == info.largest_edge_slope
+    assert info.n_changed == (info.record.h < info.record.bound).sum()
+    assert after.method == info.method
+
+
+def test_info_of_a_warm_start_tells_what_that_of_a_full_solution_tells():
+    h0 = bounds(PLANE, np.random.default_rng(20273), 0.5)
+    options = {"face_sources": False, "full_output": True}
+    _, info = limit_gradient(PLANE, h0, G, **options)
+    h0[::17] = 0.4
+    h, warm = limit_gradient(PLANE, h0, G, initial=info, **options)
+    _, full = limit_gradient(PLANE, h0, G, **options)
+    assert isinstance(warm, LimitingInfo)
+    assert (warm.residual, warm.largest_gap, warm.n_free, warm.converged) == (0.0, 0.0, 0, True)
+    assert warm.largest_edge_slope == full.largest_edge_slope
+    assert warm.cell_gradient_quantiles == full.cell_gradient_quantiles
+    assert_array_equal(h0[warm.sources.roots()], h0[full.sources.roots()])
+    assert repr(warm) == f"LimitingInfo(exact: {(h < h0).sum()} of 300 sizes are below h0)"
+
+
+def test_an_equal_background_will_do():
+    h0 = bounds(PLANE, np.random.default_rng(20274), 0.5)
+    _, info = limit_gradient(PLANE, h0, G, full_output=True)
+    same = SimplexMesh(PLANE.points.copy(), PLANE.cells.copy())
+    h0[7] = 0.011
+    assert_array_equal(
+        limit_gradient(same, h0, G, initial=info), limit_gradient(PLANE, h0, G, initial=info)
+    )
+
+
+def test_a_limit_written_anew_is_the_same_if_its_values_are():
+    h0 = bounds(PLANE, np.random.default_rng(20275), 1.0)
+    h0[0], h0[1] = 0.005, 3.0  # stay the least and the largest
+    _, info = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h), full_output=True)
+    h0[5:9] = 0.4
+    h = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h), initial=info)
+    full = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h))
+    assert_allclose(h, full, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("background", "options"),
+    [
+        (PLANE, {"method": "hermite"}),
+        (PLANE, {"method": "factored"}),
+        (PLANE, {"method": "positive-coefficient"}),
+        (PLANE, {"method": "fast-marching"}),
+        (PLANE, {"method": "edge-based"}),
+        (FLAT_GRID, {"method": "fast-marching", "order": 2}),
+        (FLAT_GRID, {"method": "exact"}),
+    ],
+)
+def test_methods_without_a_warm_start_solve_anew(background, options):
+    h0 = bounds(background, np.random.default_rng(20276), 0.5)
+    _, info = limit_gradient(background, h0, G, full_output=True, **options)
+    h0.flat[3:9] *= 1.7
+    assert_array_equal(
+        limit_gradient(background, h0, G, initial=info, **options),
+        limit_gradient(background, h0, G, **options),
+    )
+
+
+def test_the_hamilton_jacobi_iteration_starts_from_the_earlier_sizes():
+    x = FLAT_GRID.points[:, 0].reshape(FLAT_GRID.shape)
+    h0 = 0.3 + np.abs(np.sin(4.0 * x))
+    options = {"method": "hamilton-jacobi", "tol": 1e-9, "max_iter": 10_000}
+    _, info = limit_gradient(FLAT_GRID, h0, G, full_output=True, **options)
+    h0[5, 5] = 0.2
+    h, after = limit_gradient(FLAT_GRID, h0, G, initial=info, full_output=True, **options)
+    assert after.converged
+    assert_allclose(h, limit_gradient(FLAT_GRID, h0, G, **options), rtol=1e-6)
+
+
+REFUSED = {
+    "background": (
+        lambda info: limit_gradient(SPACE, np.ones(SPACE.n_points), G, initial=info),
+        "initial must come from the same background: it is of SimplexMesh(300 points in 2-D",
+    ),
+    "g": (
+        lambda info: limit_gradient(PLANE, np.ones(300), 0.31, initial=info),
+        "initial must come from a call with the same g",
+    ),
+    "g of h": (
+        lambda info: limit_gradient(PLANE, np.ones(300), lambda h: 0.3, initial=info),
+        "initial must come from a call with the same g",
+    ),
+    "method": (
+        lambda info: limit_gradient(PLANE, np.ones(300), G, method="hermite", initial=info),
+        "initial must come from the same method: it is of method='exact'",
+    ),
+    "nodes only": (
+        lambda info: limit_gradient(PLANE, np.ones(300), G, face_sources=False, initial=info),
+        "initial must come from a call with face_sources=False, got True",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_another_problem_is_refused(name):
+    call, told = REFUSED[name]
+    _, info = limit_gradient(PLANE, np.linspace(0.1, 2.0, 300), G, full_output=True)
+    with pytest.raises(ValueError, match=re.escape(told)):
+        call(info)
+
+
+def test_a_grid_of_another_mask_is_another_background():
+    _, info = limit_gradient(FLAT_GRID, np.ones(FLAT_GRID.shape), G, full_output=True)
+    with pytest.raises(ValueError, match="initial must come from the same background"):
+        limit_gradient(HOLED_GRID, np.ones(FLAT_GRID.shape), G, initial=info)
+
+
+def test_the_same_octree_built_again_will_do():
+    h0 = bounds(TREE, np.random.default_rng(20277), 0.5)
+    _, info = limit_gradient(TREE, h0, G, method="fast-marching", full_output=True)
+    same = Octree(TREE.lower, TREE.upper, TREE.root_shape, TREE.levels)
+    h0[4] = 0.012
+    h = limit_gradient(same, h0, G, method="fast-marching", initial=info)
+    assert_allclose(h, limit_gradient(TREE, h0, G, method="fast-marching"), rtol=1e-13)

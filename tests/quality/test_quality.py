@@ -1,0 +1,269 @@
+"""Element quality and conformity against values derived by hand."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import jittered_cube, random_sphere, structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import SimplexMesh, SizeFunction, size_conformity
+from adaptsize.quality import minimum_angles, radius_ratios
+
+# Corners, radius ratio, smallest (dihedral) angle in degrees.
+EXACT = {
+    "equilateral triangle": ([[0, 0], [1, 0], [0.5, np.sqrt(0.75)]], 1.0, 60.0),
+    # r = 1 - sqrt(2)/2, R = sqrt(2)/2
+    "half a square": ([[0, 0], [1, 0], [0, 1]], 2.0 * (np.sqrt(2.0) - 1.0), 45.0),
+    # sides 3, 4, 5: r = 1, R = 2.5
+    "3-4-5 in space": ([[1, 0, 0], [1, 4, 0], [1, 0, 3]], 0.8, np.degrees(np.arctan2(3, 4))),
+    # height e over a base of 2: A = e, sides 2, s, s with s^2 = 1 + e^2
+    "flat triangle": (
+        [[-1, 0], [1, 0], [0, 1e-6]],
+        16e-12 / (2.0 * (1.0 + 1e-12) * (2.0 + 2.0 * np.sqrt(1.0 + 1e-12))),
+        np.degrees(np.arctan(1e-6)),
+    ),
+    "regular tetrahedron": (
+        [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
+        1.0,
+        np.degrees(np.arccos(1.0 / 3.0)),
+    ),
+    # V = 1/6, area (3 + sqrt 3)/2, so r = 1/(3 + sqrt 3); R = sqrt(3)/2
+    "corner of a cube": (
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        np.sqrt(3.0) - 1.0,
+        np.degrees(np.arccos(1.0 / np.sqrt(3.0))),
+    ),
+    # Two crossed segments a height 2 e apart, e = 1e-6: V = 4 e/3, the four faces have
+    # area sqrt(1 + 4 e^2), the normals of two faces at a side have cosine 1/(1 + 4 e^2),
+    # and the centre of all is at the distance R = sqrt(1 + e^2).
+    "sliver": (
+        [[1, 0, 1e-6], [-1, 0, 1e-6], [0, 1, -1e-6], [0, -1, -1e-6]],
+        3e-6 / np.sqrt(1.0 + 4e-12) / np.sqrt(1.0 + 1e-12),
+        np.degrees(np.arctan(np.sqrt(8e-12 + 16e-24))),
+    ),
+}
+
+
+def one_cell(corners):
+    return SimplexMesh(corners, [np.arange(len(corners))])
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_radius_ratio_of_known_cells(name):
+    corners, ratio, _ = EXACT[name]
+    assert_allclose(radius_ratios(one_cell(corners)), [ratio], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_smallest_angle_of_known_cells(name):
+    corners, _, angle = EXACT[name]
+    assert_allclose(minimum_angles(one_cell(corners)), [angle], rtol=1e-9)
+
+
+DEGENERATE = {
+    "three on a line": [[0, 0], [1, 1], [2, 2]],
+    "two in one point": [[0, 0], [0, 0], [1, 0]],
+    "four in a plane": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, 0]],
+    "four on a circle": [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]],
+    "four on a line": [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]],
+    "all in one point": [[1, 1, 1], [1, 1, 1], [1, 1, 1], [1, 1, 1]],
+}
+
+
+@pytest.mark.parametrize("name", DEGENERATE)
+def test_degenerate_cells_have_quality_zero(name):
+    mesh = one_cell(DEGENERATE[name])
+    assert_array_equal(radius_ratios(mesh), 0.0)
+    assert_array_equal(minimum_angles(mesh), 0.0)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(3, 4), st.sampled_from([1e-100, 1e-3, 1e50]))
+def test_quality_does_not_depend_on_unit_order_of_corners_or_place(seed, width, unit):
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(width, 3))
+    mesh = one_cell(corners)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    other = one_cell((corners[rng.permutation(width)] @ turn + rng.normal(size=3)) * unit)
+    # Bounded by the rounding of the coordinates over the height of the flattest cell drawn.
+    assert_allclose(radius_ratios(other), radius_ratios(mesh), rtol=1e-8, atol=1e-9)
+    assert_allclose(minimum_angles(other), minimum_angles(mesh), rtol=1e-8, atol=1e-7)
+    assert 0.0 < radius_ratios(mesh)[0] <= 1.0
+
+
+def test_cells_are_told_apart():
+    mesh = SimplexMesh(
+        [[0, 0], [1, 0], [0, 1], [0.5, -np.sqrt(0.75)], [2, 0]],
+        [[0, 1, 2], [0, 1, 3], [0, 1, 4]],
+    )
+    assert_allclose(radius_ratios(mesh), [2.0 * (np.sqrt(2.0) - 1.0), 1.0, 0.0])
+    assert_allclose(minimum_angles(mesh), [45.0, 60.0, 0.0])
+
+
+# Four by four squares of side 1, each cut in two: 20 + 20 edges of length 1 and 16
+# diagonals of length sqrt 2; 16 edges of length 1 on the boundary.
+GRID = structured_square(4, half_width=2.0)
+
+
+@pytest.mark.parametrize("size", [0.8, np.full(25, 0.8), lambda x: np.full(len(x), 0.8)])
+def test_ratios_on_a_grid_by_hand(size):
+    conformity = size_conformity(GRID, size)
+    edges = conformity.edges
+    long = np.sqrt(2.0) / 0.8  # 1.77: out of the band; 1/0.8 = 1.25 is in it
+    assert edges.n_edges == 56
+    quantiles = [edges.q05, edges.q25, edges.q50, edges.q75, edges.q95]
+    assert_allclose(quantiles, [1.25, 1.25, 1.25, long, long])  # 40/56 = 0.714 < 0.75
+    assert_allclose(edges.mean, (40 * 1.25 + 16 * long) / 56)
+    assert_allclose(conformity.share_in_band, 40 / 56)
+    assert conformity.boundary_edges.n_edges == 16
+    assert_allclose(conformity.boundary_edges.mean, 1.25)
+    assert conformity.boundary_edges.share_in_band == 1.0
+    assert_allclose(conformity.radius_ratio_min, 2.0 * (np.sqrt(2.0) - 1.0))
+    assert_allclose(conformity.radius_ratio_mean, conformity.radius_ratio_min)
+    assert_allclose([conformity.angle_min, conformity.angle_p01], 45.0)
+    assert conformity.n_inverted == 0
+
+
+@pytest.mark.parametrize(("size", "share"), [(1.42, 16 / 56), (0.70, 0.0), (1.0, 1.0)])
+def test_the_band_has_two_ends(size, share):
+    # Lengths 1 and sqrt 2: 1/1.42 < 1/sqrt 2; 1/0.7 > sqrt 2; at size 1 the ends count.
+    assert_allclose(size_conformity(GRID, size).share_in_band, share)
+
+
+def test_size_is_taken_at_the_midpoint_of_the_edge():
+    mesh = SimplexMesh([[0, 0], [2, 0], [0, 2]], [[0, 1, 2]])
+    wanted = np.array([1.0, 3.0, 5.0])
+    # Midpoints 2, 3, 4 on edges of length 2, 2, sqrt 8.
+    ratios = [1.0, 2 / 3, np.sqrt(8.0) / 4.0]
+    for size in (wanted, SizeFunction(mesh, wanted), lambda x: 1.0 + x @ [1.0, 2.0]):
+        edges = size_conformity(mesh, size).edges
+        assert_allclose(edges.mean, np.mean(ratios))
+        assert_allclose(edges.q50, np.median(ratios))
+
+
+def test_edges_without_a_wanted_size_do_not_count():
+    size = np.where(GRID.points[:, 0] < 0.5, 1.0, np.inf)
+    edges = size_conformity(GRID, size).edges
+    # Columns x = -2, -1, 0 are finite: 3 * 4 vertical, 2 * 5 horizontal, 2 * 4 diagonal.
+    assert edges.n_edges == 30
+    assert_allclose(edges.mean, (22 + 8 * np.sqrt(2.0)) / 30)
+
+
+def test_closed_surface_has_no_boundary_edges():
+    conformity = size_conformity(random_sphere(100, 7001), 0.3)
+    assert conformity.boundary_edges is None
+    assert conformity.edges.n_edges == 3 * 100 - 6  # Euler
+
+
+def test_inverted_and_flat_cells_are_counted():
+    cells = GRID.cells.copy()
+    cells[:3] = cells[:3, ::-1]
+    assert size_conformity(SimplexMesh(GRID.points, cells), 1.0).n_inverted == 3
+    whole = SimplexMesh(GRID.points, GRID.cells[:, ::-1])
+    assert size_conformity(whole, 1.0).n_inverted == GRID.n_cells
+    flat = SimplexMesh([[0, 0], [1, 0], [2, 0], [0, 1]], [[0, 1, 2], [0, 1, 3]])
+    assert size_conformity(flat, 1.0).n_inverted == 1
+
+
+def test_surface_cells_are_inverted_only_if_flat():
+    sphere = random_sphere(50, 7013)
+    flipped = SimplexMesh(sphere.points, sphere.cells[:, ::-1])
+    assert size_conformity(flipped, 1.0).n_inverted == 0
+
+
+def test_hausdorff_distance_of_a_shifted_cube():
+    # Moved by 0.1 along x, the face x = 0.5 is 0.1 away from the cube and so is x = -0.5
+    # from the moved one; no point is farther.
+    cube = jittered_cube(5, 7019, half_width=0.5)
+    skin = cube.boundary().mesh
+    moved = SimplexMesh(skin.points + np.array([0.1, 0.0, 0.0]), skin.cells)
+    conformity = size_conformity(cube, 1.0, surface=moved)
+    assert_allclose(conformity.hausdorff, 0.1)
+    assert_allclose(conformity.hausdorff_relative, 0.1 / np.sqrt(3.0))
+    assert_allclose(size_conformity(cube, 1.0, surface=skin).hausdorff, 0.0, atol=1e-15)
+
+
+def test_hausdorff_distance_is_measured_both_ways():
+    one = random_sphere(80, 7027)
+    far = one.points + np.array([5.0, 0.0, 0.0])
+    two = SimplexMesh(
+        np.concatenate([one.points, far]), np.concatenate([one.cells, one.cells + 80])
+    )
+    there = size_conformity(one, 1.0, surface=two).hausdorff
+    back = size_conformity(two, 1.0, surface=one).hausdorff
+    assert there == back
+    assert 4.9 < there <= 5.0  # the farthest of the sampled points is near the far pole
+
+
+def test_hausdorff_distance_sees_more_than_the_nodes():
+    # A square cut along either diagonal, its centre lifted or not: the nodes of the two
+    # surfaces differ only by the lifted one, from which the flat pair is 0.2 away.
+    flat = SimplexMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    bent = SimplexMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0.4], [0, 1, 0]], [[0, 1, 3], [1, 2, 3]])
+    other = SimplexMesh(bent.points, [[0, 1, 2], [0, 2, 3]])
+    # The middles of the two diagonals are (.5, .5, 0) and (.5, .5, .2).
+    distance = size_conformity(bent, 1.0, surface=other).hausdorff
+    assert 0.1 < distance <= 0.2
+    assert size_conformity(flat, 1.0, surface=flat).hausdorff == 0.0
+
+
+def test_hausdorff_distance_in_the_plane():
+    outline = GRID.boundary().mesh
+    smaller = SimplexMesh(0.9 * outline.points, outline.cells)
+    # The corners (2, 2) and (1.8, 1.8) are farthest apart.
+    distance = size_conformity(GRID, 1.0, surface=smaller).hausdorff
+    assert_allclose(distance, 0.2 * np.sqrt(2.0))
+
+
+def test_as_dict_goes_through_json_unchanged():
+    cube = jittered_cube(4, 7039)
+    for surface in (None, cube.boundary().mesh):
+        plain = size_conformity(cube, 20.0, surface=surface).as_dict()
+        assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+        assert plain["edges"]["n_edges"] == len(cube.edges)
+
+
+def test_the_table_holds_the_figures():
+    cube = jittered_cube(4, 7043)
+    text = str(size_conformity(cube, 20.0, surface=cube.boundary().mesh))
+    conformity = size_conformity(cube, 20.0)
+    for part in (
+        f"{cube.n_cells} tetrahedra",
+        f"{conformity.edges.q50:.3f}",
+        f"{conformity.share_in_band:.2%}",
+        "boundary edges",
+        f"dihedral angle: {conformity.angle_min:.2f} deg",
+        "of the diagonal",
+    ):
+        assert part in text
+    assert "of the diagonal" not in str(conformity)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        (-1.0, "size must be positive"),
+        (np.inf, "size must be finite on one edge at least"),
+        (np.ones(3), r"size must have shape \(25,\), got \(3,\)"),
+        (np.where(np.arange(25) == 7, np.nan, 1.0), r"size\[7\] = nan"),
+        (lambda x: x, r"size\(midpoints\) must have shape \(56,\), got \(56, 2\)"),
+        (lambda x: 0.0 * x[:, 0], r"size\(midpoints\) must be positive"),
+    ],
+)
+def test_bad_sizes_are_refused(size, message):
+    with pytest.raises(ValueError, match=message):
+        size_conformity(GRID, size)
+
+
+def test_surface_that_does_not_fit_is_refused():
+    with pytest.raises(ValueError, match="surface must have cells like those of the mesh"):
+        size_conformity(GRID, 1.0, surface=random_sphere(20, 7057))
+
+
+def test_segments_have_no_quality():
+    line = GRID.boundary().mesh
+    for function in (radius_ratios, minimum_angles, lambda mesh: size_conformity(mesh, 1.0)):
+        with pytest.raises(ValueError, match="mesh must consist of triangles or tetrahedra"):
+            function(line)

@@ -1,0 +1,157 @@
+"""Whatever a generator does, the caller lives on and its directory stays clean."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from fake_generators import FakeBackend
+from shapes import block
+
+from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.remeshing import register_backend, registry, remesh
+
+SUPPORT = Path(__file__).parents[1] / "support"
+
+posix_only = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+
+@pytest.fixture
+def fake(monkeypatch, tmp_path):
+    """Return a function that remeshes a cube with a misbehaving generator."""
+    monkeypatch.setattr(registry, "_BACKENDS", dict(registry._BACKENDS))
+    monkeypatch.syspath_prepend(str(SUPPORT))
+    monkeypatch.chdir(tmp_path)
+
+    def run(function, *, options=(), **keywords):
+        register_backend(FakeBackend(function, tuple(options)))
+        return remesh(block(2), 0.5, backend="fake", **keywords)
+
+    return run
+
+
+@posix_only
+@pytest.mark.parametrize(("function", "name"), [("crash", "SIGSEGV"), ("abort", "SIGABRT")])
+def test_a_crash_is_an_error_that_names_the_signal(fake, function, name):
+    with pytest.raises(BackendError, match=f"fake failed: crashed .{name}."):
+        fake(function)
+
+
+def test_the_error_gives_the_reason_and_the_last_lines(fake):
+    with pytest.raises(BackendError, match=r"RuntimeError: no luck.*first the reason"):
+        fake("fail")
+
+
+def test_an_early_exit_is_an_error(fake):
+    with pytest.raises(BackendError, match="exit code 3"):
+        fake("leave_early")
+
+
+def test_endless_output_is_stopped(fake):
+    with pytest.raises(BackendError, match="printed without end"):
+        fake("chatter")
+
+
+def test_output_and_files_stay_in_the_child(fake, tmp_path, capfd):
+    mesh = fake("litter")
+    assert mesh.n_cells == block(2).n_cells
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr() == ("", "")
+
+
+@posix_only
+def test_a_hanging_generator_and_its_children_are_killed_when_time_is_up(fake, tmp_path):
+    pid_file = tmp_path / "pids"
+    started = time.monotonic()
+    with pytest.raises(BackendTimeoutError, match="time limit of 3 s"):
+        fake("hang", options=[("pid_file", str(pid_file))], timeout=3.0)
+    assert time.monotonic() - started < 20.0
+    _assert_gone(pid_file)
+
+
+@posix_only
+def test_an_exception_of_the_progress_callback_stops_the_generator(fake, tmp_path):
+    pid_file = tmp_path / "pids"
+    texts = []
+
+    def stop(text, share):
+        texts.append((text, share))
+        if pid_file.exists() and len(pid_file.read_text().split()) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fake("hang", options=[("pid_file", str(pid_file))], progress=stop)
+    assert texts[0] == ("faking", None)
+    _assert_gone(pid_file)
+
+
+@posix_only
+def test_ctrl_c_stops_tetwild_and_python_lives_on(tmp_path):
+    # fTetWild takes over SIGINT and kills Python when called in the same process.
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import sys, warnings\n"
+        f"sys.path.insert(0, {str(SUPPORT)!r})\n"
+        "from shapes import block\n"
+        "from adaptsize.remeshing import remesh\n"
+        "calls = []\n"
+        "def report(text, share):\n"
+        "    calls.append(text)\n"
+        "    if len(calls) == 10: print('working', flush=True)\n"
+        "try:\n"
+        "    remesh(block(2).boundary().mesh, 0.03, backend='tetwild', progress=report)\n"
+        "except KeyboardInterrupt:\n"
+        "    print('alive')\n"
+    )
+    caller = subprocess.Popen(
+        [sys.executable, str(program)], stdout=subprocess.PIPE, text=True, cwd=tmp_path
+    )
+    try:
+        assert caller.stdout.readline() == "working\n"
+        caller.send_signal(signal.SIGINT)
+        out, _ = caller.communicate(timeout=30)
+    finally:
+        caller.kill()
+        caller.wait()
+    assert (caller.returncode, out) == (0, "alive\n")
+    assert list(tmp_path.iterdir()) == [program]
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        ("empty", "empty mesh"),
+        ("not_finite", "not finite"),
+        ("one_inverted", "1 inverted or flat cells"),
+    ],
+)
+def test_an_unusable_mesh_is_an_error(fake, function, message):
+    with pytest.raises(BackendError, match=f"fake returned.*{message}"):
+        fake(function)
+
+
+def test_orientation_and_unused_nodes_are_put_right(fake):
+    mesh = fake("all_inverted_and_unused")
+    assert (mesh.signed_measures > 0.0).all()
+    assert mesh.n_points == block(2).n_points
+
+
+def _assert_gone(pid_file):
+    for pid in map(int, pid_file.read_text().split()):
+        for _ in range(50):  # init may take a moment to bury an orphan
+            if not _is_running(pid):
+                break
+            time.sleep(0.1)
+        assert not _is_running(pid)
+
+
+def _is_running(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{pid}/stat")
+    return not (stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z")

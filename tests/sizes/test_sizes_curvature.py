@@ -1,0 +1,158 @@
+"""Sizes from the curvature of boundaries."""
+
+import numpy as np
+import pytest
+from curved_shapes import irregular_torus, part_of, sliver_cylinder, uneven_angles
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import random_sphere, random_square
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import Delaunay
+
+from adaptsize import SimplexMesh, size_from_curvature
+
+
+def disk(n, seed, *, radius=1.0):
+    """Triangles in an uneven polygon, with some nodes inside; those on the circle come first."""
+    angle = uneven_angles(n, seed)
+    rim = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    inner = 0.5 * rim[::3]
+    points = np.concatenate([rim, inner])
+    return SimplexMesh(points, Delaunay(points).simplices)
+
+
+def ball(n, seed, *, radius=1.0):
+    """Tetrahedra from the centre to a random sphere; the centre is the last node."""
+    sphere = random_sphere(n, seed, radius=radius)
+    centre = np.full((sphere.n_cells, 1), n)
+    return SimplexMesh(np.vstack([sphere.points, np.zeros(3)]), np.hstack([sphere.cells, centre]))
+
+
+def test_disk_gets_two_pi_k_elements_around():
+    mesh = disk(40, 19, radius=3.0)
+    h0 = size_from_curvature(mesh, elements_per_radian=5.0)
+    assert_allclose(2.0 * np.pi * 3.0 / h0[:40], 2.0 * np.pi * 5.0, rtol=1e-10)
+    assert np.isinf(h0[40:]).all()
+
+
+def test_ball_of_tetrahedra_by_its_surface():
+    h0 = size_from_curvature(ball(300, 71, radius=2.0), crease_angle=90.0)
+    assert_allclose(h0[:-1], 2.0 / 4.0, rtol=1e-9)
+    assert np.isinf(h0[-1])
+
+
+def test_surface_by_itself_and_its_rim():
+    # A flat disk in space has no curvature but that of its boundary line.
+    flat = disk(40, 19, radius=3.0)
+    plate = SimplexMesh(np.column_stack([flat.points, np.zeros(flat.n_points)]), flat.cells)
+    h0 = size_from_curvature(plate)
+    assert_allclose(h0[:40], 3.0 / 4.0, rtol=1e-10)
+    assert np.isinf(h0[40:]).all()
+
+
+def test_polyline_by_itself():
+    angle = np.linspace(0.0, 1.0, 8)
+    line = SimplexMesh(
+        2.0 * np.column_stack([np.cos(angle), np.sin(angle)]),
+        np.column_stack([np.arange(7), np.arange(1, 8)]),
+    )
+    assert_allclose(size_from_curvature(line), [np.inf, *[0.5] * 6, np.inf], rtol=1e-10)
+
+
+def test_straight_boundaries_ask_for_nothing():
+    assert np.isinf(size_from_curvature(random_square(50, 3))[:0]).all()
+    square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    assert_array_equal(size_from_curvature(square), np.inf)
+    assert_array_equal(size_from_curvature(square, hmax=0.3), 0.3)
+
+
+def test_limits_of_the_size():
+    h0 = size_from_curvature(disk(40, 19), hmin=0.4, hmax=2.0)
+    assert_allclose(h0, np.where(np.arange(len(h0)) < 40, 0.4, 2.0))
+
+
+def test_curved_creases_count_where_the_faces_are_flat():
+    # The rim of a narrow cone is sharper curved than the cone itself: kappa = cos(slope) / r
+    # against 1 / r of the rim.
+    n = 40
+    angle = uneven_angles(n, 41)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.vstack([np.column_stack([circle, np.zeros(n)]), [0, 0, 0], [0, 0, 1.0]])
+    after = (np.arange(n) + 1) % n
+    base = np.column_stack([after, np.arange(n), np.full(n, n)])
+    side = np.column_stack([np.arange(n), after, np.full(n, n + 1)])
+    h0 = size_from_curvature(SimplexMesh(points, np.concatenate([base, side])))
+    assert_allclose(h0[:n], 0.25, rtol=1e-10)
+
+
+def test_boundary_mesh_gives_its_curvature_to_the_nodes_on_it():
+    # Nodes on a finer cylinder mesh: rim, mantle and the flat of the caps.
+    boundary = sliver_cylinder(24, 9, radius=2.0)
+    nodes = [
+        boundary.points[0],  # on the rim
+        0.5 * (boundary.points[0] + boundary.points[24]),  # on a long edge of the mantle
+        [0.0, 0.0, 0.0],  # in a cap
+        [0.0, 0.0, 1.0],  # inside
+        0.5 * (boundary.points[3] + boundary.points[4]),  # on the rim, between two nodes
+    ]
+    background = SimplexMesh(nodes, [[0, 1, 2, 3], [1, 2, 3, 4]])
+    h0 = size_from_curvature(background, boundary)
+    assert_allclose(h0, [0.5, 0.5, np.inf, np.inf, 0.5], rtol=1e-10)
+
+
+def test_boundary_polyline_gives_its_curvature():
+    fine = disk(60, 5).boundary().mesh
+    coarse = disk(20, 19)
+    h0 = size_from_curvature(coarse, fine, tolerance=0.01)
+    assert_allclose(h0[:20], 0.25, rtol=1e-10)
+    assert np.isinf(h0[20:]).all()
+
+
+@pytest.mark.parametrize("kind", ["surface", "tetrahedra"])
+def test_own_boundary_given_as_boundary_changes_nothing(kind):
+    if kind == "surface":
+        mesh = irregular_torus(16, 5)[0]
+        boundary = mesh
+    else:
+        mesh = ball(200, 71)
+        boundary = mesh.boundary().mesh
+    expected = size_from_curvature(mesh, crease_angle=90.0)
+    assert_allclose(size_from_curvature(mesh, boundary, crease_angle=90.0), expected, rtol=1e-6)
+
+
+@given(st.floats(1e-9, 1e9))
+def test_sizes_scale_with_the_mesh(scale):
+    mesh, _ = part_of(sliver_cylinder(20, 5), lambda centre: centre[:, 1] > -0.3)
+    h0 = size_from_curvature(mesh)
+    assert_allclose(
+        size_from_curvature(SimplexMesh(scale * mesh.points, mesh.cells)), scale * h0, rtol=1e-6
+    )
+
+
+def test_inverse_in_elements_per_radian():
+    mesh, _ = irregular_torus(16, 5)
+    h0 = size_from_curvature(mesh, elements_per_radian=2.0)
+    assert_allclose(size_from_curvature(mesh, elements_per_radian=6.0), h0 / 3.0, rtol=1e-13)
+
+
+def test_never_absurdly_small():
+    # A polyline with a bend of radius 1e-12 in a part of size 1.
+    bend = [[-1, 0], [0, 0], [1e-12, 0], [1e-12 + 0.8e-12, 0.6e-12], [1, 1]]
+    line = SimplexMesh(bend, [[0, 1], [1, 2], [2, 3], [3, 4]])
+    h0 = size_from_curvature(line)
+    assert_allclose(h0.min(), 1e-6 * line.diagonal)
+
+
+def test_bad_arguments_are_named():
+    mesh = disk(20, 3)
+    with pytest.raises(ValueError, match="elements_per_radian must be finite and > 0"):
+        size_from_curvature(mesh, elements_per_radian=0.0)
+    with pytest.raises(ValueError, match="crease_angle must be at most 180"):
+        size_from_curvature(mesh, crease_angle=200.0)
+    with pytest.raises(ValueError, match="boundary must consist of segments in 2-D"):
+        size_from_curvature(mesh, random_sphere(20, 3))
+    far = SimplexMesh([[5, 5], [6, 5]], [[0, 1]])
+    with pytest.raises(ValueError, match="boundary must pass through nodes of the background"):
+        size_from_curvature(mesh, far)
+    with pytest.raises(ValueError, match="background must lie in 2-D or 3-D"):
+        size_from_curvature(SimplexMesh([[0.0], [1.0]], [[0, 1]]))

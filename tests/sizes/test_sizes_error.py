@@ -1,0 +1,426 @@
+"""Sizes from error indicators and from second derivatives; recovery of derivatives."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import jittered_cube, jittered_square, random_square, structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+
+from adaptsize import SimplexMesh
+from adaptsize.sizes import (
+    predicted_elements,
+    recovered_gradient,
+    recovered_hessian,
+    size_from_error,
+    size_from_hessian,
+    zz_indicator,
+)
+from adaptsize.sizes.budget import present_sizes
+
+MESHES = {
+    "jittered": lambda n: jittered_square(n, 71829, half_width=1.0),
+    "regular": lambda n: structured_square(n - 1, half_width=1.0),
+    "cube": lambda n: jittered_cube(n, 71829, half_width=1.0),
+}
+
+
+def wave(x):
+    """A smooth field, its gradient and its second derivatives."""
+    k = np.array([2.0, 1.5, 1.0])[: x.shape[1]]
+    phase = x @ k + 0.3
+    u = np.sin(phase) + x[:, 0] ** 3
+    gradient = np.cos(phase)[:, None] * k
+    gradient[:, 0] += 3.0 * x[:, 0] ** 2
+    hessian = -np.sin(phase)[:, None, None] * np.outer(k, k)
+    hessian[:, 0, 0] += 6.0 * x[:, 0]
+    return u, gradient, hessian
+
+
+def root_mean_square(error):
+    return np.sqrt((error.reshape(len(error), -1) ** 2).sum(axis=1).mean())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("stretch", [1.0, 1e4])
+def test_derivatives_of_quadratics_are_exact(dim, stretch):
+    mesh = MESHES["jittered" if dim == 2 else "cube"](9)
+    scale = np.ones(dim)
+    scale[0] = stretch
+    x = mesh.points * scale + 7.0
+    stretched = SimplexMesh(x, mesh.cells)
+    rng = np.random.default_rng(33)
+    a = rng.normal(size=(dim, dim))
+    a = (a + a.T) / np.outer(scale, scale)
+    b = rng.normal(size=dim) / scale
+    u = 0.5 * np.einsum("ni,ij,nj->n", x, a, x) + x @ b
+    # Values of size 100 and their rounding over the spacing, 0.25, and its square.
+    gradient = recovered_gradient(stretched, u)
+    assert_allclose(gradient * scale, (x @ a + b) * scale, atol=1e-9)
+    hessian = recovered_hessian(stretched, u)
+    expected = np.broadcast_to(a, hessian.shape)
+    assert_allclose(hessian * np.outer(scale, scale), expected * np.outer(scale, scale), atol=1e-7)
+    assert_array_equal(hessian, hessian.swapaxes(1, 2))
+
+
+@pytest.mark.parametrize(
+    ("kind", "counts", "orders"),
+    [
+        ("jittered", (21, 41, 81), (1.8, 0.9)),
+        ("regular", (21, 41, 81), (1.9, 1.4)),
+        ("cube", (9, 17), (1.7, 0.9)),
+    ],
+)
+def test_order_of_gradient_and_hessian(kind, counts, orders):
+    # Root mean squares over all nodes: inner ones of regular meshes are of second order,
+    # but those near the boundary, whose share falls like 1 / n, of first.
+    error = np.array(
+        [
+            (
+                root_mean_square(recovered_gradient(mesh, u) - gradient),
+                root_mean_square(recovered_hessian(mesh, u) - hessian),
+            )
+            for mesh in map(MESHES[kind], counts)
+            for u, gradient, hessian in [wave(mesh.points)]
+        ]
+    )
+    found = np.log(error[:-1] / error[1:]) / np.log(2.0)
+    assert (found > orders).all(), f"errors {error}, orders {found}"
+    largest = [np.abs(part).max() for part in wave(MESHES[kind](9).points)[1:]]
+    assert (error[-1] < np.multiply(largest, 0.05)).all(), f"errors {error} of {largest}"
+
+
+def test_hessian_is_of_second_order_inside_regular_meshes():
+    error = []
+    for n in (21, 41):
+        mesh = MESHES["regular"](n)
+        u, _, hessian = wave(mesh.points)
+        inside = np.abs(mesh.points).max(axis=1) < 0.7  # three layers in on the coarser one
+        error.append(np.abs(recovered_hessian(mesh, u) - hessian)[inside].max())
+    assert np.log2(error[0] / error[1]) > 1.9
+
+
+def test_means_of_cell_gradients_taken_twice_do_not_converge():
+    # The reason for the fits.
+    error = []
+    for n in (41, 81):
+        mesh = MESHES["jittered"](n)
+        u, _, hessian = wave(mesh.points)
+        inside = np.abs(mesh.points).max(axis=1) < 0.7
+        first = means_of_cell_gradients(mesh, u)
+        twice = np.stack([means_of_cell_gradients(mesh, part) for part in first.T], axis=1)
+        fitted = recovered_hessian(mesh, u)
+        error.append([root_mean_square((h - hessian)[inside]) for h in (twice, fitted)])
+    assert error[1][0] > 0.8 * error[0][0]
+    assert error[1][1] < 0.6 * error[0][1]
+    assert error[1][1] < 0.1 * error[1][0]
+
+
+def hat_gradients(mesh):
+    """Gradients of the hat functions, float64[n_cells, dim + 1, dim]."""
+    corners = mesh.points[mesh.cells]
+    inner = np.linalg.inv(corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
+    return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
+
+
+def means_of_cell_gradients(mesh, u):
+    slopes = np.einsum("mid,mi->md", hat_gradients(mesh), u[mesh.cells])
+    corners, weight = mesh.cells.ravel(), np.repeat(mesh.measures, mesh.dim + 1)
+    total = np.bincount(corners, weight)
+    return np.column_stack(
+        [np.bincount(corners, weight * np.repeat(s, mesh.dim + 1)) / total for s in slopes.T]
+    )
+
+
+def solve_poisson(mesh, u, source):
+    """Linear elements for -laplace(u) = source, u given on the boundary, lumped right-hand side."""
+    gradients = hat_gradients(mesh)
+    local = np.einsum("mid,mjd,m->mij", gradients, gradients, mesh.measures)
+    k = mesh.dim + 1
+    rows, columns = np.repeat(mesh.cells, k, axis=1), np.tile(mesh.cells, (1, k))
+    n = mesh.n_points
+    matrix = coo_array((local.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n)).tocsr()
+    load = np.bincount(mesh.cells.ravel(), np.repeat(mesh.measures / k, k)) * source
+    fixed = mesh.boundary().nodes
+    free = np.setdiff1d(np.arange(n), fixed)
+    found = u.copy()
+    found[free] = spsolve(
+        matrix[free][:, free].tocsc(), load[free] - matrix[free][:, fixed] @ u[fixed]
+    )
+    return found
+
+
+def gradient_errors(mesh, values, exact_gradient):
+    """L2 error of the gradient in each cell, by the rule of the cell's corners moved inwards."""
+    slopes = np.einsum("mid,mi->md", hat_gradients(mesh), values[mesh.cells])
+    d = mesh.dim
+    # Exact for quadratics, with equal weights.
+    small = (1.0 - 1.0 / np.sqrt(d + 2.0)) / (d + 1.0)
+    rule = np.full((d + 1, d + 1), small) + np.eye(d + 1) * (1.0 - (d + 1) * small)
+    at = np.einsum("qi,mid->mqd", rule, mesh.points[mesh.cells])
+    exact = exact_gradient(at.reshape(-1, d)).reshape(at.shape)
+    square = ((exact - slopes[:, None]) ** 2).sum(axis=2).mean(axis=1)
+    return np.sqrt(square * mesh.measures)
+
+
+@pytest.mark.parametrize("kind", ["jittered", "regular"])
+def test_zz_indicator_estimates_the_error_of_finite_elements(kind):
+    off = []
+    for n in (21, 41):
+        mesh = MESHES[kind](n)
+        u, _, hessian = wave(mesh.points)
+        values = solve_poisson(mesh, u, -np.trace(hessian, axis1=1, axis2=2))
+        true = gradient_errors(mesh, values, lambda x: wave(x)[1])
+        eta = zz_indicator(mesh, values)
+        off.append(abs(np.linalg.norm(eta) / np.linalg.norm(true) - 1.0))
+        # Cell by cell too, if not in each.
+        assert 0.9 < np.median(eta / true) < 1.1
+    assert off[1] < 0.03
+    assert off[1] < off[0]
+
+
+def test_zz_indicator_of_interpolants_in_space():
+    mesh = MESHES["cube"](13)
+    u, _, _ = wave(mesh.points)
+    true = gradient_errors(mesh, u, lambda x: wave(x)[1])
+    assert np.linalg.norm(zz_indicator(mesh, u)) == pytest.approx(np.linalg.norm(true), rel=0.1)
+
+
+def test_indicator_of_a_cell_is_the_integral():
+    # On one triangle the recovered gradient is that of the linear fit: no error.
+    mesh = SimplexMesh([[0, 0], [2, 0], [0, 1]], [[0, 1, 2]])
+    assert_allclose(zz_indicator(mesh, [1.0, 5.0, 2.0]), 0.0, atol=1e-12)
+    # u = x^2 on a regular mesh: G u = (2x, 0), against the slopes of the chords 2 x_m, x_m the
+    # middle of the cell's horizontal edge h; x (x - h / 2)^2 from 0 to h has the integral h^4 / 24.
+    mesh = MESHES["regular"](11)
+    h = 0.2
+    eta = zz_indicator(mesh, mesh.points[:, 0] ** 2)
+    assert_allclose(eta, np.sqrt(4.0 * h**4 / 24.0), rtol=1e-9)
+
+
+def test_cells_without_volume_and_nodes_in_no_cell():
+    points = [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.5], [9, 9]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [1, 3, 2], [1, 4, 2]])
+    eta = zz_indicator(mesh, np.arange(6.0) ** 2)
+    assert np.isfinite(eta).all()
+    assert eta[2] == 0.0
+    h = size_from_error(mesh, [1.0, 1.0, 1.0], order=1, target_elements=8)
+    assert np.isfinite(h[:4]).all()
+    assert np.isinf(h[5])
+    assert_array_equal(recovered_gradient(mesh, np.arange(6.0))[5], 0.0)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_predicted_errors_of_new_elements_are_equal(dim, order):
+    # (h / h_K)^p of the error in 1 / (h / h_K)^d elements: all the same share of eta^2.
+    mesh = MESHES["jittered" if dim == 2 else "cube"](7)
+    eta = np.random.default_rng(41).uniform(1.0, 3.0, mesh.n_cells)
+    ratio = isolated_ratios(mesh, eta, order=order, target_elements=20 * mesh.n_cells)
+    per_element = eta**2 * ratio ** (2.0 * order) * ratio**dim
+    assert_allclose(per_element, per_element[0], rtol=1e-9)
+    assert (ratio**-dim).sum() == pytest.approx(20 * mesh.n_cells, rel=1e-3)
+
+
+def isolated(mesh):
+    """The same cells without common nodes, so that nodal sizes are those of the cells."""
+    cells = np.arange(mesh.cells.size).reshape(mesh.cells.shape)
+    return SimplexMesh(mesh.points[mesh.cells].reshape(-1, mesh.dim), cells)
+
+
+def isolated_ratios(mesh, eta, **options):
+    alone = isolated(mesh)
+    options = {"max_refine": 1e6, "max_coarsen": np.inf, **options}
+    h = size_from_error(alone, eta, **options).reshape(mesh.cells.shape)
+    assert_allclose(h, h[:, :1] * np.ones(mesh.cells.shape[1]), rtol=1e-12)
+    return h[:, 0] / present_sizes(mesh)
+
+
+def test_predicted_error_is_the_tolerance():
+    mesh = MESHES["jittered"](9)
+    eta = np.random.default_rng(41).uniform(0.0, 3.0, mesh.n_cells)
+    for tolerance in (0.1, 1.0, 10.0):
+        ratio = isolated_ratios(mesh, eta, order=2, tolerance=tolerance)
+        assert np.linalg.norm(eta * ratio**2) == pytest.approx(tolerance, rel=1e-3)
+    # The bounds on the change are taken into account, not put on top.
+    ratio = isolated_ratios(mesh, eta, order=2, tolerance=5.0, max_refine=2.2, max_coarsen=1.0)
+    assert np.linalg.norm(eta * ratio**2) == pytest.approx(5.0, rel=1e-3)
+    assert (ratio.min(), ratio.max()) == pytest.approx((1.0 / 2.2, 1.0))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 2.0, 3.5]), st.floats(0.2, 5.0))
+def test_number_of_elements_is_kept_by_nodal_sizes(seed, order, share):
+    mesh = random_square(40, seed)
+    eta = np.random.default_rng(seed).exponential(size=mesh.n_cells)
+    wanted = share * mesh.n_cells
+    h = size_from_error(mesh, eta, order=order, target_elements=wanted, max_refine=9, max_coarsen=9)
+    assert predicted_elements(mesh, h) == pytest.approx(wanted, rel=1e-3)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1.0, 5.0), st.floats(1.0, 5.0))
+def test_sizes_change_by_no_more_than_the_factors(seed, max_refine, max_coarsen):
+    mesh = random_square(30, seed)
+    eta = np.random.default_rng(seed).exponential(size=mesh.n_cells) ** 4
+    alone, now = isolated(mesh), np.repeat(present_sizes(mesh), 3)
+    for goal in ({"tolerance": 0.01}, {"tolerance": 1e3}, {"target_elements": 50.0}):
+        h = size_from_error(
+            alone, eta, order=1, max_refine=max_refine, max_coarsen=max_coarsen, **goal
+        )
+        assert (h >= now / max_refine * (1.0 - 1e-9)).all()
+        assert (h <= now * max_coarsen * (1.0 + 1e-9)).all()
+
+
+@given(st.floats(1e-100, 1e100), st.floats(1e-6, 1e6))
+def test_sizes_do_not_depend_on_units(of_error, of_length):
+    mesh = MESHES["jittered"](5)
+    eta = np.random.default_rng(41).uniform(0.5, 3.0, mesh.n_cells)
+    h = size_from_error(mesh, eta, order=1, tolerance=2.0)
+    scaled = SimplexMesh(of_length * mesh.points, mesh.cells)
+    other = size_from_error(scaled, of_error * eta, order=1, tolerance=2.0 * of_error)
+    assert_allclose(other, of_length * h, rtol=1e-3)  # the scale is found to 1e-4
+    same = size_from_error(mesh, of_error * eta, order=1, target_elements=77)
+    assert_allclose(same, size_from_error(mesh, eta, order=1, target_elements=77), rtol=1e-3)
+
+
+def test_unreachable_goals_are_approached():
+    mesh = MESHES["jittered"](7)
+    eta = np.ones(mesh.n_cells)
+    finest = size_from_error(isolated(mesh), eta, order=1, tolerance=1e-9)
+    assert_allclose(finest, np.repeat(present_sizes(mesh), 3) / 4.0)
+    coarsest = size_from_error(isolated(mesh), eta, order=1, target_elements=1.0)
+    assert_allclose(coarsest, np.repeat(present_sizes(mesh), 3) * 2.0)
+    nothing = size_from_error(isolated(mesh), 0.0 * eta, order=1, tolerance=1.0)
+    assert_allclose(nothing, np.repeat(present_sizes(mesh), 3) * 2.0)
+
+
+@pytest.mark.parametrize("way", ["error", "hessian"])
+def test_number_of_elements_is_that_after_limiting_and_clipping(way):
+    mesh = MESHES["jittered"](21)
+    x = mesh.points
+    u = np.exp(-30.0 * ((x - 0.3) ** 2).sum(axis=1))
+    eta = zz_indicator(mesh, u)
+    away = np.linalg.norm(x[:, None] - x, axis=2)  # in a convex domain that is all there is to it
+    options = {"hmin": 0.02, "hmax": 0.3, "limit": lambda h: (h + 0.2 * away).min(axis=1)}
+    for wanted in (500, 3000):
+        if way == "error":
+            h = size_from_error(
+                mesh, eta, order=1, target_elements=wanted, max_refine=16, **options
+            )
+        else:
+            h = size_from_hessian(mesh, u, target_elements=wanted, **options)
+        assert predicted_elements(mesh, h) == pytest.approx(wanted, rel=1e-3)
+        assert h.min() >= 0.02
+        assert h.max() <= 0.3
+        assert_allclose((h + 0.2 * away).min(axis=1), h, rtol=1e-12)
+
+
+def interpolation_error(corners, hessian, n=24):
+    """Largest error of linear interpolation of x.H.x / 2 in each simplex, on a lattice."""
+    d = corners.shape[2]
+    lattice = [b for b in itertools.product(range(n + 1), repeat=d) if sum(b) <= n]
+    weights = np.array([[n - sum(b), *b] for b in lattice]) / n
+    u = lambda x: 0.5 * np.einsum("...i,ij,...j->...", x, hessian, x)  # noqa: E731
+    at = np.einsum("qi,mid->mqd", weights, corners)
+    linear = np.einsum("qi,mi->mq", weights, u(corners))
+    return np.abs(u(at) - linear).max(axis=1)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_interpolation_keeps_the_tolerance_with_edges_of_the_size(dim):
+    regular = np.eye(dim + 1) / np.sqrt(2.0)  # edges 1, in a plane of dim + 1 dimensions
+    basis = np.linalg.qr(np.eye(dim + 1) - 1.0 / (dim + 1))[0][:, :dim]
+    corners = (regular @ basis)[None]
+    # Both sides of what the docstring derives: h^2 d / (4 (d + 1)) times the derivative.
+    error = interpolation_error(corners, np.eye(dim), n=24)[0]
+    assert error == pytest.approx(dim / (4.0 * (dim + 1.0)), rel=1e-9)
+    mesh = MESHES["jittered" if dim == 2 else "cube"](7)
+    turn = np.linalg.qr(np.random.default_rng(6).normal(size=(dim, dim)))[0]
+    hessian = turn @ np.diag([4.0, -9.0, 1.0][:dim]) @ turn.T
+    u = 0.5 * np.einsum("ni,ij,nj->n", mesh.points, hessian, mesh.points)
+    h = size_from_hessian(mesh, u, tolerance=0.02)
+    assert_allclose(h, np.sqrt(2.0 * 0.02 / 9.0), rtol=1e-6)
+    shapes = np.random.default_rng(17).normal(size=(300, dim + 1, dim))
+    longest = np.linalg.norm(shapes[:, :, None] - shapes[:, None], axis=3).max(axis=(1, 2))
+    shapes *= (1.6 * h[0] / longest)[:, None, None]
+    assert interpolation_error(shapes, hessian).max() <= 0.02
+
+
+def test_sizes_for_a_norm_are_those_of_least_error():
+    # N = integral of h^-2 * c, and the error to the power q that of (lambda h^2)^q: of all fields
+    # lambda^-e with the same N, the one with e = q / (2 q + 2) has the least error.
+    mesh = MESHES["regular"](41)
+    x = mesh.points
+    u = np.exp(1.5 * x[:, 0]) + 0.5 * x[:, 1] ** 2
+    q, wanted = 2.0, 4000
+    steepest = np.abs(np.linalg.eigvalsh(recovered_hessian(mesh, u))).max(axis=1)
+    h = size_from_hessian(mesh, u, target_elements=wanted, norm=q)
+
+    def error(size):
+        return (mesh.measures * ((steepest * size**2) ** q)[mesh.cells].mean(axis=1)).sum()
+
+    assert predicted_elements(mesh, h) == pytest.approx(wanted, rel=1e-3)
+    for exponent in (0.2, 0.3, 0.37, 0.5):
+        other = steepest**-exponent
+        other *= np.sqrt(predicted_elements(mesh, other) / wanted)
+        assert error(h) < error(other)
+    by_tolerance = size_from_hessian(mesh, u, tolerance=0.01, norm=q)
+    assert (0.5**q * error(by_tolerance)) ** (1.0 / q) == pytest.approx(0.01, rel=1e-2)
+    large = size_from_hessian(mesh, u, tolerance=0.01, norm=1e6)
+    assert_allclose(large, size_from_hessian(mesh, u, tolerance=0.01), rtol=1e-3)
+
+
+def test_linear_fields_ask_for_nothing():
+    mesh = MESHES["jittered"](9)
+    u = 1e3 + mesh.points @ [3.0, 4.0]
+    for goal in ({"tolerance": 1e-3}, {"target_elements": 100}):
+        assert_array_equal(size_from_hessian(mesh, u, **goal), np.inf)
+        assert_array_equal(size_from_hessian(mesh, u, hmax=0.2, **goal), 0.2)
+    assert_array_equal(size_from_hessian(mesh, 0.0 * u, tolerance=1.0), np.inf)
+
+
+def test_triangles_in_space_take_indicators():
+    flat = MESHES["jittered"](7)
+    eta = np.random.default_rng(41).uniform(0.5, 3.0, flat.n_cells)
+    tilted = SimplexMesh(flat.points @ [[1, 0, 0], [0, 0.6, 0.8]], flat.cells)
+    h = size_from_error(tilted, eta, order=1, target_elements=200)
+    assert_allclose(h, size_from_error(flat, eta, order=1, target_elements=200), rtol=1e-9)
+
+
+def test_bad_arguments_are_named():
+    mesh = MESHES["jittered"](5)
+    eta, u = np.ones(mesh.n_cells), mesh.points[:, 0] ** 2
+    with pytest.raises(ValueError, match=r"indicator must be finite and >= 0, got indicator\[3\]"):
+        size_from_error(mesh, np.where(np.arange(len(eta)) == 3, -1.0, eta), order=1, tolerance=1)
+    with pytest.raises(ValueError, match="indicator must have shape"):
+        size_from_error(mesh, u, order=1, tolerance=1.0)
+    with pytest.raises(ValueError, match="order must be finite and > 0"):
+        size_from_error(mesh, eta, order=0, tolerance=1.0)
+    with pytest.raises(ValueError, match=r"one of tolerance and target_elements .* got both"):
+        size_from_error(mesh, eta, order=1, tolerance=1.0, target_elements=10)
+    with pytest.raises(ValueError, match=r"one of tolerance and target_elements .* got none"):
+        size_from_hessian(mesh, u)
+    with pytest.raises(ValueError, match="max_refine must be finite and >= 1"):
+        size_from_error(mesh, eta, order=1, tolerance=1.0, max_refine=0.5)
+    with pytest.raises(ValueError, match="max_coarsen must be >= 1"):
+        size_from_error(mesh, eta, order=1, tolerance=1.0, max_coarsen=0.5)
+    with pytest.raises(ValueError, match="norm must be >= 1"):
+        size_from_hessian(mesh, u, tolerance=1.0, norm=0.5)
+    with pytest.raises(ValueError, match="values must be finite"):
+        recovered_hessian(mesh, np.full(mesh.n_points, np.nan))
+    with pytest.raises(ValueError, match=r"limit\(sizes\) must have shape"):
+        size_from_error(mesh, eta, order=1, tolerance=1.0, limit=lambda h: h[:3])
+    line = SimplexMesh([[0.0], [1.0]], [[0, 1]])
+    for function in (recovered_gradient, recovered_hessian, zz_indicator):
+        with pytest.raises(ValueError, match="mesh must consist of triangles in 2-D or tetra"):
+            function(line, [0.0, 1.0])
+
+
+def test_points_far_from_the_origin_and_few_nodes():
+    mesh = SimplexMesh([[1e6, 1e6], [1e6 + 1, 1e6], [1e6, 1e6 + 1]], [[0, 1, 2]])
+    assert_allclose(recovered_gradient(mesh, [0.0, 2.0, 3.0]), [[2.0, 3.0]] * 3, atol=1e-8)
+    square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    assert_allclose(recovered_gradient(square, [0.0, 2.0, 5.0, 3.0]), [[2.0, 3.0]] * 4, atol=1e-9)

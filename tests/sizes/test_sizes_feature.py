@@ -1,0 +1,218 @@
+"""Sizes from the feature size: every background, thin places of parts, elements counted."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import jittered_cube, structured_square
+from solids import box, circle, edge_layers, outline, wedge_plate
+
+from adaptsize import (
+    CartesianGrid,
+    Octree,
+    SimplexMesh,
+    limit_gradient,
+    read,
+    refine_at_boundary,
+    size_from_feature,
+)
+from adaptsize.domain_size.on_surface import choose_size
+
+DATA = Path(__file__).parents[2] / "data"
+RTOL = 0.011  # of the spheres
+
+
+def slab(mesh, thickness):
+    """A square or cube of half width 50 squeezed along its last axis."""
+    squeeze = np.ones(mesh.dim)
+    squeeze[-1] = thickness / 100.0
+    return SimplexMesh(mesh.points * squeeze, mesh.cells)
+
+
+# --- one answer on every background ------------------------------------------------
+
+
+def backgrounds():
+    plane, volume = slab(structured_square(8), 10.0), slab(jittered_cube(5, 841), 10.0)
+    rectangle = outline([[-50, -5], [50, -5], [50, 5], [-50, 5]])
+    solid = volume.boundary().mesh
+    tree = Octree.build([-60, -20], [60, 20], refine_at_boundary(
+        lambda x: rectangle.locator.nearest(x)[2], 4.0), max_level=5)  # fmt: skip
+    return {
+        "triangles": (plane, None),
+        "tetrahedra": (volume, None),
+        "segments": (rectangle, None),
+        "surface": (solid, None),
+        "grid": (CartesianGrid([-60, -20], 4.0, (31, 11)), rectangle),
+        "coarse grid": (CartesianGrid([-60, -24], 16.0, (9, 4)), rectangle),
+        "3-D grid": (CartesianGrid([-60, -60, -12], 8.0, (16, 16, 4)), solid),
+        "quadtree": (tree, rectangle),
+        "triangles in another": (plane, rectangle),
+    }
+
+
+@pytest.mark.parametrize("name", list(backgrounds()))
+def test_a_slab_has_its_thickness_at_every_node_inside(name):
+    background, boundary = backgrounds()[name]
+    h0 = size_from_feature(background, boundary, elements_across=4.0)
+    assert h0.shape == background.nodal_shape
+    half = np.full(background.dim, 50.0)
+    half[-1] = 5.0
+    inside = (np.abs(background.points) <= half + 1e-9).all(axis=1)
+    np.testing.assert_allclose(h0.ravel()[inside], 2.5, rtol=RTOL)
+    if boundary is not None and name != "triangles in another":
+        far = (np.abs(background.points) > half + 25.0).any(axis=1)
+        assert np.isinf(h0.ravel()[far]).all()
+
+
+def test_a_grid_coarser_than_the_plate_sees_it():
+    grid = CartesianGrid([-60, -24], 16.0, (9, 4))  # no node lies in the plate
+    plate = outline([[-50, -1], [50, -1], [50, 1], [-50, 1]])
+    h0 = size_from_feature(grid, plate, elements_across=2.0)
+    assert np.isfinite(h0).sum() >= 2 * 6
+    np.testing.assert_allclose(h0[np.isfinite(h0)], 1.0, rtol=RTOL)
+
+
+def test_inactive_nodes_are_asked_nothing():
+    grid = CartesianGrid([-60, -20], 4.0, (31, 11))
+    active = np.zeros(grid.shape, bool)
+    active[:, :5] = True
+    plate = outline([[-50, -5], [50, -5], [50, 5], [-50, 5]])
+    h0 = size_from_feature(grid.with_active(active), plate)
+    assert np.isinf(h0[:, 5:]).all()
+    assert np.isfinite(h0[:, 4]).any()
+
+
+def test_a_refined_copy_of_a_surface_is_asked_at_its_nodes():
+    solid = box(10, 10, 1)
+    points = np.random.default_rng(842).uniform(1, 9, (30, 3))
+    points[:, 2] = np.arange(30) % 2
+    cells = [[0, 2, 4], [1, 3, 5]]
+    h0 = size_from_feature(SimplexMesh(points, cells), solid, elements_across=2.0)
+    np.testing.assert_allclose(h0[np.unique(cells)], 0.5, rtol=RTOL)
+    lifted = SimplexMesh(points + np.array([0, 0, 0.5]), cells)
+    with pytest.raises(ValueError, match="boundary must have nodes of the background"):
+        size_from_feature(lifted, solid)
+
+
+def test_distances_on_a_grid_give_the_medial_axis():
+    grid = CartesianGrid.around([[-2.2, -2.2], [2.2, 2.2]], 0.04)
+    radius = np.linalg.norm(grid.points, axis=1).reshape(grid.shape)
+    phi = np.abs(radius - 1.5) - 0.5
+    by_axis = size_from_feature(grid, phi, elements_across=4.0)
+    by_spheres = size_from_feature(grid, outline(circle(200, 2.0), circle(200, 1.0)[::-1]))
+    inside = phi < -0.01
+    assert np.isinf(by_axis[phi > 0.0]).all()
+    # Exact 0.25; medial points are found to a quarter of the spacing.
+    assert np.abs(by_axis[inside] - 0.25).max() < 0.25 * 0.04
+    np.testing.assert_allclose(by_spheres[inside], 0.25, rtol=0.015)
+
+
+def test_unused_nodes_are_asked_nothing():
+    square = structured_square(2)
+    mesh = SimplexMesh(np.concatenate([square.points, [[0.0, 0.0]]]), square.cells)
+    h0 = size_from_feature(mesh)
+    assert np.isinf(h0[-1])
+    np.testing.assert_allclose(h0[:-1], 25.0, rtol=RTOL)
+
+
+def test_the_two_sides_of_a_slit_do_not_see_each_other():
+    # Two squares that share no node along the line where they meet.
+    left = structured_square(4, half_width=1.0)
+    right = left.points + np.array([2.0, 0.0])
+    mesh = SimplexMesh(
+        np.concatenate([left.points, right]), np.concatenate([left.cells, left.cells + 25])
+    )
+    np.testing.assert_allclose(size_from_feature(mesh, elements_across=2.0), 1.0, rtol=RTOL)
+
+
+# --- limited, and counted ------------------------------------------------------------
+
+
+def test_limited_sizes_put_the_elements_across_a_gap_that_varies():
+    mesh = slab(structured_square(40), 10.0)
+    x, y = mesh.points.T
+    width = 10.0 + 0.05 * np.abs(x) ** 1.5  # 10 in the middle to 27.7 at the ends
+    mesh = SimplexMesh(np.column_stack([x, y * width / 10.0]), mesh.cells)
+    h0 = size_from_feature(mesh, elements_across=4.0)
+    h = limit_gradient(mesh, h0, 0.25, method="fast-marching")
+    across = (1.0 / h).reshape(41, 41)
+    # The integral of 1 / h along each column of nodes; a column is as long as it is wide.
+    count = (0.5 * (across[:, 1:] + across[:, :-1])).mean(axis=1) * width.reshape(41, 41)[:, 0]
+    assert (count > 4.0 * 0.99).all()
+    # No more than by the facets' slope: spheres at the flanks are smaller than the column.
+    assert (count < 4.0 * 1.35).all()
+
+
+def test_a_plate_of_twelve_triangles_gets_small_sizes_all_over():
+    plate = box(20, 20, 1)
+    chosen = choose_size(plate, elements_across=2.0, max_elements=1e6)
+    x, y = np.random.default_rng(843).uniform(0, 20, (2, 300))
+    h = chosen.size(np.column_stack([x, y, np.arange(300) % 2]))
+    # h (1 + ...) so that the count holds although sizes grow to the middle.
+    exact = 0.5 * 0.25 / np.expm1(0.25)
+    assert h.max() <= 1.2 * exact  # linear between nodes up to twice the size apart
+    assert h.min() >= 0.99 * exact
+    assert chosen.elements_across == 2.0
+    free = choose_size(plate, elements_across=0.0)
+    assert free.size.values.min() > 1.0
+    assert "across" in str(chosen)
+    assert "across" not in str(free)
+
+
+def test_elements_across_are_relaxed_to_one_but_not_if_given():
+    plate = box(40, 40, 0.5)
+    chosen = choose_size(plate, max_elements=50_000)
+    assert 1.0 <= chosen.elements_across < 2.0
+    assert choose_size(plate, max_elements=50_000, elements_across=2.0).elements_across == 2.0
+    with pytest.raises(ValueError, match="elements_across must be finite and >= 0, got -1"):
+        choose_size(plate, elements_across=-1.0)
+
+
+def test_the_rib_of_the_bracket_is_found_thin():
+    bracket = read(DATA / "bracket.stl")
+    h0 = size_from_feature(bracket, elements_across=3.0)
+    # The toe is a quadrilateral in the planes y = 29.1 and 30.9.
+    on_rib = np.isclose(np.abs(bracket.points[:, 1] - 30.0), 0.9, atol=1e-3)
+    on_rib &= bracket.points[:, 2] > 8.01
+    assert on_rib.sum() > 10
+    np.testing.assert_allclose(h0[on_rib].max(), 0.6, rtol=RTOL)
+    assert h0.min() > 0.99 * 0.6  # nothing else is as thin, corners included
+
+
+def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
+    from adaptsize import remesh
+
+    plate = wedge_plate(1.2, 1.0, 0.5, 0.74)
+    chosen = choose_size(plate, elements_across=3.0, g=0.3, hmax=1.0)
+    new = remesh(plate, chosen.size, gradient_limit=0.3, hmax=1.0, backend="tetwild")
+    x, _, z = new.points.T
+    bottom = np.flatnonzero(z < 0.02)
+    top = np.flatnonzero(z > 0.5 + 0.2 * x - 0.02)
+    assert len(top) > 20
+    assert edge_layers(new, bottom, top).min() >= 3
+
+
+# --- arguments -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((structured_square(2),), {"elements_across": 0.0}, "elements_across must be finite and >"),
+        ((CartesianGrid([0, 0], 1.0, (3, 3)),), {}, "boundary must be given"),
+        ((structured_square(2).boundary().mesh, structured_square(2)), {}, "consist of segments"),
+        ((structured_square(2), np.zeros(9)), {}, "nodes are for a CartesianGrid"),
+        ((SimplexMesh([[0.0], [1.0]], [[0, 1]]),), {}, "background must be a volume"),
+        ((structured_square(2), outline(circle(8))), {"tolerance": -1.0}, "tolerance must be"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        size_from_feature(*arguments, **options)
+
+
+def test_hmin_and_hmax():
+    h0 = size_from_feature(structured_square(2), hmin=30.0)
+    np.testing.assert_array_equal(h0, 30.0)
+    assert size_from_feature(structured_square(2), hmax=5.0).max() == 5.0

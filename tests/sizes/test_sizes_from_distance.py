@@ -1,0 +1,298 @@
+"""Sizes from the curvature of a boundary that is given by its signed distance on a grid."""
+
+import numpy as np
+import pytest
+from distance_shapes import RADIUS, Ellipse, ball, box, cylinder, slope, torus
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import (
+    CartesianGrid,
+    SimplexMesh,
+    SizeFunction,
+    limit_gradient,
+    size_from_curvature,
+)
+from adaptsize.geometry import level_set_curvature, signed_distance
+
+G, K = 0.25, 4.0
+
+
+def directions(n, dim):
+    """Unit vectors spread over the circle or the sphere (Fibonacci's spiral)."""
+    turn = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
+    if dim == 2:
+        return np.column_stack([np.cos(turn), np.sin(turn)])
+    height = 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    across = np.sqrt(1.0 - height**2)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_is_asked_between_the_nodes_is_right_on_the_boundary(dim, sign):
+    # Linear across: multilinear interpolation errs by the second derivatives of the distance,
+    # 1 / R in dim - 1 directions, times G h^2 / 8; and the curvature by h^2 / (4 R^2).
+    grid = box(48 if dim == 2 else 24, dim)
+    spacing = grid.spacing[0]
+    wanted = RADIUS / K
+    bound = wanted * spacing**2 / (3.5 * RADIUS**2) + G * (dim - 1) * spacing**2 / (8.0 * RADIUS)
+    h0 = size_from_curvature(grid, sign * grid.sample(ball), g=G)
+    found = SizeFunction(grid, h0)(RADIUS * directions(200, dim))
+    assert_allclose(found, wanted, atol=1.2 * bound)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_limited_sizes_are_right_on_the_boundary_and_inside(sign):
+    grid = box(48)
+    phi = sign * grid.sample(ball)
+    h = limit_gradient(grid, size_from_curvature(grid, phi, g=G), G)
+    wanted = RADIUS / K
+    # As above, 0.0013 and 0.0007; the limiter adds little where the field is a distance.
+    assert_allclose(SizeFunction(grid, h)(RADIUS * directions(200, 2)), wanted, rtol=2.5e-3)
+    inside = (phi < 0.0) & (phi > -0.35)
+    assert_allclose(h[inside], (wanted - G * phi)[inside], rtol=5e-3)
+
+
+def test_each_node_asks_for_what_its_closest_point_wants():
+    grid = box(40)
+    phi = grid.sample(ball)
+    kappa = level_set_curvature(grid, phi)[..., 0]
+    h0 = size_from_curvature(grid, phi, elements_per_radian=5.0, g=0.3)
+    inside = (phi <= 0.0) & (phi >= -2.0 * grid.spacing[0])
+    assert_allclose(h0[inside], (1.0 / (5.0 * kappa) - 0.3 * phi)[inside], rtol=1e-12)
+    outside = np.isfinite(h0) & (phi > 0.0)
+    # Sizes along a circle are constant but for the error of the curvature, so that s = g.
+    assert_allclose(h0[outside], (1.0 / (5.0 * kappa) - 0.3 * phi)[outside], rtol=1e-3)
+    # Corners of crossed boxes: at most the diagonal of a box away, and all that are nearer than
+    # the spacing along the axes.
+    assert phi[outside].max() < np.sqrt(2.0) * grid.spacing[0]
+    assert_array_equal(np.isinf(h0[phi < -2.0 * grid.spacing[0]]), True)
+
+
+def exact_on_ellipse(x):
+    """Limited sizes inside the ellipse: the smallest of 1 / (K kappa) + g distance."""
+    ellipse, t = Ellipse(), np.linspace(0.0, 2.0 * np.pi, 1500)
+    away = np.linalg.norm(x[:, None] - ellipse.at(t), axis=2)
+    return (1.0 / (K * ellipse.curvature_at(t)) + G * away).min(axis=1)
+
+
+def errors_on_ellipse(n, asked):
+    """Relative errors of the limited sizes on the boundary and inside, from what is asked for."""
+    grid = box(n)
+    phi = grid.sample(Ellipse())
+    h0 = asked(grid, phi)
+    h = limit_gradient(grid, h0, G)
+    at = Ellipse().at(np.linspace(0.0, 2.0 * np.pi, 157))
+    inside = phi.ravel() < 0.0
+    return (
+        SizeFunction(grid, h)(at) / exact_on_ellipse(at) - 1.0,
+        h.ravel()[inside] / exact_on_ellipse(grid.points[inside]) - 1.0,
+    )
+
+
+def as_printed(grid, phi, *, share=1.0, correct=1.0):
+    """Formula (4) of Persson's paper, -g phi times ``share``; its other sign where -1."""
+    level = level_set_curvature(grid, phi, at_boundary=False)[..., 0]
+    h0 = np.abs((1.0 - correct * level * phi) / (K * level)) - share * G * phi
+    return np.where(np.isfinite(h0) & (np.abs(phi) <= 2.0 * grid.spacing[0]), h0, np.inf)
+
+
+def test_sizes_that_change_along_the_boundary_are_right_where_formula_4_is_not():
+    ours = errors_on_ellipse(96, lambda grid, phi: size_from_curvature(grid, phi, g=G))
+    formula = errors_on_ellipse(96, as_printed)
+    for mine, theirs in zip(ours, formula, strict=True):
+        assert np.abs(mine).max() < 0.03
+        assert np.abs(mine).max() < np.abs(theirs).max() / 2.0
+        assert np.abs(mine.mean()) < np.abs(theirs.mean()) / 4.0
+
+
+def test_each_correction_is_needed():
+    spread = [
+        np.abs(errors_on_ellipse(96, asked)[1]).max()
+        for asked in (
+            lambda grid, phi: size_from_curvature(grid, phi, g=G),
+            lambda grid, phi: size_from_curvature(grid, phi, g=0.0),  # no - g phi
+            lambda grid, phi: as_printed(grid, phi, correct=0.0),  # kappa of the node
+            lambda grid, phi: as_printed(grid, phi, correct=-1.0),  # 1 + kappa phi
+        )
+    ]
+    right, no_slope, no_correction, printed = spread
+    assert right < 0.03
+    assert no_slope > 4.0 * right
+    assert no_correction > 4.0 * right
+    assert printed > 1.5 * no_correction
+
+
+def test_another_g_than_that_of_the_limiter_makes_sizes_too_small_not_too_large():
+    for other in (0.1, 0.4):
+        error = errors_on_ellipse(
+            96, lambda grid, phi, g=other: size_from_curvature(grid, phi, g=g)
+        )
+        assert max(part.max() for part in error) < 0.015
+        assert min(part.min() for part in error) > -0.1
+
+
+def test_tubes_ask_by_their_smaller_radius():
+    grid = box(40, 3)
+    phi = grid.sample(torus)
+    h0 = size_from_curvature(grid, phi, g=0.0)
+    asked = h0[np.isfinite(h0)]
+    assert len(asked) > 1000
+    # 2.5 spacings to the middle of the tube from the innermost nodes.
+    assert_allclose(asked, 0.25 / K, rtol=0.05)
+
+
+def test_cylinders_ask_by_their_radius():
+    grid = box(40, 3, stretch=0.7)
+    h0 = size_from_curvature(grid, -grid.sample(cylinder), g=0.0)
+    asked = h0[np.isfinite(h0)]
+    assert len(asked) > 1000
+    assert_allclose(asked, RADIUS / K, rtol=0.01)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_flat_boundaries_ask_for_nothing(dim):
+    grid = box(20, dim)
+    assert_array_equal(size_from_curvature(grid, grid.sample(slope)), np.inf)
+    assert_array_equal(size_from_curvature(grid, grid.sample(slope), hmax=0.3), 0.3)
+
+
+def polygon_distance(corners):
+    """Signed distance to a polygon whose corners are given in counterclockwise order."""
+    start = np.asarray(corners, float)
+    along = np.roll(start, -1, axis=0) - start
+
+    def distance(x):
+        away, turn = np.full(len(x), np.inf), np.zeros(len(x))
+        for a, ab in zip(start, along, strict=True):
+            share = np.clip((x - a) @ ab / (ab @ ab), 0.0, 1.0)
+            away = np.minimum(away, np.linalg.norm(x - a - share[:, None] * ab, axis=1))
+            p, q = x - a, x - a - ab
+            turn += np.arctan2(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0], (p * q).sum(axis=1))
+        return np.where(np.abs(turn) > np.pi, -away, away)
+
+    return distance
+
+
+SQUARE = [[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]]
+L_SHAPE = [[-0.7, -0.7], [0.7, -0.7], [0.7, 0.0], [0.0, 0.0], [0.0, 0.7], [-0.7, 0.7]]
+HEXAGON = 0.8 * np.column_stack(
+    [np.cos(np.arange(6) * np.pi / 3), np.sin(np.arange(6) * np.pi / 3)]
+)
+
+
+@pytest.mark.parametrize("corners", [SQUARE, L_SHAPE, HEXAGON], ids=["square", "L", "hexagon"])
+@pytest.mark.parametrize("angle", [0.0, 0.2, 0.5, np.pi / 4])
+def test_corners_are_not_curvature(corners, angle):
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    for n in (20, 41):
+        grid = box(n)
+        phi = grid.sample(polygon_distance(np.asarray(corners) @ turn))
+        # What little the stencils beside a corner see of it.
+        assert size_from_curvature(grid, phi).min() > 4.0 * grid.spacing[0]
+
+
+def test_edges_and_corners_of_a_box_are_not_curvature():
+    grid = box(24, 3)
+    away = np.abs(grid.points) - [0.7, 0.6, 0.5]
+    phi = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
+    assert_array_equal(size_from_curvature(grid, phi.reshape(grid.shape)), np.inf)
+
+
+def test_obtuse_corners_count_by_the_crease_angle():
+    # Twelve sides that turn by 30 degrees each are round, unless creases are sharper than that.
+    t = np.arange(12) * np.pi / 6
+    grid = box(40)
+    phi = grid.sample(polygon_distance(0.8 * np.column_stack([np.cos(t), np.sin(t)])))
+    assert np.isfinite(size_from_curvature(grid, phi)).sum() > 20
+    assert np.isfinite(size_from_curvature(grid, phi, crease_angle=10.0)).sum() < 5
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_radii_from_two_and_a_quarter_spacings_are_resolved(sign):
+    grid = CartesianGrid([-8.0, -8.0], 1.0, (17, 17))
+    for centre in np.random.default_rng(90210).uniform(-0.5, 0.5, (20, 2)):
+        phi = sign * grid.sample(lambda x, c=centre: np.linalg.norm(x - c, axis=1) - 2.25)
+        asked = size_from_curvature(grid, phi, g=0.0)
+        assert_allclose(asked[np.isfinite(asked)], 2.25 / K, rtol=0.05)
+        assert np.isfinite(asked).any()
+
+
+def test_coarse_grids_ask_for_half_the_size_outside_at_least():
+    grid = box(12)
+    phi = grid.sample(ball)
+    h0 = size_from_curvature(grid, phi, elements_per_radian=60.0, g=1.0)
+    assert h0.min() > 0.5 * RADIUS / 60.0 * 0.95
+
+
+def test_noise_is_smoothed():
+    grid = box(60)
+    noise = np.random.default_rng(515).normal(scale=0.02 * grid.spacing[0], size=grid.shape)
+    phi = grid.sample(ball) + noise
+    spread = []
+    for smoothing in (0, 1, 2):
+        h0 = size_from_curvature(grid, phi, g=0.0, smoothing=smoothing)
+        spread.append(np.abs(K * h0[np.isfinite(h0)] / RADIUS - 1.0).mean())
+    assert spread[1] < 0.5 * spread[0]
+    assert spread[2] < spread[1]
+
+
+@pytest.mark.parametrize("radius", [12.0, 40.0])
+def test_sizes_of_pixels_are_smoothed(radius):
+    # The distance of a mask ripples along the boundary with the steps of the pixels.
+    n = int(2.6 * radius)
+    grid = CartesianGrid([0.0, 0.0], 1.0, (n, n))
+    mask = grid.sample(lambda x: np.linalg.norm(x - n / 2 - 0.2, axis=1) - radius) < 0.0
+    phi = signed_distance(grid, mask)
+    spread = []
+    for smoothing in (0, 16):
+        h0 = size_from_curvature(grid, phi, g=0.0, smoothing=smoothing)
+        ratio = K * h0[np.isfinite(h0)] / radius
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.06)
+        spread.append(np.quantile(ratio, 0.05))
+    assert spread[1] > 0.65
+    assert spread[1] > spread[0] + 0.1
+
+
+def test_inactive_nodes_ask_for_nothing():
+    grid = box(40)
+    phi = grid.sample(ball)
+    inside = phi <= 0.0
+    everywhere = size_from_curvature(grid, phi)
+    h0 = size_from_curvature(grid.with_active(inside), phi)
+    assert_array_equal(h0[inside], everywhere[inside])
+    assert_array_equal(h0[~inside], np.inf)
+
+
+def test_limits_of_the_size_and_tolerance():
+    grid = box(40)
+    phi = grid.sample(ball)
+    h0 = size_from_curvature(grid, phi, hmin=0.2, hmax=0.5, tolerance=0.1)
+    assert_array_equal(np.unique(h0), [0.2, 0.5])
+    assert_array_equal(h0[phi < -0.1], 0.5)
+    assert_array_equal(h0[(phi <= 0.0) & (phi >= -0.1)], 0.2)
+
+
+def test_bad_arguments_are_named():
+    grid = box(10)
+    phi = grid.sample(ball)
+    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    with pytest.raises(ValueError, match="boundary must be a SimplexMesh, or distances on a"):
+        size_from_curvature(mesh, np.zeros(3))
+    with pytest.raises(ValueError, match=r"boundary must have shape \(11, 11\)"):
+        size_from_curvature(grid, phi.T[:5])
+    with pytest.raises(ValueError, match=r"boundary must be zero near nodes .* 5\."):
+        size_from_curvature(grid, phi + 6.0)
+    with pytest.raises(ValueError, match="boundary must be a signed distance"):
+        size_from_curvature(grid, 3.0 * phi)
+    with pytest.raises(ValueError, match="boundary must be zero near"):
+        size_from_curvature(grid, np.full(grid.shape, np.nan))
+    with pytest.raises(ValueError, match="g must be finite and >= 0"):
+        size_from_curvature(grid, phi, g=-1.0)
+    with pytest.raises(ValueError, match="crease_angle must be at most 180"):
+        size_from_curvature(grid, phi, crease_angle=200.0)
+    with pytest.raises(ValueError, match="smoothing must be a whole number"):
+        size_from_curvature(grid, phi, smoothing=0.3)
+    line = CartesianGrid([0.0], 0.1, (5,))
+    with pytest.raises(ValueError, match="grid must be 2-D or 3-D"):
+        size_from_curvature(line, np.zeros(5))

@@ -1,0 +1,225 @@
+"""SizeFunction: interpolation, points outside, inf, and the errors."""
+
+import numpy as np
+import pytest
+from meshes import jittered_cube, random_sphere, random_square, structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import SimplexMesh, SizeFunction
+from adaptsize.errors import OutsideError
+
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+
+
+def points_of_cells(mesh, n, seed):
+    """Random points of the mesh, the same number from each cell on average."""
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(0, mesh.n_cells, n)
+    weights = rng.dirichlet(np.ones(mesh.cells.shape[1]), n)
+    return (weights[:, :, None] * mesh.points[mesh.cells[cells]]).sum(axis=1)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [random_square(500, 3301), jittered_cube(6, 3307, half_width=1.0), random_sphere(300, 3313)],
+    ids=["triangles", "tetrahedra", "surface"],
+)
+def test_linear_sizes_are_reproduced_to_rounding(mesh):
+    slope = np.array([0.3, -0.2, 0.1])[: mesh.dim]
+    points = points_of_cells(mesh, 2500, 3319)
+    size = SizeFunction(mesh, 1.0 + mesh.points @ slope)
+    assert_allclose(size(points), 1.0 + points @ slope, rtol=0.0, atol=1e-12)
+
+
+def test_nodal_values_are_kept_at_the_nodes():
+    mesh = jittered_cube(5, 3323, half_width=1.0)
+    values = np.random.default_rng(3329).uniform(0.1, 3.0, mesh.n_points)
+    assert_allclose(SizeFunction(mesh, values)(mesh.points), values, rtol=1e-13)
+
+
+def test_sizes_stay_between_the_nodal_ones_and_constants_are_exact():
+    mesh = random_square(200, 3331)
+    points = np.random.default_rng(3343).uniform(-2.0, 2.0, (1000, 2))
+    assert_array_equal(SizeFunction(mesh, np.full(200, 0.1))(points), 0.1)
+    values = np.random.default_rng(3347).uniform(0.1, 3.0, 200)
+    sizes = SizeFunction(mesh, values)(points)
+    assert sizes.min() >= values.min()
+    assert sizes.max() <= values.max()
+
+
+def test_outside_takes_the_value_of_the_closest_point():
+    size = SizeFunction(SQUARE, 1.0 + SQUARE.points @ [1.0, 2.0])
+    points = np.random.default_rng(3359).uniform(-2.0, 3.0, (500, 2))
+    inside = np.clip(points, 0.0, 1.0)  # the closest point of a square
+    assert_allclose(size(points), 1.0 + inside @ [1.0, 2.0], rtol=1e-14)
+
+
+def test_outside_error_names_the_first_point_and_its_distance():
+    size = SizeFunction(SQUARE, np.ones(4), outside="error")
+    with pytest.raises(
+        OutsideError,
+        match=r"got points\[1\] = \(2, 0\.5\) at a distance of 1 from it \(and 1 more\)",
+    ):
+        size([[0.5, 0.5], [2.0, 0.5], [0.5, -3.0]])
+
+
+def test_rounding_errors_do_not_count_as_outside():
+    size = SizeFunction(SQUARE, np.ones(4), outside="error")
+    tolerance = 1e-9 * np.sqrt(2.0)
+    assert_array_equal(size([[1.0 + 0.9 * tolerance, 0.5], [0.5, 0.5]]), 1.0)
+    with pytest.raises(OutsideError):
+        size([[1.0 + 1.1 * tolerance, 0.5]])
+
+
+def test_surface_points_off_the_surface_are_outside():
+    sphere = random_sphere(100, 3361)
+    size = SizeFunction(sphere, np.ones(100), outside="error")
+    assert_array_equal(size(sphere.points), 1.0)
+    with pytest.raises(OutsideError, match=r"points\[0\] = \(0, 0, 0\)"):
+        size([[0.0, 0.0, 0.0]])
+
+
+def test_inf_spreads_over_cells_but_not_to_finite_nodes_and_edges():
+    size = SizeFunction(SQUARE, [1.0, np.inf, 2.0, 3.0])
+    points = [
+        [0.0, 0.0],  # finite node
+        [1.0, 0.0],  # node that is inf
+        [0.75, 0.25],  # in the cell of that node
+        [0.5, 0.5],  # middle of the edge between 1 and 2
+        [0.25, 0.75],  # in the cell where all is finite: 1/4, 1/4, 1/2
+        [-1.0, -1.0],  # closest to the finite node
+        [2.0, -1.0],  # closest to the node that is inf
+    ]
+    assert_array_equal(size(points), [1.0, np.inf, np.inf, 1.5, 2.25, 1.0, np.inf])
+
+
+@pytest.mark.parametrize("n", [0, 1, 5])
+def test_any_number_of_points(n):
+    sizes = SizeFunction(SQUARE, np.ones(4))(np.full((n, 2), 0.5))
+    assert sizes.shape == (n,)
+    assert sizes.dtype == np.float64
+
+
+def test_points_may_be_lists_and_integers():
+    assert_array_equal(SizeFunction(SQUARE, [1, 2, 3, 2])([[0, 0], [1, 1]]), [1.0, 3.0])
+
+
+def test_a_single_point_is_refused_with_the_shape_it_wants():
+    with pytest.raises(ValueError, match=r"shape \(n, 2\), got \(2,\); .* shape \(1, 2\)"):
+        SizeFunction(SQUARE, np.ones(4))([0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (np.zeros((3, 3)), r"points must have shape \(n, 2\), got \(3, 3\)"),
+        (np.zeros(5), r"points must have shape \(n, 2\), got \(5,\)"),
+        ([[0.0, 0.0], [0.0, np.nan]], r"points must be finite, got points\[1, 1\] = nan"),
+        ("here", "points must be an array of numbers"),
+    ],
+)
+def test_bad_points_are_refused(points, message):
+    with pytest.raises(ValueError, match=message):
+        SizeFunction(SQUARE, np.ones(4))(points)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1.0, 1.0, np.nan, 1.0], r"values must be positive .*, got values\[2\] = nan"),
+        ([1.0, 0.0, 1.0, -1.0], r"values\[1\] = 0\.0 \(and 1 more\)"),
+        ([1.0, -np.inf, 1.0, 1.0], r"values\[1\] = -inf"),
+        ([1.0, 1.0], r"values must have shape \(4,\), got \(2,\)"),
+        (1.0, r"values must have shape \(4,\), got \(\)"),
+    ],
+)
+def test_bad_values_are_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        SizeFunction(SQUARE, values)
+
+
+def test_bad_outside_is_refused():
+    with pytest.raises(ValueError, match="outside must be one of 'nearest', 'error', got 'zero'"):
+        SizeFunction(SQUARE, np.ones(4), outside="zero")
+
+
+def test_values_are_copied_and_read_only():
+    given = np.ones(4)
+    size = SizeFunction(SQUARE, given)
+    given[0] = 7.0
+    assert_array_equal(size.values, 1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        size.values[0] = 2.0
+
+
+def test_arguments_are_not_written_into():
+    points = np.random.default_rng(3371).uniform(-1.0, 2.0, (3000, 2))
+    before = points.copy()
+    SizeFunction(SQUARE, np.ones(4))(points)
+    assert_array_equal(points, before)
+
+
+def test_minimum_on_the_same_background_is_nodal():
+    first = SizeFunction(SQUARE, [1.0, 5.0, np.inf, np.inf], outside="error")
+    least = first.minimum(SizeFunction(SQUARE, [2.0, 2.0, 3.0, np.inf]))
+    assert_array_equal(least.values, [1.0, 2.0, 3.0, np.inf])
+    assert least.background is SQUARE
+    assert least.outside == "error"
+
+
+def test_minimum_with_another_background_samples_at_the_own_nodes():
+    fine = structured_square(8, half_width=1.0)
+    other = SizeFunction(SQUARE, 0.5 + SQUARE.points @ [1.0, 0.0])
+    least = SizeFunction(fine, np.ones(fine.n_points)).minimum(other)
+    x = np.clip(fine.points[:, 0], 0.0, 1.0)  # outside the unit square: its closest point
+    assert least.background is fine
+    assert_allclose(least.values, np.minimum(1.0, 0.5 + x), rtol=1e-14)
+
+
+def test_clip_keeps_values_between_the_bounds():
+    size = SizeFunction(SQUARE, [0.1, 1.0, 5.0, np.inf])
+    assert_array_equal(size.clip(0.2, 2.0).values, [0.2, 1.0, 2.0, 2.0])
+    assert_array_equal(size.clip(hmin=0.2).values, [0.2, 1.0, 5.0, np.inf])
+    assert_array_equal(size.clip(hmax=2.0).values, [0.1, 1.0, 2.0, 2.0])
+    assert_array_equal(size.clip().values, size.values)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ((2.0, 1.0), "hmin must be at most hmax, got 2 > 1"),
+        ((0.0, 1.0), "hmin must be finite and > 0, got 0"),
+        ((None, -1.0), "hmax must be > 0, got -1"),
+        ((np.nan, None), "hmin must be finite and > 0, got nan"),
+        ((None, "big"), "hmax must be a number, got 'big'"),
+    ],
+)
+def test_bad_bounds_are_refused(bounds, message):
+    with pytest.raises(ValueError, match=message):
+        SizeFunction(SQUARE, np.ones(4)).clip(*bounds)
+
+
+def test_on_another_mesh_samples_at_its_nodes():
+    fine = structured_square(4, half_width=0.5)
+    fine = SimplexMesh(fine.points + 0.5, fine.cells)
+    size = SizeFunction(SQUARE, 1.0 + SQUARE.points @ [2.0, 1.0]).on(fine)
+    assert size.background is fine
+    assert_allclose(size.values, 1.0 + fine.points @ [2.0, 1.0], rtol=1e-14)
+
+
+def test_on_a_mesh_outside_is_refused_if_asked_for():
+    size = SizeFunction(SQUARE, np.ones(4), outside="error")
+    with pytest.raises(OutsideError):
+        size.on(structured_square(4, half_width=1.0))
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ([0.1, 1.0, 5.0, 2.0], "sizes 0.1 to 5, on SimplexMesh(4 points in 2-D, 2 triangles)"),
+        ([0.1, 1.0, 5.0, np.inf], "sizes 0.1 to 5, 1 nodes free, on"),
+        (np.full(4, np.inf), "nothing asked, on"),
+    ],
+)
+def test_repr_tells_the_range(values, text):
+    assert text in repr(SizeFunction(SQUARE, values))
