@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 #: The boundary may turn inwards by so much (radians) in a domain that counts as convex.
 FLAT = 1e-9
 
+# Facets that close up to less than this angle (radians) may lie on each other.
+_FOLDED = 1e-6
+
 # Fewer cells are not worth a second thread.
 _MANY_CELLS = 100_000
 
@@ -250,9 +253,16 @@ def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
     normal, other = units[owner[first]], units[owner[second]]
     rise = np.einsum("ij,ij->i", normal, points[apex[second]] - points[edges[:, 0]])
     sine = np.linalg.norm(np.cross(normal, other), axis=1)
-    angles = np.arctan2(sine, np.einsum("ij,ij->i", normal, other))
+    cosine = np.einsum("ij,ij->i", normal, other)
+    angles = np.arctan2(sine, cosine)
     angles = np.where(rise > 0.0, -angles, angles)
-    bad = ~regular | (areas[owner[first]] == 0.0) | (areas[owner[second]] == 0.0)
+    # Two facets on each other: the end of a crack, which turns inwards, or a cell without volume.
+    bad = (
+        ~regular
+        | ((cosine < 0.0) & (sine < _FOLDED))
+        | (areas[owner[first]] == 0.0)
+        | (areas[owner[second]] == 0.0)
+    )
     return Turns(edges, np.where(bad, np.nan, angles))
 
 

@@ -107,6 +107,24 @@ def test_linear_data_beside_slits_of_no_width_and_holes_of_one_triangle(seed, ki
 # --- convex domains in the plane and in space ------------------------------------------------
 
 
+def test_an_edge_on_a_slit_of_no_width_is_no_source_for_the_other_side():
+    mesh = slit_square(8)
+    points = mesh.points.copy()
+    inside = (np.abs(points) < 1.0).all(axis=1) & (points[:, 1] != 0.0)
+    points[inside] += np.random.default_rng(2603).uniform(-0.05, 0.05, (inside.sum(), 2))
+    mesh = SimplexMesh(points, mesh.cells)
+    below = np.unique(mesh.cells[points[mesh.cells].mean(axis=1)[:, 1] < 0.0])
+    ends = [below[np.argmin(np.linalg.norm(points[below] - [x, 0.0], axis=1))] for x in (0.25, 0.5)]
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[ends] = 1.0
+    h = limit(mesh, h0)
+    # Above the slit the shortest path leads around its tip, from the nearer end.
+    above = points[:, 1] > 0.0
+    assert_allclose(h[above], 1.0 + G * (0.25 + np.linalg.norm(points[above], axis=1)), rtol=1e-12)
+    under = np.flatnonzero((points[:, 1] < 0.0) & (np.abs(points[:, 0] - 0.375) < 0.12))
+    assert_allclose(h[under], 1.0 - G * points[under, 1], rtol=1e-12)  # from inside the edge
+
+
 def between_samples(mesh, h0, nodes):
     """Return lower and upper bounds of the sizes of linear data at nodes of a convex domain.
 

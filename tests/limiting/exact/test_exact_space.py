@@ -26,9 +26,6 @@ WALL_TOLERANCE = 1e-9
 #: Paths over two edges of a window that meet in a corner are not exact: share of the nodes, and by
 #: how much with about 5 000 nodes.
 WINDOW_SHARE, WINDOW_ERROR = 0.02, 0.25
-#: Around two edges that are askew, in a corridor 4 wide: a bend stays at its best place for the
-#: way to the other edge.
-CORRIDOR_ERROR = 0.03
 #: Paths over edges and faces cut in eight are longer than straight ones by 1.4 % at most.
 GRAPH_EXCESS = 0.02
 
@@ -179,7 +176,38 @@ def test_sizes_in_a_corridor_around_two_bends(seed):
     exact = 1.0 + G * around_two_edges(mesh.points[source], mesh.points[at_end])
     error = h[at_end] - exact
     assert error.min() > -TOO_SMALL
-    assert error.max() <= CORRIDOR_ERROR
+    assert error.max() <= WALL_TOLERANCE
+
+
+def cracked_box(seed):
+    """The box (0, 6)^3 with a crack of no width: z = 3, x > 3; and the nodes of its two faces."""
+    mesh = solid_of_cubes(lambda x: x[:, 0] > 0, (6, 6, 6), seed)
+    points = mesh.points.copy()
+    corners = np.argwhere(np.ones((7, 7, 7), bool))
+    on_plane = corners[:, 2] == 3
+    points[on_plane] = corners[on_plane]
+    on_crack = np.flatnonzero(on_plane & (corners[:, 0] > 3))
+    twin = np.arange(len(points))
+    twin[on_crack] = len(points) + np.arange(len(on_crack))
+    above = corners[mesh.cells].mean(axis=1)[:, 2] > 3.0
+    cells = np.where(above[:, None], twin[mesh.cells], mesh.cells)
+    points = np.concatenate([points, points[on_crack]]) - 3.0
+    return SimplexMesh(points, cells), twin[on_crack], on_crack
+
+
+@pytest.mark.parametrize("seed", [2441, 2442])
+def test_the_two_faces_of_a_crack_are_seen_from_their_own_side_only(seed):
+    mesh, upper, lower = cracked_box(seed)
+    source = int(np.argmin(np.linalg.norm(mesh.points - [1.0, 1.0, 2.0], axis=1)))
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[source] = 1.0
+    h = limit(mesh, h0)
+    x, y, z = mesh.points[source]
+    near, far = mesh.points[upper], mesh.points[lower]
+    assert_allclose(h[upper], 1.0 + G * np.linalg.norm(near - [x, y, z], axis=1), rtol=1e-12)
+    # Around the edge x = z = 0, turned into one plane.
+    around = np.hypot(far[:, 1] - y, np.hypot(x, z) + far[:, 0])
+    assert_allclose(h[lower], 1.0 + G * around, rtol=1e-9)
 
 
 # --- jagged parts ------------------------------------------------------------------------------
