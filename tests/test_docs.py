@@ -34,7 +34,7 @@ COARSER = {
     "docs/how-to/stl.md": [(FIRST, f"{FIRST} --hmax 6"), ("-o size.vtu", "-o size.vtu --hmax 6")],
     "docs/how-to/vtk.md": [
         ("region:2=1.0", "region:2=3.0"),
-        ("10,10,10,2=0.5", "10,10,10,2=2.0"),
+        ("30,10,10,2=0.5", "30,10,10,2=2.0"),
         ("RegionSource(2, 1.0)", "RegionSource(2, 3.0)"),
         ("hmin=0.5", "hmin=2.0"),
     ],

@@ -45,7 +45,8 @@ CONTENTS = {
         "adaptive-loops",
     ],
     "Reference": [
-        "api", "command-line", "files", "solvers", "promises", "benchmarks", "citations",
+        "api", "command-line", "files", "solvers", "glossary", "promises", "benchmarks",
+        "citations",
     ],
     "Project": ["decisions/README", *COPIES.values()],
 }  # fmt: skip

@@ -182,3 +182,10 @@ def test_adaptive_loop_beats_uniform_meshes(run):
     assert found["order in the number of nodes"] > 0.4
     # A uniform mesh of twice the nodes has 0.8 of it.
     assert found["error at last"] < 0.35 * found["error at first"]
+
+
+def test_a_size_prescribed_at_a_point_is_met_there(run, tmp_path):
+    found = run("plot_point_source")
+    # The point is not a node: size_function keeps sources between the nodes.
+    assert found["size at the point"] == pytest.approx(0.02, rel=1e-12)
+    assert (tmp_path / "point_source.png").stat().st_size > 10_000

@@ -1,0 +1,34 @@
+"""A small size at one point of a plate, propagated inside the domain.
+
+The script of the README, with a picture: data/slit.vtu is a plate with a notch and a narrow slit.
+The size is prescribed at one point to the right of the slit.  The notch and the narrow places ask
+for small elements as well.  All sizes grow with the gradient g = 0.25, up to hmax = 0.3, and do
+not cross the slit.  The mesh on the right follows them, if Mmg is installed.
+
+    python examples/plot_point_source.py [DIRECTORY]
+"""
+
+from pathlib import Path
+
+from _gallery import DATA, has_mmg, run, save_panels
+
+import adaptsize as ads
+from adaptsize.plot import plot_size
+
+
+def main(output_dir: Path, *, at_point: float = 0.02, width: int = 700) -> dict[str, float]:
+    mesh = ads.read(DATA / "slit.vtu")
+    size = ads.size_function(mesh, sources=ads.PointSource([3.0, 1.0], at_point), g=0.25, hmax=0.3)
+    found = {"size at the point": float(size([[3.0, 1.0]])[0])}
+    panels = [("size function", plot_size(mesh, size, width=width))]
+    if has_mmg():
+        new = ads.remesh(mesh, size)
+        found["triangles"] = new.n_cells
+        found["share of edges in band"] = ads.size_conformity(new, size).share_in_band
+        panels.append((f"mesh of {new.n_cells} triangles", plot_size(new, size, width=width)))
+    save_panels(output_dir / "point_source.png", panels)
+    return found
+
+
+if __name__ == "__main__":
+    run(main)
