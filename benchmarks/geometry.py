@@ -29,7 +29,6 @@ from _timing import best_of, machine, table, three, write
 from scipy.spatial import ConvexHull
 
 import adaptsize as ads
-from adaptsize.domain_size.on_surface import choose_size
 
 
 def bumpy_ball(n_points):
@@ -154,7 +153,7 @@ def complete_size(quick):
     spacing = np.ptp(part.points, axis=0).max() / (40 if quick else 120)
     grid = ads.CartesianGrid.around(part.points, spacing, 3.0 * spacing)
     routes = {
-        "on the surface, as `adaptsize remesh` does": lambda: choose_size(part, **options).size,
+        "on the surface, as `adaptsize remesh` does": lambda: ads.size_function(part, **options),
         "by distance on a grid": lambda: ads.size_function(part, background=grid, **options),
     }
     lines = []

@@ -13,7 +13,6 @@ from pathlib import Path
 from _gallery import DATA, run
 
 import adaptsize as ads
-from adaptsize.domain_size.on_surface import choose_size
 from adaptsize.plot import plot_size
 
 
@@ -27,11 +26,11 @@ def main(
     width: int = 1600,
 ) -> dict[str, float | str]:
     surface = ads.read(part)
-    chosen = choose_size(
+    size = ads.size_function(
         surface, elements_per_radian=elements_per_radian, g=0.25, hmin=hmin, hmax=hmax
     )
-    new = ads.remesh(surface, chosen.size, hmax=hmax)
-    h = chosen.on(new)
+    new = ads.remesh(surface, size)
+    h = size(new.points)
     conformity = ads.size_conformity(new, h, surface=surface)
     plot_size(new, h, path=output_dir / "bracket.png", width=width)
     ads.write(output_dir / "bracket.vtu", new, fields={"h": h})

@@ -223,3 +223,68 @@ def test_on_a_mesh_outside_is_refused_if_asked_for():
 )
 def test_repr_tells_the_range(values, text):
     assert text in repr(SizeFunction(SQUARE, values))
+
+
+# --- off surfaces and lines ---------------------------------------------------------------
+
+
+def least_over_a_surface(mesh, values, points, g, n=40):
+    """The least of h(y) + g |x - y| over samples of the triangles, from above."""
+    at = [(i / n, j / n) for i in range(n + 1) for j in range(n + 1 - i)]
+    weights = np.array([(1.0 - s - t, s, t) for s, t in at])
+    samples = np.einsum("sv,cvd->csd", weights, mesh.points[mesh.cells]).reshape(-1, 3)
+    sizes = np.einsum("sv,cv->cs", weights, values[mesh.cells]).ravel()
+    away = np.linalg.norm(points[:, None] - samples, axis=2)
+    return (sizes + g * away).min(axis=1)
+
+
+@pytest.mark.parametrize("g", [0.1, 0.4, 2.0])
+def test_sizes_off_a_surface_are_the_least_that_it_allows(g):
+    rng = np.random.default_rng(2301)
+    mesh = random_sphere(60, 2302)
+    values = rng.uniform(0.2, 1.0, mesh.n_points)
+    points = rng.uniform(-1.2, 1.2, (200, 3))
+    size = SizeFunction(mesh, values, g=g)
+    reference = least_over_a_surface(mesh, values, points, g)
+    found = size(points)
+    spacing = mesh.edge_lengths.max() / 40
+    assert (found <= reference * (1.0 + 1e-12)).all()
+    assert (found >= reference - (g + 2.0) * spacing).all()
+    capped = SizeFunction(mesh, values, g=g, hmax=0.4)
+    assert_array_equal(capped(points), np.minimum(found, 0.4))
+
+
+def test_sizes_off_a_line_in_the_plane_grow_with_the_distance():
+    line = SimplexMesh([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]], [[0, 1], [1, 2]])
+    size = SizeFunction(line, [0.5, 0.5, 0.5], g=0.3)
+    assert_allclose(size([[0.5, 2.0], [2.0, -1.0], [4.0, 0.0]]), [1.1, 0.8, 0.8], rtol=1e-12)
+
+
+def test_free_nodes_of_a_surface_allow_everything():
+    surface = jittered_cube(3, 2303).boundary().mesh
+    values = np.full(surface.n_points, np.inf)
+    values[0] = 1.0
+    size = SizeFunction(surface, values, g=0.5)
+    points = np.random.default_rng(2304).uniform(-40.0, 40.0, (20, 3))
+    away = np.linalg.norm(points - surface.points[0], axis=1)
+    assert_allclose(size(points), 1.0 + 0.5 * away, rtol=1e-12)
+
+
+def test_the_growth_is_kept_by_clip_and_minimum_and_spent_by_on():
+    cube = jittered_cube(4, 2305)
+    surface = cube.boundary().mesh
+    size = SizeFunction(surface, np.full(surface.n_points, 2.0), g=0.1, hmax=4.0)
+    middle = [[0.0, 0.0, 0.0]]
+    assert size(middle) == 4.0
+    assert size.clip(hmax=3.0)(middle) == 3.0
+    assert size.minimum(SizeFunction(surface, np.full(surface.n_points, 1.0)))(middle) == 4.0
+    nodal = size.on(cube)
+    assert nodal.g is None
+    assert_array_equal(nodal.values, size(cube.points))
+
+
+def test_growth_is_refused_where_sizes_fill_their_space():
+    with pytest.raises(ValueError, match="g is for sizes on surfaces"):
+        SizeFunction(SQUARE, [1.0] * SQUARE.n_points, g=0.3)
+    with pytest.raises(ValueError, match="hmax needs g"):
+        SizeFunction(SQUARE, [1.0] * SQUARE.n_points, hmax=0.3)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, one_of
-from adaptsize.background import CartesianGrid
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.limiting import SizeSources
+    from adaptsize.limiting.exact.field import ExactField
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
@@ -75,13 +77,20 @@ class SizeFunction:
         ``info.sources`` of the `limit_gradient` that made ``values``: points inside then get
         their size straight from the sources, without an error of interpolation.  Size
         functions made from this one, by `clip`, `minimum` or `on`, interpolate again.
+    g : float, optional
+        How fast the size grows with the distance from a background that does not fill its space,
+        such as a surface: at a point x it is the least h(y) + g |x - y| over all points y of the
+        background, and ``hmax`` at most.  Without g the size off such a background is that of the
+        closest point.
+    hmax : float, default inf
+        With g only.
 
     Raises
     ------
     ValueError
         If ``values`` has another shape, or a value is not positive or is NaN (the message
-        names the first one), ``outside`` is another word, or ``sources`` are of another
-        background.
+        names the first one), ``outside`` is another word, ``sources`` are of another
+        background, or ``g`` is given for a background that fills its space.
 
     Notes
     -----
@@ -115,12 +124,24 @@ class SizeFunction:
     _: KW_ONLY
     outside: Literal["nearest", "error"] = "nearest"
     sources: SizeSources | None = None
+    g: float | None = None
+    hmax: float = np.inf
 
     def __post_init__(self) -> None:
         values = as_sizes("values", self.values, self.background.nodal_shape).copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)  # the way in for a frozen dataclass
         one_of("outside", self.outside, ("nearest", "error"))
+        if self.g is not None:
+            as_number("g", self.g, lower=0.0)
+            as_number("hmax", self.hmax, lower=0.0, strict=True, allow_inf=True)
+            if not _is_thin(self.background) or self.outside == "error":
+                raise ValueError(
+                    "g is for sizes on surfaces and lines that go on off them, "
+                    f"got g = {self.g:g} with outside={self.outside!r} on {self.background!r}"
+                )
+        elif self.hmax != np.inf:
+            raise ValueError(f"hmax needs g, got hmax = {self.hmax:g} alone")
         if self.sources is not None and self.sources.background is not self.background:
             raise ValueError(
                 f"sources must be those of the background, {self.background!r}, "
@@ -164,12 +185,24 @@ class SizeFunction:
                 f"a single point is an array of shape (1, {dim})"
             )
         where = as_points("points", where, dim)
+        if self.g is not None:
+            return self._field.evaluate(where, np.full(len(where), self.hmax))
         if self.sources is not None:
             return self._from_sources(where, self.sources)
         sizes, distances = self.background.locator.interpolate(self.values, where)
         if self.outside == "error":
             self._refuse_outside(where, distances)
         return sizes
+
+    @cached_property
+    def _field(self) -> ExactField:
+        """What the sizes on a surface or a line allow around it."""
+        from adaptsize.limiting.exact.field import field_of_cells
+
+        background = self.background
+        assert isinstance(background, SimplexMesh)
+        assert self.g is not None
+        return field_of_cells(background.points, background.cells, self.values, self.g)
 
     def _from_sources(self, points: FloatArray, sources: SizeSources) -> FloatArray:
         """Return sizes without interpolation, but for points outside the background."""
@@ -210,7 +243,8 @@ class SizeFunction:
         values = other.values
         if other.background is not self.background:
             values = _at_nodes(other, self.background)
-        return replace(self, values=np.minimum(self.values, values), sources=None)
+        hmax = self.hmax if self.g is None else min(self.hmax, other.hmax)
+        return replace(self, values=np.minimum(self.values, values), sources=None, hmax=hmax)
 
     def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
         """Return the size function with its nodal values kept between two bounds.
@@ -235,7 +269,8 @@ class SizeFunction:
             upper = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
         if lower > upper:
             raise ValueError(f"hmin must be at most hmax, got {lower:g} > {upper:g}")
-        return replace(self, values=np.clip(self.values, lower, upper), sources=None)
+        hmax = self.hmax if self.g is None else float(np.clip(self.hmax, lower, upper))
+        return replace(self, values=np.clip(self.values, lower, upper), sources=None, hmax=hmax)
 
     def on(self, background: LocatableBackground) -> SizeFunction:
         """Return the size function sampled at the nodes of another background.
@@ -247,7 +282,12 @@ class SizeFunction:
             ``outside``.
         """
         values = _at_nodes(self, background)
-        return replace(self, background=background, values=values, sources=None)
+        return SizeFunction(background, values, outside=self.outside)
+
+
+def _is_thin(background: LocatableBackground) -> bool:
+    """Tell whether a background has fewer dimensions than its space."""
+    return isinstance(background, SimplexMesh) and background.cell_dim < background.dim
 
 
 def _at_nodes(size: SizeFunction, background: LocatableBackground) -> FloatArray:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adaptsize import SimplexMesh, __version__, read, write
+from adaptsize import SimplexMesh, __version__, read, remesh, size_function, write
 from adaptsize.cli.entry import run
 from adaptsize.cli.sources import parse_source
 
@@ -250,6 +250,27 @@ def test_remesh_makes_graded_tetrahedra_of_a_part(capsys, tmp_path):
     fine, coarse = mesh.edge_lengths[distance < 0.3], mesh.edge_lengths[distance > 1.5]
     assert np.median(fine) < 0.5 * np.median(coarse)
     assert {"box.stl", "box.vtu"} == {path.name for path in tmp_path.iterdir()}
+
+
+def test_remesh_is_read_size_function_and_remesh(tmp_path):
+    pytest.importorskip("mmgpy")
+    output = tmp_path / "new.vtu"
+    assert call("remesh", DATA / "lshape.vtu", "-o", output, "--backend", "mmg") == 0
+    mesh = read(DATA / "lshape.vtu")
+    size = size_function(mesh)
+    new = remesh(mesh, size, backend="mmg")
+    written = read(output)
+    np.testing.assert_array_equal(written.points, new.points)
+    np.testing.assert_array_equal(written.cells, new.cells)
+    np.testing.assert_array_equal(written.point_data["h"], size(new.points))
+
+
+@pytest.mark.parametrize("name", ["lshape.vtu", "bracket.stl"])
+def test_size_is_read_and_size_function(tmp_path, name):
+    output = tmp_path / "h.vtu"
+    assert call("size", DATA / name, "-o", output, "--hmin", "1") == 0
+    size = size_function(read(DATA / name), hmin=1.0)
+    np.testing.assert_array_equal(read(output).point_data["h"], size.values)
 
 
 def test_missing_picture_is_told_and_the_result_is_written(capsys, monkeypatch, square):

@@ -61,10 +61,12 @@ def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
     options = {"background": GRID, "g": G, "hmin": 1e-3, "hmax": 0.15}
     alone = [
         size_function(strip, elements_across=0.0, **options),
-        size_function(strip, elements_per_radian=0.0, **options),
+        size_function(strip, elements_per_radian=0.0, elements_across=4.0, **options),
         size_function(strip, elements_per_radian=0.0, elements_across=0.0, sources=ball, **options),
     ]
-    size, report = size_function(strip, sources=ball, **options, full_output=True)
+    size, report = size_function(
+        strip, elements_across=4.0, sources=ball, **options, full_output=True
+    )
     inside = report.cause >= 0
     least = np.minimum.reduce([one.values for one in alone])
     # Limiting and minimum commute; sources on edges differ by what limiting along them rounds off.

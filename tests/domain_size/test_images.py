@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from adaptsize import Image, PointSource, mesh_image, size_function, size_function_from_image
-from adaptsize.errors import ImageWarning, TooManyElementsError
+from adaptsize.errors import ImageWarning, ResolutionWarning, TooManyElementsError
 
 SHAPE = (100, 80)
 
@@ -249,8 +249,11 @@ def test_bad_input_is_one_clear_line(image, options, told):
 
 
 def test_too_many_elements_are_refused():
-    with pytest.raises(TooManyElementsError):
-        mesh_image(disc(9.0), hmin=1e-3, hmax=1e-3, max_elements=1e4)
+    with (
+        pytest.warns(ResolutionWarning, match="max_elements"),
+        pytest.raises(TooManyElementsError),
+    ):
+        mesh_image(disc(9.0), hmin=1e-3, hmax=1e-3)
 
 
 def test_the_image_is_left_alone():

@@ -65,7 +65,7 @@ def test_inf_in_a_size_function_is_refused():
         ({"timeout": -1.0}, "timeout must be finite and > 0"),
         ({"max_elements": 0}, "max_elements must be >= 1"),
         ({"hmax": 0.0}, "hmax must be > 0"),
-        ({"gradient_limit": -0.1}, "gradient_limit must be finite and >= 0"),
+        ({"g": -0.1}, "g must be finite and >= 0"),
         ({"backend": "tetwild", "required_facets": [[0, 1, 3]]}, "cannot keep required_facets"),
     ],
 )

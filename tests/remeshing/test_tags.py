@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from shapes import block, facet_areas, two_region_block, two_region_rectangle
 
 from adaptsize import SimplexMesh, SizeFunction, remesh
-from adaptsize.remeshing.sizing import extend_inwards, lives_on_surface
+from adaptsize.remeshing.sizing import as_size
 
 
 def region_measure(mesh, tag):
@@ -96,7 +96,7 @@ def test_tags_of_a_surface_become_tags_of_the_boundary():
 def test_sizes_on_a_surface_grow_into_the_volume_by_the_gradient_limit():
     pytest.importorskip("mmgpy")
     surface = block(2).boundary().mesh
-    new = remesh(surface, np.full(surface.n_points, 0.1), gradient_limit=0.5)
+    new = remesh(surface, np.full(surface.n_points, 0.1), g=0.5)
     # The way to the nearest side, d, gives the size 0.1 + 0.5 d.
     middle = new.points[new.edges].mean(axis=1)
     depth = np.minimum(middle, 1.0 - middle).min(axis=1)
@@ -105,23 +105,15 @@ def test_sizes_on_a_surface_grow_into_the_volume_by_the_gradient_limit():
     assert np.median(ratio[depth > 0.25]) == pytest.approx(1.0, rel=0.25)  # 0.1 would give 0.4
 
 
-def test_a_size_function_on_a_surface_is_extended_as_nodal_values_are():
+def test_sizes_on_a_surface_are_the_same_wherever_they_are_asked_for():
     surface = block(2).boundary().mesh
-    on_surface = SizeFunction(surface, np.full(surface.n_points, 0.2))
-    assert lives_on_surface(on_surface, surface)
-    assert lives_on_surface(on_surface.values, surface)
-    assert not lives_on_surface(0.2, surface)
-    volume = block(4)
-    size = extend_inwards(volume, on_surface, 0.5, np.inf)
-    # Never above the size at the sides + 0.5 times the depth; up to 10 % below on this coarse
-    # mesh, as edges that cut across the corners of the cube carry 0.2 into its inside.
-    size_at_depth = size(np.array([[0.25, 0.5, 0.5], [0.5, 0.5, 0.5]]))
-    exact = 0.2 + 0.5 * np.array([0.25, 0.5])
-    assert (size_at_depth <= exact * (1.0 + 1e-12)).all()
-    assert (size_at_depth > 0.9 * exact).all()
-    assert size(volume.boundary().mesh.points) == pytest.approx(0.2, rel=1e-12)
-    capped = extend_inwards(volume, on_surface, 0.5, 0.3)
-    np.testing.assert_array_equal(capped(np.array([[0.5, 0.5, 0.5]])), 0.3)
+    size = SizeFunction(surface, np.full(surface.n_points, 0.2), g=0.5, hmax=0.3)
+    nodal = as_size(size.values, surface, g=0.5, hmax=0.3)
+    points = np.random.default_rng(905).random((50, 3))
+    depth = np.minimum(points, 1.0 - points).min(axis=1)
+    assert_allclose(size(points), np.minimum(0.2 + 0.5 * depth, 0.3), rtol=1e-12)
+    assert_array_equal(nodal(points), size(points))
+    assert_array_equal(as_size(size, surface, g=9.0)(points), size(points))  # its own g counts
 
 
 def test_an_open_surface_is_adapted_and_keeps_its_rim():

@@ -15,8 +15,9 @@ from adaptsize import (
     read,
     refine_at_boundary,
     size_from_feature,
+    size_function,
 )
-from adaptsize.domain_size.on_surface import choose_size
+from adaptsize.errors import ResolutionWarning
 
 DATA = Path(__file__).parents[2] / "data"
 RTOL = 0.011  # of the spheres
@@ -146,27 +147,29 @@ def test_limited_sizes_put_the_elements_across_a_gap_that_varies():
 
 def test_a_plate_of_twelve_triangles_gets_small_sizes_all_over():
     plate = box(20, 20, 1)
-    chosen = choose_size(plate, elements_across=2.0, max_elements=1e6)
+    size, report = size_function(plate, elements_across=2.0, max_elements=1e6, full_output=True)
     x, y = np.random.default_rng(843).uniform(0, 20, (2, 300))
-    h = chosen.size(np.column_stack([x, y, np.arange(300) % 2]))
+    h = size(np.column_stack([x, y, np.arange(300) % 2]))
     # h (1 + ...) so that the count holds although sizes grow to the middle.
     exact = 0.5 * 0.25 / np.expm1(0.25)
     assert h.max() <= 1.2 * exact  # linear between nodes up to twice the size apart
     assert h.min() >= 0.99 * exact
-    assert chosen.elements_across == 2.0
-    free = choose_size(plate, elements_across=0.0)
-    assert free.size.values.min() > 1.0
-    assert "across" in str(chosen)
-    assert "across" not in str(free)
+    assert report.elements_across == 2.0
+    free, without = size_function(plate, elements_across=0.0, full_output=True)
+    assert free.values.min() > 1.0
+    assert "across" in report.choices
+    assert "across" not in without.choices
 
 
 def test_elements_across_are_relaxed_to_one_but_not_if_given():
     plate = box(40, 40, 0.5)
-    chosen = choose_size(plate, max_elements=50_000)
-    assert 1.0 <= chosen.elements_across < 2.0
-    assert choose_size(plate, max_elements=50_000, elements_across=2.0).elements_across == 2.0
+    _, relaxed = size_function(plate, max_elements=80_000, full_output=True)
+    assert 1.0 <= relaxed.elements_across < 2.0
+    with pytest.warns(ResolutionWarning, match="max_elements"):
+        _, given = size_function(plate, max_elements=50_000, elements_across=2.0, full_output=True)
+    assert given.elements_across == 2.0
     with pytest.raises(ValueError, match="elements_across must be finite and >= 0, got -1"):
-        choose_size(plate, elements_across=-1.0)
+        size_function(plate, elements_across=-1.0)
 
 
 def test_the_rib_of_the_bracket_is_found_thin():
@@ -184,8 +187,8 @@ def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
     from adaptsize import remesh
 
     plate = wedge_plate(1.2, 1.0, 0.5, 0.74)
-    chosen = choose_size(plate, elements_across=3.0, g=0.3, hmax=1.0)
-    new = remesh(plate, chosen.size, gradient_limit=0.3, hmax=1.0, backend="tetwild")
+    size = size_function(plate, elements_across=3.0, g=0.3, hmax=1.0)
+    new = remesh(plate, size, backend="tetwild")
     x, _, z = new.points.T
     bottom = np.flatnonzero(z < 0.02)
     top = np.flatnonzero(z > 0.5 + 0.2 * x - 0.02)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from adaptsize.cli.choosing import choose
 from adaptsize.cli.files import check_outputs, nodal_field
 from adaptsize.cli.image import image
 from adaptsize.cli.options import (
+    MAX_ELEMENTS,
     Across,
     AsJson,
     Crease,
@@ -19,6 +19,7 @@ from adaptsize.cli.options import (
     Gradient,
     Input,
     Largest,
+    MaxElements,
     Output,
     PerRadian,
     Picture,
@@ -26,8 +27,8 @@ from adaptsize.cli.options import (
     Sources,
 )
 from adaptsize.cli.output import draw, print_written
-from adaptsize.cli.size import size
-from adaptsize.cli.sources import describe_roots
+from adaptsize.cli.size import size, size_of_mesh
+from adaptsize.cli.sources import describe_roots, parse_source
 
 if TYPE_CHECKING:
     pass
@@ -139,7 +140,7 @@ def remesh(
     tolerance: Annotated[
         float, typer.Option(help="Distance of new and old boundary over the diagonal.")
     ] = 1e-3,
-    max_elements: Annotated[float, typer.Option(help="Refuse to make more.")] = 5e6,
+    max_elements: MaxElements = MAX_ELEMENTS,
     timeout: Annotated[float, typer.Option(help="Stop after so many seconds.")] = 3600.0,
     plot: Picture = None,
 ) -> None:
@@ -152,21 +153,30 @@ def remesh(
 
     check_outputs(output, plot)
     mesh = read(file)
-    wanted = (elements_per_radian, elements_across, gradient, hmin, hmax, crease_angle)
-    chosen = choose(mesh, *wanted, source, field)
+    found, report = size_of_mesh(
+        mesh,
+        field,
+        elements_per_radian=elements_per_radian,
+        elements_across=elements_across,
+        g=gradient,
+        hmin=hmin,
+        hmax=hmax,
+        crease_angle=crease_angle,
+        sources=[parse_source(text) for text in source or ()],
+        max_elements=max_elements,
+    )
     new = remeshing.remesh(
         mesh,
-        chosen.size,
+        found,
         target=target,
         backend=backend,
-        gradient_limit=gradient,
-        hmax=chosen.hmax,
+        g=gradient,
+        hmax=report.hmax,
         tolerance=tolerance,
-        max_elements=max_elements,
         timeout=timeout,
         progress=True,
     )
-    new = new.with_data(point_data={"h": chosen.on(new)})
+    new = new.with_data(point_data={"h": found(new.points)})
     write(output, new)
     draw(plot, new)
     print_written(output, new)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from adaptsize.cli.files import check_outputs, numbers
 from adaptsize.cli.options import (
+    MAX_ELEMENTS,
     Across,
     Gradient,
     ImageFile,
     Label,
     Largest,
+    MaxElements,
     Output,
     PerRadian,
     Picture,
@@ -39,7 +37,7 @@ def image(
     hmin: Smallest = None,
     hmax: Largest = None,
     source: Sources = None,
-    max_elements: Annotated[float, typer.Option(help="Refuse to make more.")] = 5e6,
+    max_elements: MaxElements = MAX_ELEMENTS,
     plot: Picture = None,
 ) -> None:
     """Mesh the objects in a mask or label image: triangles of a picture, tetrahedra of a volume.
@@ -57,8 +55,8 @@ def image(
         label=label,
         threshold=threshold,
         smoothing=2.0 if smoothing is None else smoothing,
-        elements_per_radian=4.0 if elements_per_radian is None else elements_per_radian,
-        elements_across=4.0 if elements_across is None else elements_across,
+        elements_per_radian=elements_per_radian,
+        elements_across=elements_across,
         g=gradient,
         hmin=hmin,
         hmax=hmax,

@@ -53,4 +53,12 @@ Smoothing = Annotated[
     float | None,
     typer.Option("--smoothing", help="Low-pass filter of the mask, in pixels, 2 otherwise."),
 ]
+#: As `adaptsize.domain_size.request.MAX_ELEMENTS`, without importing what that needs.
+MAX_ELEMENTS = 300_000.0
+MaxElements = Annotated[
+    float,
+    typer.Option(
+        "--max-elements", help="Relax sizes that are not given until the mesh has about so many."
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]

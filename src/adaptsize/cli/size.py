@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from adaptsize.cli.choosing import choose
-from adaptsize.cli.files import check_outputs, holds_more_than_sizes, numbers
+from adaptsize.cli.files import check_outputs, holds_more_than_sizes, nodal_field, numbers
 from adaptsize.cli.options import (
+    MAX_ELEMENTS,
     Across,
     Crease,
     Field,
     Gradient,
     Label,
     Largest,
+    MaxElements,
     Output,
     PerRadian,
     Picture,
@@ -25,11 +26,12 @@ from adaptsize.cli.options import (
     Spacing,
     Threshold,
 )
-from adaptsize.cli.output import draw, draw_causes, print_written
+from adaptsize.cli.output import draw, draw_causes, print_written, say
 from adaptsize.cli.sources import parse_source
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
+    from adaptsize.background import SimplexMesh
     from adaptsize.domain_size.report import SizeReport
 
 
@@ -53,6 +55,7 @@ def size(
     label: Label = None,
     threshold: Threshold = None,
     smoothing: Smoothing = None,
+    max_elements: MaxElements = MAX_ELEMENTS,
     plot: Picture = None,
     plot_causes: Annotated[
         Path | None, typer.Option(help="Also draw what controls the size where (.png).")
@@ -77,24 +80,20 @@ def size(
         "--smoothing": smoothing,
     }
     _refuse_idle(file, {"--field": field} if is_image_file(file) else for_images)
+    options: dict[str, Any] = {
+        "elements_per_radian": elements_per_radian,
+        "elements_across": elements_across,
+        "g": gradient,
+        "hmin": hmin,
+        "hmax": hmax,
+        "sources": [parse_source(text) for text in source or ()],
+        "max_elements": max_elements,
+    }
     if is_image_file(file):
-        found, report = _of_image(
-            file,
-            spacing,
-            label=label,
-            threshold=threshold,
-            smoothing=smoothing,
-            elements_per_radian=elements_per_radian,
-            elements_across=elements_across,
-            g=gradient,
-            hmin=hmin,
-            hmax=hmax,
-            sources=[parse_source(text) for text in source or ()],
-        )
+        filters = {"label": label, "threshold": threshold, "smoothing": smoothing}
+        found, report = _of_image(file, spacing, **filters, **options)
     else:
-        wanted = (elements_per_radian, elements_across, gradient, hmin, hmax, crease_angle)
-        chosen = choose(read(file), *wanted, source, field)
-        found, report = chosen.size, chosen.report()
+        found, report = size_of_mesh(read(file), field, crease_angle=crease_angle, **options)
     fields = {"cause": report.cause.astype("int32")} if holds_more_than_sizes(output) else {}
     write(output, found, fields=fields)
     draw(plot, found)
@@ -105,13 +104,28 @@ def size(
     print_written(output, found.background)  # type: ignore[arg-type]
 
 
+def size_of_mesh(
+    mesh: SimplexMesh, field: str | None, **options: Any
+) -> tuple[SizeFunction, SizeReport]:
+    """Return the sizes to use, and say which; a given field alone replaces those from the part."""
+    from adaptsize.domain_size import size_function
+
+    if field is not None:
+        options["h0"] = nodal_field(mesh, field)
+        for name in ("elements_per_radian", "elements_across"):
+            if options[name] is None:
+                options[name] = 0.0
+    found, report = size_function(mesh, **options, full_output=True, progress=True)
+    say(f"sizes: {report.choices}")
+    return found, report
+
+
 def _of_image(file: Path, spacing: str | None, **options: Any) -> tuple[SizeFunction, SizeReport]:
     from adaptsize.domain_size.images import size_function_from_image
     from adaptsize.io import read_image
 
-    for name in ("elements_per_radian", "elements_across", "smoothing"):
-        if options[name] is None:
-            del options[name]
+    if options["smoothing"] is None:
+        del options["smoothing"]
     size_of_pixel = None if spacing is None else numbers("--spacing", spacing)
     return size_function_from_image(
         read_image(file), size_of_pixel, **options, full_output=True, progress=True

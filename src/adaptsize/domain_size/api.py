@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
@@ -11,16 +10,23 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_points, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
-from adaptsize.domain_size.by_domain import Wish, as_wish, of_level_set, of_mask, of_mesh
+from adaptsize.domain_size.budget import within_budget
+from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mask_domain, mesh_domain
 from adaptsize.domain_size.image_mask import as_image, distance_to_edge, mask_of
 from adaptsize.domain_size.report import SizeReport
+from adaptsize.domain_size.request import (
+    CREASE_ANGLE,
+    GRADIENT_LIMIT,
+    MAX_ELEMENTS,
+    AnyBackground,
+    Implicit,
+    as_request,
+)
 from adaptsize.geometry.distance.api import signed_distance
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.typing import ProgressCallback
 
-Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
-AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 Domain: TypeAlias = (
     SimplexMesh | Implicit | Image | npt.ArrayLike | tuple[CartesianGrid, npt.ArrayLike]
 )
@@ -35,14 +41,15 @@ def size_function(
     *,
     background: AnyBackground | Literal["auto"] | None = ...,
     box: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
-    elements_per_radian: float = ...,
-    elements_across: float = ...,
+    elements_per_radian: float | None = ...,
+    elements_across: float | None = ...,
     g: float = ...,
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
+    max_elements: float = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> SizeFunction: ...
@@ -52,14 +59,15 @@ def size_function(
     *,
     background: AnyBackground | Literal["auto"] | None = ...,
     box: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
-    elements_per_radian: float = ...,
-    elements_across: float = ...,
+    elements_per_radian: float | None = ...,
+    elements_across: float | None = ...,
     g: float = ...,
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
+    max_elements: float = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[SizeFunction, SizeReport]: ...
@@ -68,14 +76,15 @@ def size_function(
     *,
     background: AnyBackground | Literal["auto"] | None = None,
     box: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
-    elements_per_radian: float = 4.0,
-    elements_across: float = 4.0,
-    g: float = 0.25,
+    elements_per_radian: float | None = None,
+    elements_across: float | None = None,
+    g: float = GRADIENT_LIMIT,
     hmin: float | None = None,
     hmax: float | None = None,
-    crease_angle: float = 40.0,
+    crease_angle: float = CREASE_ANGLE,
     sources: Any = (),
     h0: npt.ArrayLike | Implicit | None = None,
+    max_elements: float = MAX_ELEMENTS,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
@@ -98,10 +107,12 @@ def size_function(
         it must be a grid.
     box : tuple (lower, upper), optional
         Corners of a box around the domain, for callables without ``background``.
-    elements_per_radian : float, default 4
-        Of curved boundaries, K of `size_from_curvature`; 0: curvature does not count.
-    elements_across : float, default 4
-        Of narrow parts, 2R of `size_from_feature`; 0: width does not count.
+    elements_per_radian : float, optional
+        Of curved boundaries, K of `size_from_curvature`; 4 by default; 0: curvature does not
+        count.
+    elements_across : float, optional
+        Of narrow parts, 2R of `size_from_feature`; 2 by default; 0: width does not count.  On a
+        surface in space, sizes are smaller by as much as they grow from there to the middle.
     g : float, default 0.25
         Gradient limit, >= 0.
     hmin, hmax : float, optional
@@ -115,6 +126,10 @@ def size_function(
     h0 : array_like of float, SizeFunction or callable, optional
         Further upper bounds: at the nodes of the background (of ``domain``, if there is
         none given), or a function of points.
+    max_elements : float, default 300 000
+        While a mesh would have more elements, as predicted, those of ``elements_per_radian``,
+        ``elements_across`` (down to 1), ``hmin`` and ``hmax`` that are not given are relaxed.
+        inf: never.
     full_output : bool
         Also return a `SizeReport`.
     progress : callable or bool, optional
@@ -123,15 +138,23 @@ def size_function(
     Returns
     -------
     size : SizeFunction
-        Defined everywhere; outside the domain it goes on with the sizes at its boundary.
+        Defined everywhere; outside the domain it goes on with the sizes at its boundary.  That
+        of a surface in space lives on a refined copy of it and grows from there by ``g`` per
+        length up to ``hmax``.
     report : SizeReport
-        Only with ``full_output``: which cause controls which part, and how much of it.
+        Only with ``full_output``: which cause controls which part, and how much of it; what was
+        chosen, and the predicted number of elements.
 
     Raises
     ------
     ValueError
         If the domain is of another kind, needs a box or a grid, is empty, fills the grid, or
         an option is out of range.
+
+    Warns
+    -----
+    ResolutionWarning
+        If what is given asks for more than ``max_elements``.
 
     Notes
     -----
@@ -159,7 +182,7 @@ def size_function(
     SizeReport(curvature 100.0%)
     """
     with reporting(progress) as report:
-        wish = as_wish(
+        request = as_request(
             elements_per_radian=elements_per_radian,
             elements_across=elements_across,
             g=g,
@@ -168,18 +191,20 @@ def size_function(
             crease_angle=crease_angle,
             sources=sources,
             h0=h0,
+            max_elements=max_elements,
             report=report,
         )
-        size, told = _sizes_of(domain, None if background == "auto" else background, box, wish)
-    return (size, told) if full_output else size
+        domain_ = _as_domain(domain, None if background == "auto" else background, box, report)
+        size, found = within_budget(domain_, request)
+    return (size, found) if full_output else size
 
 
-def _sizes_of(
-    domain: Domain, background: AnyBackground | None, box: Any, wish: Wish
-) -> tuple[SizeFunction, SizeReport]:
-    """Take the way that suits the kind of domain."""
+def _as_domain(
+    domain: Domain, background: AnyBackground | None, box: Any, report: ProgressCallback
+) -> SizedDomain:
+    """Return the domain as one of the kinds that sizes are made for."""
     if isinstance(domain, SimplexMesh):
-        return of_mesh(domain, background, wish)
+        return mesh_domain(domain, background)
     if background is not None and not isinstance(background, CartesianGrid):
         raise ValueError(
             f"background must be a CartesianGrid for a domain that is no mesh, got {background!r}"
@@ -188,11 +213,10 @@ def _sizes_of(
         grid, phi = domain
         if background not in (None, grid):
             raise ValueError(f"background must be that of phi, {grid!r}, got {background!r}")
-        return of_level_set(grid, as_float_array("phi", phi, grid.shape), wish)
+        return LevelSet(grid, as_float_array("phi", phi, grid.shape))
     if callable(domain):
         grid = background if background is not None else _grid_in(box)
-        phi = signed_distance(grid, domain, progress=wish.report)
-        return of_level_set(grid, phi, wish)
+        return LevelSet(grid, signed_distance(grid, domain, progress=report))
     if background is not None:
         raise ValueError(f"background must be None for an image, got {background!r}")
     if not isinstance(domain, Image) and np.asarray(domain).dtype.kind not in "biuf":
@@ -201,7 +225,7 @@ def _sizes_of(
             f"(CartesianGrid, distances), got {describe(domain)}"
         )
     mask = mask_of(as_image(domain))
-    return of_mask(mask, distance_to_edge(mask, progress=wish.report), wish)
+    return mask_domain(mask, distance_to_edge(mask, progress=report))
 
 
 def _grid_in(box: tuple[npt.ArrayLike, npt.ArrayLike] | None) -> CartesianGrid:

@@ -1,34 +1,24 @@
-"""The bounds that suit each kind of domain, limited: behind `size_function`."""
+"""The size function of each kind of domain: bounds from its shape, limited."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_sizes
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.domain_size.image_mask import Mask
-from adaptsize.domain_size.on_surface import size_on_surface
-from adaptsize.domain_size.report import SizeReport, limit_bounds, nodal_measures
+from adaptsize.domain_size.on_surface import SurfaceDomain
+from adaptsize.domain_size.report import SizeReport, nodal_measures
+from adaptsize.domain_size.request import AnyBackground, Request, limit_requested
 from adaptsize.geometry.distance.api import signed_distance
-from adaptsize.sizes import (
-    PointSource,
-    size_from_curvature,
-    size_from_feature,
-    size_from_sources,
-)
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.sizes import size_from_curvature, size_from_feature
+from adaptsize.typing import FloatArray
 
-Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
-AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
-
-_LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
-_SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
 #: The smallest size that an image tells of, in pixels: of what is smaller, nobody knows whether
 #: it belongs to the object.
 _PIXELS_IN_SMALLEST = 2.0
@@ -45,140 +35,82 @@ _BOXES_ALONG = 250
 _BOXES_AROUND = 6
 
 
-@dataclass(frozen=True)
-class Wish:
-    """What is asked of the sizes."""
+class SizedDomain(Protocol):
+    """A domain whose size function can be made for several requests."""
 
-    per_radian: float
-    across: float
-    g: float
-    hmin: float | None
-    hmax: float | None
-    crease_angle: float
-    sources: Any
-    h0: npt.ArrayLike | Implicit | None
-    report: ProgressCallback | None
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        ...
 
-    def limits(self, diagonal: float, least: float = 0.0) -> tuple[float, float]:
-        """Return hmin and hmax; what is not given suits a domain of that diagonal."""
-        high, low = self.hmax, self.hmin
-        if high is None:
-            high = max(_LARGEST_SHARE * diagonal, low or 0.0, least)
-        if low is None:
-            low = min(max(_SMALLEST_SHARE * diagonal, least), high)
-            for source in self._point_sources():  # what is asked in so many words is not raised
-                low = min(low, float(np.min(source.size)))
-        return low, high
+    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
+        """Return the limited sizes and which cause controls them where."""
+        ...
 
-    def _point_sources(self) -> list[PointSource]:
-        sources = self.sources if isinstance(self.sources, Iterable) else [self.sources]
-        return [source for source in sources if isinstance(source, PointSource)]
 
-    def points(self, dim: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the places and sizes of the point sources among the sources; None without any."""
-        rows = [source.rows(dim) for source in self._point_sources()]
-        if not rows:
-            return None
-        places, sizes = zip(*rows, strict=True)
-        return np.concatenate(places), np.concatenate(sizes)
+@dataclass
+class _Kept:
+    """A result that costs time and does not depend on the request; computed once."""
 
-    def external(self, background: AnyBackground) -> dict[str, FloatArray]:
-        """Return the bounds that do not come from the shape."""
+    value: FloatArray | None = None
+
+    def get(self, compute: Callable[[], FloatArray]) -> FloatArray:
+        if self.value is None:
+            self.value = compute()
+        return self.value
+
+
+@dataclass
+class LevelSet:
+    """What lies where a signed distance on a grid is negative."""
+
+    grid: CartesianGrid
+    phi: FloatArray
+    spacings_in_smallest: float = 1.0
+    """No size is below so many spacings, unless prescribed."""
+    smoothing: int = 0
+    """As in `size_from_curvature`."""
+    crease_angle: float | None = None
+    """In place of that of the request."""
+    _width: _Kept = field(default_factory=_Kept)
+
+    @property
+    def dim(self) -> int:
+        """Number of axes."""
+        return self.grid.dim
+
+    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
+        """Return the limited sizes and which cause controls them where."""
+        grid, phi = self.grid, self.phi
+        inside = _inside(grid, phi)
+        step = float(grid.spacing.max())
+        corners = [
+            axis[np.flatnonzero(inside.any(axis=_others(d, grid.dim)))[[0, -1]]]
+            for d, axis in enumerate(grid.axes)
+        ]
+        diagonal = float(np.linalg.norm(np.ptp(np.array(corners), axis=1)))
+        limits = request.limits(diagonal, self.spacings_in_smallest * step)
         bounds = {}
-        if _is_given(self.sources):
-            bounds["sources"] = size_from_sources(background, self.sources, g=self.g)
-        if self.h0 is not None:
-            bounds["h0"] = _at_nodes(self.h0, background)
-        return bounds
+        if request.per_radian > 0.0:
+            bounds["curvature"] = size_from_curvature(
+                grid,
+                phi,
+                elements_per_radian=request.per_radian,
+                crease_angle=self.crease_angle or request.crease_angle,
+                smoothing=self.smoothing,
+                g=request.g,
+            )
+        if request.across > 0.0:
+            width = self._width.get(
+                lambda: size_from_feature(grid, phi, elements_across=1.0, progress=request.report)
+            )
+            bounds["feature size"] = width / request.across
+        return _on_grid(grid, phi, bounds, limits, request)
 
 
-def as_wish(
-    *,
-    elements_per_radian: float,
-    elements_across: float,
-    g: float,
-    hmin: float | None,
-    hmax: float | None,
-    crease_angle: float = 40.0,
-    sources: Any = (),
-    h0: npt.ArrayLike | Implicit | None = None,
-    report: ProgressCallback | None = None,
-) -> Wish:
-    """Return what is asked, checked."""
-    for name, value in (("hmin", hmin), ("hmax", hmax)):
-        if value is not None:
-            as_number(name, value, lower=0.0, strict=True)
-    return Wish(
-        as_number("elements_per_radian", elements_per_radian, lower=0.0),
-        as_number("elements_across", elements_across, lower=0.0),
-        as_number("g", g, lower=0.0),
-        hmin,
-        hmax,
-        crease_angle,
-        sources,
-        h0,
-        report,
-    )
-
-
-def _is_given(sources: Any) -> bool:
-    return sources is not None and not (isinstance(sources, Sequence) and len(sources) == 0)
-
-
-def _at_nodes(h0: npt.ArrayLike | Implicit, background: AnyBackground) -> FloatArray:
-    if not callable(h0):
-        return as_sizes("h0", h0, background.nodal_shape)
-    if isinstance(background, CartesianGrid):
-        return as_sizes("h0", background.sample(h0), background.shape)
-    return as_sizes("h0", h0(background.points), background.nodal_shape)
-
-
-def of_level_set(
-    grid: CartesianGrid,
-    phi: FloatArray,
-    wish: Wish,
-    *,
-    spacings_in_smallest: float = 1.0,
-    smoothing: int = 0,
-) -> tuple[SizeFunction, SizeReport]:
-    """Return the sizes of what lies where a signed distance is negative.
-
-    No size is below so many spacings, unless asked for; ``smoothing`` as in `size_from_curvature`.
-    """
-    inside = _inside(grid, phi)
-    step = float(grid.spacing.max())
-    corners = [
-        axis[np.flatnonzero(inside.any(axis=_others(d, grid.dim)))[[0, -1]]]
-        for d, axis in enumerate(grid.axes)
-    ]
-    diagonal = float(np.linalg.norm(np.ptp(np.array(corners), axis=1)))
-    limits = wish.limits(diagonal, spacings_in_smallest * step)
-    bounds = {}
-    if wish.per_radian > 0.0:
-        bounds["curvature"] = size_from_curvature(
-            grid,
-            phi,
-            elements_per_radian=wish.per_radian,
-            crease_angle=wish.crease_angle,
-            smoothing=smoothing,
-            g=wish.g,
-        )
-    if wish.across > 0.0:
-        bounds["feature size"] = size_from_feature(
-            grid, phi, elements_across=wish.across, progress=wish.report
-        )
-    return _on_grid(grid, phi, bounds, limits, wish)
-
-
-def of_mask(mask: Mask, phi: FloatArray, wish: Wish) -> tuple[SizeFunction, SizeReport]:
-    """Return the sizes of the objects of an image, whose edges ripple from pixel to pixel."""
-    return of_level_set(
-        mask.grid,
-        phi,
-        replace(wish, crease_angle=_IMAGE_CREASE_ANGLE),
-        spacings_in_smallest=_PIXELS_IN_SMALLEST,
-        smoothing=_CURVATURE_SMOOTHING,
-    )
+def mask_domain(mask: Mask, phi: FloatArray) -> LevelSet:
+    """Return the objects of an image, whose edges ripple from pixel to pixel."""
+    return LevelSet(mask.grid, phi, _PIXELS_IN_SMALLEST, _CURVATURE_SMOOTHING, _IMAGE_CREASE_ANGLE)
 
 
 def _inside(grid: CartesianGrid, phi: FloatArray) -> npt.NDArray[np.bool_]:
@@ -205,7 +137,7 @@ def _on_grid(
     phi: FloatArray,
     bounds: dict[str, FloatArray],
     limits: tuple[float, float],
-    wish: Wish,
+    request: Request,
 ) -> tuple[SizeFunction, SizeReport]:
     """Limit on the nodes inside and around the boundary; go on outside with the nearest."""
     from scipy import ndimage
@@ -213,51 +145,26 @@ def _on_grid(
     around = phi <= float(np.linalg.norm(grid.spacing))  # all corners of the boxes at the boundary
     if grid.active is not None:
         around &= grid.active
-    bounds |= wish.external(grid)
+    bounds |= request.external(grid)
     inner = grid.with_active(around)
     share = np.clip(0.5 - phi / float(grid.spacing.mean()), 0.0, 1.0)
-    h, report = limit_bounds(
-        inner,
-        bounds,
-        wish.g,
-        hmin=limits[0],
-        hmax=limits[1],
-        weights=share * nodal_measures(inner),
-        points=wish.points(grid.dim),
-        progress=wish.report,
-    )
+    h, report = limit_requested(inner, bounds, limits, request, share * nodal_measures(inner))
     nearest = ndimage.distance_transform_edt(
         ~around, sampling=grid.spacing, return_distances=False, return_indices=True
     )
     return SizeFunction(grid.with_active(None), h[tuple(nearest)]), report
 
 
-def of_mesh(
-    mesh: SimplexMesh, background: AnyBackground | None, wish: Wish
-) -> tuple[SizeFunction, SizeReport]:
-    """Return the sizes of a mesh, or of what a surface or a closed line encloses."""
-    encloses = mesh.cell_dim == mesh.dim - 1
+def mesh_domain(mesh: SimplexMesh, background: AnyBackground | None) -> SizedDomain:
+    """Return the domain that is a mesh, or that a surface or a closed line encloses."""
     if background is None and mesh.dim == 2 and mesh.cell_dim == 1 and _is_closed(mesh):
         spacing = float(np.ptp(mesh.points, axis=0).max()) / _BOXES_ALONG
         background = CartesianGrid.around(mesh.points, spacing, _BOXES_AROUND * spacing)
-    if background is None:
-        is_surface = mesh.dim == 3 and mesh.cell_dim == 2
-        return _on_refined_surface(mesh, wish) if is_surface else _on_own_nodes(mesh, wish)
-    if background.dim != mesh.dim:
+    if background is None and mesh.dim == 3 and mesh.cell_dim == 2:
+        return SurfaceDomain(mesh)
+    if background is not None and background.dim != mesh.dim:
         raise ValueError(f"background must be {mesh.dim}-D, got {background!r}")
-    boundary = mesh if encloses else mesh.boundary().mesh
-    bounds = _bounds_of_boundary(background, boundary, wish)
-    limits = wish.limits(mesh.diagonal)
-    if isinstance(background, SimplexMesh):
-        bounds |= wish.external(background)
-        return _limited(background, bounds, limits, wish)
-    phi = signed_distance(background, boundary, progress=wish.report)
-    if isinstance(background, CartesianGrid):
-        _inside(background, phi)
-        return _on_grid(background, phi, bounds, limits, wish)
-    bounds |= wish.external(background)
-    weights = np.where(phi <= 0.0, nodal_measures(background), 0.0)
-    return _limited(background, bounds, limits, wish, weights)
+    return MeshDomain(mesh, background)
 
 
 def _is_closed(line: SimplexMesh) -> bool:
@@ -265,68 +172,65 @@ def _is_closed(line: SimplexMesh) -> bool:
     return bool(np.isin(ends, (0, 2)).all())
 
 
-def _bounds_of_boundary(
-    background: AnyBackground, boundary: SimplexMesh | None, wish: Wish
-) -> dict[str, FloatArray]:
-    bounds = {}
-    if wish.per_radian > 0.0:
-        bounds["curvature"] = size_from_curvature(
-            background,
-            boundary,
-            elements_per_radian=wish.per_radian,
-            crease_angle=wish.crease_angle,
-        )
-    if wish.across > 0.0:
-        bounds["feature size"] = size_from_feature(
-            background,
-            boundary,
-            elements_across=wish.across,
-            crease_angle=wish.crease_angle,
-            progress=wish.report,
-        )
-    return bounds
+@dataclass
+class MeshDomain:
+    """A mesh with its own nodes as background, or with another background."""
+
+    mesh: SimplexMesh
+    background: AnyBackground | None
+    _width: _Kept = field(default_factory=_Kept)
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates."""
+        return self.mesh.dim
+
+    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
+        """Return the limited sizes and which cause controls them where."""
+        mesh, background = self.mesh, self.background
+        limits = request.limits(mesh.diagonal)
+        if background is None:
+            bounds = self._bounds(mesh, None, request) | request.external(mesh)
+            return limited_on(mesh, bounds, limits, request)
+        encloses = mesh.cell_dim == mesh.dim - 1
+        boundary = mesh if encloses else mesh.boundary().mesh
+        bounds = self._bounds(background, boundary, request)
+        if isinstance(background, SimplexMesh):
+            return limited_on(background, bounds | request.external(background), limits, request)
+        phi = signed_distance(background, boundary, progress=request.report)
+        if isinstance(background, CartesianGrid):
+            _inside(background, phi)
+            return _on_grid(background, phi, bounds, limits, request)
+        bounds |= request.external(background)
+        weights = np.where(phi <= 0.0, nodal_measures(background), 0.0)
+        return limited_on(background, bounds, limits, request, weights)
+
+    def _bounds(
+        self, background: AnyBackground, boundary: SimplexMesh | None, request: Request
+    ) -> dict[str, FloatArray]:
+        bounds = {}
+        angle: dict[str, Any] = {"crease_angle": request.crease_angle}
+        if request.per_radian > 0.0:
+            bounds["curvature"] = size_from_curvature(
+                background, boundary, elements_per_radian=request.per_radian, **angle
+            )
+        if request.across > 0.0:
+            width = self._width.get(
+                lambda: size_from_feature(
+                    background, boundary, elements_across=1.0, progress=request.report, **angle
+                )
+            )
+            bounds["feature size"] = width / request.across
+        return bounds
 
 
-def _limited(
+def limited_on(
     background: AnyBackground,
     bounds: dict[str, FloatArray],
     limits: tuple[float, float],
-    wish: Wish,
+    request: Request,
     weights: FloatArray | None = None,
 ) -> tuple[SizeFunction, SizeReport]:
-    h, report = limit_bounds(
-        background,
-        bounds,
-        wish.g,
-        hmin=limits[0],
-        hmax=limits[1],
-        weights=weights,
-        points=wish.points(background.dim),
-        progress=wish.report,
-    )
+    """Return the least of some bounds, limited, as a size function, and its report."""
+    h, report = limit_requested(background, bounds, limits, request, weights)
     return SizeFunction(background, h, sources=report.info.sources), report
-
-
-def _on_own_nodes(mesh: SimplexMesh, wish: Wish) -> tuple[SizeFunction, SizeReport]:
-    bounds = _bounds_of_boundary(mesh, None, wish)
-    bounds |= wish.external(mesh)
-    return _limited(mesh, bounds, wish.limits(mesh.diagonal), wish)
-
-
-def _on_refined_surface(mesh: SimplexMesh, wish: Wish) -> tuple[SizeFunction, SizeReport]:
-    low, high = wish.limits(mesh.diagonal)
-    size, bounds = size_on_surface(
-        mesh,
-        elements_per_radian=wish.per_radian,
-        elements_across=wish.across,
-        g=wish.g,
-        hmin=low,
-        hmax=high,
-        crease_angle=wish.crease_angle,
-        sources=wish.sources if _is_given(wish.sources) else (),
-        h0=None if wish.h0 is None else _at_nodes(wish.h0, mesh),
-    )
-    # Limited once more, now with the causes: a small part of what refining took.
-    refined = size.background
-    assert isinstance(refined, SimplexMesh)
-    return _limited(refined, bounds, (low, high), wish)

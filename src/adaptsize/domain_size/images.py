@@ -12,9 +12,11 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
-from adaptsize.domain_size.by_domain import as_wish, of_mask
+from adaptsize.domain_size.budget import within_budget
+from adaptsize.domain_size.by_domain import mask_domain
 from adaptsize.domain_size.image_mask import SMOOTHING, Mask, as_image, distance_to_edge, mask_of
 from adaptsize.domain_size.report import SizeReport
+from adaptsize.domain_size.request import GRADIENT_LIMIT, MAX_ELEMENTS, as_request
 from adaptsize.remeshing.distmesh.api import mesh_from_distance
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -27,12 +29,13 @@ def size_function_from_image(
     label: int | Sequence[int] | None = ...,
     threshold: float | None = ...,
     smoothing: float = ...,
-    elements_per_radian: float = ...,
-    elements_across: float = ...,
+    elements_per_radian: float | None = ...,
+    elements_across: float | None = ...,
     g: float = ...,
     hmin: float | None = ...,
     hmax: float | None = ...,
     sources: Any = ...,
+    max_elements: float = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> SizeFunction: ...
@@ -44,12 +47,13 @@ def size_function_from_image(
     label: int | Sequence[int] | None = ...,
     threshold: float | None = ...,
     smoothing: float = ...,
-    elements_per_radian: float = ...,
-    elements_across: float = ...,
+    elements_per_radian: float | None = ...,
+    elements_across: float | None = ...,
     g: float = ...,
     hmin: float | None = ...,
     hmax: float | None = ...,
     sources: Any = ...,
+    max_elements: float = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[SizeFunction, SizeReport]: ...
@@ -60,12 +64,13 @@ def size_function_from_image(
     label: int | Sequence[int] | None = None,
     threshold: float | None = None,
     smoothing: float = SMOOTHING,
-    elements_per_radian: float = 4.0,
-    elements_across: float = 4.0,
-    g: float = 0.25,
+    elements_per_radian: float | None = None,
+    elements_across: float | None = None,
+    g: float = GRADIENT_LIMIT,
     hmin: float | None = None,
     hmax: float | None = None,
     sources: Any = (),
+    max_elements: float = MAX_ELEMENTS,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
@@ -87,7 +92,7 @@ def size_function_from_image(
     smoothing : float, default 2
         Deviation of the low-pass filter in pixels, >= 0.  With 2, ripples of the edge vanish,
         and lines of up to 2 pixels and specks of up to 3 x 3 too.
-    elements_per_radian, elements_across, g, sources, full_output, progress
+    elements_per_radian, elements_across, g, sources, max_elements, full_output, progress
         As in `size_function`.
     hmin, hmax : float, optional
         Limits of the size; two pixels (and 1/1000 of the diagonal of the objects) and 1/20
@@ -137,17 +142,18 @@ def size_function_from_image(
     with reporting(progress) as report:
         mask = mask_of(as_image(image, spacing), label=label, threshold=threshold)
         phi = distance_to_edge(mask, smoothing, progress=report)
-        wish = as_wish(
+        request = as_request(
             elements_per_radian=elements_per_radian,
             elements_across=elements_across,
             g=g,
             hmin=hmin,
             hmax=hmax,
             sources=sources,
+            max_elements=max_elements,
             report=report,
         )
-        size, told = of_mask(mask, phi, wish)
-    return (size, told) if full_output else size
+        size, found = within_budget(mask_domain(mask, phi), request)
+    return (size, found) if full_output else size
 
 
 def mesh_image(
@@ -157,13 +163,13 @@ def mesh_image(
     label: int | Sequence[int] | None = None,
     threshold: float | None = None,
     smoothing: float = SMOOTHING,
-    elements_per_radian: float = 4.0,
-    elements_across: float = 4.0,
-    g: float = 0.25,
+    elements_per_radian: float | None = None,
+    elements_across: float | None = None,
+    g: float = GRADIENT_LIMIT,
     hmin: float | None = None,
     hmax: float | None = None,
     sources: Any = (),
-    max_elements: float = 5e6,
+    max_elements: float = MAX_ELEMENTS,
     seed: int = 2004,
     progress: ProgressCallback | bool | None = None,
 ) -> SimplexMesh:
@@ -175,10 +181,8 @@ def mesh_image(
     ----------
     image, spacing, label, threshold, smoothing
         As in `size_function_from_image`.
-    elements_per_radian, elements_across, g, hmin, hmax, sources
+    elements_per_radian, elements_across, g, hmin, hmax, sources, max_elements
         As in `size_function_from_image`.
-    max_elements : float
-        Refuse to make more.
     seed : int
         Of the random start of the mesh.
     progress : callable or bool, optional
@@ -196,7 +200,7 @@ def mesh_image(
     ValueError
         As `size_function_from_image` does.
     TooManyElementsError
-        If the sizes ask for more than ``max_elements``.
+        If what is given asks for more elements than `mesh_from_distance` makes.
 
     Warns
     -----
@@ -215,22 +219,22 @@ def mesh_image(
     with reporting(progress) as report:
         mask = mask_of(as_image(image, spacing), label=label, threshold=threshold)
         phi = distance_to_edge(mask, smoothing, progress=report)
-        wish = as_wish(
+        request = as_request(
             elements_per_radian=elements_per_radian,
             elements_across=elements_across,
             g=g,
             hmin=hmin,
             hmax=hmax,
             sources=sources,
+            max_elements=max_elements,
             report=report,
         )
-        size, _ = of_mask(mask, phi, wish)
+        size, _ = within_budget(mask_domain(mask, phi), request)
         mesh = mesh_from_distance(
             DistanceOnGrid(mask.grid, phi),
             size,
             mask.grid.lower,
             mask.grid.upper,
-            max_elements=max_elements,
             seed=seed,
             progress=report,
         )

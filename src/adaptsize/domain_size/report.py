@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_number
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import LimitingInfo, limit_gradient
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 #: What is told of nodes outside the domain, and of those that no bound reaches.
@@ -41,6 +42,35 @@ class SizeReport:
     """What each cause asked for, of the nodal shape, inf where nothing."""
     info: LimitingInfo
     """Of the limiting of all bounds together."""
+    g: float
+    hmin: float
+    hmax: float
+    n_elements: float
+    """Predicted number of elements of a mesh of these sizes."""
+    elements_per_radian: float = 0.0
+    """Of curved boundaries; 0 where curvature does not count."""
+    elements_across: float = 0.0
+    """Of narrow parts; 0 where the feature size does not count."""
+    relaxation: float = 1.0
+    """Factor by which what was not given was relaxed to stay within ``max_elements``."""
+
+    @property
+    def choices(self) -> str:
+        """What was requested or chosen, and what it leads to, in one line."""
+        parts = []
+        if self.elements_per_radian > 0.0:
+            parts.append(f"{self.elements_per_radian:.3g} elements per radian")
+        if self.elements_across > 0.0:
+            parts.append(f"{self.elements_across:.3g} across")
+        least = min(self.smallest.values())
+        return ", ".join(
+            [
+                *parts,
+                f"g = {self.g:.3g}",
+                f"h from {least:.3g} (hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g})",
+                f"about {self.n_elements:.2g} elements",
+            ]
+        )
 
     @property
     def codes(self) -> range:
@@ -160,7 +190,8 @@ def limit_bounds(
         cause = _by_separate_runs(background, asked, own, len(names) - 1, g)
     weights = nodal_measures(background) if weights is None else weights
     cause[weights <= 0.0] = NONE
-    return h, _report(background, names, cause, h, weights, dict(bounds), info)
+    report = _report(background, names, cause, h, weights, dict(bounds), info)
+    return h, replace(report, g=g, hmin=low, hmax=high)
 
 
 def _by_separate_runs(
@@ -243,6 +274,10 @@ def _report(
         smallest=dict(zip(names, least.tolist(), strict=True)),
         bounds=bounds,
         info=info,
+        g=0.0,
+        hmin=0.0,
+        hmax=np.inf,
+        n_elements=float(ELEMENTS_PER_MEASURE[_measure_dim(background)] * elements.sum()),
     )
 
 

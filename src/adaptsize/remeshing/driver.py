@@ -28,9 +28,7 @@ from adaptsize.remeshing.sizing import (
     Size,
     SizeLike,
     as_size,
-    extend_inwards,
     known_points,
-    lives_on_surface,
 )
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -43,9 +41,9 @@ def remesh(
     *,
     target: Target = "auto",
     backend: str = "auto",
-    gradient_limit: float = 0.25,
+    g: float = 0.25,
     hmax: float = np.inf,
-    tolerance: float = 1.2e-3,
+    tolerance: float = 1e-3,
     required_facets: npt.ArrayLike | None = None,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,
@@ -69,8 +67,9 @@ def remesh(
     backend : {"auto", "tetwild", "mmg", "gmsh"}
         The mesh generator.  "auto" is Mmg if it is installed, on a first mesh by fTetWild if
         a surface becomes a volume; else fTetWild.  Gmsh is never chosen by itself.
-    gradient_limit : float
-        How fast sizes given on a surface only grow into the volume.
+    g : float, default 0.25
+        How fast nodal sizes given on a surface grow into the volume; a SizeFunction on a
+        surface brings its own g, if it has any.
     hmax : float
         Larger sizes are lowered to this, also those that grow into a volume.
     tolerance : float
@@ -152,30 +151,23 @@ def remesh(
     task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
     tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
-    gradient_limit = as_number("gradient_limit", gradient_limit, lower=0.0)
+    g = as_number("g", g, lower=0.0)
     hmax = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
     if timeout is not None:
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
-    wanted = as_size(size, mesh, hmax=hmax)
+    wanted = as_size(size, mesh, g=g, hmax=hmax)
     mended = mend(mesh)
     part = _Part.of(task, mended.mesh, as_required(required_facets, mesh, mended), tolerance)
     part = part.with_size(wanted, known_points(size, mesh.dim))
-    on_surface = task == "surface to tetrahedra" and lives_on_surface(size, mesh)
-    if not on_surface:
-        _refuse_too_many(part.problem, limit)
+    _refuse_too_many(part.problem, limit)
     with reporting(progress) as report:
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
-        if task == "surface to tetrahedra" and (on_surface or chosen.needs_volume):
-            first = _first_volume(part, run)
-            if on_surface:
-                extended = extend_inwards(first, wanted, gradient_limit, hmax)
-                part = part.with_size(extended, first.points)
-            if chosen.needs_volume:
-                problem = part.problem
-                part = _Part.of("tetrahedra", first, None, tolerance)
-                part = part.with_size(problem.size, problem.size_nodes)
+        if task == "surface to tetrahedra" and chosen.needs_volume:
+            known = part.problem.size_nodes
+            part = _Part.of("tetrahedra", _first_volume(part, run), None, tolerance)
+            part = part.with_size(wanted, known)
             _refuse_too_many(part.problem, limit)
         return part.restored(chosen.solve(part.problem, run), chosen.name)
 

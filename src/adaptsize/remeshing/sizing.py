@@ -25,7 +25,9 @@ _MAX_SAMPLES = 150_000
 _MAX_REFINEMENTS = 4
 
 
-def as_size(size: SizeLike, mesh: SimplexMesh, *, hmax: float = np.inf) -> Size:
+def as_size(
+    size: SizeLike, mesh: SimplexMesh, *, g: float | None = None, hmax: float = np.inf
+) -> Size:
     """Return the wanted size as a function of points that checks what it gives.
 
     Parameters
@@ -33,6 +35,8 @@ def as_size(size: SizeLike, mesh: SimplexMesh, *, hmax: float = np.inf) -> Size:
     size : SizeFunction, callable, array_like of float with one value per node, or float
     mesh : SimplexMesh
         What nodal values belong to.
+    g : float, optional
+        How fast sizes on a surface or a line grow off it, if they do not say so themselves.
     hmax : float
         Larger sizes are lowered to this; not checked.
 
@@ -43,7 +47,7 @@ def as_size(size: SizeLike, mesh: SimplexMesh, *, hmax: float = np.inf) -> Size:
         from the function returned.
     """
     if isinstance(size, SizeFunction):
-        size = _beyond_active(size)
+        size = _grown(_beyond_active(size), g, hmax)
     if callable(size):
         return _checked(size, hmax)
     values = as_float_array("size", size)
@@ -51,31 +55,16 @@ def as_size(size: SizeLike, mesh: SimplexMesh, *, hmax: float = np.inf) -> Size:
         return _constant(min(as_number("size", values, lower=0.0, strict=True), hmax))
     values = as_float_array("size", size, mesh.nodal_shape)
     _refuse_bad(values)
-    return _checked(SizeFunction(mesh, values), hmax)
+    return _checked(_grown(SizeFunction(mesh, values), g, hmax), hmax)
 
 
-def lives_on_surface(size: SizeLike, mesh: SimplexMesh) -> bool:
-    """Whether the size is known on a surface in space only and must be extended inwards."""
-    background = size.background if isinstance(size, SizeFunction) else mesh
-    nodal = isinstance(size, SizeFunction) or (not callable(size) and np.ndim(size) > 0)
-    return nodal and background.dim == 3 and getattr(background, "cell_dim", 3) == 2
-
-
-def extend_inwards(
-    volume: SimplexMesh, on_surface: Size, gradient_limit: float, hmax: float
-) -> Size:
-    """Return sizes in a volume from sizes on its surface.
-
-    The boundary nodes of ``volume`` take the size of the nearest point of the
-    surface; inside, the size grows with the distance from there, at most by
-    ``gradient_limit`` per length, along ways inside the volume, and up to ``hmax``.
-    """
-    from adaptsize.limiting import limit_gradient
-
-    nodes = volume.boundary().nodes
-    bound = np.full(volume.n_points, hmax)
-    bound[nodes] = on_surface(volume.points[nodes])
-    return _checked(SizeFunction(volume, limit_gradient(volume, bound, gradient_limit)), hmax)
+def _grown(size: SizeFunction, g: float | None, hmax: float) -> SizeFunction:
+    """Return sizes that grow off a surface in space, if they live on one."""
+    background = size.background
+    on_surface = isinstance(background, SimplexMesh) and background.cell_dim < background.dim
+    if not on_surface or g is None or size.g is not None:
+        return size
+    return SizeFunction(background, size.values, g=g, hmax=hmax)
 
 
 def known_points(size: SizeLike, dim: int) -> FloatArray:

@@ -13,7 +13,8 @@ from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.exact import Entries
 from adaptsize._kernels.exact_plane import Seen, Sight
 from adaptsize._kernels.sight import ANY
-from adaptsize.limiting.exact.work import along_curve, in_chunks, with_tree
+from adaptsize.background.topology import unique_rows
+from adaptsize.limiting.exact.work import along_curve, entries_of, in_chunks, with_tree
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -150,6 +151,41 @@ class ExactField:
         if offset:
             new: BoolArray = found >= 0
             source[new] = found[new] + offset
+
+
+def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: float) -> ExactField:
+    """Return what sizes that are linear on segments or triangles allow around them.
+
+    The least over all points y of the cells of h(y) + g |x - y|: what lies between is not
+    looked at.  Nodes whose size is inf allow nothing, nor do cells with such a node.
+    """
+    finite = np.isfinite(sizes)
+    cells = cells[finite[cells].all(axis=1)]
+    field = ExactField(g, None)
+    nodes = np.full((np.count_nonzero(finite), points.shape[1]), -1, np.int32)
+    nodes[:, 0] = np.flatnonzero(finite)
+    field.add(wave_at(points, sizes, nodes))
+    sides = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
+    edges = unique_rows(np.concatenate(sides), len(points))[0]
+    items = np.full((len(edges), points.shape[1]), -1, np.int32)
+    items[:, :2] = edges
+    if cells.shape[1] == 3:
+        items = np.concatenate([items, cells])
+    field.add(wave_at(points, sizes, items))
+    return field
+
+
+def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
+    """Return nodes, edges or triangles as sources, given by their nodes, -1 where there are fewer.
+
+    Edges and triangles only stand for their interior: their nodes, and the edges of triangles, are
+    sources of their own.
+    """
+    used = named >= 0
+    places = np.where(used[:, :, None], points[named], 0.0)
+    own = np.where(used, sizes[named], np.inf)
+    entries, order = entries_of(places, own, used.sum(axis=1).astype(np.int8))
+    return wave_of(entries, named[order])
 
 
 def _silent(text: str, share: float | None) -> None:

@@ -14,7 +14,7 @@ from adaptsize._kernels.exact import Entries
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.edge_based import solve_edge_based
-from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_of
+from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_at, wave_of
 from adaptsize.limiting.exact.plane import (
     Plane,
     along_walls,
@@ -364,17 +364,8 @@ def _on_cells(
         named = _undominated(problem, named, h, source, field)
     if len(named) == 0:
         return None
-    wave = _items_at(problem, named)
+    wave = wave_at(mesh.points, h0, named)
     return wave if plane is None else along_walls(wave, mesh.points, boundary.facets)
-
-
-def _items_at(problem: Problem, named: IntArray) -> Wave:
-    """Return edges and faces, given by their nodes, as sources."""
-    used = named >= 0
-    places = np.where(used[:, :, None], problem.mesh.points[named], 0.0)
-    sizes = np.where(used, problem.h0[named], np.inf)
-    entries, order = entries_of(places, sizes, used.sum(axis=1).astype(np.int8))
-    return wave_of(entries, named[order])
 
 
 def _undominated(
@@ -399,7 +390,7 @@ def _undominated(
     leads = (used & (source[named] < 0)).any(axis=1)
     if leads.all() or not leads.any():
         return named
-    wave = _items_at(problem, named[leads])
+    wave = wave_at(mesh.points, h0, named[leads])
     others = named[~leads]
     nodes = np.unique(others[others >= 0]).astype(np.int32)
     local = np.full(mesh.n_points, -1, np.int32)

@@ -1,19 +1,25 @@
 """Sizes chosen from a part, the refined surface they live on, and summaries."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from meshes import jittered_cube, random_sphere, random_square, structured_square
+from numpy.testing import assert_allclose
 from scipy.spatial import Delaunay
 
-from adaptsize import BoxSource, SimplexMesh, limit_gradient, read
+from adaptsize import (
+    BoxSource,
+    SimplexMesh,
+    SizeFunction,
+    limit_gradient,
+    read,
+    size_function,
+)
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.folds import folds_of
 from adaptsize.background.splitting import split_edges
-from adaptsize.domain_size.on_surface import choose_size
-from adaptsize.quality import summarize
+from adaptsize.errors import ResolutionWarning
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -123,8 +129,7 @@ def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
 def test_cad_cylinder_is_fine_all_along_and_coarse_in_the_middle_of_its_caps():
     radius = 10.0
     mesh = cylinder(48, radius=radius, height=60.0)
-    chosen = choose_size(mesh, elements_per_radian=5.0, g=0.25, hmax=8.0)
-    size = chosen.size
+    size = size_function(mesh, elements_per_radian=5.0, g=0.25, hmax=8.0)
     # On the side h = R / K, also in the middle, 30 from the next node of the file; the
     # facets lie up to R (1 - cos(pi / 48)) inside the circle.
     angle = np.linspace(0.1, 6.1, 40)
@@ -139,8 +144,8 @@ def test_cad_cylinder_is_fine_all_along_and_coarse_in_the_middle_of_its_caps():
 
 
 def test_sizes_are_limited_along_the_edges_of_the_refined_surface():
-    chosen = choose_size(cylinder(32, radius=5.0), g=0.2)
-    mesh, h = chosen.size.background, chosen.size.values
+    size = size_function(cylinder(32, radius=5.0), g=0.2)
+    mesh, h = size.background, size.values
     i, j = mesh.edges.T
     assert (np.abs(h[i] - h[j]) <= 0.2 * mesh.edge_lengths * (1 + 1e-12)).all()
     assert (mesh.edge_lengths <= 2.0 * h[mesh.edges].min(axis=1)).all()
@@ -160,29 +165,51 @@ def test_the_bound_holds_on_the_slivers_of_a_cad_surface(method):
 
 def test_defaults_are_shares_of_the_diagonal_and_given_values_are_kept():
     mesh = random_sphere(400, 616, radius=3.0)
-    chosen = choose_size(mesh)
-    assert chosen.hmax == pytest.approx(mesh.diagonal / 20)
-    assert chosen.hmin == pytest.approx(mesh.diagonal / 1000)
-    assert chosen.elements_per_radian == 4.0
-    given = choose_size(mesh, elements_per_radian=2.0, hmin=0.5, hmax=1.0)
+    _, report = size_function(mesh, full_output=True)
+    assert report.hmax == pytest.approx(mesh.diagonal / 20)
+    assert report.hmin == pytest.approx(mesh.diagonal / 1000)
+    assert (report.elements_per_radian, report.elements_across) == (4.0, 2.0)
+    size, given = size_function(mesh, elements_per_radian=2.0, hmin=0.5, hmax=1.0, full_output=True)
     assert (given.elements_per_radian, given.hmin, given.hmax) == (2.0, 0.5, 1.0)
-    assert given.size.values.min() >= 0.5
-    assert given.size.values.max() <= 1.0
+    assert size.values.min() >= 0.5
+    assert size.values.max() <= 1.0
 
 
 def test_sizes_grow_until_the_number_of_elements_is_allowed():
     mesh = jittered_cube(4, 617)
-    free = choose_size(mesh, hmax=4.0)
-    relaxed = choose_size(mesh, max_elements=2000)
-    assert free.n_rounds == 0
-    assert relaxed.n_rounds > 0
-    assert relaxed.n_estimated <= 2000 < choose_size(mesh).n_estimated
+    _, free = size_function(mesh, hmax=4.0, full_output=True)
+    _, relaxed = size_function(mesh, max_elements=2000, full_output=True)
+    _, default = size_function(mesh, full_output=True)
+    assert free.relaxation == default.relaxation == 1.0
+    assert relaxed.relaxation > 1.0
+    assert relaxed.n_elements <= 2000 < default.n_elements
+
+
+@pytest.mark.parametrize("kind", ["surface", "plane", "level set", "closed line"])
+def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
+    square = structured_square(8)
+    domain, options = {
+        "surface": (random_sphere(400, 616, radius=3.0), {}),
+        "plane": (square, {}),
+        "level set": (disc, {"box": ([-1.1, -1.1], [1.1, 1.1])}),
+        "closed line": (square.boundary().mesh, {}),
+    }[kind]
+    _, free = size_function(domain, **options, full_output=True)
+    _, kept = size_function(domain, **options, max_elements=0.5 * free.n_elements, full_output=True)
+    assert kept.n_elements <= 0.5 * free.n_elements
+    with pytest.warns(ResolutionWarning, match="because of what is given"):
+        size_function(domain, **options, hmax=1e-2, max_elements=10.0)
+
+
+def disc(x):
+    return np.linalg.norm(x, axis=1) - 1.0
 
 
 def test_given_sizes_that_ask_for_too_much_do_not_relax_the_others_to_nothing():
-    chosen = choose_size(jittered_cube(3, 622), hmax=1e-3)
-    assert chosen.n_estimated > 300_000
-    assert chosen.elements_per_radian == 1.0
+    with pytest.warns(ResolutionWarning, match="max_elements"):
+        _, report = size_function(jittered_cube(3, 622), hmax=1e-3, full_output=True)
+    assert report.n_elements > 300_000
+    assert report.elements_per_radian == 1.0
 
 
 def test_sources_and_bounds_are_heeded_and_hmin_is_not_undercut():
@@ -190,48 +217,18 @@ def test_sources_and_bounds_are_heeded_and_hmin_is_not_undercut():
     source = BoxSource([-50, -50, -50], [0, 0, 0], 3.0)
     h0 = np.full(mesh.n_points, np.inf)
     h0[-1] = 1e-3
-    chosen = choose_size(mesh, hmin=2.0, hmax=20.0, sources=[source], h0=h0)
-    assert chosen.size.values[-1] == 2.0
-    assert chosen.size(np.array([[-25.0, -25.0, -25.0]]))[0] == pytest.approx(3.0, rel=0.05)
+    size = size_function(mesh, hmin=2.0, hmax=20.0, sources=[source], h0=h0, max_elements=np.inf)
+    assert size.values[-1] == 2.0
+    assert size(np.array([[-25.0, -25.0, -25.0]]))[0] == pytest.approx(3.0, rel=0.05)
 
 
-def test_surface_sizes_grow_inwards_on_a_volume():
+def test_sizes_on_a_surface_grow_into_what_it_encloses():
     cube = jittered_cube(9, 619)
     surface = cube.boundary().mesh
-    chosen = choose_size(surface, elements_per_radian=0.0, g=0.1, hmax=10.0)
-    assert chosen.on(cube).max() == 10.0  # and no farther than hmax
-    h = replace(chosen, hmax=np.inf).on(cube)
+    size = size_function(
+        surface, elements_per_radian=0.0, elements_across=0.0, g=0.1, hmin=9.0, hmax=10.0
+    )
     depth = 50.0 - np.abs(cube.points).max(axis=1)
-    # Exact: 10 + g depth, which is concave, so that interpolation in cells that lie across
-    # its ridges is too low; by less than g times half the spacing of 12.5.
-    np.testing.assert_allclose(h, 10.0 + 0.1 * depth, atol=0.1 * 6.25)
-    assert np.ptp(h) > 4.0
-
-
-def test_segments_are_refused():
-    with pytest.raises(ValueError, match="triangles or tetrahedra"):
-        choose_size(structured_square(2).boundary().mesh)
-
-
-# --- summaries --------------------------------------------------------------------
-
-
-def test_summary_of_two_separate_squares():
-    square = structured_square(3, half_width=1.5)
-    points = np.concatenate([square.points, square.points + np.array([10.0, 0.0])])
-    cells = np.concatenate([square.cells, square.cells + 16])
-    summary = summarize(SimplexMesh(points, cells, cell_tags=np.repeat([4, 5], 18)))
-    assert summary.n_components == 2
-    assert summary.n_boundary_facets == 24
-    assert summary.cell_tags == {4: 18, 5: 18}
-    assert summary.measure == pytest.approx(18.0)
-    assert summary.angle_min == pytest.approx(45.0)
-    assert (summary.lower, summary.upper) == ((-1.5, -1.5), (11.5, 1.5))
-    assert "36 triangles, 32 points in 2-D" in str(summary)
-
-
-def test_summary_of_segments_has_no_quality():
-    summary = summarize(structured_square(2).boundary().mesh)
-    assert summary.radius_ratio_median is None
-    assert summary.measure == pytest.approx(400.0)
-    assert "quality" not in str(summary)
+    assert_allclose(size(cube.points), 10.0)  # and no farther than hmax
+    free = SizeFunction(surface, np.full(surface.n_points, 10.0), g=0.1)
+    assert_allclose(free(cube.points), 10.0 + 0.1 * depth, rtol=1e-12)

@@ -1,0 +1,178 @@
+"""What is requested of a size function, and the defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_number, as_sizes
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.domain_size.report import SizeReport, limit_bounds
+from adaptsize.sizes import PointSource, size_from_sources
+from adaptsize.typing import FloatArray, ProgressCallback
+
+Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
+AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
+
+#: Defaults of `size_function`, of images and of the command line.
+ELEMENTS_PER_RADIAN = 4.0
+ELEMENTS_ACROSS = 2.0
+GRADIENT_LIMIT = 0.25
+CREASE_ANGLE = 40.0
+MAX_ELEMENTS = 300_000.0
+
+_LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
+_SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the sizes are to obey; None: not given, and chosen from the domain."""
+
+    elements_per_radian: float | None
+    elements_across: float | None
+    g: float
+    hmin: float | None
+    hmax: float | None
+    crease_angle: float
+    sources: Any
+    h0: npt.ArrayLike | Implicit | None
+    max_elements: float
+    report: ProgressCallback | None
+    relaxation: float = 1.0
+    """Factor by which what is not given is relaxed to stay within ``max_elements``."""
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether nothing is left to be relaxed."""
+        return None not in (self.elements_per_radian, self.elements_across, self.hmin, self.hmax)
+
+    @property
+    def per_radian(self) -> float:
+        """Elements per radian of curved boundaries."""
+        if self.elements_per_radian is not None:
+            return self.elements_per_radian
+        return max(ELEMENTS_PER_RADIAN / self.relaxation, 1.0)
+
+    @property
+    def across(self) -> float:
+        """Elements across narrow parts."""
+        if self.elements_across is not None:
+            return self.elements_across
+        return max(ELEMENTS_ACROSS / self.relaxation, 1.0)
+
+    def relaxed(self, relaxation: float) -> Request:
+        """Return the same request, relaxed by a factor of the sizes."""
+        return replace(self, relaxation=relaxation)
+
+    def limits(self, diagonal: float, least: float = 0.0) -> tuple[float, float]:
+        """Return hmin and hmax, for a domain of that diagonal if they are not given."""
+        high, low = self.hmax, self.hmin
+        if high is None:
+            high = max(self.relaxation * _LARGEST_SHARE * diagonal, low or 0.0, least)
+        if low is None:
+            low = min(max(self.relaxation * _SMALLEST_SHARE * diagonal, least), high)
+            for source in self._point_sources():  # what is prescribed is not raised
+                low = min(low, float(np.min(source.size)))
+        return low, high
+
+    def _point_sources(self) -> list[PointSource]:
+        sources = self.sources if isinstance(self.sources, Iterable) else [self.sources]
+        return [source for source in sources if isinstance(source, PointSource)]
+
+    def points(self, dim: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return the places and sizes of the point sources among the sources; None without any."""
+        rows = [source.rows(dim) for source in self._point_sources()]
+        if not rows:
+            return None
+        places, sizes = zip(*rows, strict=True)
+        return np.concatenate(places), np.concatenate(sizes)
+
+    def external(self, background: AnyBackground) -> dict[str, FloatArray]:
+        """Return the bounds that do not come from the shape."""
+        bounds = self.from_sources(background)
+        if self.h0 is not None:
+            bounds["h0"] = bound_at_nodes(self.h0, background)
+        return bounds
+
+    def from_sources(self, background: AnyBackground) -> dict[str, FloatArray]:
+        """Return the bounds of the sources."""
+        given = self.sources is not None
+        if not given or (isinstance(self.sources, Sequence) and len(self.sources) == 0):
+            return {}
+        return {"sources": size_from_sources(background, self.sources, g=self.g)}
+
+
+def as_request(
+    *,
+    elements_per_radian: float | None,
+    elements_across: float | None,
+    g: float,
+    hmin: float | None,
+    hmax: float | None,
+    crease_angle: float = CREASE_ANGLE,
+    sources: Any = (),
+    h0: npt.ArrayLike | Implicit | None = None,
+    max_elements: float = MAX_ELEMENTS,
+    report: ProgressCallback | None = None,
+) -> Request:
+    """Return a request, checked."""
+    for name, value in (("hmin", hmin), ("hmax", hmax)):
+        if value is not None:
+            as_number(name, value, lower=0.0, strict=True)
+    if hmin is not None and hmax is not None and hmin > hmax:
+        raise ValueError(f"hmin must be at most hmax = {hmax:g}, got {hmin:g}")
+    for name, value in (
+        ("elements_per_radian", elements_per_radian),
+        ("elements_across", elements_across),
+    ):
+        if value is not None:
+            as_number(name, value, lower=0.0)
+    return Request(
+        elements_per_radian,
+        elements_across,
+        as_number("g", g, lower=0.0),
+        hmin,
+        hmax,
+        crease_angle,
+        sources,
+        h0,
+        as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
+        report,
+    )
+
+
+def limit_requested(
+    background: AnyBackground,
+    bounds: dict[str, FloatArray],
+    limits: tuple[float, float],
+    request: Request,
+    weights: FloatArray | None = None,
+) -> tuple[FloatArray, SizeReport]:
+    """Return the least of some bounds, limited as requested, and its report."""
+    h, report = limit_bounds(
+        background,
+        bounds,
+        request.g,
+        hmin=limits[0],
+        hmax=limits[1],
+        weights=weights,
+        points=request.points(background.dim),
+        progress=request.report,
+    )
+    return h, replace(
+        report, elements_per_radian=request.per_radian, elements_across=request.across
+    )
+
+
+def bound_at_nodes(h0: npt.ArrayLike | Implicit, background: AnyBackground) -> FloatArray:
+    """Return upper bounds at the nodes of a background, from an array or a function of points."""
+    if not callable(h0):
+        return as_sizes("h0", h0, background.nodal_shape)
+    if isinstance(background, CartesianGrid):
+        return as_sizes("h0", background.sample(h0), background.shape)
+    return as_sizes("h0", h0(background.points), background.nodal_shape)
