@@ -15,7 +15,7 @@ from exact_oracle import (
     plane_sizes,
     straight_sizes,
 )
-from meshes import jittered_square, random_square, slit_square
+from meshes import jittered_square, random_square, slit_square, structured_square
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh, limit_gradient
@@ -241,3 +241,55 @@ def test_around_the_hole_of_one_triangle_in_a_square_of_eight_nodes():
     h0 = np.full(8, np.inf)
     h0[7] = 1.0
     assert_allclose(assert_exact(mesh, h0)[[5, 4]], 1.0 + G * np.array([8.0, 4.0]), rtol=1e-14)
+
+
+# --- slits of no width that bend -----------------------------------------------------------
+
+
+def cut_along(mesh, is_cut):
+    """Double the nodes at edges so that cells are joined through the other edges only."""
+    cells, points = mesh.cells.copy(), mesh.points.tolist()
+    edges = {tuple(e) for e in mesh.edges[is_cut].tolist()}
+    for node in np.unique(mesh.edges[is_cut]).tolist():
+        around = np.flatnonzero((mesh.cells == node).any(axis=1)).tolist()
+        fans = []
+        while around:
+            fan = [around.pop()]
+            for cell in fan:
+                for other in list(around):
+                    shared = set(mesh.cells[cell].tolist()) & set(mesh.cells[other].tolist())
+                    if len(shared) == 2 and tuple(sorted(shared)) not in edges:
+                        around.remove(other)
+                        fan.append(other)
+            fans.append(fan)
+        for fan in fans[1:]:
+            rows = cells[fan]
+            rows[mesh.cells[fan] == node] = len(points)
+            cells[fan] = rows
+            points.append(mesh.points[node].tolist())
+    return SimplexMesh(points, cells)
+
+
+@pytest.mark.parametrize("seed", range(2231, 2237))
+def test_sizes_around_bent_slits_of_no_width_are_exact(seed):
+    mesh = structured_square(10, half_width=5.0)
+    rng = np.random.default_rng(seed)
+    is_cut = np.zeros(len(mesh.edges), bool)
+    ways = {(0, 1), (1, 0), (1, 1)}
+    for _ in range(4):  # random walks along the edges, away from the boundary
+        place = rng.integers(-3, 4, 2).astype(float)
+        for _ in range(4):
+            step = np.array(list(ways)[rng.integers(3)]) * rng.choice([-1, 1])
+            ends = [np.argmin(np.abs(mesh.points - p).sum(axis=1)) for p in (place, place + step)]
+            if (np.abs(place + step) < 4.0).all():
+                is_cut |= (mesh.edges == np.sort(ends)).all(axis=1)
+                place = place + step
+    cut = cut_along(mesh, is_cut)
+    inside = np.setdiff1d(np.arange(cut.n_points), cut.boundary().nodes)
+    points = cut.points.copy()
+    points[inside] += rng.uniform(-0.1, 0.1, (len(inside), 2))
+    cut = SimplexMesh(points, cut.cells)
+    for n_sources in (1, 6):
+        h0 = np.full(cut.n_points, np.inf)
+        h0[rng.choice(cut.n_points, n_sources, replace=False)] = rng.uniform(0.1, 1.0, n_sources)
+        assert_exact(cut, h0)
