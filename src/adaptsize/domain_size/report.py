@@ -38,6 +38,8 @@ class SizeReport:
     """Share of the elements of a mesh of these sizes, as estimated."""
     smallest: dict[str, float]
     """Smallest size in the part that each cause controls."""
+    largest: float
+    """Largest size in the domain."""
     bounds: dict[str, FloatArray]
     """What each cause asked for, of the nodal shape, inf where nothing."""
     info: LimitingInfo
@@ -67,7 +69,7 @@ class SizeReport:
             [
                 *parts,
                 f"g = {self.g:.3g}",
-                f"h from {least:.3g} (hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g})",
+                f"h from {least:.3g} to {self.largest:.3g} (hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g})",
                 f"about {self.n_elements:.2g} elements",
             ]
         )
@@ -272,6 +274,7 @@ def _report(
         domain_shares=dict(zip(names, domain.tolist(), strict=True)),
         element_shares=dict(zip(names, share.tolist(), strict=True)),
         smallest=dict(zip(names, least.tolist(), strict=True)),
+        largest=float(sizes.max(initial=0.0)),
         bounds=bounds,
         info=info,
         g=0.0,
