@@ -11,7 +11,7 @@ import pytest
 from meshes import jittered_square, random_sphere, random_square
 from numpy.testing import assert_allclose
 
-from adaptsize import SimplexMesh, limit_gradient
+from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -376,3 +376,22 @@ def test_cells_without_a_limit_beside_others_give_no_warning():
         warnings.simplefilter("error")
         _, info = limit_gradient(mesh, h0, g, full_output=True)
     assert not np.isnan(list(info.cell_gradient_quantiles.values())).any()
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_equal_bounds_under_a_limit_of_the_size_leave_no_residual(method):
+    # Regression: the transformed sizes are all 0, and the residual was divided by the largest.
+    h, info = limit_gradient(
+        SQUARE, np.full(4, 0.1), lambda h: 0.2 + h, method=method, full_output=True
+    )
+    assert h.tolist() == [0.1] * 4
+    assert info.residual == 0.0
+
+
+@pytest.mark.parametrize("method", ["exact", "fast-marching", "hamilton-jacobi", "edge-based"])
+def test_equal_bounds_on_grids_under_a_limit_of_the_size_leave_no_residual(method):
+    grid = CartesianGrid([0.0, 0.0], 0.5, (4, 3))
+    h0 = np.full(grid.shape, 0.1)
+    h, info = limit_gradient(grid, h0, lambda h: 0.2 + h, method=method, full_output=True)
+    assert (h == 0.1).all()
+    assert info.residual == 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from types import ModuleType
 from typing import Literal, overload
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.info import LimitingInfo, Record
@@ -170,7 +172,8 @@ def limit_gradient(
     Warns
     -----
     ConvergenceWarning
-        If an iteration does not meet ``tol`` in ``max_iter`` steps.
+        If an iteration does not meet ``tol`` in ``max_iter`` steps, or another loop reaches its
+        limit; then ``info.converged`` is False.
 
     Notes
     -----
@@ -278,6 +281,8 @@ def limit_gradient(
             solution = resume(earlier.record, method, problem, transform)
         if solution is None:
             solution = schemes.solve(domain, method, with_start(record, method, problem))
+    if solution.unfinished:
+        warnings.warn(solution.unfinished, ConvergenceWarning, stacklevel=2)
     h = np.minimum(_backward(solution.h, transform, record), bound)  # the way back rounds
     if not full_output:
         return h
