@@ -131,10 +131,83 @@ def test_the_exact_method_refuses_what_it_does_not_know():
         limit_gradient(random_sphere(20, 91), np.ones(20), 0.3, method="exact")
 
 
-@pytest.mark.parametrize("method", [*MARCHING, "auto", "exact"])
-def test_only_the_iteration_takes_a_start(method):
-    with message("initial is for method='positive-coefficient', got method="):
-        limit_gradient(SQUARE, H0, 0.3, method=method, initial=np.ones(4))
+IDLE = {
+    "order": 2,
+    "floor": None,
+    "initial": np.ones((2, 2)),
+    "tol": 1e-2,
+    "max_iter": 7,
+    "face_sources": False,
+    "threads": 1,
+    "point_sources": ([[0.5, 0.5]], [0.1]),
+}
+GRID = CartesianGrid([0.0, 0.0], 1.0, (2, 2))
+EXACT_TAKES = ("face_sources", "threads", "point_sources")
+TAKES = {
+    "mesh": {
+        "auto": EXACT_TAKES,
+        "exact": EXACT_TAKES,
+        "factored": (),
+        "hermite": (),
+        "fast-marching": (),
+        "edge-based": (),
+        "positive-coefficient": ("floor", "initial", "tol", "max_iter"),
+    },
+    "grid": {
+        "auto": (*EXACT_TAKES, "order"),
+        "exact": EXACT_TAKES,
+        "fast-marching": ("order",),
+        "edge-based": (),
+        "hamilton-jacobi": ("order", "initial", "tol", "max_iter"),
+    },
+}
+
+
+@pytest.mark.parametrize("option", IDLE)
+@pytest.mark.parametrize(
+    ("kind", "method"), [(kind, method) for kind in TAKES for method in TAKES[kind]]
+)
+def test_each_method_takes_the_options_that_it_uses_and_refuses_the_others(kind, method, option):
+    background = SQUARE if kind == "mesh" else GRID
+    value = IDLE[option]
+    if option == "initial":
+        value = value.reshape(background.nodal_shape)
+    h0 = np.reshape(H0, background.nodal_shape)
+    if option in TAKES[kind][method]:
+        limit_gradient(background, h0, 0.3, method=method, **{option: value})
+        return
+    with pytest.raises(ValueError, match=f"^{option} is for method='.*, got method='{method}'$"):
+        limit_gradient(background, h0, 0.3, method=method, **{option: value})
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_defaults_are_accepted_by_every_method(method):
+    limit_gradient(
+        SQUARE,
+        H0,
+        0.3,
+        method=method,
+        order=1,
+        floor="hopf-lax",
+        initial=None,
+        tol=1e-3,
+        max_iter=None,
+        face_sources=True,
+        threads=None,
+        point_sources=None,
+    )
+
+
+def test_an_option_of_no_method_on_a_background_names_the_other_background():
+    with message(
+        "order is for method='fast-marching' or 'hamilton-jacobi' on a CartesianGrid, "
+        "got method='fast-marching'"
+    ):
+        limit_gradient(SQUARE, H0, 0.3, method="fast-marching", order=2)
+    with message(
+        "floor is for method='positive-coefficient' on a SimplexMesh, got method='hamilton-jacobi'"
+    ):
+        limit_gradient(GRID, np.ones((2, 2)), 0.3, method="hamilton-jacobi", floor=None)
 
 
 OPTIONS = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal, TypeAlias, get_args
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,7 +18,8 @@ from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
-METHODS = ("auto", "spheres", "medial-axis")
+Method: TypeAlias = Literal["auto", "spheres", "medial-axis"]
+METHODS = get_args(Method)
 
 # Where sharp edges end in nothing, sizes must not ask for more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
@@ -28,7 +31,7 @@ def size_from_feature(
     background: SimplexMesh | CartesianGrid | Octree,
     boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None = None,
     *,
-    method: str = "auto",
+    method: Method = "auto",
     elements_across: float = 4.0,
     crease_angle: float = 40.0,
     corner_angle: float = 30.0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,8 @@ from adaptsize.geometry.distance.reinitialization import reinitialize
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
 from adaptsize.typing import FloatArray, ProgressCallback
 
-METHODS = ("projection", "reinitialization")
+Method: TypeAlias = Literal["projection", "reinitialization"]
+METHODS = get_args(Method)
 _Boundary: TypeAlias = SimplexMesh | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 
@@ -27,7 +28,7 @@ def signed_distance(
     boundary: _Boundary | None = None,
     *,
     band: float = 3.0,
-    method: str = "projection",
+    method: Method = "projection",
     smoothing: float = 1.5,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
