@@ -5,16 +5,19 @@ import re
 import numpy as np
 import pytest
 
+from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
 from adaptsize._checks import (
     as_float_array,
     as_index_array,
     as_number,
+    as_plain_array,
     as_points,
     as_sizes,
     describe,
     one_of,
     refuse_where,
 )
+from adaptsize.background import Image
 
 
 def message(told):
@@ -102,3 +105,55 @@ def test_nothing_bad_is_no_error():
             np.array([[2.0], [3.0], [4.0]]),
             "must be less",
         )
+
+
+def test_masked_entries_are_refused_and_named():
+    masked = np.ma.masked_array([1.0, 2.0, 3.0], [False, True, True])
+    wanted = "must not have masked entries (see numpy.ma.filled), got "
+    for check in (as_plain_array, as_float_array):
+        with message(f"h {wanted}h[1] = -- (and 1 more)"):
+            check("h", masked)
+        with message(f"h[1] {wanted}h[1][1] = -- (and 1 more)"):
+            check("h", [np.ones(3), masked])
+    with pytest.raises(ValueError, match="i must not have masked entries"):
+        as_index_array("i", np.ma.masked_array([[0, 1]], [[False, True]]), 5)
+    with message("x must be a number, got masked"):
+        as_number("x", np.ma.masked, lower=0.0)
+
+
+def test_masked_arrays_without_a_masked_entry_are_arrays():
+    assert as_float_array("h", np.ma.masked_array([1.0, 2.0])).tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("imaginary", [0.0, 1.0])
+def test_complex_numbers_are_refused_where_real_ones_are_wanted(imaginary):
+    given = np.array([1.0, complex(1.0, imaginary)])
+    with message("h must be real, got complex128 of shape (2,)"):
+        as_float_array("h", given)
+    with message("h must be real, got complex128 of shape (2,)"):
+        as_float_array("h", given.tolist())
+    with pytest.raises(ValueError, match="x must be a number, got "):
+        as_number("x", given[1], lower=0.0)
+
+
+MASKED = np.ma.masked_array([True, False, True], [False, True, False])
+NUMBERS = np.ma.masked_array([1, 2, 3], [False, True, False])
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+ARRAYS = {
+    "active": lambda: CartesianGrid([0.0], 1.0, (3,), active=MASKED),
+    "point_data['u']": lambda: SQUARE.with_data(
+        point_data={"u": np.ma.masked_equal([0, 1, 2, 3], 1)}
+    ),
+    "cell_tags": lambda: SimplexMesh(SQUARE.points, SQUARE.cells, cell_tags=NUMBERS[:2]),
+    "points": lambda: SimplexMesh(np.ma.masked_less(SQUARE.points, 0.5), SQUARE.cells),
+    "levels": lambda: Octree([0.0, 0.0], [2.0, 1.0], (2, 1), NUMBERS),
+    "values": lambda: Image(np.ma.masked_equal([[0, 1], [1, 0]], 1)),
+    "h0": lambda: limit_gradient(SQUARE, np.ma.masked_less([0.1, 1.0, 1.0, 1.0], 0.5), 0.2),
+    "g": lambda: limit_gradient(SQUARE, np.ones(4), np.ma.masked_less([0.1, 0.2, 0.2, 0.2], 0.15)),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_no_array_argument_loses_its_mask(name):
+    with pytest.raises(ValueError, match=f"^{re.escape(name)} must not have masked entries"):
+        ARRAYS[name]()

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import describe, refuse_where
+from adaptsize._checks import as_plain_array, describe, refuse_where
 from adaptsize._kernels.overlap import combine, fill_overlaps
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
@@ -369,7 +369,7 @@ def as_fields(
 
 def as_field(name: str, values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
     """Return a field with n rows as integers, booleans, float64 or complex128."""
-    array = np.asarray(values)
+    array = as_plain_array(name, values)
     if array.dtype.kind not in "biufc":
         raise ValueError(f"{name} must be an array of numbers, got {describe(values)}")
     if array.ndim == 0 or len(array) != n:

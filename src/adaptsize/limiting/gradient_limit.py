@@ -131,7 +131,7 @@ class SizeTransform:
 
     @staticmethod
     def _of(g_of_h: GradientOfSize, h: FloatArray) -> FloatArray:
-        g = np.asarray(g_of_h(h), dtype=np.float64)
+        g = as_float_array("g(h)", g_of_h(h))
         if g.shape not in ((), h.shape):
             raise ValueError(f"g(h) must return one limit per size, shape {h.shape}, got {g.shape}")
         g = np.broadcast_to(g, h.shape)

@@ -10,7 +10,15 @@ from typing import NoReturn, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_plain_array,
+    as_points,
+    as_sizes,
+    describe,
+    refuse_where,
+)
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import OutsideWarning
 from adaptsize.sizes import _on_grid, _touched
@@ -411,7 +419,7 @@ def _has_tag(
     """Return where ``present`` is one of ``tags``; refuse tags that do not occur."""
     if present is None:
         raise ValueError(f"tags need a mesh with {name}, which this one has not")
-    wanted = np.atleast_1d(np.asarray(tags))
+    wanted = np.atleast_1d(as_plain_array("tags", tags))
     missing = wanted[~np.isin(wanted, present)]
     if len(missing) > 0:
         listed = ", ".join(str(tag) for tag in np.unique(present))

@@ -8,7 +8,14 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, describe, one_of, refuse_where
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_plain_array,
+    describe,
+    one_of,
+    refuse_where,
+)
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.image import GridSpline, smooth_mask
@@ -232,7 +239,7 @@ def _as_implicit(
         if isinstance(background, CartesianGrid):
             return function, background.sample(function)
         return function, function(background.points)
-    image = np.asarray(boundary)
+    image = as_plain_array("boundary", boundary)
     if not isinstance(background, CartesianGrid) or image.shape != background.shape:
         raise ValueError(
             "boundary must be a SimplexMesh, a callable or, on a CartesianGrid, an array of the "
