@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 from adaptsize.typing import FloatArray, IntArray
 
+#: Squares of gradients must stay in the range of float64, also times four lengths.
+STEEPEST = 1e30
+
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
     """Return ``value`` as an array of any type; refuse masked entries, which would be unmasked.
@@ -111,6 +114,33 @@ def as_number(
         finite = "" if allow_inf else "finite and "
         raise ValueError(f"{name} must be {finite}{sign} {lower:g}, got {number:g}")
     return number
+
+
+def as_slope(name: str, value: Any) -> float:
+    """Return a gradient of sizes: >= 0, and such that its square stays in the range of float64."""
+    slope = as_number(name, value, lower=0.0)
+    if slope > STEEPEST:
+        raise ValueError(f"{name} must be at most {STEEPEST:g}, got {slope:g}")
+    return slope
+
+
+def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
+    """Return an integer from ``lower`` to ``upper``; floats without a fraction are accepted."""
+    number = as_number(name, value, lower=lower)
+    if number != int(number):
+        raise ValueError(f"{name} must be a whole number, got {describe(value)}")
+    if number > upper:
+        raise ValueError(f"{name} must be at most {upper}, got {number:g}")
+    return int(number)
+
+
+def check_type(name: str, value: object, *kinds: type) -> None:
+    """Raise a ValueError if ``value`` is of none of these classes."""
+    if isinstance(value, kinds):
+        return
+    named = [f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}" for kind in kinds]
+    wanted = " or ".join([", ".join(named[:-1]), named[-1]] if named[:-1] else named)
+    raise ValueError(f"{name} must be {wanted}, got {describe(value)}")
 
 
 def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:

@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 import pytest
 from meshes import jittered_square, random_sphere, random_square
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
@@ -39,7 +39,8 @@ SIZES = {
         "h0 must be finite at one node at least, got inf at all of them",
     ),
     "too short": ([1.0], "h0 must have shape (4,), got (1,)"),
-    "a number": (1.0, "h0 must have shape (4,), got ()"),
+    "a number below zero": (-1.0, "h0 must be positive (inf where nothing is asked), got -1.0"),
+    "infinity": (np.inf, "h0 must be finite at one node at least, got inf at all of them"),
     "a column": (np.ones((4, 1)), "h0 must have shape (4,), got (4, 1)"),
     "words": (["a"] * 4, "h0 must be an array of numbers, got ['a', 'a', 'a', 'a']"),
 }
@@ -468,3 +469,14 @@ def test_equal_bounds_on_grids_under_a_limit_of_the_size_leave_no_residual(metho
     h, info = limit_gradient(grid, h0, lambda h: 0.2 + h, method=method, full_output=True)
     assert (h == 0.1).all()
     assert info.residual == 0.0
+
+
+@pytest.mark.parametrize(
+    "background", [SQUARE, GRID, GRID.with_active([[True, True], [True, False]])]
+)
+def test_a_number_is_a_bound_for_all_nodes(background):
+    expected = limit_gradient(background, np.full(background.nodal_shape, 0.1), 0.3)
+    assert_array_equal(limit_gradient(background, 0.1, 0.3), expected)
+    h, info = limit_gradient(background, 0.1, 0.3, full_output=True)
+    assert_array_equal(h, expected)
+    assert_array_equal(limit_gradient(background, 0.1, 0.3, initial=info), expected)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array, as_plain_array, as_points, refuse_where
+from adaptsize._checks import as_index_array, as_plain_array, as_points, check_type, refuse_where
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize.background import topology
 from adaptsize.background.location import SimplexLocator
@@ -304,11 +304,20 @@ def _own(array: npt.NDArray[Any], given: npt.ArrayLike) -> npt.NDArray[Any]:
     return _read_only(array)
 
 
+def _as_mapping(
+    name: str, fields: Mapping[str, npt.ArrayLike] | None
+) -> Mapping[str, npt.ArrayLike]:
+    given: Mapping[str, npt.ArrayLike] = {} if fields is None else fields
+    check_type(name, given, Mapping)
+    return given
+
+
 def _as_arrays(
     name: str, fields: Mapping[str, npt.ArrayLike] | None
 ) -> dict[str, npt.NDArray[Any]]:
     return {
-        key: as_plain_array(f"{name}[{key!r}]", values) for key, values in (fields or {}).items()
+        key: as_plain_array(f"{name}[{key!r}]", values)
+        for key, values in _as_mapping(name, fields).items()
     }
 
 
@@ -355,7 +364,7 @@ def _as_fields(
     name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
 ) -> Mapping[str, npt.NDArray[Any]]:
     arrays = {}
-    for key, value in (fields or {}).items():
+    for key, value in _as_mapping(name, fields).items():
         array = as_plain_array(f"{name}[{key!r}]", value)
         if array.ndim == 0 or len(array) != n:
             raise ValueError(f"{name}[{key!r}] must have {n} rows, got shape {array.shape}")

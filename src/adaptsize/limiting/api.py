@@ -9,7 +9,15 @@ from typing import Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, one_of
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_points,
+    as_sizes,
+    check_type,
+    describe,
+    one_of,
+)
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import ConvergenceWarning
@@ -96,10 +104,10 @@ def limit_gradient(
         Segments, triangles in the plane or in space, or tetrahedra; obtuse, sliver
         and degenerate cells are allowed.  A grid of any spacing, its inactive nodes
         outside the domain.  An octree stands for its conforming simplices.
-    h0 : array_like of float, of the nodal shape
-        Upper bound on the size, in the unit of the coordinates.  Positive; inf
-        where nothing is asked; finite at one node at least.  What inactive nodes of a
-        grid hold, here and in g, does not matter.
+    h0 : float or array_like of float, of the nodal shape
+        Upper bound on the size, in the unit of the coordinates; one number for all nodes, or
+        one per node.  Positive; inf where nothing is asked; finite at one node at least.  What
+        inactive nodes of a grid hold, here and in g, does not matter.
     g : float, array_like, callable, or tuple (array_like, callable)
         Gradient limit (length per length), finite and >= 0; neighbouring elements
         then differ by a factor of about ``1 + g``, and 0.2 to 0.3 is usual.  One
@@ -125,7 +133,7 @@ def limit_gradient(
     floor : "hopf-lax" or None, optional
         Of the positive coefficient scheme: keep it above the Hopf-Lax updates, or
         leave it as published, which undershoots at point sources.
-    initial : LimitingInfo, or array_like of float of the nodal shape, optional
+    initial : LimitingInfo, float, or array_like of float of the nodal shape, optional
         The info of an earlier call with the same background, g and method.  The exact method
         on meshes then works on the nodes only whose size may be another one, where bounds
         are at isolated nodes or ``face_sources=False``.  See the notes.
@@ -335,13 +343,11 @@ def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | N
     return h
 
 
-def _domain(background: object) -> SimplexMesh | CartesianGrid:
+def _domain(
+    background: SimplexMesh | CartesianGrid | Octree,
+) -> SimplexMesh | CartesianGrid:
     """Return what the schemes run on; refuse coordinates out of range."""
-    if not isinstance(background, SimplexMesh | CartesianGrid | Octree):
-        raise ValueError(
-            "background must be a SimplexMesh, a CartesianGrid or an Octree, "
-            f"got {describe(background)}"
-        )
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if isinstance(background, CartesianGrid):
         corners = [background.lower, background.upper]
     else:
@@ -358,11 +364,14 @@ def _domain(background: object) -> SimplexMesh | CartesianGrid:
 def _as_bound(
     name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
 ) -> FloatArray:
-    """Return checked nodal sizes, inf at inactive nodes."""
+    """Return checked nodal sizes, those of one number all alike; inf at inactive nodes."""
+    given = as_float_array(name, sizes)
+    if given.ndim == 0:
+        given = np.full(background.nodal_shape, as_sizes(name, given, ()))
     if isinstance(background, CartesianGrid) and background.active is not None:
-        given = as_float_array(name, sizes, background.shape)
-        sizes = np.where(background.active, given, np.inf)
-    return as_sizes(name, sizes, background.nodal_shape)
+        given = as_float_array(name, given, background.shape)
+        given = np.where(background.active, given, np.inf)
+    return as_sizes(name, given, background.nodal_shape)
 
 
 def _as_count(name: str, value: object) -> int | None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe
+from adaptsize._checks import as_number, check_type, describe
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
@@ -143,6 +143,7 @@ def size_from_curvature(
     >>> (phi[10, [3, 4, 6]], h0[10, [3, 4, 6]].round(3))
     (array([ 0.1, -0.2, -0.8]), array([0.483, 0.543,   inf]))
     """
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if boundary is None and tolerance is not None:
         raise ValueError(f"tolerance needs boundary, got tolerance={tolerance!r} without one")
     if g != _SLOPE and (boundary is None or isinstance(boundary, SimplexMesh)):

@@ -368,7 +368,7 @@ SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.zeros(3), box_surface()), "background must be a SimplexMesh, CartesianGrid or Octree"),
+        ((np.zeros(3), box_surface()), "background must be a SimplexMesh, a Cart"),
         ((box_surface(), box_surface()), "background must have cells of full dimension"),
         ((GRID,), "boundary may be left out for a SimplexMesh only"),
         ((GRID, SQUARE), "boundary must be a mesh of triangles in space"),

@@ -12,6 +12,7 @@ from adaptsize._checks import (
     as_float_array,
     as_number,
     as_plain_array,
+    check_type,
     describe,
     one_of,
     refuse_where,
@@ -174,11 +175,8 @@ def signed_distance(
         return implicit_distance(background, function, values, band, report)
 
 
-def _check_background(background: object) -> None:
-    if not isinstance(background, (SimplexMesh, CartesianGrid, Octree)):
-        raise ValueError(
-            f"background must be a SimplexMesh, CartesianGrid or Octree, got {describe(background)}"
-        )
+def _check_background(background: AnyBackground) -> None:
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if isinstance(background, SimplexMesh) and background.cell_dim < background.dim:
         raise ValueError(
             "background must have cells of full dimension, triangles in the plane or "
