@@ -37,7 +37,7 @@ def _cached(**options: bool) -> Callable[[Any], Any]:
         dispatcher = compiled(function)
         # Not public in numba: if it is elsewhere in another version, its own stamp stays.
         index = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-        if hasattr(index, "_source_stamp"):
+        if index is not None and hasattr(index, "_source_stamp"):
             beside = Path(function.__code__.co_filename).parent
             index._source_stamp = (index._source_stamp, _state_of(beside))
         return dispatcher
