@@ -5,16 +5,23 @@ import re
 import numpy as np
 import pytest
 
+import adaptsize as ads
+from adaptsize import CartesianGrid, Octree, SimplexMesh, geometry, limit_gradient, quality, sizes
 from adaptsize._checks import (
     as_float_array,
     as_index_array,
     as_number,
+    as_plain_array,
     as_points,
     as_sizes,
+    as_slope,
+    as_whole_number,
+    check_type,
     describe,
     one_of,
     refuse_where,
 )
+from adaptsize.background import Image
 
 
 def message(told):
@@ -102,3 +109,160 @@ def test_nothing_bad_is_no_error():
             np.array([[2.0], [3.0], [4.0]]),
             "must be less",
         )
+
+
+def test_masked_entries_are_refused_and_named():
+    masked = np.ma.masked_array([1.0, 2.0, 3.0], [False, True, True])
+    wanted = "must not have masked entries (see numpy.ma.filled), got "
+    for check in (as_plain_array, as_float_array):
+        with message(f"h {wanted}h[1] = -- (and 1 more)"):
+            check("h", masked)
+        with message(f"h[1] {wanted}h[1][1] = -- (and 1 more)"):
+            check("h", [np.ones(3), masked])
+    with pytest.raises(ValueError, match="i must not have masked entries"):
+        as_index_array("i", np.ma.masked_array([[0, 1]], [[False, True]]), 5)
+    with message("x must be a number, got masked"):
+        as_number("x", np.ma.masked, lower=0.0)
+
+
+def test_masked_arrays_without_a_masked_entry_are_arrays():
+    assert as_float_array("h", np.ma.masked_array([1.0, 2.0])).tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("imaginary", [0.0, 1.0])
+def test_complex_numbers_are_refused_where_real_ones_are_wanted(imaginary):
+    given = np.array([1.0, complex(1.0, imaginary)])
+    with message("h must be real, got complex128 of shape (2,)"):
+        as_float_array("h", given)
+    with message("h must be real, got complex128 of shape (2,)"):
+        as_float_array("h", given.tolist())
+    with pytest.raises(ValueError, match="x must be a number, got "):
+        as_number("x", given[1], lower=0.0)
+
+
+MASKED = np.ma.masked_array([True, False, True], [False, True, False])
+NUMBERS = np.ma.masked_array([1, 2, 3], [False, True, False])
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+ARRAYS = {
+    "active": lambda: CartesianGrid([0.0], 1.0, (3,), active=MASKED),
+    "point_data['u']": lambda: SQUARE.with_data(
+        point_data={"u": np.ma.masked_equal([0, 1, 2, 3], 1)}
+    ),
+    "cell_tags": lambda: SimplexMesh(SQUARE.points, SQUARE.cells, cell_tags=NUMBERS[:2]),
+    "points": lambda: SimplexMesh(np.ma.masked_less(SQUARE.points, 0.5), SQUARE.cells),
+    "levels": lambda: Octree([0.0, 0.0], [2.0, 1.0], (2, 1), NUMBERS),
+    "values": lambda: Image(np.ma.masked_equal([[0, 1], [1, 0]], 1)),
+    "h0": lambda: limit_gradient(SQUARE, np.ma.masked_less([0.1, 1.0, 1.0, 1.0], 0.5), 0.2),
+    "g": lambda: limit_gradient(SQUARE, np.ones(4), np.ma.masked_less([0.1, 0.2, 0.2, 0.2], 0.15)),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_no_array_argument_loses_its_mask(name):
+    with pytest.raises(ValueError, match=f"^{re.escape(name)} must not have masked entries"):
+        ARRAYS[name]()
+
+
+def test_types_that_are_wanted_are_listed():
+    check_type("mesh", SQUARE, CartesianGrid, SimplexMesh)
+    with message("mesh must be a SimplexMesh, got None"):
+        check_type("mesh", None, SimplexMesh)
+    with message("on must be a SimplexMesh, a CartesianGrid or an Octree, got 'file.vtu'"):
+        check_type("on", "file.vtu", SimplexMesh, CartesianGrid, Octree)
+
+
+def test_whole_numbers_and_slopes_have_an_upper_end():
+    assert as_whole_number("n", 1000.0, lower=0, upper=1000) == 1000
+    with message("n must be at most 1000, got 1001"):
+        as_whole_number("n", 1001, lower=0, upper=1000)
+    with message("n must be a whole number, got 0.5"):
+        as_whole_number("n", 0.5, lower=0, upper=1000)
+    assert as_slope("g", 1e30) == 1e30
+    with message("g must be at most 1e+30, got 1e+300"):
+        as_slope("g", 1e300)
+
+
+ANY = "background must be a SimplexMesh, a CartesianGrid or an Octree, got "
+MESH = "mesh must be a SimplexMesh, got "
+TRIANGLE = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+CALLS = {
+    "limit_gradient": (lambda x: ads.limit_gradient(x, np.ones(4), 0.2), ANY),
+    "size_from_curvature": (ads.size_from_curvature, ANY),
+    "size_from_feature": (ads.size_from_feature, ANY),
+    "size_from_sources": (lambda x: ads.size_from_sources(x, ads.BoundarySource(0.1)), ANY),
+    "signed_distance": (ads.signed_distance, ANY),
+    "medial_axis": (lambda x: ads.medial_axis(x, TRIANGLE), ANY),
+    "feature_size": (lambda x: ads.feature_size(x, TRIANGLE), ANY),
+    "size_from_error": (lambda x: ads.size_from_error(x, [0.1], order=1, tolerance=1), MESH),
+    "size_from_hessian": (lambda x: ads.size_from_hessian(x, np.ones(4), tolerance=0.1), MESH),
+    "zz_indicator": (lambda x: ads.zz_indicator(x, np.ones(4)), MESH),
+    "predicted_elements": (lambda x: sizes.predicted_elements(x, np.ones(4)), MESH),
+    "recovered_hessian": (lambda x: sizes.recovered_hessian(x, np.ones(4)), MESH),
+    "size_conformity": (lambda x: ads.size_conformity(x, 0.1), MESH),
+    "surface of size_conformity": (
+        lambda x: ads.size_conformity(SQUARE, 0.1, surface=x),
+        "surface must be a SimplexMesh, got ",
+    ),
+    "summarize": (quality.summarize, MESH),
+    "radius_ratios": (quality.radius_ratios, MESH),
+    "minimum_angles": (quality.minimum_angles, MESH),
+    "adapt": (lambda x: ads.adapt(x, h0=0.1), MESH),
+    "old of transfer_fields": (
+        lambda x: ads.transfer_fields(x, SQUARE, fields={}),
+        "old must be a SimplexMesh, got ",
+    ),
+    "fields of transfer_fields": (
+        lambda x: ads.transfer_fields(SQUARE, SQUARE, fields=x),
+        "fields must be a Mapping, got ",
+    ),
+    "point_data": (
+        lambda x: SimplexMesh(SQUARE.points, SQUARE.cells, point_data=x),
+        "point_data must be a Mapping, got ",
+    ),
+    "inscribed_spheres": (
+        geometry.inscribed_spheres,
+        "boundary must be a SimplexMesh, got ",
+    ),
+    "surface_curvature": (
+        geometry.surface_curvature,
+        "surface must be a SimplexMesh, got ",
+    ),
+    "polyline_curvature": (
+        geometry.polyline_curvature,
+        "line must be a SimplexMesh, got ",
+    ),
+    "level_set_curvature": (
+        lambda x: geometry.level_set_curvature(x, np.ones(4)),
+        "grid must be a CartesianGrid, got ",
+    ),
+}
+
+
+@pytest.mark.parametrize("bad", ["mesh.vtu", 3.5])
+@pytest.mark.parametrize("name", CALLS)
+def test_another_type_is_refused_by_the_name_of_the_argument(name, bad):
+    call, told = CALLS[name]
+    with message(f"{told}{bad!r}"):
+        call(bad)
+
+
+def test_smoothing_without_end_is_refused():
+    grid = CartesianGrid([-1.0, -1.0], 0.2, (11, 11))
+    phi = grid.sample(lambda x: np.linalg.norm(x, axis=1) - 0.5)
+    told = f"smoothing must be at most 1000, got {2.0**40:g}"
+    with message(told):
+        ads.size_from_curvature(TRIANGLE, smoothing=2**40)
+    with message(told):
+        ads.size_from_curvature(grid, phi, smoothing=2**40)
+
+
+def test_slopes_whose_square_overflows_are_refused():
+    grid = CartesianGrid([-1.0, -1.0], 0.2, (11, 11))
+    phi = grid.sample(lambda x: np.linalg.norm(x, axis=1) - 0.5)
+    told = "g must be at most 1e+30, got 1e+300"
+    with message(told):
+        ads.size_from_curvature(grid, phi, g=1e300)
+    with message(told):
+        ads.size_from_sources(SQUARE, ads.PointSource([0.4, 0.5], 0.1), g=1e300)
+    with message(told):
+        ads.limit_gradient(SQUARE, np.ones(4), 1e300)

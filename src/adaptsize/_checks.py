@@ -11,6 +11,35 @@ import numpy.typing as npt
 
 from adaptsize.typing import FloatArray, IntArray
 
+#: Squares of gradients must stay in the range of float64, also times four lengths.
+STEEPEST = 1e30
+
+
+def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Return ``value`` as an array of any type; refuse masked entries, which would be unmasked.
+
+    The result may share memory with ``value``; callers do not write into it.
+    """
+    for where, part in [(name, value), *_rows_of(name, value)]:
+        if isinstance(part, np.ma.MaskedArray):
+            masked = np.ma.getmaskarray(part)
+            refuse_where(where, masked, part, "must not have masked entries (see numpy.ma.filled)")
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of numbers, got {describe(value)}") from error
+
+
+def _rows_of(name: str, value: object) -> list[tuple[str, object]]:
+    """Return the masked items of a sequence, which numpy would unmask, with their names."""
+    if not isinstance(value, list | tuple):
+        return []
+    return [
+        (f"{name}[{number}]", row)
+        for number, row in enumerate(value)
+        if isinstance(row, np.ma.MaskedArray)
+    ]
+
 
 def as_float_array(
     name: str, value: npt.ArrayLike, shape: tuple[int, ...] | None = None
@@ -19,12 +48,13 @@ def as_float_array(
 
     The result may share memory with ``value``; callers do not write into it.
     """
+    raw = as_plain_array(name, value)
+    if raw.dtype.kind == "c":
+        raise ValueError(f"{name} must be real, got {raw.dtype} of shape {raw.shape}")
     try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
+        array = np.ascontiguousarray(raw, dtype=np.float64).reshape(raw.shape)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {describe(value)}") from error
-    if np.ndim(value) == 0:
-        array = array.reshape(())
     if shape is not None and array.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
     return array
@@ -47,7 +77,7 @@ def as_index_array(
     name: str, value: npt.ArrayLike, n: int, *, width: int | None = None
 ) -> IntArray:
     """Return indices into n points as int32[m, width]; refuses fractions and bad indices."""
-    raw = np.asarray(value)
+    raw = as_plain_array(name, value)
     if raw.size == 0:
         raw = raw.astype(np.int32)
     whole = raw.dtype.kind in "iu" or (raw.dtype.kind == "f" and bool((raw == np.floor(raw)).all()))
@@ -72,6 +102,8 @@ def as_number(
     name: str, value: Any, *, lower: float, strict: bool = False, allow_inf: bool = False
 ) -> float:
     """Return a float with ``value >= lower``, or ``> lower`` if ``strict``."""
+    if np.iscomplexobj(value) or value is np.ma.masked:
+        raise ValueError(f"{name} must be a number, got {describe(value)}")
     try:
         number = float(value)
     except (TypeError, ValueError) as error:
@@ -82,6 +114,33 @@ def as_number(
         finite = "" if allow_inf else "finite and "
         raise ValueError(f"{name} must be {finite}{sign} {lower:g}, got {number:g}")
     return number
+
+
+def as_slope(name: str, value: Any) -> float:
+    """Return a gradient of sizes: >= 0, and such that its square stays in the range of float64."""
+    slope = as_number(name, value, lower=0.0)
+    if slope > STEEPEST:
+        raise ValueError(f"{name} must be at most {STEEPEST:g}, got {slope:g}")
+    return slope
+
+
+def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
+    """Return an integer from ``lower`` to ``upper``; floats without a fraction are accepted."""
+    number = as_number(name, value, lower=lower)
+    if number != int(number):
+        raise ValueError(f"{name} must be a whole number, got {describe(value)}")
+    if number > upper:
+        raise ValueError(f"{name} must be at most {upper}, got {number:g}")
+    return int(number)
+
+
+def check_type(name: str, value: object, *kinds: type) -> None:
+    """Raise a ValueError if ``value`` is of none of these classes."""
+    if isinstance(value, kinds):
+        return
+    named = [f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}" for kind in kinds]
+    wanted = " or ".join([", ".join(named[:-1]), named[-1]] if named[:-1] else named)
+    raise ValueError(f"{name} must be {wanted}, got {describe(value)}")
 
 
 def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:

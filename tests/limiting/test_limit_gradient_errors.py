@@ -9,9 +9,9 @@ import warnings
 import numpy as np
 import pytest
 from meshes import jittered_square, random_sphere, random_square
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
-from adaptsize import SimplexMesh, limit_gradient
+from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -39,7 +39,8 @@ SIZES = {
         "h0 must be finite at one node at least, got inf at all of them",
     ),
     "too short": ([1.0], "h0 must have shape (4,), got (1,)"),
-    "a number": (1.0, "h0 must have shape (4,), got ()"),
+    "a number below zero": (-1.0, "h0 must be positive (inf where nothing is asked), got -1.0"),
+    "infinity": (np.inf, "h0 must be finite at one node at least, got inf at all of them"),
     "a column": (np.ones((4, 1)), "h0 must have shape (4,), got (4, 1)"),
     "words": (["a"] * 4, "h0 must be an array of numbers, got ['a', 'a', 'a', 'a']"),
 }
@@ -131,10 +132,83 @@ def test_the_exact_method_refuses_what_it_does_not_know():
         limit_gradient(random_sphere(20, 91), np.ones(20), 0.3, method="exact")
 
 
-@pytest.mark.parametrize("method", [*MARCHING, "auto", "exact"])
-def test_only_the_iteration_takes_a_start(method):
-    with message("initial is for method='positive-coefficient', got method="):
-        limit_gradient(SQUARE, H0, 0.3, method=method, initial=np.ones(4))
+IDLE = {
+    "order": 2,
+    "floor": None,
+    "initial": np.ones((2, 2)),
+    "tol": 1e-2,
+    "max_iter": 7,
+    "face_sources": False,
+    "threads": 1,
+    "point_sources": ([[0.5, 0.5]], [0.1]),
+}
+GRID = CartesianGrid([0.0, 0.0], 1.0, (2, 2))
+EXACT_TAKES = ("face_sources", "threads", "point_sources")
+TAKES = {
+    "mesh": {
+        "auto": EXACT_TAKES,
+        "exact": EXACT_TAKES,
+        "factored": (),
+        "hermite": (),
+        "fast-marching": (),
+        "edge-based": (),
+        "positive-coefficient": ("floor", "initial", "tol", "max_iter"),
+    },
+    "grid": {
+        "auto": (*EXACT_TAKES, "order"),
+        "exact": EXACT_TAKES,
+        "fast-marching": ("order",),
+        "edge-based": (),
+        "hamilton-jacobi": ("order", "initial", "tol", "max_iter"),
+    },
+}
+
+
+@pytest.mark.parametrize("option", IDLE)
+@pytest.mark.parametrize(
+    ("kind", "method"), [(kind, method) for kind in TAKES for method in TAKES[kind]]
+)
+def test_each_method_takes_the_options_that_it_uses_and_refuses_the_others(kind, method, option):
+    background = SQUARE if kind == "mesh" else GRID
+    value = IDLE[option]
+    if option == "initial":
+        value = value.reshape(background.nodal_shape)
+    h0 = np.reshape(H0, background.nodal_shape)
+    if option in TAKES[kind][method]:
+        limit_gradient(background, h0, 0.3, method=method, **{option: value})
+        return
+    with pytest.raises(ValueError, match=f"^{option} is for method='.*, got method='{method}'$"):
+        limit_gradient(background, h0, 0.3, method=method, **{option: value})
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_defaults_are_accepted_by_every_method(method):
+    limit_gradient(
+        SQUARE,
+        H0,
+        0.3,
+        method=method,
+        order=1,
+        floor="hopf-lax",
+        initial=None,
+        tol=1e-3,
+        max_iter=None,
+        face_sources=True,
+        threads=None,
+        point_sources=None,
+    )
+
+
+def test_an_option_of_no_method_on_a_background_names_the_other_background():
+    with message(
+        "order is for method='fast-marching' or 'hamilton-jacobi' on a CartesianGrid, "
+        "got method='fast-marching'"
+    ):
+        limit_gradient(SQUARE, H0, 0.3, method="fast-marching", order=2)
+    with message(
+        "floor is for method='positive-coefficient' on a SimplexMesh, got method='hamilton-jacobi'"
+    ):
+        limit_gradient(GRID, np.ones((2, 2)), 0.3, method="hamilton-jacobi", floor=None)
 
 
 OPTIONS = {
@@ -376,3 +450,33 @@ def test_cells_without_a_limit_beside_others_give_no_warning():
         warnings.simplefilter("error")
         _, info = limit_gradient(mesh, h0, g, full_output=True)
     assert not np.isnan(list(info.cell_gradient_quantiles.values())).any()
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_equal_bounds_under_a_limit_of_the_size_leave_no_residual(method):
+    # Regression: the transformed sizes are all 0, and the residual was divided by the largest.
+    h, info = limit_gradient(
+        SQUARE, np.full(4, 0.1), lambda h: 0.2 + h, method=method, full_output=True
+    )
+    assert h.tolist() == [0.1] * 4
+    assert info.residual == 0.0
+
+
+@pytest.mark.parametrize("method", ["exact", "fast-marching", "hamilton-jacobi", "edge-based"])
+def test_equal_bounds_on_grids_under_a_limit_of_the_size_leave_no_residual(method):
+    grid = CartesianGrid([0.0, 0.0], 0.5, (4, 3))
+    h0 = np.full(grid.shape, 0.1)
+    h, info = limit_gradient(grid, h0, lambda h: 0.2 + h, method=method, full_output=True)
+    assert (h == 0.1).all()
+    assert info.residual == 0.0
+
+
+@pytest.mark.parametrize(
+    "background", [SQUARE, GRID, GRID.with_active([[True, True], [True, False]])]
+)
+def test_a_number_is_a_bound_for_all_nodes(background):
+    expected = limit_gradient(background, np.full(background.nodal_shape, 0.1), 0.3)
+    assert_array_equal(limit_gradient(background, 0.1, 0.3), expected)
+    h, info = limit_gradient(background, 0.1, 0.3, full_output=True)
+    assert_array_equal(h, expected)
+    assert_array_equal(limit_gradient(background, 0.1, 0.3, initial=info), expected)

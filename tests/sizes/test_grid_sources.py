@@ -238,7 +238,6 @@ def test_bad_arguments_are_named():
         (PointSource([0.5, 0.5, 0.5], 0.1), r"points must have shape \(n, 2\)"),
         (CurveSource([[0.5, 0.5]], 0.1), "curve must have at least 2 points"),
         (BoxSource([1, 1], [0, 2], 0.1), "lower must be at most upper"),
-        (BallSource([0, 0], -1.0, 0.1), "radius must be finite and >= 0"),
         (lambda x: -x[:, 0] - 1.0, r"sources\[0\]\(points\) must be positive.*\[0, 0\] = -1"),
         (lambda x: [1.0], r"sources\[0\]\(points\) must have shape \(12,\), got \(1,\)"),
         ([3.0], r"sources\[0\] must be a source or a function, got 3.0"),

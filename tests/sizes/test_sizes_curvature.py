@@ -156,3 +156,15 @@ def test_bad_arguments_are_named():
         size_from_curvature(mesh, far)
     with pytest.raises(ValueError, match="background must lie in 2-D or 3-D"):
         size_from_curvature(SimplexMesh([[0.0], [1.0]], [[0, 1]]))
+
+
+def test_options_without_effect_are_refused():
+    mesh, line = disk(20, 3), SimplexMesh([[0, 0], [1, 0], [1, 1]], [[0, 1], [1, 2]])
+    with pytest.raises(ValueError, match=r"tolerance needs boundary, got tolerance=0\.1 without"):
+        size_from_curvature(mesh, tolerance=0.1)
+    with pytest.raises(ValueError, match=r"g is for a boundary that is given by distances, got g="):
+        size_from_curvature(mesh, g=0.3)
+    for arguments in ((line,), (mesh,), (mesh, mesh.boundary().mesh)):
+        with pytest.raises(ValueError, match="smoothing must be 0 for segments"):
+            size_from_curvature(*arguments, smoothing=1)
+    assert size_from_curvature(mesh, g=0.25, smoothing=0, tolerance=None).shape == (27,)

@@ -195,15 +195,12 @@ def test_bad_arguments_are_named():
         (RegionSource(3, 0.1), "tags must be among the cell_tags 1, 5, got 3"),
         (BoundarySource(0.1, [7, 4]), "tags must be among the facet_tags 7, 8, 9, got 4"),
         (PointSource([0.5, 0.5, 0.5], 0.1), r"points must have shape \(n, 2\)"),
-        (PointSource([0.5, 0.5], 0.0), "size must be positive"),
         (PointSource([[0.5, 0.5]], [0.1, 0.2]), r"size must have shape \(1,\)"),
         (CurveSource([[0.5, 0.5]], 0.1), "curve must have at least 2 points"),
         (CurveSource(SQUARE, 0.1), "curve must consist of segments in 2-D"),
         (BoxSource([1, 1], [0, 2], 0.1), "lower must be at most upper"),
         (BoxSource([1, 1, 1], [2, 2, 2], 0.1), r"lower must have shape \(2,\)"),
-        (BallSource([0, 0], -1.0, 0.1), "radius must be finite and >= 0"),
         (BallSource([0, np.nan], 1.0, 0.1), "centre must be finite"),
-        (RegionSource(1, -2.0), "size must be finite and > 0"),
         (lambda x: -x[:, 0] - 1.0, r"sources\[0\]\(points\) must be positive"),
         ([3.0], r"sources\[0\] must be a source or a function, got 3.0"),
     ]
@@ -215,3 +212,27 @@ def test_bad_arguments_are_named():
     untagged = SimplexMesh(SQUARE.points, SQUARE.cells)
     with pytest.raises(ValueError, match="tags need a mesh with cell_tags"):
         size_from_sources(untagged, RegionSource(1, 0.1))
+
+
+SOURCES = {
+    "point": lambda size: PointSource([0.5, 0.5], size),
+    "points": lambda size: PointSource([[0.5, 0.5], [0.1, 0.2]], [1.0, size]),
+    "curve": lambda size: CurveSource([[0.0, 0.0], [1.0, 1.0]], size),
+    "boundary": BoundarySource,
+    "region": lambda size: RegionSource(1, size),
+    "box": lambda size: BoxSource([0.0, 0.0], [1.0, 1.0], size),
+    "ball": lambda size: BallSource([0.0, 0.0], 1.0, size),
+}
+
+
+@pytest.mark.parametrize("size", [-1.0, 0.0, np.nan, "small"])
+@pytest.mark.parametrize("kind", SOURCES)
+def test_a_source_without_a_positive_size_cannot_be_made(kind, size):
+    SOURCES[kind](0.1)
+    with pytest.raises(ValueError, match=r"^size must be (positive|finite|an array|a number)"):
+        SOURCES[kind](size)
+
+
+def test_a_ball_of_negative_radius_cannot_be_made():
+    with pytest.raises(ValueError, match="radius must be finite and >= 0, got -1"):
+        BallSource([0.0, 0.0], -1.0, 0.1)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import describe, refuse_where
+from adaptsize._checks import as_plain_array, check_type, describe, refuse_where
 from adaptsize._kernels.overlap import combine, fill_overlaps
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
@@ -152,7 +152,8 @@ class FieldTransfer:
         progress: ProgressCallback | bool | None = None,
     ) -> None:
         for name, mesh in (("old", old), ("new", new)):
-            if not isinstance(mesh, SimplexMesh) or mesh.cell_dim == 1:
+            check_type(name, mesh, SimplexMesh)
+            if mesh.cell_dim == 1:
                 raise ValueError(
                     f"{name} must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
                 )
@@ -364,12 +365,14 @@ def as_fields(
     name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
 ) -> dict[str, npt.NDArray[Any]]:
     """Return checked fields with n rows each."""
-    return {key: as_field(f"{name}[{key!r}]", values, n) for key, values in (fields or {}).items()}
+    given = {} if fields is None else fields
+    check_type(name, given, Mapping)
+    return {key: as_field(f"{name}[{key!r}]", values, n) for key, values in given.items()}
 
 
 def as_field(name: str, values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
     """Return a field with n rows as integers, booleans, float64 or complex128."""
-    array = np.asarray(values)
+    array = as_plain_array(name, values)
     if array.dtype.kind not in "biufc":
         raise ValueError(f"{name} must be an array of numbers, got {describe(values)}")
     if array.ndim == 0 or len(array) != n:

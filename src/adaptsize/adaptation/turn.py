@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe
+from adaptsize._checks import as_number, check_type, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.boundary_moves import (
@@ -308,7 +308,8 @@ class _Made:
 
 def _task(mesh: SimplexMesh) -> _Task:
     """Return what is to be remeshed."""
-    kind = (mesh.cell_dim, mesh.dim) if isinstance(mesh, SimplexMesh) else None
+    check_type("mesh", mesh, SimplexMesh)
+    kind = (mesh.cell_dim, mesh.dim)
     if kind == (3, 3):
         return "tetrahedra"
     if kind == (2, 2):

@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import as_plain_array
 from adaptsize._kernels.octree import decode, encode
 from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.typing import BoolArray, FloatArray
@@ -117,7 +118,7 @@ def _children(parents: CodeArray, dim: int) -> CodeArray:
 
 
 def _answer(needs_refinement: NeedsRefinement, centres: FloatArray, sizes: FloatArray) -> BoolArray:
-    answer = np.asarray(needs_refinement(centres, sizes))
+    answer = as_plain_array("needs_refinement(centres, sizes)", needs_refinement(centres, sizes))
     if answer.dtype != np.bool_ or answer.shape != (len(centres),):
         raise ValueError(
             f"needs_refinement must return bool of shape {(len(centres),)}, one per cell, "

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, describe, refuse_where
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_plain_array,
+    as_points,
+    describe,
+    refuse_where,
+)
 from adaptsize.background.grid_location import GridLocator
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.splitting_grid import simplices_of_boxes, whole_boxes
@@ -289,7 +296,7 @@ def _locked(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _as_shape(value: Sequence[int]) -> tuple[int, ...]:
-    raw = np.asarray(value)
+    raw = as_plain_array("shape", value)
     if raw.ndim != 1 or not 1 <= len(raw) <= 3 or raw.dtype.kind not in "iu":
         raise ValueError(f"shape must be 1, 2 or 3 integers, got {describe(value)}")
     shape = tuple(int(n) for n in raw)
@@ -321,7 +328,7 @@ def _check_resolution(origin: FloatArray, spacing: FloatArray, shape: tuple[int,
 
 
 def _as_active(value: npt.ArrayLike, shape: tuple[int, ...]) -> BoolArray:
-    active = np.array(value, order="C")
+    active = np.array(as_plain_array("active", value), order="C")
     if active.dtype != np.bool_ or active.shape != shape:
         raise ValueError(
             f"active must be booleans of shape {shape}, got {active.dtype} of {active.shape}"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize._checks import as_float_array, as_plain_array, describe, refuse_where
 from adaptsize.typing import FloatArray
 
 
@@ -47,7 +47,7 @@ class Image:
         spacing: npt.ArrayLike = 1.0,
         origin: npt.ArrayLike | None = None,
     ) -> None:
-        pixels = np.array(values)
+        pixels = as_plain_array("values", values).copy()
         if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "biuf" or 0 in pixels.shape:
             raise ValueError(
                 "values must be numbers in a 2-D or 3-D array, got "

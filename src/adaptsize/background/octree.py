@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize._checks import as_float_array, as_plain_array, describe, refuse_where
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._octree_nodes import Lattice, Parts, cut, lattice_of, number_nodes
 from adaptsize.background.octree_location import OctreeLocator
@@ -78,7 +78,7 @@ class Octree:
     ) -> None:
         lower, upper = _as_box(lower, upper)
         shape = _as_root_shape(root_shape, lower, upper)
-        given = np.asarray(levels)
+        given = as_plain_array("levels", levels)
         if given.ndim != 1 or given.size == 0 or given.dtype.kind not in "iu":
             raise ValueError(
                 f"levels must be integers of shape (n_leaves,), got {given.dtype} of shape "

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize._checks import as_float_array, as_number, as_slope, refuse_where
 from adaptsize.typing import BoolArray, FloatArray
 
 #: Takes the centres and the edge lengths of m cells, float64[m, dim] both; returns bool[m].
@@ -121,7 +121,7 @@ def refine_to_size(
     Octree(874 leaves of level 4 to 7, 2-D)
     """
     factor = as_number("factor", factor, lower=0.0, strict=True)
-    gradient = None if g is None else as_number("g", g, lower=0.0)
+    gradient = None if g is None else as_slope("g", g)
 
     def needs_refinement(centres: FloatArray, sizes: FloatArray) -> BoolArray:
         smallest = _ask("size", size, centres, positive=True)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array, as_points, refuse_where
+from adaptsize._checks import as_index_array, as_plain_array, as_points, check_type, refuse_where
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize.background import topology
 from adaptsize.background.location import SimplexLocator
@@ -284,8 +284,8 @@ class SimplexMesh:
         """Return the same mesh with fields added or replaced; topology is shared."""
         new = replace(
             self,
-            point_data={**self.point_data, **_as_arrays(point_data)},
-            cell_data={**self.cell_data, **_as_arrays(cell_data)},
+            point_data={**self.point_data, **_as_arrays("point_data", point_data)},
+            cell_data={**self.cell_data, **_as_arrays("cell_data", cell_data)},
         )
         for name, value in self.__dict__.items():  # what cached_property has stored
             new.__dict__.setdefault(name, value)
@@ -304,15 +304,28 @@ def _own(array: npt.NDArray[Any], given: npt.ArrayLike) -> npt.NDArray[Any]:
     return _read_only(array)
 
 
+def _as_mapping(
+    name: str, fields: Mapping[str, npt.ArrayLike] | None
+) -> Mapping[str, npt.ArrayLike]:
+    given: Mapping[str, npt.ArrayLike] = {} if fields is None else fields
+    check_type(name, given, Mapping)
+    return given
+
+
+def _as_arrays(
+    name: str, fields: Mapping[str, npt.ArrayLike] | None
+) -> dict[str, npt.NDArray[Any]]:
+    return {
+        key: as_plain_array(f"{name}[{key!r}]", values)
+        for key, values in _as_mapping(name, fields).items()
+    }
+
+
 def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return a read-only view; ``array`` itself stays writable."""
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _as_arrays(fields: Mapping[str, npt.ArrayLike] | None) -> dict[str, npt.NDArray[Any]]:
-    return {name: np.asarray(values) for name, values in (fields or {}).items()}
 
 
 def _as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
@@ -337,7 +350,7 @@ def _as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
 def _as_tags(name: str, value: npt.ArrayLike | None, n: int) -> IntArray | None:
     if value is None:
         return None
-    raw = np.asarray(value)
+    raw = as_plain_array(name, value)
     if raw.shape != (n,):
         raise ValueError(f"{name} must have shape {(n,)}, got {raw.shape}")
     if raw.dtype.kind == "f":
@@ -351,8 +364,8 @@ def _as_fields(
     name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
 ) -> Mapping[str, npt.NDArray[Any]]:
     arrays = {}
-    for key, value in (fields or {}).items():
-        array = np.asarray(value)
+    for key, value in _as_mapping(name, fields).items():
+        array = as_plain_array(f"{name}[{key!r}]", value)
         if array.ndim == 0 or len(array) != n:
             raise ValueError(f"{name}[{key!r}] must have {n} rows, got shape {array.shape}")
         arrays[key] = _own(array, value)

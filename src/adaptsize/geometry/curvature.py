@@ -7,13 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_number
+from adaptsize._checks import as_number, as_whole_number, check_type
 from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels import normals as normal_kernels
 from adaptsize._kernels import sectors as sector_kernels
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
+#: Averages that never end are refused: a value is spread over as many layers of neighbours.
+MOST_TURNS = 1000
 # A triangle whose area is below this share of its longest edge squared has no normal.
 _FLAT_SHARE = 1e-12
 
@@ -123,7 +125,7 @@ def corner_curvature(
         If the cells are not triangles in space, or an option is out of range.
     """
     _refuse_other_than_surface(surface)
-    turns = _as_turns(smoothing)
+    turns = as_whole_number("smoothing", smoothing, lower=0, upper=MOST_TURNS)
     angle = math.radians(_as_crease_angle(crease_angle))
     faces = _faces_of(surface)
     sectors = _sectors_of(surface, faces, _creases_of(surface, faces, angle))
@@ -249,6 +251,7 @@ def polyline_curvature(line: SimplexMesh, *, crease_angle: float = 40.0) -> Floa
     >>> polyline_curvature(line).round(12)
     array([0. , 0.2, 0.2, 0. , 0. ])
     """
+    check_type("line", line, SimplexMesh)
     if line.cell_dim != 1 or line.dim == 1:
         raise ValueError(f"line must consist of segments in 2-D or 3-D, got {line!r}")
     angle = math.radians(_as_crease_angle(crease_angle))
@@ -351,13 +354,7 @@ def _as_crease_angle(value: float) -> float:
     return angle
 
 
-def _as_turns(value: int) -> int:
-    turns = as_number("smoothing", value, lower=0.0)
-    if turns != int(turns):
-        raise ValueError(f"smoothing must be a whole number, got {value!r}")
-    return int(turns)
-
-
 def _refuse_other_than_surface(surface: SimplexMesh) -> None:
+    check_type("surface", surface, SimplexMesh)
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number
+from adaptsize._checks import as_float_array, as_number, as_whole_number, check_type
 from adaptsize._kernels.level_sets import fill_level_set_curvature
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
+from adaptsize.geometry.curvature import MOST_TURNS
 from adaptsize.typing import FloatArray, ProgressCallback
 
 _Nodes = npt.NDArray[np.int64]
@@ -119,6 +120,7 @@ def level_set_curvature(
     >>> level_set_curvature(grid, phi, at_boundary=False)[20, [28, 30, 32], 0].round(2)
     array([2.49, 2.  , 1.66])
     """
+    check_type("grid", grid, CartesianGrid)
     values = as_level_set("phi", phi, grid)
     width = as_number("band", band, lower=0.0, allow_inf=True) * float(grid.spacing.max())
     tolerance = as_number("gradient_tolerance", gradient_tolerance, lower=0.0)
@@ -195,15 +197,13 @@ def _curvature_at(
 
 def _smoothed(phi: FloatArray, times: int) -> FloatArray:
     """Return values averaged with their neighbours along each axis, some times."""
-    turns = as_number("smoothing", times, lower=0.0)
-    if turns != int(turns):
-        raise ValueError(f"smoothing must be a whole number, got {times!r}")
+    turns = as_whole_number("smoothing", times, lower=0, upper=MOST_TURNS)
     if turns == 0:
         return phi
     from scipy.ndimage import correlate1d
 
     weights = np.ones(1)
-    for _ in range(int(turns)):
+    for _ in range(turns):
         weights = np.convolve(weights, [0.25, 0.5, 0.25])
     weights = weights[weights > _LEAST_WEIGHT]
     for axis in range(phi.ndim):

@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
-from types import ModuleType
 from typing import Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, one_of
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_points,
+    as_sizes,
+    check_type,
+    describe,
+    one_of,
+)
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.info import LimitingInfo, Record
+from adaptsize.limiting.options import Method, refuse_idle
 from adaptsize.limiting.problem import PointBounds, Problem
 from adaptsize.limiting.warm_start import refuse_background, refuse_others, resume, with_start
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 # Products of four lengths and two g must stay in the range of float64.
 _FARTHEST = 1e60
+
+_TOL = 1e-3
 
 
 @overload
@@ -29,7 +41,7 @@ def limit_gradient(
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
-    method: str = ...,
+    method: Method | str = ...,
     order: int = ...,
     floor: Literal["hopf-lax"] | None = ...,
     initial: npt.ArrayLike | LimitingInfo | None = ...,
@@ -47,7 +59,7 @@ def limit_gradient(
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
-    method: str = ...,
+    method: Method | str = ...,
     order: int = ...,
     floor: Literal["hopf-lax"] | None = ...,
     initial: npt.ArrayLike | LimitingInfo | None = ...,
@@ -64,11 +76,11 @@ def limit_gradient(
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
-    method: str = "auto",
+    method: Method | str = "auto",
     order: int = 1,
     floor: Literal["hopf-lax"] | None = "hopf-lax",
     initial: npt.ArrayLike | LimitingInfo | None = None,
-    tol: float = 1e-3,
+    tol: float = _TOL,
     max_iter: int | None = None,
     face_sources: bool = True,
     threads: int | None = None,
@@ -92,10 +104,10 @@ def limit_gradient(
         Segments, triangles in the plane or in space, or tetrahedra; obtuse, sliver
         and degenerate cells are allowed.  A grid of any spacing, its inactive nodes
         outside the domain.  An octree stands for its conforming simplices.
-    h0 : array_like of float, of the nodal shape
-        Upper bound on the size, in the unit of the coordinates.  Positive; inf
-        where nothing is asked; finite at one node at least.  What inactive nodes of a
-        grid hold, here and in g, does not matter.
+    h0 : float or array_like of float, of the nodal shape
+        Upper bound on the size, in the unit of the coordinates; one number for all nodes, or
+        one per node.  Positive; inf where nothing is asked; finite at one node at least.  What
+        inactive nodes of a grid hold, here and in g, does not matter.
     g : float, array_like, callable, or tuple (array_like, callable)
         Gradient limit (length per length), finite and >= 0; neighbouring elements
         then differ by a factor of about ``1 + g``, and 0.2 to 0.3 is usual.  One
@@ -121,7 +133,7 @@ def limit_gradient(
     floor : "hopf-lax" or None, optional
         Of the positive coefficient scheme: keep it above the Hopf-Lax updates, or
         leave it as published, which undershoots at point sources.
-    initial : LimitingInfo, or array_like of float of the nodal shape, optional
+    initial : LimitingInfo, float, or array_like of float of the nodal shape, optional
         The info of an earlier call with the same background, g and method.  The exact method
         on meshes then works on the nodes only whose size may be another one, where bounds
         are at isolated nodes or ``face_sources=False``.  See the notes.
@@ -164,13 +176,15 @@ def limit_gradient(
     ValueError
         If a shape is wrong, ``h0`` is NaN, zero, negative or inf throughout, g is
         negative, NaN or above 1e30, the largest coordinate is outside 1e-60 to 1e60, the
-        method does not support the background, order, g or option given, or ``initial`` is
-        the info of a call with another background, g, method or option.
+        method does not support the background, order or g, an option is given (other than its
+        default) that the method does not use, or ``initial`` is the info of a call with another
+        background, g, method or option.
 
     Warns
     -----
     ConvergenceWarning
-        If an iteration does not meet ``tol`` in ``max_iter`` steps.
+        If an iteration does not meet ``tol`` in ``max_iter`` steps, or another loop reaches its
+        limit; then ``info.converged`` is False.
 
     Notes
     -----
@@ -238,7 +252,23 @@ def limit_gradient(
     if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
-    _refuse_idle_options(schemes, method, order, guess, max_iter)
+    if order not in (1, 2):
+        raise ValueError(f"order must be 1 or 2, got {order!r}")
+    if floor not in ("hopf-lax", None):
+        raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
+    tol = as_number("tol", tol, lower=0.0, strict=True)
+    max_iter, threads = _as_count("max_iter", max_iter), _as_count("threads", threads)
+    given = {
+        "order": order != 1,
+        "floor": floor is None,
+        "initial": guess is not None,
+        "tol": tol != _TOL,
+        "max_iter": max_iter is not None,
+        "face_sources": not face_sources,
+        "threads": threads is not None,
+        "point_sources": extra is not None,
+    }
+    refuse_idle(method, schemes.METHODS, given)
     record = None if earlier is None else earlier.record
     # A record of another background is refused below, when all else is known.
     if record is not None and record.bound.shape != bound.shape:
@@ -249,8 +279,6 @@ def limit_gradient(
     )
     if extra is not None and transform is not None:
         extra = extra._replace(sizes=transform.forward(extra.sizes))
-    if floor not in ("hopf-lax", None):
-        raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
     start = None if guess is None else _as_bound("initial", guess, background)
     with reporting(progress) as report:
         problem = Problem(
@@ -260,10 +288,10 @@ def limit_gradient(
             floor=floor is not None,
             # Below h0 it is within the table of the transformation.
             initial=None if start is None else _forward(np.minimum(start, bound), transform),
-            tol=as_number("tol", tol, lower=0.0, strict=True),
+            tol=tol,
             max_iter=max_iter,
             face_sources=bool(face_sources),
-            threads=_as_threads(threads),
+            threads=threads,
             point_sources=extra,
             residual=full_output,
             report=report,
@@ -271,13 +299,15 @@ def limit_gradient(
         if method == "auto":
             method = schemes.choose_method(domain, problem)
         if extra is not None and method != "exact":
-            raise ValueError(f"point_sources are for method='exact', got method={method!r}")
+            raise ValueError(f"point_sources is for method='exact', got method={method!r}")
         solution = None
         if earlier is not None:
             refuse_others(earlier, background, method, problem, transform)
             solution = resume(earlier.record, method, problem, transform)
         if solution is None:
             solution = schemes.solve(domain, method, with_start(record, method, problem))
+    if solution.unfinished:
+        warnings.warn(solution.unfinished, ConvergenceWarning, stacklevel=2)
     h = np.minimum(_backward(solution.h, transform, record), bound)  # the way back rounds
     if not full_output:
         return h
@@ -313,13 +343,11 @@ def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | N
     return h
 
 
-def _domain(background: object) -> SimplexMesh | CartesianGrid:
+def _domain(
+    background: SimplexMesh | CartesianGrid | Octree,
+) -> SimplexMesh | CartesianGrid:
     """Return what the schemes run on; refuse coordinates out of range."""
-    if not isinstance(background, SimplexMesh | CartesianGrid | Octree):
-        raise ValueError(
-            "background must be a SimplexMesh, a CartesianGrid or an Octree, "
-            f"got {describe(background)}"
-        )
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if isinstance(background, CartesianGrid):
         corners = [background.lower, background.upper]
     else:
@@ -336,34 +364,23 @@ def _domain(background: object) -> SimplexMesh | CartesianGrid:
 def _as_bound(
     name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
 ) -> FloatArray:
-    """Return checked nodal sizes, inf at inactive nodes."""
+    """Return checked nodal sizes, those of one number all alike; inf at inactive nodes."""
+    given = as_float_array(name, sizes)
+    if given.ndim == 0:
+        given = np.full(background.nodal_shape, as_sizes(name, given, ()))
     if isinstance(background, CartesianGrid) and background.active is not None:
-        given = as_float_array(name, sizes, background.shape)
-        sizes = np.where(background.active, given, np.inf)
-    return as_sizes(name, sizes, background.nodal_shape)
+        given = as_float_array(name, given, background.shape)
+        given = np.where(background.active, given, np.inf)
+    return as_sizes(name, given, background.nodal_shape)
 
 
-def _refuse_idle_options(
-    schemes: ModuleType,
-    method: str,
-    order: object,
-    initial: object,
-    max_iter: object,
-) -> None:
-    """Refuse options that the scheme would not look at, and orders that it has not."""
-    if order not in (1, 2):
-        raise ValueError(f"order must be 1 or 2, got {order!r}")
-    taken = "fast-marching" if method == "auto" else method
-    if order == 2 and taken not in schemes.SECOND_ORDER:
-        raise ValueError(
-            "order=2 is for method='fast-marching' or 'hamilton-jacobi' on a CartesianGrid, "
-            f"got method={method!r}"
-        )
-    if initial is not None and method not in schemes.ITERATIVE:
-        only = " or ".join(repr(name) for name in schemes.ITERATIVE)
-        raise ValueError(f"initial is for method={only}, got method={method!r}")
-    if max_iter is not None and (not isinstance(max_iter, int | np.integer) or max_iter < 1):
-        raise ValueError(f"max_iter must be an integer >= 1 or None, got {max_iter!r}")
+def _as_count(name: str, value: object) -> int | None:
+    """Return a number of steps or threads, or None."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"{name} must be an integer >= 1 or None, got {value!r}")
+    return int(value)
 
 
 def _as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:
@@ -372,14 +389,6 @@ def _as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> Po
         raise ValueError(f"point_sources must be a tuple (points, sizes), got {describe(given)}")
     points = as_points("point_sources[0]", given[0], dim)
     return PointBounds(points, as_sizes("point_sources[1]", given[1], (len(points),)))
-
-
-def _as_threads(threads: object) -> int | None:
-    if threads is None:
-        return None
-    if isinstance(threads, bool) or not isinstance(threads, int | np.integer) or threads < 1:
-        raise ValueError(f"threads must be an integer >= 1 or None, got {threads!r}")
-    return int(threads)
 
 
 def _silent(text: str, share: float | None) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from adaptsize._kernels.barth_sethian import fill_hat_gradients, fill_residuals, smallest_altitude
 from adaptsize._kernels.fast_marching import sweep_cells
-from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -59,12 +57,8 @@ def solve_positive_coefficient(
     Returns
     -------
     Solution
-        ``residual`` is the last largest rate of change over g.
-
-    Warns
-    -----
-    ConvergenceWarning
-        If ``max_iter`` steps did not meet ``tol``.
+        ``residual`` is the last largest rate of change over g; ``converged`` is False if
+        ``max_iter`` steps did not meet ``tol``.
 
     References
     ----------
@@ -102,10 +96,8 @@ def solve_positive_coefficient(
             report("positive coefficient scheme", step / max_iter)
         if rate < tol:
             return Solution(np.where(free, np.inf, u), step, rate)
-    warnings.warn(
+    unfinished = (
         f"the positive coefficient scheme stopped after max_iter = {max_iter} steps with "
-        f"residual {rate:.2g}, above tol = {tol:g}: give more steps, or method='fast-marching'",
-        ConvergenceWarning,
-        stacklevel=5,
+        f"residual {rate:.2g}, above tol = {tol:g}: give more steps, or method='fast-marching'"
     )
-    return Solution(np.where(free, np.inf, u), max_iter, rate, converged=False)
+    return Solution(np.where(free, np.inf, u), max_iter, rate, unfinished)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels.edge_based import march_edges
 from adaptsize.limiting.policy_iteration import iterate_policies
-from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.solution import Solution, relative_to_largest
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def march_to_rest(
     sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
     kernels.queue_lowered(h, candidate, KEEP, *heap)
 
-    accepted = 0
+    accepted, unfinished = 0, ""
     stars = None
     if heap[3][0] > 0:
         stars = stars_of(mesh, slope)
@@ -121,10 +121,10 @@ def march_to_rest(
             while heap[3][0] > 0:
                 march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, CHUNK)
                 report("limiting the gradient", 1.0)
-            h = iterate_policies(mesh, slope, h, report)
+            h, unfinished = iterate_policies(mesh, slope, h, report)
 
     residual = partial(residual_of, mesh, slope, h, sweep) if with_residual else 0.0
-    return Solution(h, accepted, residual, memory=stars)
+    return Solution(h, accepted, residual, unfinished, stars)
 
 
 def patience(n: int) -> int:
@@ -160,7 +160,7 @@ def residual_of(
     sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, slope.values, slope.step, candidate)
     finite = np.isfinite(h)
     excess = np.maximum(h[finite] - candidate[finite], 0.0)
-    return float(excess.max() / h[finite].max())
+    return relative_to_largest(float(excess.max()), h)
 
 
 def stars_of(mesh: SimplexMesh, slope: Slope) -> Stars:

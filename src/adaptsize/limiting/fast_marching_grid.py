@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptsize._kernels import fast_marching_grid as kernels
 from adaptsize.background.padding import buckets_for, pad, strides_of_padded, unpad
-from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.solution import Solution, relative_to_largest
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def residual_of(
     kernels.sweep_grid(u, *geometry, edges, candidate)
     finite = np.isfinite(u)
     excess = np.maximum(u[finite] - candidate[finite], 0.0)
-    return float(excess.max() / u[finite].max())
+    return relative_to_largest(float(excess.max()), u)
 
 
 def accept_all(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, refuse_where
+from adaptsize._checks import STEEPEST, as_float_array, refuse_where
 from adaptsize.background import CartesianGrid
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 # 1/(8 * 8192^2) = 2e-9 relative where g(h) changes by a factor e as fast as h does.
 _PER_E_FOLD = 8192
 
-# Squares of g must stay in the range of float64, also times four lengths.
-_STEEPEST = 1e30
 # Sizes beyond this come from a g(h) whose solution grows without end.
 _LARGEST = 1e60
 
@@ -131,7 +129,7 @@ class SizeTransform:
 
     @staticmethod
     def _of(g_of_h: GradientOfSize, h: FloatArray) -> FloatArray:
-        g = np.asarray(g_of_h(h), dtype=np.float64)
+        g = as_float_array("g(h)", g_of_h(h))
         if g.shape not in ((), h.shape):
             raise ValueError(f"g(h) must return one limit per size, shape {h.shape}, got {g.shape}")
         g = np.broadcast_to(g, h.shape)
@@ -180,9 +178,9 @@ def _in_space(background: SimplexMesh | CartesianGrid, g: object) -> Slope:
         # Inactive nodes may hold anything.
         values = values if background.active is None else np.where(background.active, values, 0.0)
     refuse_where("g", ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
-    refuse_where("g", values > _STEEPEST, values, f"must be at most {_STEEPEST:g}")
+    refuse_where("g", values > STEEPEST, values, f"must be at most {STEEPEST:g}")
     # Its square would underflow; it raises no size by more than rounding.
-    values = np.where(values < 1.0 / _STEEPEST, 0.0, values)
+    values = np.where(values < 1.0 / STEEPEST, 0.0, values)
     if values.ndim == 0:
         return Slope(values.reshape(1))
     if isinstance(background, CartesianGrid):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy.typing as npt
 
 from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
 from adaptsize.background.padding import pad, strides_of_padded, unpad
-from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
@@ -76,12 +74,7 @@ def solve_hamilton_jacobi(
     -------
     Solution
         ``h <= h0``; inf at inactive nodes.  ``residual`` is the last largest rate of change
-        over the largest g.
-
-    Warns
-    -----
-    ConvergenceWarning
-        If ``max_iter`` steps did not meet ``tol``.
+        over the largest g; ``converged`` is False if ``max_iter`` steps did not meet ``tol``.
 
     Notes
     -----
@@ -147,17 +140,15 @@ def solve_hamilton_jacobi(
     taken, u, change = _iterate(u, problem, max_iter, report)
 
     rate = change / fastest if fastest > 0.0 else change
-    converged = change <= tol * fastest
-    if not converged:
-        warnings.warn(
+    unfinished = ""
+    if change > tol * fastest:
+        unfinished = (
             f"the Hamilton-Jacobi iteration stopped after max_iter = {max_iter} steps with "
             f"residual {rate:.2g}, above tol = {tol:g}: give more steps, a start nearer to the "
-            "solution, or method='fast-marching'",
-            ConvergenceWarning,
-            stacklevel=5,
+            "solution, or method='fast-marching'"
         )
     h = np.where(takes_part, unpad(grid, u, order), np.inf)
-    return Solution(h, taken, rate, converged)
+    return Solution(h, taken, rate, unfinished)
 
 
 def _iterate(

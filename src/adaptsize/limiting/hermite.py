@@ -12,7 +12,7 @@ from adaptsize._kernels.edge_based import largest_edge_slope
 from adaptsize._kernels.fast_marching import fill_stars
 from adaptsize._kernels.fast_marching_higher import ONE_LIMIT, PER_CELL, PER_NODE
 from adaptsize.geometry.boundary import FLAT, flat_boundary, is_convex, turns_in_plane
-from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.solution import Solution, relative_to_largest
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -201,4 +201,4 @@ def _edge_residual(mesh: SimplexMesh, h: FloatArray, g: FloatArray, mode: int) -
         i, j = i[keep], j[keep]
         allowed = here[keep] * np.linalg.norm(mesh.points[i] - mesh.points[j], axis=1)
         most = max(most, float((np.abs(h[i] - h[j]) - allowed).max(initial=0.0)))
-    return most / float(h[finite].max())
+    return relative_to_largest(most, h)

@@ -53,7 +53,7 @@ class LimitingInfo:
     iterations: int
     """Nodes accepted while marching, steps of an iteration, or sources of the exact method."""
     converged: bool
-    """Whether the tolerance was met within ``max_iter``."""
+    """Whether the scheme came to its end: iterations met their tolerance within ``max_iter``."""
     record: Record
     """What a call with this as ``initial`` starts from; of no use otherwise."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from adaptsize.limiting.problem import Problem
 
 METHODS = ("exact", "fast-marching", "hamilton-jacobi", "edge-based")
-ITERATIVE = ("hamilton-jacobi",)
-SECOND_ORDER = ("fast-marching", "hamilton-jacobi")
 
 
 def choose_method(grid: CartesianGrid, problem: Problem) -> str:

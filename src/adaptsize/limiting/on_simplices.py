@@ -30,8 +30,6 @@ METHODS = (
     "positive-coefficient",
     "edge-based",
 )
-ITERATIVE = ("positive-coefficient",)
-SECOND_ORDER: tuple[str, ...] = ()
 _WITH_GRADIENTS = {"factored": solve_factored, "hermite": solve_hermite}
 _DIRECT = {
     "fast-marching": solve_fast_marching,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,7 +10,6 @@ from scipy.sparse import csc_matrix, identity
 from scipy.sparse.linalg import splu
 
 from adaptsize._kernels.fast_marching import fill_policy
-from adaptsize.errors import ConvergenceWarning
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -35,7 +33,7 @@ class _Policy(NamedTuple):
 
 def iterate_policies(
     mesh: SimplexMesh, slope: Slope, h: FloatArray, report: ProgressCallback
-) -> FloatArray:
+) -> tuple[FloatArray, str]:
     r"""Solve h_k = min(h0_k, min over cells of the Hopf-Lax update) from above.
 
     Each update is the minimum of linear functions of the sizes it uses.  So fix the
@@ -54,13 +52,10 @@ def iterate_policies(
 
     Returns
     -------
-    float64[n]
+    h : float64[n]
         The solution, to 1e-13 relative.
-
-    Warns
-    -----
-    ConvergenceWarning
-        If 200 policies were not enough (5 to 50 were seen).
+    unfinished : str
+        Empty; or that 200 policies were not enough (5 to 50 were seen), and what is missing.
 
     References
     ----------
@@ -81,7 +76,7 @@ def iterate_policies(
         # other, or at one that g makes vanish in rounding, could all refer to each other.
         lower = value < h * _KEEP
         if not lower.any():
-            return h
+            return h, ""
         policy.source[lower] = offer.source[lower]
         policy.weight[lower] = offer.weight[lower]
         policy.cost[lower] = offer.cost[lower]
@@ -91,14 +86,11 @@ def iterate_policies(
         h[bounded] = np.minimum(h[bounded], better)
         report("policy iteration", None)
         if change <= _ROUNDING:
-            return h
-    warnings.warn(
+            return h, ""
+    return h, (
         f"policy iteration stopped after {_MOST_STEPS} steps with sizes still falling by "
-        f"{change:.1g} relative",
-        ConvergenceWarning,
-        stacklevel=5,
+        f"{change:.1g} relative"
     )
-    return h
 
 
 def _solve(nodes: npt.NDArray[np.int64], policy: _Policy, n: int) -> FloatArray:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from adaptsize.typing import FloatArray
 
 
@@ -18,11 +20,28 @@ class Solution:
     iterations: int
     missed_by: float | Callable[[], float]
     """The residual, or how to find it."""
-    converged: bool = True
+    unfinished: str = ""
+    """Why the scheme stopped before it had converged, as a text for the user; empty if it has."""
     memory: Any = None
     """What the scheme wants back when it is to solve a problem that differs little."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the scheme came to its end."""
+        return not self.unfinished
 
     @cached_property
     def residual(self) -> float:
         """By how much the scheme's own equation is missed."""
         return self.missed_by() if callable(self.missed_by) else self.missed_by
+
+
+def relative_to_largest(excess: float, h: FloatArray) -> float:
+    """Return an excess of sizes relative to the largest finite one; 0 if there is no excess.
+
+    With g(h) sizes are transformed so that the smallest is 0; if all bounds are equal, so is the
+    largest.
+    """
+    if excess <= 0.0:
+        return 0.0
+    return excess / float(h[np.isfinite(h)].max())

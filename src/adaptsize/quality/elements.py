@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray
 
@@ -102,6 +103,7 @@ _Formula: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 def _formula(mesh: SimplexMesh, of_triangles: _Formula, of_tetrahedra: _Formula) -> _Formula:
+    check_type("mesh", mesh, SimplexMesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     return of_triangles if mesh.cell_dim == 2 else of_tetrahedra

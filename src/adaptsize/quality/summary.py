@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 
@@ -104,6 +105,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
     >>> summary.n_boundary_facets, summary.measure, summary.angle_min
     (4, 1.0, 45.0)
     """
+    check_type("mesh", mesh, SimplexMesh)
     used = np.unique(mesh.cells)
     points = mesh.points[used]
     ratios = None if mesh.cell_dim == 1 else radius_ratios(mesh)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number
+from adaptsize._checks import as_number, as_slope
 from adaptsize.background import CartesianGrid
 from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
 from adaptsize.typing import BoolArray, FloatArray
@@ -38,7 +38,7 @@ def size_from_distance(
     See `adaptsize.size_from_curvature`, whose arguments these are.
     """
     phi = as_level_set("boundary", boundary, grid)
-    slope = as_number("g", g, lower=0.0)
+    slope = as_slope("g", g)
     angle = math.radians(as_number("crease_angle", crease_angle, lower=0.0))
     if angle > math.pi:
         raise ValueError(f"crease_angle must be at most 180 degrees, got {crease_angle:g}")

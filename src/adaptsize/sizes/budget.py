@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from adaptsize._checks import as_number, as_sizes
+from adaptsize._checks import as_number, as_sizes, check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray
 
@@ -69,6 +69,7 @@ def predicted_elements(
     >>> round(predicted_elements(mesh, [0.1, 0.1, 0.1]))
     115
     """
+    check_type("mesh", mesh, SimplexMesh)
     h = as_sizes("size", size, (mesh.n_points,))
     d = mesh.cell_dim
     counted = ELEMENTS_PER_MEASURE[d] * (mesh.measures * mean_density(h[mesh.cells])).sum()

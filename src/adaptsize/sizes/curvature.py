@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe
+from adaptsize._checks import as_number, check_type, describe
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
@@ -23,6 +23,7 @@ from adaptsize.typing import FloatArray, IntArray
 
 # A folded or noisy spot must not ask for more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
+_SLOPE = 0.25
 # Meshes made to an envelope, as by fTetWild, keep their boundary within this share of the diagonal.
 _TOLERANCE_SHARE = 1e-3
 
@@ -35,7 +36,7 @@ def size_from_curvature(
     crease_angle: float = 40.0,
     smoothing: int = 0,
     tolerance: float | None = None,
-    g: float = 0.25,
+    g: float = _SLOPE,
     hmin: float | None = None,
     hmax: float | None = None,
 ) -> FloatArray:
@@ -142,6 +143,11 @@ def size_from_curvature(
     >>> (phi[10, [3, 4, 6]], h0[10, [3, 4, 6]].round(3))
     (array([ 0.1, -0.2, -0.8]), array([0.483, 0.543,   inf]))
     """
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    if boundary is None and tolerance is not None:
+        raise ValueError(f"tolerance needs boundary, got tolerance={tolerance!r} without one")
+    if g != _SLOPE and (boundary is None or isinstance(boundary, SimplexMesh)):
+        raise ValueError(f"g is for a boundary that is given by distances, got g={g!r} without")
     per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)
     if boundary is not None and not isinstance(boundary, SimplexMesh):
         if not isinstance(background, CartesianGrid):
@@ -197,9 +203,18 @@ def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
 def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) -> FloatArray:
     """Return the curvature at the nodes of a polyline, or of a surface and its creases."""
     if mesh.cell_dim == 1:
+        _refuse_smoothing(mesh, smoothing)
         return polyline_curvature(mesh, crease_angle=crease_angle)
     surface = surface_curvature(mesh, crease_angle=crease_angle, smoothing=smoothing)
     return np.maximum(surface, crease_curvature(mesh, crease_angle=crease_angle))
+
+
+def _refuse_smoothing(line: SimplexMesh, smoothing: int) -> None:
+    if smoothing != 0:
+        raise ValueError(
+            f"smoothing must be 0 for segments, whose curvature is not averaged, got {smoothing!r} "
+            f"for {line!r}"
+        )
 
 
 def _refuse_other_boundary(
@@ -253,6 +268,7 @@ def _curvature_at(
     """Return the curvature of the boundary at the point closest to each of ``points``."""
     cells, weights, _ = boundary.locator.nearest(points)
     if boundary.cell_dim == 1:
+        _refuse_smoothing(boundary, smoothing)
         nodal = polyline_curvature(boundary, crease_angle=crease_angle)
         return np.asarray((weights * nodal[boundary.cells[cells]]).sum(axis=1))
     # By corner: the middle of a flat cap does not see the curvature of its rim.

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize._checks import as_float_array, as_number, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.sizes.budget import (
     as_goal,
@@ -122,6 +122,7 @@ def size_from_error(
         )
         mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h))
     """
+    check_type("mesh", mesh, SimplexMesh)
     eta = as_float_array("indicator", indicator, (mesh.n_cells,))
     refuse_where("indicator", ~(eta >= 0.0) | np.isinf(eta), eta, "must be finite and >= 0")
     p = as_number("order", order, lower=0.0, strict=True)

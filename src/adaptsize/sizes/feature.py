@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Literal, TypeAlias, get_args
+
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe, one_of
+from adaptsize._checks import as_number, check_type, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.api import signed_distance
@@ -16,7 +18,8 @@ from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
-METHODS = ("auto", "spheres", "medial-axis")
+Method: TypeAlias = Literal["auto", "spheres", "medial-axis"]
+METHODS = get_args(Method)
 
 # Where sharp edges end in nothing, sizes must not ask for more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
@@ -28,7 +31,7 @@ def size_from_feature(
     background: SimplexMesh | CartesianGrid | Octree,
     boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None = None,
     *,
-    method: str = "auto",
+    method: Method = "auto",
     elements_across: float = 4.0,
     crease_angle: float = 40.0,
     corner_angle: float = 30.0,
@@ -122,6 +125,7 @@ def size_from_feature(
     >>> size_from_feature(grid, plate.boundary().mesh, elements_across=5)[2]
     array([0.2, 0.2, 0.2])
     """
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     across = as_number("elements_across", elements_across, lower=0.0, strict=True)
     one_of("method", method, METHODS)
     by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import as_float_array, refuse_where
+from adaptsize._checks import as_float_array, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray
 
@@ -335,6 +335,7 @@ def _slopes_of_fits(normal: FloatArray, dim: int, least: float) -> tuple[FloatAr
 
 def as_nodal_field(name: str, value: npt.ArrayLike, mesh: SimplexMesh) -> FloatArray:
     """Return finite nodal values of a mesh of triangles in the plane or of tetrahedra."""
+    check_type("mesh", mesh, SimplexMesh)
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(f"mesh must consist of triangles in 2-D or tetrahedra, got {mesh!r}")
     nodal = as_float_array(name, value, (mesh.n_points,))

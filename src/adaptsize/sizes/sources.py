@@ -10,7 +10,17 @@ from typing import NoReturn, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_plain_array,
+    as_points,
+    as_sizes,
+    as_slope,
+    check_type,
+    describe,
+    refuse_where,
+)
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import OutsideWarning
 from adaptsize.sizes import _on_grid, _touched
@@ -50,6 +60,10 @@ class PointSource:
     points: npt.ArrayLike
     size: npt.ArrayLike
 
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive."""
+        _positive(self.size)
+
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells around the points."""
         points, size = self.rows(mesh.dim)
@@ -83,6 +97,10 @@ class CurveSource:
 
     curve: SimplexMesh | npt.ArrayLike
     size: npt.ArrayLike
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive."""
+        _positive(self.size)
 
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
@@ -122,6 +140,10 @@ class BoundarySource:
     size: float
     tags: int | Sequence[int] | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive."""
+        _one_size(self.size)
+
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the facets."""
         size = _one_size(self.size)
@@ -155,6 +177,10 @@ class RegionSource:
     tags: int | Sequence[int]
     size: float
 
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive."""
+        _one_size(self.size)
+
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells."""
         size = _one_size(self.size)
@@ -182,6 +208,10 @@ class BoxSource:
     lower: npt.ArrayLike
     upper: npt.ArrayLike
     size: float
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive."""
+        _one_size(self.size)
 
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the box."""
@@ -224,6 +254,11 @@ class BallSource:
     radius: float
     size: float
 
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive."""
+        _one_size(self.size)
+        as_number("radius", self.radius, lower=0.0)
+
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the ball."""
         size = _one_size(self.size)
@@ -264,7 +299,7 @@ def size_from_sources(
         `PointSource`, `CurveSource`, `BoundarySource`, `RegionSource`, `BoxSource`, `BallSource`,
         or functions that take points, float64[n, dim], and give n sizes (``inf``: none).
     g : float, default 0.25
-        Slope from a source to the nodes around it, >= 0, no unit.  Give the
+        Slope from a source to the nodes around it, 0 to 1e30, no unit.  Give the
         gradient limit that is used afterwards: a smaller one makes the cells at the source
         finer than need be, a larger one coarser than asked for.
 
@@ -317,7 +352,8 @@ def size_from_sources(
            [0.11 , 0.234],
            [  inf,   inf]])
     """
-    slope = as_number("g", g, lower=0.0)
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    slope = as_slope("g", g)
     several = sources if isinstance(sources, Iterable) else [sources]
     on = background.mesh if isinstance(background, Octree) else background
     h0 = np.full(background.nodal_shape, np.inf)
@@ -386,11 +422,16 @@ def _one_size(value: float) -> float:
     return as_number("size", value, lower=0.0, strict=True)
 
 
+def _positive(value: npt.ArrayLike) -> FloatArray:
+    """Return one positive size, or several."""
+    size = as_float_array("size", value)
+    return as_sizes("size", size, size.shape)
+
+
 def _sizes_per_row(value: npt.ArrayLike, n: int) -> FloatArray:
     """Return one positive size for each of n points."""
-    if np.ndim(value) == 0:
-        return np.full(n, as_sizes("size", value, ()))
-    return as_sizes("size", value, (n,))
+    size = _positive(value)
+    return np.full(n, size) if size.ndim == 0 else as_sizes("size", size, (n,))
 
 
 def _as_curve(value: SimplexMesh | npt.ArrayLike, dim: int) -> SimplexMesh:
@@ -411,7 +452,7 @@ def _has_tag(
     """Return where ``present`` is one of ``tags``; refuse tags that do not occur."""
     if present is None:
         raise ValueError(f"tags need a mesh with {name}, which this one has not")
-    wanted = np.atleast_1d(np.asarray(tags))
+    wanted = np.atleast_1d(as_plain_array("tags", tags))
     missing = wanted[~np.isin(wanted, present)]
     if len(missing) > 0:
         listed = ", ".join(str(tag) for tag in np.unique(present))

@@ -447,7 +447,7 @@ def test_bad_arguments_are_refused():
         medial_axis(tree, lambda x: (x**2).sum(axis=1) ** 2 - 1.0)
     with pytest.raises(ValueError, match=r"boundary\(points\) must be finite"):
         medial_axis(tree, lambda x: x[:, 0] * np.nan)
-    with pytest.raises(ValueError, match="background must be a CartesianGrid, an Octree"):
+    with pytest.raises(ValueError, match="background must be a SimplexMesh, a CartesianGrid"):
         medial_axis(None, boundary)
     with pytest.raises(ValueError, match="background must have triangles in the plane"):
         medial_axis(boundary, boundary)

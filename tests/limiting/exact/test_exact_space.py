@@ -15,6 +15,8 @@ from meshes import jittered_cube
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.errors import ConvergenceWarning
+from adaptsize.limiting.exact import space
 
 METHOD = "exact"
 G = 0.3
@@ -208,6 +210,24 @@ def test_the_two_faces_of_a_crack_are_seen_from_their_own_side_only(seed):
     # Around the edge x = z = 0, turned into one plane.
     around = np.hypot(far[:, 1] - y, np.hypot(x, z) + far[:, 0])
     assert_allclose(h[lower], 1.0 + G * around, rtol=1e-9)
+
+
+def test_a_search_for_paths_that_stops_early_warns_and_says_so_in_the_info(monkeypatch):
+    def keep(x):
+        first = (x[:, 1] < 2) & (x[:, 2] < 2)
+        second = (x[:, 0] > 2) & (x[:, 2] < 2)
+        third = (x[:, 0] > 2) & (x[:, 1] > 4)
+        return first | second | third
+
+    mesh = solid_of_cubes(keep, (4, 6, 4), 2412)
+    h0 = np.where(np.arange(mesh.n_points) == 0, 1.0, np.inf)
+    h, info = limit_gradient(mesh, h0, G, full_output=True)
+    assert info.converged
+    monkeypatch.setattr(space, "_ROUNDS", 1)
+    with pytest.warns(ConvergenceWarning, match="the exact method stopped its search"):
+        cut_short, info = limit_gradient(mesh, h0, G, full_output=True)
+    assert not info.converged
+    assert (cut_short >= h * (1.0 - 1e-12)).all()
 
 
 # --- jagged parts ------------------------------------------------------------------------------

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, describe, one_of, refuse_where
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_plain_array,
+    check_type,
+    describe,
+    one_of,
+    refuse_where,
+)
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.image import GridSpline, smooth_mask
@@ -18,7 +26,8 @@ from adaptsize.geometry.distance.reinitialization import reinitialize
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
 from adaptsize.typing import FloatArray, ProgressCallback
 
-METHODS = ("projection", "reinitialization")
+Method: TypeAlias = Literal["projection", "reinitialization"]
+METHODS = get_args(Method)
 _Boundary: TypeAlias = SimplexMesh | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 
@@ -27,7 +36,7 @@ def signed_distance(
     boundary: _Boundary | None = None,
     *,
     band: float = 3.0,
-    method: str = "projection",
+    method: Method = "projection",
     smoothing: float = 1.5,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
@@ -166,11 +175,8 @@ def signed_distance(
         return implicit_distance(background, function, values, band, report)
 
 
-def _check_background(background: object) -> None:
-    if not isinstance(background, (SimplexMesh, CartesianGrid, Octree)):
-        raise ValueError(
-            f"background must be a SimplexMesh, CartesianGrid or Octree, got {describe(background)}"
-        )
+def _check_background(background: AnyBackground) -> None:
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if isinstance(background, SimplexMesh) and background.cell_dim < background.dim:
         raise ValueError(
             "background must have cells of full dimension, triangles in the plane or "
@@ -231,7 +237,7 @@ def _as_implicit(
         if isinstance(background, CartesianGrid):
             return function, background.sample(function)
         return function, function(background.points)
-    image = np.asarray(boundary)
+    image = as_plain_array("boundary", boundary)
     if not isinstance(background, CartesianGrid) or image.shape != background.shape:
         raise ValueError(
             "boundary must be a SimplexMesh, a callable or, on a CartesianGrid, an array of the "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize._checks import as_float_array, as_number, as_plain_array, refuse_where
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.geometry.distance.api import signed_distance
@@ -217,7 +217,7 @@ def distance_on(
 
 
 def _checked_patches(grid: CartesianGrid, patches: npt.ArrayLike) -> npt.NDArray[np.int64]:
-    raw = np.asarray(patches)
+    raw = as_plain_array("patches", patches)
     if raw.dtype.kind not in "iu" or raw.shape != grid.shape:
         raise ValueError(
             f"patches must be integers of shape {grid.shape}, got {raw.dtype} of {raw.shape}"

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import describe
-from adaptsize.background import Octree, SimplexMesh
+from adaptsize._checks import check_type, describe
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.closest_points import (
     Boundary,
     Depths,
@@ -371,11 +371,8 @@ def medial_axis_on_mesh(
 
 def boundary_on(background: object, boundary: object) -> tuple[SimplexMesh, Boundary]:
     """Return the mesh of an octree or a mesh, and a boundary to be asked, after a look at both."""
-    if not isinstance(background, Octree | SimplexMesh):
-        raise ValueError(
-            "background must be a CartesianGrid, an Octree or a SimplexMesh, "
-            f"got {describe(background)}"
-        )
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    assert isinstance(background, SimplexMesh | Octree)  # grids go another way
     mesh = background.mesh if isinstance(background, Octree) else background
     if mesh.cell_dim < mesh.dim or mesh.dim == 1:
         raise ValueError(

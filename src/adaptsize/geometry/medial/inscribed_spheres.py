@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_points
+from adaptsize._checks import as_number, as_points, check_type
 from adaptsize._kernels import inscribed_spheres as kernels
 from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._progress import reporting
@@ -190,6 +190,7 @@ class SphereFinder:
         separation_angle: float = 40.0,
         corner_angle: float = 30.0,
     ) -> None:
+        check_type("boundary", boundary, SimplexMesh)
         if (boundary.cell_dim, boundary.dim) not in {(1, 2), (2, 3)}:
             raise ValueError(
                 f"boundary must consist of segments in 2-D or triangles in 3-D, got {boundary!r}"

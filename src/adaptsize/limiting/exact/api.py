@@ -43,6 +43,12 @@ _OUTSIDE = 1e-9
 _TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
 
 
+_UNFINISHED = (
+    "the exact method stopped its search for paths over reflex edges with sizes still falling: "
+    "some sizes are larger than the shortest paths allow"
+)
+
+
 class Part(NamedTuple):
     """A component of the domain, and what was found there."""
 
@@ -221,6 +227,7 @@ def _as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     """Return the solution made of those of the components; elsewhere bounds are kept."""
     flat = h0.ravel().copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
+    finished = all(found.finished for _, found in parts)
     for nodes, found in parts:
         flat[slice(None) if nodes is None else nodes] = found.h
         n_entries += found.field.n_entries
@@ -230,7 +237,13 @@ def _as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
             gap = max(gap, float((found.h - found.lower)[hidden].max(initial=0.0)))
     h = flat.reshape(h0.shape)
     return ExactSolution(
-        h, n_entries, 0.0, parts=parts, n_proved=h.size - n_hidden, largest_gap=gap
+        h,
+        n_entries,
+        0.0,
+        "" if finished else _UNFINISHED,
+        parts=parts,
+        n_proved=h.size - n_hidden,
+        largest_gap=gap,
     )
 
 
@@ -358,6 +371,7 @@ def _on_active(
     mesh = grid.mesh
     solution = _on_grid_mesh(grid, h0, given, _inside(mesh, point_sources))
     h, parts, n_later = solution.h, solution.parts, 0
+    unfinished = solution.unfinished
     while True:
         along = solve_grid_edges(grid, h, slope, residual=False, report=report).h
         with np.errstate(invalid="ignore"):
@@ -368,6 +382,7 @@ def _on_active(
         more = solve_exact(
             mesh, seeds.ravel(), slope, face_sources=False, threads=threads, report=report
         )
+        unfinished = unfinished or more.unfinished
         lower = np.minimum(along, more.h.reshape(h0.shape))
         n_later += int(np.count_nonzero(lower < h * (1.0 - _EQUAL))) if grid.dim == 3 else 0
         h, parts = lower, []
@@ -375,6 +390,7 @@ def _on_active(
         h,
         solution.iterations,
         0.0,
+        unfinished,
         parts=parts,
         n_proved=max(0, solution.n_proved - int(np.count_nonzero(~grid.active)) - n_later),
         largest_gap=solution.largest_gap,

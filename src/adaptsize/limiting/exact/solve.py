@@ -89,6 +89,8 @@ class Found:
     plane: Plane | None = None
     points: Points | None = None
     """What `solve_again` starts from."""
+    finished: bool = True
+    """Whether the search for ways around reflex edges came to its end."""
 
     def bends(self) -> FloatArray:
         """Return where the way to each node bends last, nan where nowhere; no rows if convex."""
@@ -217,7 +219,15 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
         threads=problem.threads,
     )
     field.network = result.network
-    return Found(result.h, result.entry, field, result.bend, result.proved, result.lower)
+    return Found(
+        result.h,
+        result.entry,
+        field,
+        result.bend,
+        result.proved,
+        result.lower,
+        finished=result.finished,
+    )
 
 
 def _along_edges(problem: Problem) -> Found:

@@ -76,6 +76,8 @@ class SpaceResult(NamedTuple):
     """float64[n]: the least that all sources allow, sight left out."""
     network: Network | None
     """All that decides the size at any point; None if every node sees what limits it."""
+    finished: bool
+    """Whether sizes had stopped falling along reflex edges after so many rounds."""
 
 
 class _Ridges(NamedTuple):
@@ -554,15 +556,19 @@ def solve_in_space(
     # Ways as short as those along edges of the mesh count, too: they may go on over other edges.
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), upper + _TIE * np.abs(upper))
     hidden = order[~proved[order]]
+    finished = True
     if len(hidden):
-        _solve_hidden(network, field, hidden, everyone, with_)
-    return _result(mesh, network, field, upper, lower, report)
+        finished = _solve_hidden(network, field, hidden, everyone, with_)
+    return _result(mesh, network, field, upper, lower, finished, report)
 
 
 def _solve_hidden(
     network: Network, field: Field, hidden: IntArray, everyone: IntArray, with_: _Options
-) -> None:
-    """Lower nodes (In/Out: field) that do not see what allows least at them."""
+) -> bool:
+    """Lower nodes (In/Out: field) that do not see what allows least at them.
+
+    Returns whether this came to its end within _ROUNDS rounds.
+    """
     points, knots = network.sight.stars.points, network.knots.nodes
     network.lower(points, everyone, hidden, network.sources(), field, **with_)
     waiting = np.isin(knots, hidden)
@@ -574,6 +580,7 @@ def _solve_hidden(
         network.set_knots(field.sizes[knots])
         fresh = np.concatenate([network.n_sources + changed, network.extend(changed, field)])
         if len(order) == 0:  # the ways are made, and no node of an edge waits for them
+            changed = order
             break
         before = field.sizes[knots]
         network.lower(points, everyone, order, network.choice(fresh), field, **with_)
@@ -583,6 +590,7 @@ def _solve_hidden(
     network.used = network.choice(_in_use(network, field))
     rest = hidden[~np.isin(hidden, knots)]
     network.lower(points, everyone, rest, network.used, field, **with_)
+    return len(changed) == 0
 
 
 def _in_use(network: Network, field: Field) -> IntArray:
@@ -606,6 +614,7 @@ def _result(
     field: Field,
     upper: FloatArray,
     lower: FloatArray,
+    finished: bool,
     report: ProgressCallback,
 ) -> SpaceResult:
     """Return sizes that keep to g along all edges, and their origins."""
@@ -617,6 +626,5 @@ def _result(
     base[h < sizes - _TIE * np.abs(sizes)] = -1
     bend = np.where((ways.edge[field.way] >= 0)[:, None], field.last, np.nan)
     entry = np.where(base < m, base, -1)
-    return SpaceResult(
-        h, entry.astype(np.int32), bend, h <= lower + _EQUAL * np.abs(lower), lower, network
-    )
+    proved = h <= lower + _EQUAL * np.abs(lower)
+    return SpaceResult(h, entry.astype(np.int32), bend, proved, lower, network, finished)

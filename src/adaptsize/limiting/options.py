@@ -1,0 +1,59 @@
+"""Which options each method of `limit_gradient` looks at; others are refused, not ignored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal, TypeAlias
+
+Method: TypeAlias = Literal[
+    "auto",
+    "exact",
+    "factored",
+    "hermite",
+    "fast-marching",
+    "positive-coefficient",
+    "hamilton-jacobi",
+    "edge-based",
+]
+
+#: The options of each method.
+#: As ``initial`` every method takes a `LimitingInfo`; an array is for those that list it.
+_OPTIONS: dict[str, frozenset[str]] = {
+    "exact": frozenset({"face_sources", "threads", "point_sources"}),
+    "factored": frozenset(),
+    "hermite": frozenset(),
+    "fast-marching": frozenset({"order"}),
+    "positive-coefficient": frozenset({"initial", "tol", "max_iter", "floor"}),
+    "hamilton-jacobi": frozenset({"order", "initial", "tol", "max_iter"}),
+    "edge-based": frozenset(),
+}
+
+# Options that no method has on meshes.
+_ON_GRIDS = ("order",)
+
+# What ``method="auto"`` may take.
+_AUTOMATIC = ("exact", "factored", "hermite", "fast-marching")
+
+
+def refuse_idle(method: str, available: tuple[str, ...], given: Mapping[str, bool]) -> None:
+    """Raise a ValueError if an option was given that the method does not look at.
+
+    Parameters
+    ----------
+    method : str
+        ``"auto"`` looks at what any method looks at that it may take.
+    available : tuple of str
+        The methods for this kind of background.
+    given : dict of bool
+        For each option whether it differs from its default.
+    """
+    on_grid = "hamilton-jacobi" in available
+    taken = [m for m in _AUTOMATIC if m in available] if method == "auto" else [method]
+    for name, is_given in given.items():
+        on_this = on_grid or name not in _ON_GRIDS
+        if not is_given or (on_this and any(name in _OPTIONS[m] for m in taken)):
+            continue
+        known = [m for m in available if name in _OPTIONS[m]] if on_this else []
+        where = "" if known else f" on a {'SimplexMesh' if on_grid else 'CartesianGrid'}"
+        listed = " or ".join(repr(m) for m in known or _OPTIONS if name in _OPTIONS[m])
+        raise ValueError(f"{name} is for method={listed}{where}, got method={method!r}")
