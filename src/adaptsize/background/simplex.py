@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_index_array, as_points, refuse_where
 from adaptsize._kernels.simplex import fill_measures
+from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import topology
 from adaptsize.background.location import SimplexLocator
 from adaptsize.typing import FloatArray, IntArray
@@ -34,7 +35,7 @@ class Boundary(NamedTuple):
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
-class SimplexMesh:
+class SimplexMesh(ReadOnlyState):
     """Simplices of one kind: triangles (in the plane or in space), tetrahedra or segments.
 
     Cells may be given in any orientation, may be degenerate, and need not form a
