@@ -74,9 +74,10 @@ def test_unknown_names_are_attribute_errors():
         _ = adaptsize.refine
 
 
-SUBMODULES = (
-    "adaptation background domain_size errors geometry io limiting plot quality remeshing sizes typing"
-).split()
+SUBMODULES = [
+    "adaptation", "background", "domain_size", "errors", "geometry", "io", "limiting", "plot",
+    "quality", "remeshing", "sizes", "typing",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SUBMODULES)

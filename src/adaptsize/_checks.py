@@ -20,10 +20,13 @@ def as_float_array(
     The result may share memory with ``value``; callers do not write into it.
     """
     try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
+        given = np.asarray(value)
+        if given.dtype.kind in "SU":
+            raise TypeError("text, which numpy would take for numbers")
+        array = np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {describe(value)}") from error
-    if np.ndim(value) == 0:
+    if given.ndim == 0:
         array = array.reshape(())
     if shape is not None and array.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
@@ -73,6 +76,8 @@ def as_number(
 ) -> float:
     """Return a float with ``value >= lower``, or ``> lower`` if ``strict``."""
     try:
+        if isinstance(value, str | bytes):
+            raise TypeError("text, which float() would take for a number")
         number = float(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be a number, got {describe(value)}") from error
