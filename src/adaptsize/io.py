@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -119,7 +120,8 @@ def write(
     """Write a mesh, grid, octree or size function to a file.
 
     The file is written whole or not at all: under a temporary name in the same
-    directory, then renamed.  If anything fails, a file of that name stays as it was.
+    directory, then renamed.  If anything fails, a file of that name stays as it was.  Devices
+    and pipes, such as ``/dev/stdout``, are written to and stay what they are.
 
     Parameters
     ----------
@@ -164,7 +166,8 @@ def write(
     A Gmsh view says sizes on the cells, nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.
     """
-    target = Path(os.path.realpath(path))
+    # The file that a link leads to; not of pipes, which /dev/stdout leads to and have no path.
+    target = Path(os.path.realpath(path)) if not _is_special(Path(path)) else Path(path)
     chosen = writers.format_of(Path(path), file_format)
     background, nodal = _parts_of(obj, fields)
     needed = list(nodal)
@@ -315,6 +318,9 @@ def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
     """Write under a temporary name in the same directory and rename; raises OSError."""
     if target.is_dir():
         raise MeshFileError("is a directory")
+    if _is_special(target):
+        _write_into(target, write_to)
+        return
     if not target.parent.is_dir():
         raise MeshFileError(f"there is no directory {target.parent}")
     # Not tempfile: its files are private to the user, and the suffix must stay.
@@ -326,6 +332,20 @@ def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _is_special(path: Path) -> bool:
+    """Whether a path is there and neither a file nor a directory: a device, pipe or socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _write_into(special: Path, write_to: Callable[[Path], None]) -> None:
+    """Write to a file elsewhere and copy its content: a device must not be replaced."""
+    with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
+        whole = Path(folder, special.name)
+        write_to(whole)
+        with whole.open("rb") as content, special.open("wb", buffering=0) as device:
+            shutil.copyfileobj(content, device)
 
 
 def _parts_of(

@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, refuse_where
 from adaptsize._formats import sizes, stl, xdmf
-from adaptsize._formats.readers import foreign_failures, quiet, reason
+from adaptsize._formats.quietness import quiet
+from adaptsize._formats.readers import foreign_failures, reason
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
