@@ -79,7 +79,7 @@ def read(
     In the same way cells of one dimension less (the triangles in a file of tetrahedra)
     give ``tagged_facets`` and ``facet_tags``.  Of these, ones that are no facet of a cell
     are dropped with a warning, and without tags all are left out silently, as are
-    cells of still lower dimension and the names of groups.
+    cells of still lower dimension.  Names of Gmsh's physical groups become ``tag_names``.
 
     Examples
     --------
@@ -151,8 +151,10 @@ def write(
     Notes
     -----
     Cell tags and tagged facets are written to VTU, VTK and XDMF as the cell field
-    ``cell_tags`` (facets are cells of their own there), to Gmsh as physical groups, to
-    Medit as references; `read` finds them again, but takes tags that are all 0 for none.
+    ``cell_tags`` (facets are cells of their own there), to Gmsh as physical groups with their
+    names, to Medit as references; `read` finds them again, but takes tags that are all 0 for
+    none.  Cells without a tag in a mesh with tags are a group of their own for Gmsh, which
+    leaves out what belongs to no group.
     Other cell fields are written to VTU, VTK and XDMF only, NaN (integers: 0) on the facets.
 
     Medit, STL, OBJ and OFF hold no nodal fields: those of the mesh are left out, ``fields``

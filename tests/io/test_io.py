@@ -11,6 +11,7 @@ import sys
 import threading
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -96,6 +97,59 @@ def test_points_cells_and_tags_come_back_to_the_last_bit(tmp_path, suffix, dim):
     assert_array_equal(back.cell_tags, mesh.cell_tags)
     assert_array_equal(back.tagged_facets, mesh.tagged_facets)
     assert_array_equal(back.facet_tags, mesh.facet_tags)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_names_of_physical_groups_come_back_from_gmsh_files(tmp_path, dim):
+    names = {(dim, 1): "fluid", (dim, 3): "same", (dim - 1, 4): "same", (dim - 1, 5): "ä 'b'"}
+    mesh = replace(tagged_mesh(dim), tag_names=names)
+    write(tmp_path / "mesh.msh", mesh)
+    assert read(tmp_path / "mesh.msh").tag_names == names
+    held = meshio.read(tmp_path / "mesh.msh").field_data
+    assert held["fluid"].tolist() == [1, dim]
+
+
+@pytest.mark.parametrize("some", [False, True])
+def test_cells_without_a_tag_are_a_group_of_their_own_for_gmsh(tmp_path, some):
+    # Gmsh keeps the cells of groups only, and group 0 is none.
+    mesh = tagged_mesh(3)
+    tags = np.where(np.arange(mesh.n_cells) < 5, 2, 0) if some else None
+    mesh = replace(mesh, cell_tags=tags, tag_names={(3, 1): "named, but not used"})
+    write(tmp_path / "mesh.msh", mesh)
+    written = meshio.read(tmp_path / "mesh.msh")
+    groups = written.cell_data_dict["gmsh:physical"]["tetra"].tolist()
+    assert set(groups) == ({2, 3} if some else {2})
+    assert written.field_data["adaptsize untagged"].tolist() == [3 if some else 2, 3]
+    back = read(tmp_path / "mesh.msh")
+    assert_array_equal(back.facet_tags, mesh.facet_tags)
+    assert back.tag_names == {(3, 1): "named, but not used"}
+    if some:
+        assert_array_equal(back.cell_tags, tags)
+    else:
+        assert back.cell_tags is None
+
+
+def test_a_mesh_without_tags_has_no_groups_in_gmsh_files(tmp_path):
+    write(tmp_path / "mesh.msh", SimplexMesh(SQUARE, TWO_TRIANGLES))
+    assert b"PhysicalNames" not in (tmp_path / "mesh.msh").read_bytes()
+    assert read(tmp_path / "mesh.msh").cell_tags is None
+
+
+def test_gmsh_keeps_all_cells_and_names_of_a_written_file(tmp_path):
+    gmsh = pytest.importorskip("gmsh")
+    mesh = replace(tagged_mesh(3), cell_tags=None, tag_names={(2, 4): "wall"})
+    write(tmp_path / "mesh.msh", mesh)
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "mesh.msh"))
+        gmsh.write(str(tmp_path / "again.msh"))
+    finally:
+        gmsh.finalize()
+    again = read(tmp_path / "again.msh")
+    assert again.n_cells == mesh.n_cells
+    assert again.cell_tags is None
+    assert again.tag_names == {(2, 4): "wall"}
 
 
 @pytest.mark.parametrize("dim", [2, 3])

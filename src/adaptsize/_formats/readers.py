@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import stl, xdmf
+from adaptsize._formats import gmsh_names, stl, xdmf
 from adaptsize._formats.blocks import RawMesh, check_raw, join
 from adaptsize._formats.promised import check_faces
 from adaptsize._formats.quietness import quiet
@@ -134,7 +134,7 @@ def _load_with_meshio(path: Path) -> RawMesh:
             raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
         points = np.asarray(mesh.points, dtype=np.float64)
         blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-        return RawMesh(points, blocks, mesh.point_data, mesh.cell_data)
+        return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, gmsh_names.read(path))
     raise MeshFileError(f"cannot be read as a mesh ({failure})")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, refuse_where
-from adaptsize._formats import sizes, stl, xdmf
+from adaptsize._formats import gmsh_names, sizes, stl, xdmf
+from adaptsize._formats.blocks import UNTAGGED
 from adaptsize._formats.quietness import quiet
 from adaptsize._formats.readers import foreign_failures, reason
 from adaptsize.background import SimplexMesh
@@ -130,9 +132,17 @@ def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
 
 def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
-    # No cell fields: meshio cannot read them back from version 2.2.
+    # Group 0 is none: of a file with groups Gmsh keeps no other cells, so that those without a
+    # tag get a group of their own.  No cell fields: meshio cannot read them back from version 2.2.
     content = content_of(mesh, "gmsh:physical", pad=True)
     tags = {name: v for name, v in content.cell_data.items() if name == "gmsh:physical"}
+    names = {key: name for key, name in mesh.tag_names.items() if key[0] <= mesh.cell_dim}
+    if tags and any(part.any() for part in tags["gmsh:physical"]):
+        of_cells, *of_facets = tags["gmsh:physical"]
+        if not of_cells.all():
+            group = _free_number(of_cells, {tag for dim, tag in names if dim == mesh.cell_dim})
+            names[mesh.cell_dim, group] = UNTAGGED
+            tags["gmsh:physical"] = [np.where(of_cells == 0, group, of_cells), *of_facets]
     if tags:  # Gmsh wants an entity number above 0, and one physical group for each
         number = np.unique(np.concatenate(tags["gmsh:physical"]), return_inverse=True)[1] + 1
         ends = np.cumsum([len(cells) for _, cells in content.blocks])[:-1]
@@ -140,6 +150,13 @@ def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
     slim = Content(content.points, content.blocks, nodal, tags)
     _write_with_meshio(path, slim, "gmsh22")
+    gmsh_names.add(path, names)
+
+
+def _free_number(tags: npt.NDArray[np.int32], others: set[int]) -> int:
+    """Return the least positive number that is no tag."""
+    taken = others.union(np.unique(tags).tolist())
+    return next(number for number in itertools.count(1) if number not in taken)
 
 
 def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

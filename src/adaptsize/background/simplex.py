@@ -13,13 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array, as_points, refuse_where
+from adaptsize._checks import as_index_array, as_points, describe, refuse_where
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import topology
 from adaptsize.background.location import SimplexLocator
 from adaptsize.typing import FloatArray, IntArray
 
+_LEAST_TAG, _LARGEST_TAG = -(2**31), 2**31 - 1
+_TAG_WANTED = f"must fit into 32 bits, from {_LEAST_TAG} to {_LARGEST_TAG}"
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
@@ -56,6 +58,9 @@ class SimplexMesh(ReadOnlyState):
         boundary conditions, interfaces, creases.
     facet_tags : array_like of int, shape (n_tagged,), optional
         Their tags.
+    tag_names : mapping of (int, int) to str, optional
+        Names of tags, by dimension and tag: ``{(3, 1): "fluid", (2, 7): "inlet"}`` of a mesh of
+        tetrahedra names the cell tag 1 and the facet tag 7.  Gmsh's physical groups.
     point_data : mapping of str to array_like, optional
         Fields with one row per node.
     cell_data : mapping of str to array_like, optional
@@ -65,7 +70,7 @@ class SimplexMesh(ReadOnlyState):
     ------
     ValueError
         If a shape is wrong, a coordinate is not finite, an index is out of range,
-        a cell names a node twice, or there is no cell.
+        a cell names a node twice, there is no cell, or a tag is not an integer of 32 bits.
 
     Examples
     --------
@@ -86,6 +91,7 @@ class SimplexMesh(ReadOnlyState):
     cell_tags: IntArray | None = None
     tagged_facets: IntArray | None = None
     facet_tags: IntArray | None = None
+    tag_names: Mapping[tuple[int, int], str] = field(default_factory=dict)
     point_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
     cell_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
 
@@ -97,6 +103,7 @@ class SimplexMesh(ReadOnlyState):
         cell_tags: npt.ArrayLike | None = None,
         tagged_facets: npt.ArrayLike | None = None,
         facet_tags: npt.ArrayLike | None = None,
+        tag_names: Mapping[tuple[int, int], str] | None = None,
         point_data: Mapping[str, npt.ArrayLike] | None = None,
         cell_data: Mapping[str, npt.ArrayLike] | None = None,
     ) -> None:
@@ -115,6 +122,7 @@ class SimplexMesh(ReadOnlyState):
         else:
             _set(self, "tagged_facets", None)
             _set(self, "facet_tags", None)
+        _set(self, "tag_names", _as_tag_names(tag_names))
         _set(self, "point_data", _as_fields("point_data", point_data, len(own_points)))
         _set(self, "cell_data", _as_fields("cell_data", cell_data, n_cells))
 
@@ -229,7 +237,8 @@ class SimplexMesh(ReadOnlyState):
             ``mesh`` (same ``dim``, normals outward, the domain to the left of
             2-D segments; orientation as in the owning cell if ``cell_dim < dim``),
             ``nodes`` (its nodes in this mesh) and ``cells`` (the owners).  Tags of
-            ``tagged_facets`` that lie on the boundary become its ``cell_tags`` (0: none).
+            ``tagged_facets`` that lie on the boundary become its ``cell_tags`` (0: none),
+            and keep their names.
 
         Raises
         ------
@@ -251,6 +260,7 @@ class SimplexMesh(ReadOnlyState):
             self.points[nodes],
             local.reshape(facets.shape),
             cell_tags=tags,
+            tag_names=self.tag_names,
             point_data={name: values[nodes] for name, values in self.point_data.items()},
         )
         return Boundary(mesh, nodes.astype(np.int32), cell.astype(np.int32))
@@ -345,7 +355,29 @@ def _as_tags(name: str, value: npt.ArrayLike | None, n: int) -> IntArray | None:
         refuse_where(name, raw != np.floor(raw), raw, "must be integers")
     elif raw.dtype.kind not in "iub":
         raise ValueError(f"{name} must be integers, got {raw.dtype}")
+    refuse_where(name, (raw < _LEAST_TAG) | (raw > _LARGEST_TAG), raw, _TAG_WANTED)
     return _read_only(raw.astype(np.int32))
+
+
+def _as_tag_names(names: Mapping[tuple[int, int], str] | None) -> Mapping[tuple[int, int], str]:
+    """Return a read-only copy of names of tags, with plain integers as keys."""
+    own: dict[tuple[int, int], str] = {}
+    for key, name in (names or {}).items():
+        good = isinstance(key, tuple) and len(key) == 2
+        good = good and all(isinstance(n, int | np.integer) for n in key)
+        if not good or not 0 <= key[0] <= 3:
+            raise ValueError(
+                f"tag_names must have keys (dimension 0 to 3, tag), got {describe(key)}"
+            )
+        if not _LEAST_TAG <= key[1] <= _LARGEST_TAG:
+            raise ValueError(f"tag_names: the tag {_TAG_WANTED}, got {describe(key)}")
+        if not isinstance(name, str) or not name.strip() or '"' in name or "\n" in name:
+            raise ValueError(
+                f"tag_names[{key}] must be a name on one line, without double quotes, "
+                f"got {describe(name)}"
+            )
+        own[int(key[0]), int(key[1])] = name
+    return MappingProxyType(own)
 
 
 def _as_fields(

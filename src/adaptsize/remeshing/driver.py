@@ -92,8 +92,8 @@ def remesh(
     -------
     SimplexMesh
         Cells of full dimension are positively oriented, and each node is used.  ``cell_tags``
-        are kept; where ``mesh`` has ``tagged_facets``, so has the result, for the
-        same parts of boundary and interfaces.  Point and cell data are not transferred.
+        and the names of tags are kept; where ``mesh`` has ``tagged_facets``, so has the result,
+        for the same parts of boundary and interfaces.  Point and cell data are not transferred.
 
     Raises
     ------
