@@ -132,25 +132,37 @@ def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
 
 def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
-    # Group 0 is none: of a file with groups Gmsh keeps no other cells, so that those without a
-    # tag get a group of their own.  No cell fields: meshio cannot read them back from version 2.2.
+    # No cell fields: meshio cannot read them back from version 2.2.
     content = content_of(mesh, "gmsh:physical", pad=True)
-    tags = {name: v for name, v in content.cell_data.items() if name == "gmsh:physical"}
-    names = {key: name for key, name in mesh.tag_names.items() if key[0] <= mesh.cell_dim}
-    if tags and any(part.any() for part in tags["gmsh:physical"]):
-        of_cells, *of_facets = tags["gmsh:physical"]
-        if not of_cells.all():
-            group = _free_number(of_cells, {tag for dim, tag in names if dim == mesh.cell_dim})
-            names[mesh.cell_dim, group] = UNTAGGED
-            tags["gmsh:physical"] = [np.where(of_cells == 0, group, of_cells), *of_facets]
-    if tags:  # Gmsh wants an entity number above 0, and one physical group for each
-        number = np.unique(np.concatenate(tags["gmsh:physical"]), return_inverse=True)[1] + 1
-        ends = np.cumsum([len(cells) for _, cells in content.blocks])[:-1]
-        tags["gmsh:geometrical"] = np.split(number.astype(np.int32), ends)
+    tags, names = gmsh_groups(mesh, content)
     nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
     slim = Content(content.points, content.blocks, nodal, tags)
     _write_with_meshio(path, slim, "gmsh22")
     gmsh_names.add(path, names)
+
+
+def gmsh_groups(
+    mesh: SimplexMesh, content: Content
+) -> tuple[dict[str, list[npt.NDArray[Any]]], dict[tuple[int, int], str]]:
+    """Return the cell data that Gmsh needs, and the names of the physical groups.
+
+    Group 0 is none: of a file with groups Gmsh keeps no other cells, so that those without a
+    tag get a group of their own.
+    """
+    names = {key: name for key, name in mesh.tag_names.items() if key[0] <= mesh.cell_dim}
+    groups = content.cell_data.get("gmsh:physical")
+    if groups is None:
+        return {}, names
+    of_cells, *of_facets = groups
+    if any(part.any() for part in groups) and not of_cells.all():
+        number = _free_number(of_cells, {tag for dim, tag in names if dim == mesh.cell_dim})
+        names[mesh.cell_dim, number] = UNTAGGED
+        groups = [np.where(of_cells == 0, np.int32(number), of_cells), *of_facets]
+    # Gmsh wants an entity number above 0, and one physical group for each.
+    entity = np.unique(np.concatenate(groups), return_inverse=True)[1].reshape(-1) + 1
+    ends = np.cumsum([len(part) for part in groups])[:-1]
+    entities = np.split(entity.astype(np.int32), ends)
+    return {"gmsh:physical": groups, "gmsh:geometrical": entities}, names
 
 
 def _free_number(tags: npt.NDArray[np.int32], others: set[int]) -> int:

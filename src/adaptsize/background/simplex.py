@@ -286,6 +286,118 @@ class SimplexMesh(ReadOnlyState):
         tag_of_row[number[len(self.facets) :]] = self.facet_tags
         return tag_of_row[number[: len(self.facets)]]
 
+    @classmethod
+    def from_meshio(
+        cls, mesh: Any, *, kind: str | None = None, flatten: bool = True
+    ) -> SimplexMesh:
+        """Return the simplices of a ``meshio.Mesh``, with tags, tagged facets, names and fields.
+
+        Parameters
+        ----------
+        mesh : meshio.Mesh
+            Not changed.
+        kind, flatten
+            Which cells to take, and whether z = 0 is dropped: as for `read`.
+
+        Returns
+        -------
+        SimplexMesh
+            As `read` makes it of a file: cells of the highest dimension, others than simplices
+            split; tags from the cell data of a known name (``"cell_tags"``,
+            ``"gmsh:physical"``, ...), names of tags from ``field_data``.  Cell sets are not
+            taken.
+
+        Raises
+        ------
+        ValueError
+            If it is no ``meshio.Mesh`` or holds no such cells.
+
+        Warns
+        -----
+        MeshRepairWarning
+            If cells were dropped or converted, with their number.
+
+        Examples
+        --------
+        >>> import meshio
+        >>> points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+        >>> SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
+        SimplexMesh(3 points in 2-D, 1 triangles)
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.from_meshio(mesh, kind=kind, flatten=flatten)
+
+    def to_meshio(self, *, tag_name: str = "cell_tags") -> Any:
+        """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
+
+        Parameters
+        ----------
+        tag_name : str, default "cell_tags"
+            The cell data that get the tags.  ``"gmsh:physical"`` for files of Gmsh: cells
+            without a tag are a group of their own then, as for `write`.
+
+        Returns
+        -------
+        meshio.Mesh
+            Tagged facets are a second block of cells, on which other cell data are NaN (integers:
+            0).  Names of tags are in ``field_data``, as those of Gmsh's groups.
+
+        Raises
+        ------
+        ValueError
+            If two tags have the same name, or a field is not of numbers.
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.to_meshio(self, tag_name)
+
+    @classmethod
+    def from_pyvista(
+        cls, mesh: Any, *, kind: str | None = None, flatten: bool = True
+    ) -> SimplexMesh:
+        """Return the simplices of a PyVista data set, with tags, tagged facets, names and fields.
+
+        Parameters
+        ----------
+        mesh : pyvista.DataSet
+            An ``UnstructuredGrid``, ``PolyData`` or any other.  Not changed.
+        kind, flatten
+            Which cells to take, and whether z = 0 is dropped: as for `read`.
+
+        Returns
+        -------
+        SimplexMesh
+            As `read` makes it of a file; names of tags are those that `to_pyvista` writes.
+
+        Raises
+        ------
+        ValueError
+            If it is no data set, holds no such cells, or polygons of more than four corners.
+
+        Warns
+        -----
+        MeshRepairWarning
+            If cells were dropped or converted, with their number.
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.from_pyvista(mesh, kind=kind, flatten=flatten)
+
+    def to_pyvista(self) -> Any:
+        """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            Tags are the cell data ``"cell_tags"``.  Tagged facets are further cells, on which other
+            cell data are NaN (integers: 0).  Names of tags are texts in the field data
+            ``"tag_names"``.  Points of plane meshes get z = 0.
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.to_pyvista(self)
+
     def with_data(
         self,
         *,
