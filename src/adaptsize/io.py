@@ -23,6 +23,8 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
 
+__all__ = ["is_image_file", "read", "read_image", "read_size", "write"]
+
 
 def read(
     path: str | os.PathLike[str], *, kind: str | None = None, flatten: bool = True

@@ -109,7 +109,7 @@ def medial_axis(
     See Also
     --------
     feature_size : the local feature size from it.
-    adaptsize.geometry.medial.inscribed_spheres : without a background.
+    adaptsize.geometry.inscribed_spheres : without a background.
 
     Notes
     -----
