@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes
+from adaptsize._checks import as_sizes, describe
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.quality.elements import minimum_angles, radius_ratios
@@ -163,6 +163,9 @@ def size_conformity(
     >>> conformity.edges.q50, conformity.share_in_band, round(conformity.angle_min, 6)
     (1.0, 1.0, 45.0)
     """
+    for name, given in (("mesh", mesh), ("surface", surface)):
+        if not isinstance(given, SimplexMesh) and (name == "mesh" or given is not None):
+            raise ValueError(f"{name} must be a SimplexMesh, got {describe(given)}")
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     wanted = _size_at_midpoints(mesh, size)
