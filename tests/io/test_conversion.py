@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from shapes import block, two_region_block, two_region_rectangle
 
-from adaptsize import SimplexMesh
+from adaptsize import SimplexMesh, read
 from adaptsize.errors import MeshRepairWarning
 
 
@@ -99,6 +99,17 @@ def test_other_cells_are_converted_and_counted():
 def test_cells_for_gmsh_are_never_in_group_0():
     made = MESHES["facets only"]().to_meshio(tag_name="gmsh:physical")
     assert (made.cell_data_dict["gmsh:physical"]["tetra"] > 0).all()
+
+
+def test_groups_and_names_outlive_a_gmsh_file_that_meshio_writes_and_reads(tmp_path):
+    # Without cell fields, which do not come back from version 2.2.
+    mesh = replace(MESHES["tetrahedra"](), cell_data={})
+    made = mesh.to_meshio(tag_name="gmsh:physical")
+    meshio.write(tmp_path / "mesh.msh", made, file_format="gmsh22")
+    for back in (read(tmp_path / "mesh.msh"), SimplexMesh.from_meshio(made)):
+        assert_array_equal(back.cell_tags, mesh.cell_tags)
+        assert_array_equal(back.facet_tags, mesh.facet_tags)
+        assert back.tag_names == mesh.tag_names
 
 
 def test_two_tags_of_one_name_are_refused_for_meshio():

@@ -334,8 +334,9 @@ class SimplexMesh(ReadOnlyState):
         Parameters
         ----------
         tag_name : str, default "cell_tags"
-            The cell data that get the tags.  ``"gmsh:physical"`` for files of Gmsh: cells
-            without a tag are a group of their own then, as for `write`.
+            The cell data that get the tags.  ``"gmsh:physical"`` for files of Gmsh, which meshio
+            writes with groups as ``file_format="gmsh22"`` (its version 4.1 leaves them out):
+            cells without a tag are a group of their own then, as for `write`.
 
         Returns
         -------
