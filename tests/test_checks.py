@@ -88,6 +88,16 @@ def test_numbers_keep_to_their_bounds():
         as_number("x", [1, 2], lower=0.0)
 
 
+@pytest.mark.parametrize("text", ["0.1", b"0.1", np.str_("0.1")])
+def test_text_is_no_number(text):
+    with message(f"x must be a number, got {text!r}"):
+        as_number("x", text, lower=0.0)
+    with message(f"a must be an array of numbers, got {text!r}"):
+        as_float_array("a", text)
+    with message(f"a must be an array of numbers, got {[text, text]!r}"):
+        as_float_array("a", [text, text])
+
+
 def test_words_are_chosen_from_a_list():
     assert one_of("m", "b", ("a", "b")) == "b"
     with message("m must be one of 'a', 'b', got 'c'"):

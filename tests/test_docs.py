@@ -5,11 +5,14 @@ where that does not make them quick, COARSER tells what is replaced.  Links, ref
 formulas are checked by Sphinx, in .ci/run.
 """
 
+import importlib
 import importlib.util
+import inspect
 import re
 import shutil
 import subprocess
 import sys
+import typing
 from pathlib import Path
 
 import numpy as np
@@ -157,6 +160,34 @@ def test_every_public_name_is_in_the_reference():
     listed = set(re.findall(r"^   ([A-Za-z_.]+)$", text, re.MULTILINE))
     missing = [n for n in ads.__all__ if n != "__version__" and n not in listed]
     assert missing == []
+
+
+@pytest.mark.parametrize("module", ads._SUBMODULES)
+def test_every_public_name_of_a_submodule_is_in_the_reference(module):
+    text = (DOCS / "api.rst").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^   ([A-Za-z_.]+)$", text, re.MULTILINE))
+    home = getattr(ads, module)
+    own = [name for name, value in vars(home).items() if inspect.isclass(value)]
+    names = getattr(home, "__all__", own)
+    # Aliases of types are explained where they are used.
+    public = [n for n in names if inspect.isclass(getattr(home, n)) or callable(getattr(home, n))]
+    public = [n for n in public if typing.get_origin(getattr(home, n)) is None]
+    assert public
+    assert [n for n in public if not {n, f"{module}.{n}"} & listed] == []
+
+
+def test_the_page_of_parameters_has_every_function_with_its_signature(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    page = importlib.import_module("signatures").page(DOCS / "api.rst")
+    rows = {row.split("`")[1]: row for row in page.splitlines() if row.startswith("| {py:")}
+    for name in ads.__all__:
+        if name != "__version__" and callable(getattr(ads, name)):
+            assert any(key.startswith((f"{name} <", f"{name}.")) for key in rows), name
+    written = rows["write <adaptsize.write>"]
+    assert "| `path`, `obj`, `*`, `fields=None`, `file_format=None` |" in written
+    assert rows["SimplexMesh.boundary <adaptsize.SimplexMesh.boundary>"].split("|")[2].strip() == ""
+    located = rows["CartesianGrid.around <adaptsize.CartesianGrid.around>"]
+    assert "| `points`, `spacing`, `margin=0.0` |" in located
 
 
 def test_every_name_in_the_reference_exists():

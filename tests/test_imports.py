@@ -1,7 +1,9 @@
 """What `import adaptsize` brings with it, in a fresh interpreter."""
 
 import importlib
+import importlib.resources
 import json
+import pkgutil
 import subprocess
 import sys
 
@@ -70,3 +72,34 @@ def test_public_names_are_the_objects_of_their_homes():
 def test_unknown_names_are_attribute_errors():
     with pytest.raises(AttributeError, match="module 'adaptsize' has no attribute 'refine'"):
         _ = adaptsize.refine
+
+
+SUBMODULES = [
+    "adaptation", "background", "domain_size", "errors", "geometry", "io", "limiting", "plot",
+    "quality", "remeshing", "sizes", "typing",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SUBMODULES)
+def test_a_submodule_is_an_attribute_after_importing_the_package_alone(name):
+    code = f"import adaptsize; print(adaptsize.{name}.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [f"adaptsize.{name}"]
+
+
+def test_every_public_submodule_is_listed():
+    found = {info.name for info in pkgutil.iter_modules(adaptsize.__path__)}
+    assert {name for name in found if not name.startswith("_")} - {"cli"} == set(SUBMODULES)
+    assert set(SUBMODULES) <= set(dir(adaptsize))
+
+
+@pytest.mark.parametrize("module", ["adaptsize", "adaptsize.remeshing"])
+def test_dir_lists_public_names_and_no_tools(module):
+    names = dir(importlib.import_module(module))
+    assert not {"Any", "import_module"} & set(names)
+    assert [name for name in names if name.startswith("_") and not name.startswith("__")] == []
+    assert names == sorted(set(names))
+
+
+def test_the_package_says_that_it_is_typed():
+    assert importlib.resources.files("adaptsize").joinpath("py.typed").is_file()

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import adaptsize as ads
 from adaptsize.remeshing import available_backends
 
 PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
@@ -43,8 +44,18 @@ def measure(points, cells):
 def test_every_block_of_the_page_stands_in_a_section_that_is_run():
     sections = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
     with_blocks = [s.split("\n", 1)[0] for s in sections if BLOCK.search(s)]
-    assert with_blocks == ["Plain arrays", "scikit-fem", "DOLFINx"]
-    assert PAGE.read_text(encoding="utf-8").count("```python") == 4
+    assert with_blocks == ["Plain arrays", "meshio and PyVista", "scikit-fem", "DOLFINx"]
+    assert PAGE.read_text(encoding="utf-8").count("```python") == 5
+
+
+def test_objects_of_meshio_and_pyvista(monkeypatch):
+    monkeypatch.chdir(PAGE.parents[1])
+    names = names_after("meshio and PyVista")
+    mesh, given = names["mesh"], ads.read("data/block.vtu")
+    assert mesh.n_cells == given.n_cells
+    assert (mesh.cell_tags == given.cell_tags).all()
+    assert (mesh.facet_tags == given.facet_tags).all()
+    assert set(mesh.point_data) == set(given.point_data)
 
 
 def test_plain_arrays():

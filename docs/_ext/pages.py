@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import gallery
+import signatures
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
@@ -26,6 +27,8 @@ COPIES = {
     "CONTRIBUTING.md": "project/contributing",
     "data/README.md": "project/samples",
 }
+# The page that is made from the signatures.
+FUNCTIONS = "project/functions"
 # Links to folders, and what answers to them here.
 FOLDERS = {
     "examples": "gallery/index",
@@ -45,8 +48,8 @@ CONTENTS = {
         "adaptive-loops",
     ],
     "Reference": [
-        "api", "command-line", "files", "solvers", "glossary", "promises", "benchmarks",
-        "citations",
+        "api", FUNCTIONS, "command-line", "files", "solvers", "glossary", "promises",
+        "benchmarks", "citations",
     ],
     "Project": ["decisions/README", *COPIES.values()],
 }  # fmt: skip
@@ -60,6 +63,7 @@ def write_pages(app: Sphinx) -> None:
         LOG.warning(line)
     pages = {f"gallery/{e.name}": gallery.page_of(e) for e in examples}
     pages["gallery/index"] = gallery.index_of(examples)
+    pages[FUNCTIONS] = signatures.page(DOCS / "api.rst")
     pages |= {
         name: (ROOT / source).read_text(encoding="utf-8") for source, name in _copies().items()
     }

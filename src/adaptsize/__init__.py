@@ -54,11 +54,28 @@ _HOMES = {
     "write": "io",
 }
 
+_SUBMODULES = (
+    "adaptation",
+    "background",
+    "domain_size",
+    "errors",
+    "geometry",
+    "io",
+    "limiting",
+    "plot",
+    "quality",
+    "remeshing",
+    "sizes",
+    "typing",
+)
+
 __all__ = ["__version__", *_HOMES]  # noqa: PLE0604 - the keys are strings
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name from its home on first use (PEP 562)."""
+    """Import a public name from its home, or a submodule, on first use (PEP 562)."""
+    if name in _SUBMODULES:
+        return import_module(f"adaptsize.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'adaptsize' has no attribute {name!r}")
     value = getattr(import_module(f"adaptsize.{_HOMES[name]}"), name)
@@ -67,4 +84,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    own = {name for name in globals() if name.startswith("__")}
+    return sorted({*own, *__all__, *_SUBMODULES})

@@ -52,6 +52,8 @@ def as_float_array(
     if raw.dtype.kind == "c":
         raise ValueError(f"{name} must be real, got {raw.dtype} of shape {raw.shape}")
     try:
+        if np.asarray(raw).dtype.kind in "SU":
+            raise TypeError("text, which numpy would take for numbers")
         array = np.ascontiguousarray(raw, dtype=np.float64).reshape(raw.shape)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {describe(value)}") from error
@@ -105,6 +107,8 @@ def as_number(
     if np.iscomplexobj(value) or value is np.ma.masked:
         raise ValueError(f"{name} must be a number, got {describe(value)}")
     try:
+        if isinstance(value, str | bytes):
+            raise TypeError("text, which float() would take for a number")
         number = float(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be a number, got {describe(value)}") from error

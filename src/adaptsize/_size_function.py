@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, one_of
+from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
@@ -55,7 +56,7 @@ class LocatableBackground(Background, Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SizeFunction:
+class SizeFunction(ReadOnlyState):
     """Wanted edge lengths on a background, defined everywhere.
 
     Between the nodes the sizes are interpolated: linearly on simplices (an octree is cut

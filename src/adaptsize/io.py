@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -21,6 +22,8 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
+
+__all__ = ["is_image_file", "read", "read_image", "read_size", "write"]
 
 
 def read(
@@ -78,7 +81,7 @@ def read(
     In the same way cells of one dimension less (the triangles in a file of tetrahedra)
     give ``tagged_facets`` and ``facet_tags``.  Of these, ones that are no facet of a cell
     are dropped with a warning, and without tags all are left out silently, as are
-    cells of still lower dimension and the names of groups.
+    cells of still lower dimension.  Names of Gmsh's physical groups become ``tag_names``.
 
     Examples
     --------
@@ -119,7 +122,8 @@ def write(
     """Write a mesh, grid, octree or size function to a file.
 
     The file is written whole or not at all: under a temporary name in the same
-    directory, then renamed.  If anything fails, a file of that name stays as it was.
+    directory, then renamed.  If anything fails, a file of that name stays as it was.  Devices
+    and pipes, such as ``/dev/stdout``, are written to and stay what they are.
 
     Parameters
     ----------
@@ -149,8 +153,10 @@ def write(
     Notes
     -----
     Cell tags and tagged facets are written to VTU, VTK and XDMF as the cell field
-    ``cell_tags`` (facets are cells of their own there), to Gmsh as physical groups, to
-    Medit as references; `read` finds them again, but takes tags that are all 0 for none.
+    ``cell_tags`` (facets are cells of their own there), to Gmsh as physical groups with their
+    names, to Medit as references; `read` finds them again, but takes tags that are all 0 for
+    none.  Cells without a tag in a mesh with tags are a group of their own for Gmsh, which
+    leaves out what belongs to no group.
     Other cell fields are written to VTU, VTK and XDMF only, NaN (integers: 0) on the facets.
 
     Medit, STL, OBJ and OFF hold no nodal fields: those of the mesh are left out, ``fields``
@@ -164,7 +170,8 @@ def write(
     A Gmsh view says sizes on the cells, nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.
     """
-    target = Path(os.path.realpath(path))
+    # The file that a link leads to; not of pipes, which /dev/stdout leads to and have no path.
+    target = Path(os.path.realpath(path)) if not _is_special(Path(path)) else Path(path)
     chosen = writers.format_of(Path(path), file_format)
     background, nodal = _parts_of(obj, fields)
     needed = list(nodal)
@@ -315,6 +322,9 @@ def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
     """Write under a temporary name in the same directory and rename; raises OSError."""
     if target.is_dir():
         raise MeshFileError("is a directory")
+    if _is_special(target):
+        _write_into(target, write_to)
+        return
     if not target.parent.is_dir():
         raise MeshFileError(f"there is no directory {target.parent}")
     # Not tempfile: its files are private to the user, and the suffix must stay.
@@ -326,6 +336,20 @@ def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _is_special(path: Path) -> bool:
+    """Whether a path is there and neither a file nor a directory: a device, pipe or socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _write_into(special: Path, write_to: Callable[[Path], None]) -> None:
+    """Write to a file elsewhere and copy its content: a device must not be replaced."""
+    with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
+        whole = Path(folder, special.name)
+        write_to(whole)
+        with whole.open("rb") as content, special.open("wb", buffering=0) as device:
+            shutil.copyfileobj(content, device)
 
 
 def _parts_of(

@@ -6,6 +6,16 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+__all__ = [
+    "Background",
+    "BoolArray",
+    "FloatArray",
+    "GradientLimit",
+    "GradientOfSize",
+    "IntArray",
+    "ProgressCallback",
+]
+
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int32]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]

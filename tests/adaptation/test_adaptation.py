@@ -1,6 +1,7 @@
 """One turn of an adaptive loop: sizes, budget, verdict, transfer, boundary, report."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -340,7 +341,8 @@ def test_a_slit_stays_one_and_values_stay_on_their_sides():
 def test_new_boundary_nodes_are_projected_and_the_area_comes_nearer():
     pytest.importorskip("mmgpy")
     mesh = disc(5)
-    plain = adapt(mesh, h0=0.05)
+    with pytest.warns(ResolutionWarning, match="farther from the old one"):
+        plain = adapt(mesh, h0=0.05)
     result = adapt(mesh, h0=0.05, project=to_circle)
     new, moves = result.mesh, result.report.moves
     # Chords of 12 degrees sag by 1 - cos(6 deg) = 5.5e-3; Mmg bends them by its own spline.
@@ -354,6 +356,19 @@ def test_new_boundary_nodes_are_projected_and_the_area_comes_nearer():
     assert off[0] == pytest.approx(0.023, rel=0.01)
     assert off[2] < 0.08 * off[0]
     assert "nodes moved by up to" in str(result)
+
+
+def test_a_boundary_that_drifts_off_in_a_loop_is_reported_once():
+    pytest.importorskip("mmgpy")
+    mesh = disc(5)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for h in (0.1, 0.06, 0.09):
+            result = adapt(mesh, h0=h, enough=1.1)
+            mesh = result.mesh
+    assert [w.category for w in caught] == [ResolutionWarning]
+    assert "give project= for a curved boundary" in str(caught[0].message)
+    assert caught[0].filename == __file__
 
 
 def test_moves_that_would_invert_cells_are_shortened():

@@ -121,6 +121,43 @@ REFUSED = {
         {"tagged_facets": [[0, 1]], "facet_tags": [1, 2]},
         "facet_tags must have shape (1,), got (2,)",
     ),
+    "tag beyond 32 bits": (
+        SQUARE,
+        HALVES,
+        {"cell_tags": [1, 2**31]},
+        "cell_tags must fit into 32 bits, from -2147483648 to 2147483647, "
+        "got cell_tags[1] = 2147483648",
+    ),
+    "tag below 32 bits": (
+        SQUARE,
+        HALVES,
+        {"tagged_facets": [[0, 1]], "facet_tags": [-1e10]},
+        "facet_tags must fit into 32 bits",
+    ),
+    "infinite tag": (
+        SQUARE,
+        HALVES,
+        {"cell_tags": [np.inf, 1]},
+        "cell_tags must fit into 32 bits",
+    ),
+    "name of a tag without dimension": (
+        SQUARE,
+        HALVES,
+        {"tag_names": {7: "wall"}},
+        "tag_names must have keys (dimension 0 to 3, tag), got 7",
+    ),
+    "name of a tag of dimension 4": (
+        SQUARE,
+        HALVES,
+        {"tag_names": {(4, 7): "wall"}},
+        "tag_names must have keys (dimension 0 to 3, tag), got (4, 7)",
+    ),
+    "name that is no text": (
+        SQUARE,
+        HALVES,
+        {"tag_names": {(1, 7): 8}},
+        "tag_names[(1, 7)] must be a name on one line, without double quotes, got 8",
+    ),
     "nodal field": (
         SQUARE,
         HALVES,
@@ -396,6 +433,7 @@ def test_boundary_carries_tags_and_nodal_fields():
         # The diagonal is no boundary; a tag counts whatever the order of its nodes.
         tagged_facets=[[1, 0], [0, 2], [2, 3]],
         facet_tags=[7, 8, 9],
+        tag_names={(1, 7): "south", (2, 1): "all"},
         point_data={"u": [10.0, 11.0, 12.0, 13.0]},
     )
     part, nodes, _ = mesh.boundary()
@@ -404,8 +442,18 @@ def test_boundary_carries_tags_and_nodal_fields():
         for facet, tag in zip(nodes[part.cells].tolist(), part.cell_tags.tolist(), strict=True)
     }
     assert tags == {(0, 1): 7, (1, 2): 0, (2, 3): 9, (0, 3): 0}
+    assert part.tag_names == {(1, 7): "south", (2, 1): "all"}
     assert part.point_data["u"].tolist() == (10.0 + nodes).tolist()
     assert SimplexMesh(SQUARE, HALVES).boundary().mesh.cell_tags is None
+
+
+def test_names_of_tags_are_copied_read_only_and_outlive_new_fields():
+    names = {(np.int64(2), np.int8(1)): "all"}
+    mesh = SimplexMesh(SQUARE, HALVES, cell_tags=[1, 1], tag_names=names)
+    names.clear()
+    assert mesh.with_data(point_data={"u": np.zeros(4)}).tag_names == {(2, 1): "all"}
+    with pytest.raises(TypeError):
+        mesh.tag_names[2, 1] = "none"
 
 
 def test_tags_of_facets_that_no_cell_has_are_passed_over():

@@ -1,10 +1,17 @@
 """Reading and writing files: what comes back, what is mended, what is refused."""
 
 import contextlib
+import logging
 import os
 import re
+import stat
 import struct
+import subprocess
+import sys
+import threading
 import warnings
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -18,6 +25,8 @@ from numpy.testing import assert_array_equal
 from adaptsize import SimplexMesh, SizeFunction, read, write
 from adaptsize._formats import blocks, stl
 from adaptsize.errors import MeshFileError, MeshRepairWarning
+
+posix_only = pytest.mark.skipif(sys.platform == "win32", reason="pipes with a path")
 
 MESH_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh", ".mesh", ".meshb"]
 FIELD_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh"]
@@ -88,6 +97,59 @@ def test_points_cells_and_tags_come_back_to_the_last_bit(tmp_path, suffix, dim):
     assert_array_equal(back.cell_tags, mesh.cell_tags)
     assert_array_equal(back.tagged_facets, mesh.tagged_facets)
     assert_array_equal(back.facet_tags, mesh.facet_tags)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_names_of_physical_groups_come_back_from_gmsh_files(tmp_path, dim):
+    names = {(dim, 1): "fluid", (dim, 3): "same", (dim - 1, 4): "same", (dim - 1, 5): "ä 'b'"}
+    mesh = replace(tagged_mesh(dim), tag_names=names)
+    write(tmp_path / "mesh.msh", mesh)
+    assert read(tmp_path / "mesh.msh").tag_names == names
+    held = meshio.read(tmp_path / "mesh.msh").field_data
+    assert held["fluid"].tolist() == [1, dim]
+
+
+@pytest.mark.parametrize("some", [False, True])
+def test_cells_without_a_tag_are_a_group_of_their_own_for_gmsh(tmp_path, some):
+    # Gmsh keeps the cells of groups only, and group 0 is none.
+    mesh = tagged_mesh(3)
+    tags = np.where(np.arange(mesh.n_cells) < 5, 2, 0) if some else None
+    mesh = replace(mesh, cell_tags=tags, tag_names={(3, 1): "named, but not used"})
+    write(tmp_path / "mesh.msh", mesh)
+    written = meshio.read(tmp_path / "mesh.msh")
+    groups = written.cell_data_dict["gmsh:physical"]["tetra"].tolist()
+    assert set(groups) == ({2, 3} if some else {2})
+    assert written.field_data["adaptsize untagged"].tolist() == [3 if some else 2, 3]
+    back = read(tmp_path / "mesh.msh")
+    assert_array_equal(back.facet_tags, mesh.facet_tags)
+    assert back.tag_names == {(3, 1): "named, but not used"}
+    if some:
+        assert_array_equal(back.cell_tags, tags)
+    else:
+        assert back.cell_tags is None
+
+
+def test_a_mesh_without_tags_has_no_groups_in_gmsh_files(tmp_path):
+    write(tmp_path / "mesh.msh", SimplexMesh(SQUARE, TWO_TRIANGLES))
+    assert b"PhysicalNames" not in (tmp_path / "mesh.msh").read_bytes()
+    assert read(tmp_path / "mesh.msh").cell_tags is None
+
+
+def test_gmsh_keeps_all_cells_and_names_of_a_written_file(tmp_path):
+    gmsh = pytest.importorskip("gmsh")
+    mesh = replace(tagged_mesh(3), cell_tags=None, tag_names={(2, 4): "wall"})
+    write(tmp_path / "mesh.msh", mesh)
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "mesh.msh"))
+        gmsh.write(str(tmp_path / "again.msh"))
+    finally:
+        gmsh.finalize()
+    again = read(tmp_path / "again.msh")
+    assert again.n_cells == mesh.n_cells
+    assert again.cell_tags is None
+    assert again.tag_names == {(2, 4): "wall"}
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -642,15 +704,98 @@ def test_missing_files_and_directories_are_refused(tmp_path):
         read(tmp_path)
 
 
-def test_a_readers_sys_exit_does_not_reach_the_caller(tmp_path, monkeypatch):
-    def leave(*args, **kwargs):
-        print("some complaint")
-        raise SystemExit(1)
+def test_a_readers_sys_exit_does_not_reach_the_caller(tmp_path, monkeypatch, capfd):
+    def complain(path):
+        raise meshio.ReadError("some complaint")
 
     file = tmp_path / "mesh.vtu"
     file.write_bytes(b"x")
-    monkeypatch.setattr(meshio, "read", leave)
+    monkeypatch.setitem(meshio._helpers.reader_map, "vtu", complain)
     with pytest.raises(MeshFileError, match="some complaint"):
+        read(file)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_reading_leaves_the_output_of_other_threads_alone(tmp_path, capsys, monkeypatch):
+    file = tmp_path / "mesh.vtu"
+    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
+    reading, printed = threading.Event(), threading.Event()
+
+    def read_slowly(path):
+        reading.set()
+        assert printed.wait(10)
+        print("of the reader's own thread")
+        meshio._common.warn("cannot do this")
+        return meshio.vtu.read(path)
+
+    def talk():
+        assert reading.wait(10)
+        print("to stdout")
+        print("to stderr", file=sys.stderr)
+        meshio._common.warn("of meshio")
+        logging.getLogger("somewhere").warning("to the log")
+        printed.set()
+
+    monkeypatch.setitem(meshio._helpers.reader_map, "vtu", read_slowly)
+    talker = threading.Thread(target=talk)
+    talker.start()
+    assert read(file).n_cells == 2
+    talker.join()
+    out, err = capsys.readouterr()
+    assert out == "to stdout\nof the reader's own thread\n"
+    assert "to stderr" in err
+    assert "of meshio" in err
+    assert "cannot do this" not in err
+
+
+def test_many_threads_that_read_leave_the_filters_of_warnings_as_they_were(tmp_path):
+    file = tmp_path / "mesh.vtu"
+    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
+    before = list(warnings.filters)
+    with ThreadPoolExecutor(8) as pool:
+        meshes = list(pool.map(read, [file] * 40))
+    assert {mesh.n_cells for mesh in meshes} == {2}
+    assert warnings.filters == before
+
+
+TETRAHEDRON = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
+TWO_QUADS = "0 0 1\n1 0 1\n1 1 1\n0 1 1\n2 0 1\n2 1 1\n4 0 1 2 3\n4 1 4 5 2\n"
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\n"
+    "property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "n"),
+    [
+        ("a.off", "OFF\n4 4 0\n" + TETRAHEDRON, 4),
+        ("b.off", "OFF 4 4 0 # by hand\n" + TETRAHEDRON, 4),
+        ("quads.off", "OFF # by hand\n6 2 0\n" + TWO_QUADS, 2),
+        ("a.ply", PLY.format(4, 4) + TETRAHEDRON, 4),
+        ("quads.ply", PLY.format(6, 2) + TWO_QUADS, 2),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+def test_fewer_faces_than_the_header_says_are_refused(tmp_path, name, content, n):
+    file = tmp_path / name
+    file.write_text(content)
+    assert read(file).n_cells == 4
+    lines = content.splitlines(keepends=True)
+    file.write_text("".join(lines[:-1]))
+    with pytest.raises(MeshFileError, match=rf"truncated \(promises {n} faces, holds {n - 1}\)"):
+        read(file)
+    file.write_text(content.rstrip()[:-2])  # the last face lacks a node
+    with pytest.raises(MeshFileError):
+        read(file)
+
+
+def test_fewer_faces_than_the_header_of_a_binary_ply_says_are_refused(tmp_path):
+    file = tmp_path / "mesh.ply"
+    write(file, random_sphere(8, 7314))
+    n = read(file).n_cells
+    file.write_bytes(file.read_bytes()[:-13])  # one byte and three nodes
+    with pytest.raises(MeshFileError, match=rf"promises {n} faces, holds {n - 1}"):
         read(file)
 
 
@@ -732,6 +877,37 @@ def test_a_path_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "folder.vtu").mkdir()
     with pytest.raises(MeshFileError, match="is a directory"):
         write(tmp_path / "folder.vtu", mesh)
+
+
+@posix_only
+@pytest.mark.parametrize("name", ["pipe.stl", "link.stl"])
+def test_a_special_file_is_written_to_and_stays_what_it_is(tmp_path, name):
+    # A pipe stands for devices such as /dev/null, which a test should not put at risk.
+    pipe, link, mesh = tmp_path / "pipe.stl", tmp_path / "link.stl", random_sphere(8, 7314)
+    os.mkfifo(pipe)
+    link.symlink_to(pipe)
+    write(tmp_path / "mesh.stl", mesh)
+    with ThreadPoolExecutor(1) as pool:
+        keeper = os.open(pipe, os.O_RDWR)  # a pipe replaced by a file would block the reader
+        content = pool.submit(lambda: os.read(keeper, 1_000_000))
+        write(tmp_path / name, mesh)
+        os.write(keeper, b"end")
+    written = content.result()
+    os.close(keeper)
+    assert written.removesuffix(b"end") == (tmp_path / "mesh.stl").read_bytes()
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert sorted(os.listdir(tmp_path)) == ["link.stl", "mesh.stl", "pipe.stl"]
+
+
+@posix_only
+def test_a_mesh_goes_to_standard_output(tmp_path):
+    code = (
+        "import adaptsize as ads\n"
+        "mesh = ads.SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])\n"
+        "ads.write('/dev/stdout', mesh, file_format='off')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert done.stdout.startswith(b"OFF")
 
 
 def test_unknown_suffixes_and_formats_are_answered_with_the_list(tmp_path):

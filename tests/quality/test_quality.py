@@ -267,3 +267,13 @@ def test_segments_have_no_quality():
     for function in (radius_ratios, minimum_angles, lambda mesh: size_conformity(mesh, 1.0)):
         with pytest.raises(ValueError, match="mesh must consist of triangles or tetrahedra"):
             function(line)
+
+
+def test_what_is_no_mesh_is_refused():
+    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    with pytest.raises(ValueError, match=r"^mesh must be a SimplexMesh, got 'part.stl'$"):
+        size_conformity("part.stl", 0.1)
+    with pytest.raises(ValueError, match=r"^surface must be a SimplexMesh, got 'part.stl'$"):
+        size_conformity(mesh, 0.1, surface="part.stl")
+    with pytest.raises(ValueError, match=r"^size must be an array of numbers, got '0\.1'$"):
+        size_conformity(mesh, "0.1")

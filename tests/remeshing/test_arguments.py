@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -85,6 +86,25 @@ def test_segments_are_refused():
     outline = two_region_rectangle(2).boundary().mesh
     with pytest.raises(ValueError, match="mesh must consist of triangles or tetrahedra"):
         remesh(outline, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "message"),
+    [
+        ("part.stl", "mesh must be a SimplexMesh, got 'part.stl'; read(path) gives one"),
+        (Path("a.stl"), "mesh must be a SimplexMesh, got PosixPath('a.stl'); read(path) gives one"),
+        (None, "mesh must be a SimplexMesh, got None"),
+        (np.zeros(2), "mesh must be a SimplexMesh, got array([0., 0.])"),
+    ],
+)
+def test_what_is_no_mesh_is_refused(mesh, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        remesh(mesh, 0.1)
+
+
+def test_a_size_that_is_text_is_refused():
+    with pytest.raises(ValueError, match=r"^size must be an array of numbers, got '0\.1'$"):
+        remesh(CUBE, "0.1", backend="tetwild")
 
 
 def test_too_many_elements_are_refused_with_both_numbers():

@@ -17,6 +17,7 @@ from adaptsize.remeshing import register_backend, registry, remesh
 SUPPORT = Path(__file__).parents[1] / "support"
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="sessions of processes")
 
 
 @pytest.fixture
@@ -38,6 +39,28 @@ def fake(monkeypatch, tmp_path):
 def test_a_crash_is_an_error_that_names_the_signal(fake, function, name):
     with pytest.raises(BackendError, match=f"fake failed: crashed .{name}."):
         fake(function)
+
+
+@posix_only
+def test_a_kill_from_outside_is_no_crash(fake):
+    with pytest.raises(BackendError, match=r"killed from outside \(SIGKILL\), perhaps .*memory"):
+        fake("killed")
+
+
+@linux_only
+def test_children_left_by_a_finished_generator_are_killed(fake, tmp_path):
+    pid_file = tmp_path / "pids"
+    fake("leave_children", options=[("pid_file", str(pid_file))])
+    assert len(pid_file.read_text().split()) == 2
+    _assert_gone(pid_file)
+
+
+@linux_only
+def test_a_child_that_left_the_session_is_killed_with_its_generator(fake, tmp_path):
+    pid_file = tmp_path / "pids"
+    with pytest.raises(BackendTimeoutError):
+        fake("hang_with_stray", options=[("pid_file", str(pid_file))], timeout=3.0)
+    _assert_gone(pid_file)
 
 
 def test_the_error_gives_the_reason_and_the_last_lines(fake):

@@ -1,5 +1,7 @@
 """Regions, tags and required facets survive; sizes on surfaces reach into the volume."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -54,6 +56,14 @@ def test_mmg_keeps_regions_and_tags_of_triangles_exactly():
     assert_allclose([region_measure(new, 5), region_measure(new, 9)], 1.0, rtol=1e-12)
     assert set(np.unique(new.facet_tags)) == {30, 31}
     assert_allclose([facet_areas(new, 30), facet_areas(new, 31)], 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("backend", ["mmg", "tetwild"])
+def test_names_of_tags_outlive_remeshing(backend):
+    pytest.importorskip("mmgpy" if backend == "mmg" else "pytetwild")
+    names = {(3, 7): "left", (2, 40): "interface"}
+    given = replace(two_region_block(2), tag_names=names)
+    assert remesh(given, 0.4, backend=backend).tag_names == names
 
 
 def test_required_facets_stay_as_they_are():

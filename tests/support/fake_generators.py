@@ -31,6 +31,29 @@ def hang(arrays, options):
     time.sleep(60)
 
 
+def killed(arrays, options):
+    """Die as by the kernel's out-of-memory killer."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def leave_children(arrays, options):
+    """Finish at once, and leave processes behind: one in a group of its own."""
+    sleep = "import os, time; {}time.sleep(60)"
+    plain = subprocess.Popen([sys.executable, "-c", sleep.format("")])
+    grouped = subprocess.Popen([sys.executable, "-c", sleep.format("os.setpgrp(); ")])
+    time.sleep(1.0)
+    Path(options["pid_file"]).write_text(f"{plain.pid} {grouped.pid}")
+    return copy(arrays, options)
+
+
+def hang_with_stray(arrays, options):
+    """Hang, with a child that has left the session."""
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
+    stray = subprocess.Popen(sleep, start_new_session=True)
+    Path(options["pid_file"]).write_text(f"{os.getpid()} {stray.pid}")
+    time.sleep(60)
+
+
 def chatter(arrays, options):
     while True:
         print("x" * 100_000)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._formats.blocks import (
     KINDS,
+    UNTAGGED,
     RawMesh,
     Simplices,
     dimension_of,
@@ -70,7 +71,15 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
     dim = _wanted_dimension(raw, kind)
     simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
     tag_name, cell_tags = _tags(raw, simplices)
-    facets, facet_tags = _facets(raw, simplices, notes)
+    facets, facet_tags, facet_tag_name = _facets(raw, simplices, notes)
+    # Names are those of groups, not of the geometry that they consist of.
+    named = {dim: tag_name, dim - 1: facet_tag_name}
+    names = {
+        key: name
+        for key, name in raw.tag_names.items()
+        if named.get(key[0], "gmsh:geometrical") not in (None, "gmsh:geometrical")
+    }
+    cell_tags, names = _without_untagged(cell_tags, names, dim)
     cell_data = _cell_fields(raw, simplices, tag_name)
     cells = simplices.cells
     keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
@@ -87,9 +96,22 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
         cell_tags=cell_tags,
         tagged_facets=facets,
         facet_tags=facet_tags,
+        tag_names=names,
         point_data={name: values[keep] for name, values in _nodal_fields(raw).items()},
         cell_data=cell_data,
     )
+
+
+def _without_untagged(
+    cell_tags: npt.NDArray[np.int32] | None, names: dict[tuple[int, int], str], dim: int
+) -> tuple[npt.NDArray[np.int32] | None, dict[tuple[int, int], str]]:
+    """Return tags and names without the group into which untagged cells were written."""
+    group = next((key for key, name in names.items() if name == UNTAGGED and key[0] == dim), None)
+    if group is None or cell_tags is None:
+        return cell_tags, names
+    tags = np.where(cell_tags == group[1], 0, cell_tags).astype(np.int32)
+    others = {key: name for key, name in names.items() if key != group}
+    return (tags if tags.any() else None), others
 
 
 def _without_repeated_nodes(simplices: Simplices, notes: list[str]) -> Simplices:
@@ -167,15 +189,15 @@ def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[n
 
 def _facets(
     raw: RawMesh, simplices: Simplices, notes: list[str]
-) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None]:
-    """Return the tagged cells of one dimension less that are facets of the simplices."""
+) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None, str | None]:
+    """Return the tagged cells of one dimension less that are facets, and whose tags they bear."""
     dim = simplices.cells.shape[1] - 1
     if not any(dimension_of(t) == dim - 1 and len(c) for t, c in raw.blocks) or dim == 1:
-        return None, None
+        return None, None, None
     found = simplices_of(raw, dim - 1)
-    _, tags = _tags(raw, found)
+    name, tags = _tags(raw, found)
     if tags is None:
-        return None, None
+        return None, None, None
     n_points = len(raw.points)
     facets = facets_of(simplices.cells.astype(np.int32), n_points)[0]
     rows = np.concatenate([facets, found.cells.astype(np.int32)])
@@ -186,5 +208,5 @@ def _facets(
     if not good.all():
         notes.append(f"{np.count_nonzero(~good)} tagged facets that bound no cell dropped")
     if not good.any():
-        return None, None
-    return found.cells[good], tags[good]
+        return None, None, None
+    return found.cells[good], tags[good], name

@@ -22,6 +22,8 @@ _SHAPES = {
     "wedge": (3, 6),
     "hexahedron": (3, 8),
 }
+#: Name of the group of cells without a tag in Gmsh's files, where group 0 is left out.
+UNTAGGED = "adaptsize untagged"
 _SIMPLEX = {1: "line", 2: "triangle", 3: "tetra"}
 KINDS = {"segments": 1, "triangles": 2, "tetrahedra": 3}
 _PLURAL = {
@@ -61,6 +63,8 @@ class RawMesh:
     blocks: list[tuple[str, npt.NDArray[Any]]]
     point_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
     cell_data: Mapping[str, Sequence[npt.NDArray[Any]]] = field(default_factory=dict)
+    tag_names: Mapping[tuple[int, int], str] = field(default_factory=dict)
+    """Names of the tags, by dimension and tag."""
     notes: list[str] = field(default_factory=list)
     """What had to be left out, for a warning."""
 

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import binascii
-import contextlib
-import io
 import lzma
 import re
 import struct
 import tempfile
-import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import stl, xdmf
+from adaptsize._formats import gmsh_names, stl, xdmf
 from adaptsize._formats.blocks import RawMesh, check_raw, join
+from adaptsize._formats.promised import check_faces
+from adaptsize._formats.quietness import quiet
 from adaptsize.errors import MeshFileError
 
 # Whatever a parser may raise on a file that is not what it expects; not KeyboardInterrupt.
@@ -81,22 +80,10 @@ def load(path: Path) -> RawMesh:
         except MeshFileError as error:
             first_failure = first_failure or error
         else:
+            check_faces(path, raw)
             return raw
     assert first_failure is not None
     raise first_failure
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[io.StringIO]:
-    """Keep what a foreign package prints or warns of away from the user; yields the text."""
-    printed = io.StringIO()
-    with (
-        warnings.catch_warnings(),
-        contextlib.redirect_stdout(printed),
-        contextlib.redirect_stderr(printed),
-    ):
-        warnings.simplefilter("ignore")
-        yield printed
 
 
 def foreign_failures() -> tuple[type[BaseException], ...]:
@@ -147,7 +134,7 @@ def _load_with_meshio(path: Path) -> RawMesh:
             raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
         points = np.asarray(mesh.points, dtype=np.float64)
         blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-        return RawMesh(points, blocks, mesh.point_data, mesh.cell_data)
+        return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, gmsh_names.read(path))
     raise MeshFileError(f"cannot be read as a mesh ({failure})")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, refuse_where
-from adaptsize._formats import sizes, stl, xdmf
-from adaptsize._formats.readers import foreign_failures, quiet, reason
+from adaptsize._formats import gmsh_names, sizes, stl, xdmf
+from adaptsize._formats.blocks import UNTAGGED
+from adaptsize._formats.quietness import quiet
+from adaptsize._formats.readers import foreign_failures, reason
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
@@ -131,14 +134,41 @@ def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
     # No cell fields: meshio cannot read them back from version 2.2.
     content = content_of(mesh, "gmsh:physical", pad=True)
-    tags = {name: v for name, v in content.cell_data.items() if name == "gmsh:physical"}
-    if tags:  # Gmsh wants an entity number above 0, and one physical group for each
-        number = np.unique(np.concatenate(tags["gmsh:physical"]), return_inverse=True)[1] + 1
-        ends = np.cumsum([len(cells) for _, cells in content.blocks])[:-1]
-        tags["gmsh:geometrical"] = np.split(number.astype(np.int32), ends)
+    tags, names = gmsh_groups(mesh, content)
     nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
     slim = Content(content.points, content.blocks, nodal, tags)
     _write_with_meshio(path, slim, "gmsh22")
+    gmsh_names.add(path, names)
+
+
+def gmsh_groups(
+    mesh: SimplexMesh, content: Content
+) -> tuple[dict[str, list[npt.NDArray[Any]]], dict[tuple[int, int], str]]:
+    """Return the cell data that Gmsh needs, and the names of the physical groups.
+
+    Group 0 is none: of a file with groups Gmsh keeps no other cells, so that those without a
+    tag get a group of their own.
+    """
+    names = {key: name for key, name in mesh.tag_names.items() if key[0] <= mesh.cell_dim}
+    groups = content.cell_data.get("gmsh:physical")
+    if groups is None:
+        return {}, names
+    of_cells, *of_facets = groups
+    if any(part.any() for part in groups) and not of_cells.all():
+        number = _free_number(of_cells, {tag for dim, tag in names if dim == mesh.cell_dim})
+        names[mesh.cell_dim, number] = UNTAGGED
+        groups = [np.where(of_cells == 0, np.int32(number), of_cells), *of_facets]
+    # Gmsh wants an entity number above 0, and one physical group for each.
+    entity = np.unique(np.concatenate(groups), return_inverse=True)[1].reshape(-1) + 1
+    ends = np.cumsum([len(part) for part in groups])[:-1]
+    entities = np.split(entity.astype(np.int32), ends)
+    return {"gmsh:physical": groups, "gmsh:geometrical": entities}, names
+
+
+def _free_number(tags: npt.NDArray[np.int32], others: set[int]) -> int:
+    """Return the least positive number that is no tag."""
+    taken = others.union(np.unique(tags).tolist())
+    return next(number for number in itertools.count(1) if number not in taken)
 
 
 def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

@@ -202,7 +202,8 @@ def adapt(
     Warns
     -----
     ResolutionWarning
-        If a tag has vanished from the mesh.
+        If a tag has vanished from the mesh, or, without ``project``, the new boundary is farther
+        from the old one than ``boundary_tolerance``.
 
     See Also
     --------
@@ -282,6 +283,16 @@ def adapt(
         else:
             options["progress"] = report
             found, made = _new_mesh(mesh, found, wishes, options)
+            if project is None and made.boundary_distance > options["tolerance"] * mesh.diagonal:
+                # The same words each time, so that Python shows them once.
+                warnings.warn(
+                    "the boundary of the new mesh is farther from the old one than "
+                    "boundary_tolerance (report.boundary_distance has the distance), which adds "
+                    "up in a loop; give project= for a curved boundary, or lower "
+                    "boundary_tolerance",
+                    ResolutionWarning,
+                    stacklevel=2,
+                )
             made = _projected(made, project, corner_angle)
         return _result(mesh, found, wishes, judged, made, cargo, generator, report)
 

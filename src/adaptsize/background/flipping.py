@@ -64,7 +64,7 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
         cells = np.array(mesh.cells)
         cells[quads.cells[:, 0]] = np.column_stack([c, p, d])
         cells[quads.cells[:, 1]] = np.column_stack([c, d, q])
-        mesh = SimplexMesh(mesh.points, cells, cell_tags=mesh.cell_tags)
+        mesh = SimplexMesh(mesh.points, cells, cell_tags=mesh.cell_tags, tag_names=mesh.tag_names)
     return mesh
 
 

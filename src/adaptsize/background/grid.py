@@ -19,6 +19,7 @@ from adaptsize._checks import (
     describe,
     refuse_where,
 )
+from adaptsize._pickling import ReadOnlyState
 from adaptsize.background.grid_location import GridLocator
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.splitting_grid import simplices_of_boxes, whole_boxes
@@ -33,7 +34,7 @@ _POINTS_AT_ONCE = 1_000_000
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
-class CartesianGrid:
+class CartesianGrid(ReadOnlyState):
     """Nodes at equal distances along the axes; a spacing for each axis.
 
     Nodal arrays have the shape of the grid: ``values[i, j]`` belongs to the node

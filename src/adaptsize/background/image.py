@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_plain_array, describe, refuse_where
+from adaptsize._pickling import ReadOnlyState
 from adaptsize.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Image:
+class Image(ReadOnlyState):
     """Values at equal distances along the axes: a picture (2-D) or a volume (3-D).
 
     Parameters

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_plain_array, describe, refuse_where
+from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._octree_nodes import Lattice, Parts, cut, lattice_of, number_nodes
 from adaptsize.background.octree_location import OctreeLocator
@@ -23,7 +24,7 @@ _LEAST_STEPS = 64
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
-class Octree:
+class Octree(ReadOnlyState):
     """A box cut into cells that are halved along each axis where smaller ones are wanted.
 
     Nodes are the corners of the leaves, hanging ones included, and after them centres of

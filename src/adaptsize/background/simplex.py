@@ -13,12 +13,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array, as_plain_array, as_points, check_type, refuse_where
+from adaptsize._checks import (
+    as_index_array,
+    as_plain_array,
+    as_points,
+    check_type,
+    describe,
+    refuse_where,
+)
 from adaptsize._kernels.simplex import fill_measures
+from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import topology
 from adaptsize.background.location import SimplexLocator
 from adaptsize.typing import FloatArray, IntArray
 
+_LEAST_TAG, _LARGEST_TAG = -(2**31), 2**31 - 1
+_TAG_WANTED = f"must fit into 32 bits, from {_LEAST_TAG} to {_LARGEST_TAG}"
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
@@ -34,7 +44,7 @@ class Boundary(NamedTuple):
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
-class SimplexMesh:
+class SimplexMesh(ReadOnlyState):
     """Simplices of one kind: triangles (in the plane or in space), tetrahedra or segments.
 
     Cells may be given in any orientation, may be degenerate, and need not form a
@@ -55,6 +65,9 @@ class SimplexMesh:
         boundary conditions, interfaces, creases.
     facet_tags : array_like of int, shape (n_tagged,), optional
         Their tags.
+    tag_names : mapping of (int, int) to str, optional
+        Names of tags, by dimension and tag: ``{(3, 1): "fluid", (2, 7): "inlet"}`` of a mesh of
+        tetrahedra names the cell tag 1 and the facet tag 7.  Gmsh's physical groups.
     point_data : mapping of str to array_like, optional
         Fields with one row per node.
     cell_data : mapping of str to array_like, optional
@@ -64,7 +77,7 @@ class SimplexMesh:
     ------
     ValueError
         If a shape is wrong, a coordinate is not finite, an index is out of range,
-        a cell names a node twice, or there is no cell.
+        a cell names a node twice, there is no cell, or a tag is not an integer of 32 bits.
 
     Examples
     --------
@@ -85,6 +98,7 @@ class SimplexMesh:
     cell_tags: IntArray | None = None
     tagged_facets: IntArray | None = None
     facet_tags: IntArray | None = None
+    tag_names: Mapping[tuple[int, int], str] = field(default_factory=dict)
     point_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
     cell_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
 
@@ -96,6 +110,7 @@ class SimplexMesh:
         cell_tags: npt.ArrayLike | None = None,
         tagged_facets: npt.ArrayLike | None = None,
         facet_tags: npt.ArrayLike | None = None,
+        tag_names: Mapping[tuple[int, int], str] | None = None,
         point_data: Mapping[str, npt.ArrayLike] | None = None,
         cell_data: Mapping[str, npt.ArrayLike] | None = None,
     ) -> None:
@@ -114,6 +129,7 @@ class SimplexMesh:
         else:
             _set(self, "tagged_facets", None)
             _set(self, "facet_tags", None)
+        _set(self, "tag_names", _as_tag_names(tag_names))
         _set(self, "point_data", _as_fields("point_data", point_data, len(own_points)))
         _set(self, "cell_data", _as_fields("cell_data", cell_data, n_cells))
 
@@ -228,7 +244,8 @@ class SimplexMesh:
             ``mesh`` (same ``dim``, normals outward, the domain to the left of
             2-D segments; orientation as in the owning cell if ``cell_dim < dim``),
             ``nodes`` (its nodes in this mesh) and ``cells`` (the owners).  Tags of
-            ``tagged_facets`` that lie on the boundary become its ``cell_tags`` (0: none).
+            ``tagged_facets`` that lie on the boundary become its ``cell_tags`` (0: none),
+            and keep their names.
 
         Raises
         ------
@@ -250,6 +267,7 @@ class SimplexMesh:
             self.points[nodes],
             local.reshape(facets.shape),
             cell_tags=tags,
+            tag_names=self.tag_names,
             point_data={name: values[nodes] for name, values in self.point_data.items()},
         )
         return Boundary(mesh, nodes.astype(np.int32), cell.astype(np.int32))
@@ -274,6 +292,119 @@ class SimplexMesh:
         tag_of_row = np.zeros(int(number.max()) + 1, np.int32)
         tag_of_row[number[len(self.facets) :]] = self.facet_tags
         return tag_of_row[number[: len(self.facets)]]
+
+    @classmethod
+    def from_meshio(
+        cls, mesh: Any, *, kind: str | None = None, flatten: bool = True
+    ) -> SimplexMesh:
+        """Return the simplices of a ``meshio.Mesh``, with tags, tagged facets, names and fields.
+
+        Parameters
+        ----------
+        mesh : meshio.Mesh
+            Not changed.
+        kind, flatten
+            Which cells to take, and whether z = 0 is dropped: as for `read`.
+
+        Returns
+        -------
+        SimplexMesh
+            As `read` makes it of a file: cells of the highest dimension, others than simplices
+            split; tags from the cell data of a known name (``"cell_tags"``,
+            ``"gmsh:physical"``, ...), names of tags from ``field_data``.  Cell sets are not
+            taken.
+
+        Raises
+        ------
+        ValueError
+            If it is no ``meshio.Mesh`` or holds no such cells.
+
+        Warns
+        -----
+        MeshRepairWarning
+            If cells were dropped or converted, with their number.
+
+        Examples
+        --------
+        >>> import meshio
+        >>> points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+        >>> SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
+        SimplexMesh(3 points in 2-D, 1 triangles)
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.from_meshio(mesh, kind=kind, flatten=flatten)
+
+    def to_meshio(self, *, tag_name: str = "cell_tags") -> Any:
+        """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
+
+        Parameters
+        ----------
+        tag_name : str, default "cell_tags"
+            The cell data that get the tags.  ``"gmsh:physical"`` for files of Gmsh, which meshio
+            writes with groups as ``file_format="gmsh22"`` (its version 4.1 leaves them out):
+            cells without a tag are a group of their own then, as for `write`.
+
+        Returns
+        -------
+        meshio.Mesh
+            Tagged facets are a second block of cells, on which other cell data are NaN (integers:
+            0).  Names of tags are in ``field_data``, as those of Gmsh's groups.
+
+        Raises
+        ------
+        ValueError
+            If two tags have the same name, or a field is not of numbers.
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.to_meshio(self, tag_name)
+
+    @classmethod
+    def from_pyvista(
+        cls, mesh: Any, *, kind: str | None = None, flatten: bool = True
+    ) -> SimplexMesh:
+        """Return the simplices of a PyVista data set, with tags, tagged facets, names and fields.
+
+        Parameters
+        ----------
+        mesh : pyvista.DataSet
+            An ``UnstructuredGrid``, ``PolyData`` or any other.  Not changed.
+        kind, flatten
+            Which cells to take, and whether z = 0 is dropped: as for `read`.
+
+        Returns
+        -------
+        SimplexMesh
+            As `read` makes it of a file; names of tags are those that `to_pyvista` writes.
+
+        Raises
+        ------
+        ValueError
+            If it is no data set, holds no such cells, or polygons of more than four corners.
+
+        Warns
+        -----
+        MeshRepairWarning
+            If cells were dropped or converted, with their number.
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.from_pyvista(mesh, kind=kind, flatten=flatten)
+
+    def to_pyvista(self) -> Any:
+        """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            Tags are the cell data ``"cell_tags"``.  Tagged facets are further cells, on which other
+            cell data are NaN (integers: 0).  Names of tags are texts in the field data
+            ``"tag_names"``.  Points of plane meshes get z = 0.
+        """
+        from adaptsize._formats import conversion
+
+        return conversion.to_pyvista(self)
 
     def with_data(
         self,
@@ -357,7 +488,29 @@ def _as_tags(name: str, value: npt.ArrayLike | None, n: int) -> IntArray | None:
         refuse_where(name, raw != np.floor(raw), raw, "must be integers")
     elif raw.dtype.kind not in "iub":
         raise ValueError(f"{name} must be integers, got {raw.dtype}")
+    refuse_where(name, (raw < _LEAST_TAG) | (raw > _LARGEST_TAG), raw, _TAG_WANTED)
     return _read_only(raw.astype(np.int32))
+
+
+def _as_tag_names(names: Mapping[tuple[int, int], str] | None) -> Mapping[tuple[int, int], str]:
+    """Return a read-only copy of names of tags, with plain integers as keys."""
+    own: dict[tuple[int, int], str] = {}
+    for key, name in (names or {}).items():
+        good = isinstance(key, tuple) and len(key) == 2
+        good = good and all(isinstance(n, int | np.integer) for n in key)
+        if not good or not 0 <= key[0] <= 3:
+            raise ValueError(
+                f"tag_names must have keys (dimension 0 to 3, tag), got {describe(key)}"
+            )
+        if not _LEAST_TAG <= key[1] <= _LARGEST_TAG:
+            raise ValueError(f"tag_names: the tag {_TAG_WANTED}, got {describe(key)}")
+        if not isinstance(name, str) or not name.strip() or '"' in name or "\n" in name:
+            raise ValueError(
+                f"tag_names[{key}] must be a name on one line, without double quotes, "
+                f"got {describe(name)}"
+            )
+        own[int(key[0]), int(key[1])] = name
+    return MappingProxyType(own)
 
 
 def _as_fields(

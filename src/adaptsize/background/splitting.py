@@ -60,7 +60,8 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
         owners.extend([rows] * len(pieces))
     owner = np.concatenate(owners)
     tags = None if mesh.cell_tags is None else mesh.cell_tags[owner]
-    return SplitMesh(SimplexMesh(points, np.concatenate(parts), cell_tags=tags), where)
+    cells = np.concatenate(parts)
+    return SplitMesh(SimplexMesh(points, cells, cell_tags=tags, tag_names=mesh.tag_names), where)
 
 
 def _into_two(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:

@@ -65,11 +65,12 @@ class SizeReport:
         if self.elements_across > 0.0:
             parts.append(f"{self.elements_across:.3g} across")
         least = min(self.smallest.values())
+        limits = f"(hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g})"
         return ", ".join(
             [
                 *parts,
                 f"g = {self.g:.3g}",
-                f"h from {least:.3g} to {self.largest:.3g} (hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g})",
+                f"h from {least:.3g} to {self.largest:.3g} {limits}",
                 f"about {self.n_elements:.2g} elements",
             ]
         )

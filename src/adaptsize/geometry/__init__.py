@@ -8,6 +8,7 @@ from adaptsize.geometry.curvature import (
     surface_curvature,
 )
 from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.faces import tag_faces
 from adaptsize.geometry.level_sets import level_set_curvature
 from adaptsize.geometry.medial.axis import MedialAxis, medial_axis
 from adaptsize.geometry.medial.feature_size import feature_size
@@ -26,4 +27,5 @@ __all__ = [
     "polyline_curvature",
     "signed_distance",
     "surface_curvature",
+    "tag_faces",
 ]

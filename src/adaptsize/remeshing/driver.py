@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from os import PathLike
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, one_of
+from adaptsize._checks import as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
@@ -90,8 +91,8 @@ def remesh(
     -------
     SimplexMesh
         Cells of full dimension are positively oriented, and each node is used.  ``cell_tags``
-        are kept; where ``mesh`` has ``tagged_facets``, so has the result, for the
-        same parts of boundary and interfaces.  Point and cell data are not transferred.
+        and the names of tags are kept; where ``mesh`` has ``tagged_facets``, so has the result,
+        for the same parts of boundary and interfaces.  Point and cell data are not transferred.
 
     Raises
     ------
@@ -224,6 +225,9 @@ def _refuse_too_many(problem: Problem, limit: float) -> None:
 
 def _task(mesh: SimplexMesh, target: str) -> Task:
     """Return what is to be made of what."""
+    if not isinstance(mesh, SimplexMesh):
+        hint = "; read(path) gives one" if isinstance(mesh, str | PathLike) else ""
+        raise ValueError(f"mesh must be a SimplexMesh, got {describe(mesh)}{hint}")
     given = (mesh.cell_dim, mesh.dim)
     if given == (3, 3) and target != "triangles":
         return "tetrahedra"

@@ -100,17 +100,16 @@ class IsolatedRunner:
                 **_own_group(),
             )
             try:
-                return self._wait(child, folder / "log.txt", text)
+                self._wait(child, folder / "log.txt", text)
             finally:  # on an interrupt too, and for what the child may have started
-                _kill_group(child)
+                _kill_session(child)
+            return child.wait()
 
-    def _wait(self, child: subprocess.Popen[bytes], log: Path, text: str) -> int:
+    def _wait(self, child: subprocess.Popen[bytes], log: Path, text: str) -> None:
         while True:
             self.report(text, None)
-            try:
-                return child.wait(_POLL_SECONDS)
-            except subprocess.TimeoutExpired:
-                pass
+            if _has_ended(child, _POLL_SECONDS):
+                return
             if self.deadline is not None and time.monotonic() > self.deadline:
                 raise BackendTimeoutError(
                     f"{self.backend} was stopped after the time limit of {self.timeout:g} s"
@@ -122,6 +121,8 @@ class IsolatedRunner:
         error = folder / "error.txt"
         if error.exists():  # an exception of Python's own
             reason = error.read_text(encoding="utf-8")
+        elif -code == getattr(signal, "SIGKILL", None):
+            reason = "it was killed from outside (SIGKILL), perhaps because memory ran out"
         elif code < 0:
             reason = f"crashed ({_signal_name(-code)})"
         else:
@@ -147,16 +148,69 @@ def _own_group() -> dict[str, Any]:
     return {"start_new_session": True}
 
 
-def _kill_group(child: subprocess.Popen[bytes]) -> None:
-    """Kill the child and, where the system has process groups, all that it started."""
-    if child.poll() is not None:
-        return
+def _has_ended(child: subprocess.Popen[bytes], seconds: float) -> bool:
+    """Wait for the child to end; it is not reaped where the system allows that.
+
+    Until it is reaped, its number is that of its process group and of no other process.
+    """
+    if not hasattr(os, "waitid"):  # Windows, older macOS
+        try:
+            child.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+    until = time.monotonic() + seconds
+    pause = 0.001
+    while True:
+        if child.returncode is not None or os.waitid(
+            os.P_PID, child.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG
+        ):
+            return True
+        if time.monotonic() >= until:
+            return False
+        time.sleep(pause)
+        pause = min(2.0 * pause, 0.05)
+
+
+def _kill_session(child: subprocess.Popen[bytes]) -> None:
+    """Kill the child and, where the system tells them, all processes that it started.
+
+    With SIGKILL, as hung generators ignore everything else.  The child may have ended before
+    those.
+    """
     if sys.platform != "win32":
+        others = _started_by(child.pid)
         # The group may be gone by now (macOS says EPERM of a zombie).
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(child.pid, signal.SIGKILL)  # hung generators ignore everything else
-    child.kill()
-    child.wait()
+            os.killpg(child.pid, signal.SIGKILL)
+        for pid in others:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+    if child.poll() is None:
+        child.kill()
+        child.wait()
+
+
+def _started_by(pid: int) -> list[int]:
+    """Return the processes in the session of a process, and its descendants (Linux only).
+
+    A session holds those that have a process group of their own, too; descendants are those
+    that have even left the session, as long as their parents live.
+    """
+    parent, session = {}, {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # gone meanwhile
+            # The name of the program, in brackets, may hold anything.
+            words = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+            number = int(stat.parent.name)
+            parent[number], session[number] = int(words[1]), int(words[3])
+    found = {number for number, leader in session.items() if leader == pid} | {pid}
+    grown = True
+    while grown:
+        children = {number for number, above in parent.items() if above in found} - found
+        found |= children
+        grown = bool(children)
+    return sorted(found - {pid})
 
 
 def _signal_name(number: int) -> str:

@@ -69,6 +69,7 @@ def mend(mesh: SimplexMesh) -> Mended:
         cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[kept],
         tagged_facets=facets,
         facet_tags=facet_tags,
+        tag_names=mesh.tag_names,
     )
     return Mended(mended, nodes.astype(np.int32), node_map)
 

@@ -34,7 +34,7 @@ def restore(
         cell_tags = region_tags[regions]
     wants_facets = problem.task == "surface to tetrahedra" and old.cell_tags is not None
     if old.tagged_facets is None and not wants_facets:
-        return SimplexMesh(points, cells, cell_tags=cell_tags)
+        return SimplexMesh(points, cells, cell_tags=cell_tags, tag_names=old.tag_names)
     if raw.facets is not None and raw.facet_groups is not None:
         found, tags = nodes[raw.facets], facets.tag_of_group[raw.facet_groups]
     else:
@@ -46,6 +46,7 @@ def restore(
         cell_tags=cell_tags,
         tagged_facets=found[tagged],
         facet_tags=tags[tagged].astype(np.int32),
+        tag_names=old.tag_names,
     )
 
 

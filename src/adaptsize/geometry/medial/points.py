@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from adaptsize._pickling import ReadOnlyState
 from adaptsize.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MedialAxis:
+class MedialAxis(ReadOnlyState):
     """Points of a medial axis, found on the edges of a grid, an octree or a mesh.
 
     Parameters

@@ -1,0 +1,166 @@
+"""Meshes to and from the objects of meshio and PyVista."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import describe
+from adaptsize._formats import assembly, writers
+from adaptsize._formats.blocks import RawMesh, check_raw
+from adaptsize.background import SimplexMesh
+from adaptsize.errors import MeshFileError, MeshRepairWarning
+
+# VTK's types of cells by their names in meshio.  Those of higher order are cut to their corners.
+_FROM_VTK = {
+    1: "vertex", 3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge",
+    14: "pyramid", 21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20",
+    26: "wedge15", 27: "pyramid13", 28: "quad9", 29: "hexahedron27",
+}  # fmt: skip
+_TO_VTK = {"line": 3, "triangle": 5, "tetra": 10}
+_POLYLINE, _PIXEL, _VOXEL = 4, 8, 11
+# Boxes along the axes number their nodes row by row, as no other cell does.
+_TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
+#: PyVista's field of texts "dimension tag name".
+_NAMES = "tag_names"
+
+
+def from_meshio(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
+    """Return a SimplexMesh of a ``meshio.Mesh``; see `SimplexMesh.from_meshio`."""
+    import meshio
+
+    if not isinstance(mesh, meshio.Mesh):
+        raise ValueError(f"mesh must be a meshio.Mesh, got {describe(mesh)}")
+    names = {}
+    for name, value in mesh.field_data.items():
+        pair = np.asarray(value)
+        if pair.shape == (2,) and pair.dtype.kind in "iu" and 0 <= pair[1] <= 3:
+            names[int(pair[1]), int(pair[0])] = str(name)
+    raw = RawMesh(
+        np.asarray(mesh.points, np.float64),
+        [(block.type, np.asarray(block.data)) for block in mesh.cells],
+        mesh.point_data,
+        mesh.cell_data,
+        names,
+    )
+    return _built(raw, kind, flatten)
+
+
+def to_meshio(mesh: SimplexMesh, tag_name: str) -> Any:
+    """Return a ``meshio.Mesh``; see `SimplexMesh.to_meshio`."""
+    import meshio
+
+    content = writers.content_of(mesh, tag_name, pad=False)
+    names: Mapping[tuple[int, int], str] = mesh.tag_names
+    if tag_name == "gmsh:physical":
+        groups, names = writers.gmsh_groups(mesh, content)
+        content.cell_data.update(groups)
+    field_data = {name: np.array([tag, dim]) for (dim, tag), name in names.items()}
+    if len(field_data) < len(names):
+        held = list(names.values())
+        twice = next(name for name in held if held.count(name) > 1)
+        raise ValueError(
+            "tag_names must differ for meshio, which keeps one tag of each name, "
+            f"got {twice!r} twice"
+        )
+    return meshio.Mesh(
+        np.array(content.points),
+        [(cell_type, np.array(cells)) for cell_type, cells in content.blocks],
+        {name: np.array(values) for name, values in content.point_data.items()},
+        {name: [np.array(part) for part in parts] for name, parts in content.cell_data.items()},
+        field_data,
+    )
+
+
+def from_pyvista(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
+    """Return a SimplexMesh of a PyVista data set; see `SimplexMesh.from_pyvista`."""
+    import pyvista
+
+    if not isinstance(mesh, pyvista.DataSet):
+        raise ValueError(f"mesh must be a data set of PyVista, got {describe(mesh)}")
+    grid = mesh.cast_to_unstructured_grid()
+    blocks, parents = [], []
+    for cell_type, cells, parent in _blocks_of(grid):
+        blocks.append((cell_type, cells))
+        parents.append(parent)
+    cell_data = {name: np.asarray(grid.cell_data[name]) for name in grid.cell_data}
+    raw = RawMesh(
+        np.array(grid.points, np.float64),
+        blocks,
+        {name: np.array(grid.point_data[name]) for name in grid.point_data},
+        {name: [values[parent] for parent in parents] for name, values in cell_data.items()},
+        _names_in(mesh),
+    )
+    return _built(raw, kind, flatten)
+
+
+def to_pyvista(mesh: SimplexMesh) -> Any:
+    """Return a ``pyvista.UnstructuredGrid``; see `SimplexMesh.to_pyvista`."""
+    import pyvista
+
+    content = writers.content_of(mesh, "cell_tags", pad=True)
+    rows = [np.insert(cells, 0, cells.shape[1], axis=1).ravel() for _, cells in content.blocks]
+    types = [np.full(len(cells), _TO_VTK[cell_type]) for cell_type, cells in content.blocks]
+    grid = pyvista.UnstructuredGrid(
+        np.concatenate(rows), np.concatenate(types).astype(np.uint8), np.array(content.points)
+    )
+    for name, values in content.point_data.items():
+        grid.point_data[name] = np.array(values)
+    for name, parts in content.cell_data.items():
+        grid.cell_data[name] = np.concatenate(parts)
+    if mesh.tag_names:
+        lines = [f"{dim} {tag} {name}" for (dim, tag), name in mesh.tag_names.items()]
+        grid.field_data[_NAMES] = np.array(lines)
+    return grid
+
+
+def _built(raw: RawMesh, kind: str | None, flatten: bool) -> SimplexMesh:
+    notes: list[str] = []
+    try:
+        check_raw(raw)
+        made = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
+    except MeshFileError as error:
+        raise ValueError(f"mesh {error}") from error
+    if notes:
+        warnings.warn("; ".join(notes), MeshRepairWarning, stacklevel=4)
+    return made
+
+
+def _blocks_of(
+    grid: Any,
+) -> Iterator[tuple[str, npt.NDArray[np.int64], npt.NDArray[np.intp]]]:
+    """Yield the cells of each type and size, and which cells of the grid they are."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    types = np.asarray(grid.celltypes)
+    start = vtk_to_numpy(grid.GetCells().GetOffsetsArray()).astype(np.int64)
+    nodes, width = np.asarray(grid.cell_connectivity, np.int64), np.diff(start)
+    for vtk_type in np.unique(types):
+        for size in np.unique(width[types == vtk_type]):
+            of_type = np.flatnonzero((types == vtk_type) & (width == size))
+            cells = nodes[start[of_type][:, None] + np.arange(size)]
+            if vtk_type == _POLYLINE:
+                pairs = np.stack([cells[:, :-1], cells[:, 1:]], axis=2)
+                yield "line", pairs.reshape(-1, 2), np.repeat(of_type, size - 1)
+            elif vtk_type in _TURNED:
+                name, order = _TURNED[int(vtk_type)]
+                yield name, cells[:, order], of_type
+            elif vtk_type in _FROM_VTK:
+                yield _FROM_VTK[int(vtk_type)], cells, of_type
+            else:
+                raise ValueError(
+                    f"mesh holds cells of VTK type {vtk_type}, which cannot be converted; "
+                    "mesh.triangulate() cuts polygons into triangles"
+                )
+
+
+def _names_in(mesh: Any) -> dict[tuple[int, int], str]:
+    names = {}
+    for line in mesh.field_data.get(_NAMES, ()):
+        dim, tag, name = str(line).split(" ", 2)
+        names[int(dim), int(tag)] = name
+    return names

@@ -1,0 +1,43 @@
+"""Names of physical groups in Gmsh's files.
+
+Not through meshio, which keeps one group of each name: a volume and its surface may share one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+_SECTION = re.compile(rb"^\$PhysicalNames\s*?\n(.*?)^\$EndPhysicalNames", re.DOTALL | re.MULTILINE)
+_NAME = re.compile(r'^\s*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.MULTILINE)
+_END_FORMAT = b"$EndMeshFormat\n"
+#: The sections before the nodes are rarely longer than this; read in steps of it.
+_STEP = 1_000_000
+
+
+def read(path: Path) -> dict[tuple[int, int], str]:
+    """Return the names in a ``.msh`` file by dimension and tag; none of other files."""
+    if path.suffix.lower() != ".msh":
+        return {}
+    content = b""
+    with path.open("rb") as file:
+        while step := file.read(_STEP):
+            content += step
+            if b"$Nodes" in content or b"$EndPhysicalNames" in content:
+                break
+    section = _SECTION.search(content)
+    if section is None:
+        return {}
+    found = _NAME.findall(section[1].decode("utf-8", "replace"))
+    return {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
+
+
+def add(path: Path, names: Mapping[tuple[int, int], str]) -> None:
+    """Put names into a ``.msh`` file that has none."""
+    if not names:
+        return
+    lines = [f'{dim} {tag} "{name}"\n' for (dim, tag), name in sorted(names.items())]
+    section = f"$PhysicalNames\n{len(lines)}\n{''.join(lines)}$EndPhysicalNames\n"
+    head, end, rest = path.read_bytes().partition(_END_FORMAT)
+    path.write_bytes(head + end + section.encode() + rest)

@@ -1,0 +1,92 @@
+"""Foreign packages kept quiet, in the calling thread only.
+
+meshio prints, rich consoles and all; trimesh and the readers of images log and warn.
+Redirecting ``sys.stdout`` would take the output of all other threads away with theirs.
+"""
+
+from __future__ import annotations
+
+import builtins
+import contextlib
+import io
+import logging
+import threading
+import warnings
+from collections.abc import Iterator
+from contextvars import ContextVar
+from typing import Any
+
+#: What is said goes here while a block of `quiet` runs in this thread.
+_HEARD: ContextVar[io.StringIO | None] = ContextVar("adaptsize_heard", default=None)
+#: Loggers that write to the terminal by handlers of their own.
+_LOUD_LOGGERS = ("nibabel.global",)
+# Filters of warnings belong to the process: blocks that overlap would leave those of each other.
+_FILTERS = threading.RLock()
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[io.StringIO]:
+    """Keep what foreign packages print, log or warn of away from the user; yields the text.
+
+    Only what meshio itself prints, and logging that no handler of the user takes, is held back.
+    """
+    _listen_to_meshio()
+    _listen_to_logging()
+    heard = io.StringIO()
+    token = _HEARD.set(heard)
+    try:
+        with _FILTERS, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield heard
+    finally:
+        _HEARD.reset(token)
+
+
+class _Console:
+    """Stands in for the rich console that meshio makes for each message."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self._made_with = args, options
+
+    def print(self, text: object = "", *args: Any, **options: Any) -> None:
+        heard = _HEARD.get()
+        if heard is not None:
+            heard.write(f"{text}\n")
+            return
+        from rich.console import Console
+
+        Console(*self._made_with[0], **self._made_with[1]).print(text, *args, **options)
+
+
+def _print(*values: object, **options: Any) -> None:
+    """Stands in for ``print`` in meshio's function that tries one reader after the other."""
+    heard = _HEARD.get()
+    if heard is None:
+        builtins.print(*values, **options)
+    else:
+        heard.write(" ".join(map(str, values)) + "\n")
+
+
+def _listen_to_meshio() -> None:
+    """Put ears between meshio and the terminal; outside `quiet` they let everything through."""
+    try:
+        from meshio import _common, _helpers
+    except ImportError:
+        return
+    if getattr(_common, "Console", _Console) is not _Console:
+        _common.Console = _Console
+    _helpers.print = _print
+
+
+def _listen_to_logging() -> None:
+    for place in (logging.lastResort, *map(logging.getLogger, _LOUD_LOGGERS)):
+        if place is not None:
+            place.addFilter(_is_heard)  # adding it twice is the same as once
+
+
+def _is_heard(record: logging.LogRecord) -> bool:
+    """Whether a record is to be shown: not while `quiet` runs in this thread."""
+    heard = _HEARD.get()
+    if heard is not None:
+        heard.write(f"{record.getMessage()}\n")
+    return heard is None

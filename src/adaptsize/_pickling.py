@@ -1,0 +1,36 @@
+"""Pickles and copies of immutable dataclasses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+
+class ReadOnlyState:
+    """Base of frozen dataclasses whose arrays are read-only, also after pickling and copying.
+
+    A pickle holds the fields only: what is derived from them is computed again on first use.
+    """
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields; read-only mappings, which cannot be pickled, as dictionaries."""
+        state = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {n: dict(v) if isinstance(v, Mapping) else v for n, v in state.items()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Set the fields, read-only again: numpy forgets this in pickles and deep copies."""
+        for name, value in state.items():
+            object.__setattr__(self, name, _read_only(value))
+
+
+def _read_only(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        value = value.view()
+        value.flags.writeable = False
+    elif isinstance(value, dict):
+        return MappingProxyType({key: _read_only(item) for key, item in value.items()})
+    return value

@@ -1,0 +1,156 @@
+"""Meshes to and from the objects of meshio and PyVista."""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from shapes import block, two_region_block, two_region_rectangle
+
+from adaptsize import SimplexMesh, read
+from adaptsize.errors import MeshRepairWarning
+
+
+def with_everything(mesh):
+    rng = np.random.default_rng(57120)
+    dim = mesh.cell_dim
+    return replace(
+        mesh,
+        cell_tags=np.where(mesh.cell_tags < 6, 0, mesh.cell_tags),
+        tag_names={(dim, 9): "right part", (dim, 7): "left", (dim - 1, 30): "between"},
+        point_data={"u": rng.random(mesh.n_points), "v": rng.random((mesh.n_points, 3))},
+        cell_data={"rho": rng.random(mesh.n_cells), "rank": np.arange(mesh.n_cells)},
+    )
+
+
+def outline():
+    return SimplexMesh([[0.0, 0.5], [1, 0], [1, 1]], [[0, 1], [1, 2], [2, 0]], cell_tags=[4, 5, 6])
+
+
+MESHES = {
+    "tetrahedra": lambda: with_everything(two_region_block(2)),
+    "plane triangles": lambda: with_everything(two_region_rectangle(2)),
+    "surface": lambda: replace(block(2).boundary().mesh, cell_tags=np.arange(1, 49)),
+    "polyline": outline,
+    "no tags": lambda: block(1),
+    "facets only": lambda: replace(two_region_block(1), cell_tags=None),
+}
+
+
+def through_meshio(mesh):
+    return SimplexMesh.from_meshio(mesh.to_meshio())
+
+
+def through_gmsh_names(mesh):
+    return SimplexMesh.from_meshio(mesh.to_meshio(tag_name="gmsh:physical"))
+
+
+def through_pyvista(mesh):
+    pytest.importorskip("pyvista")
+    return SimplexMesh.from_pyvista(mesh.to_pyvista())
+
+
+@pytest.mark.parametrize("way", [through_meshio, through_gmsh_names, through_pyvista])
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_comes_back_whole(name, way):
+    mesh = MESHES[name]()
+    back = way(mesh)
+    for array in ("points", "cells", "cell_tags", "tagged_facets", "facet_tags"):
+        assert_array_equal(getattr(back, array), getattr(mesh, array), err_msg=array)
+    assert back.tag_names == {k: v for k, v in mesh.tag_names.items() if k[0] < 3 or mesh.dim == 3}
+    for given, came in ((mesh.point_data, back.point_data), (mesh.cell_data, back.cell_data)):
+        assert set(given) <= set(came)
+        for field in given:
+            assert_array_equal(came[field], given[field])
+
+
+@pytest.mark.parametrize("convert", ["to_meshio", "to_pyvista"])
+def test_the_result_may_be_written_into(convert):
+    pytest.importorskip("pyvista" if "pyvista" in convert else "meshio")
+    mesh = with_everything(two_region_block(1))
+    before = mesh.points.copy()
+    made = getattr(mesh, convert)()
+    made.points[:] = 7.0
+    made.point_data["u"][:] = 7.0
+    assert_array_equal(mesh.points, before)
+    assert mesh.point_data["u"].max() < 1.0
+
+
+def test_a_mesh_of_meshio_may_change_afterwards():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    given = meshio.Mesh(points, [("triangle", [[0, 1, 2]])])
+    mesh = SimplexMesh.from_meshio(given)
+    given.points[:] = 9.0
+    assert mesh.points.max() == 1.0
+
+
+def test_other_cells_are_converted_and_counted():
+    square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    given = meshio.Mesh(square, [("quad", [[0, 1, 2, 3]])])
+    with pytest.warns(MeshRepairWarning, match="1 quadrilaterals split into 2 triangles") as caught:
+        assert SimplexMesh.from_meshio(given).n_cells == 2
+    assert caught[0].filename == __file__
+
+
+def test_cells_for_gmsh_are_never_in_group_0():
+    made = MESHES["facets only"]().to_meshio(tag_name="gmsh:physical")
+    assert (made.cell_data_dict["gmsh:physical"]["tetra"] > 0).all()
+
+
+def test_groups_and_names_outlive_a_gmsh_file_that_meshio_writes_and_reads(tmp_path):
+    # Without cell fields, which do not come back from version 2.2.
+    mesh = replace(MESHES["tetrahedra"](), cell_data={})
+    made = mesh.to_meshio(tag_name="gmsh:physical")
+    meshio.write(tmp_path / "mesh.msh", made, file_format="gmsh22")
+    for back in (read(tmp_path / "mesh.msh"), SimplexMesh.from_meshio(made)):
+        assert_array_equal(back.cell_tags, mesh.cell_tags)
+        assert_array_equal(back.facet_tags, mesh.facet_tags)
+        assert back.tag_names == mesh.tag_names
+
+
+def test_two_tags_of_one_name_are_refused_for_meshio():
+    mesh = replace(block(1), tag_names={(3, 1): "air", (2, 1): "air"})
+    with pytest.raises(ValueError, match=r"tag_names must differ for meshio.* got 'air' twice"):
+        mesh.to_meshio()
+
+
+@pytest.mark.parametrize("convert", [SimplexMesh.from_meshio, SimplexMesh.from_pyvista])
+def test_what_is_no_mesh_of_theirs_is_refused(convert):
+    pytest.importorskip("pyvista")
+    with pytest.raises(ValueError, match=r"^mesh must be .*, got 'mesh.vtu'$"):
+        convert("mesh.vtu")
+
+
+def test_a_mesh_without_cells_or_of_another_kind_is_refused():
+    points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+    with pytest.raises(ValueError, match=r"^mesh holds points but no cells$"):
+        SimplexMesh.from_meshio(meshio.Mesh(points, []))
+    with pytest.raises(ValueError, match=re.escape("mesh holds no tetrahedra (found 1 triangles)")):
+        SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]), kind="tetrahedra")
+
+
+def test_data_sets_of_pyvista_of_all_kinds():
+    pyvista = pytest.importorskip("pyvista")
+    sphere = SimplexMesh.from_pyvista(pyvista.Sphere())
+    assert (sphere.dim, sphere.cell_dim, sphere.is_closed) == (3, 2, True)
+    with pytest.warns(MeshRepairWarning, match="8 hexahedra split into 48 tetrahedra"):
+        box = SimplexMesh.from_pyvista(pyvista.ImageData(dimensions=(3, 3, 3)))
+    assert (box.signed_measures > 0.0).all()
+    assert box.measures.sum() == pytest.approx(8.0)
+    line = SimplexMesh.from_pyvista(pyvista.MultipleLines([[0, 0, 1], [1, 0, 1], [1, 1, 1]]))
+    assert line.cells.tolist() == [[0, 1], [1, 2]]
+    with pytest.raises(ValueError, match=r"VTK type 7, .*triangulate\(\) cuts polygons"):
+        SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6))
+    assert SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6).triangulate()).n_cells == 4
+
+
+def test_neither_package_is_imported_with_the_class():
+    code = (
+        "import sys; from adaptsize import SimplexMesh; "
+        "assert not {'meshio', 'pyvista', 'vtk'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
