@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from adaptsize._kernels.compiling import kernel
 from adaptsize._kernels.simplex import dual_edges
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_hat_gradients(points, cells, measures, gradients):
     """Fill measure and gradients of the hat functions of each cell.
 
@@ -35,7 +35,7 @@ def fill_hat_gradients(points, cells, measures, gradients):
             gradients[c, 0, d] = -total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def smallest_altitude(measures, gradients):
     """Return the smallest altitude, 1/|grad N_i|, of the cells that are not degenerate."""
     steepest = 0.0
@@ -49,7 +49,7 @@ def smallest_altitude(measures, gradients):
     return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_residuals(cells, measures, gradients, u, g, g_step, residual, weight, upstream):
     r"""Gather the nodal residuals of :math:`u_t + \max(|\nabla u| - g, 0) = 0`.
 

@@ -1,20 +1,55 @@
-"""How kernels are compiled that only other kernels call.
+"""How kernels are compiled, and when compiled ones are out of date.
 
 numba makes two wrappers of a function, for calls from Python and through pointers, which are
 compiled and optimised with all that the function calls: a quarter of the time of compiling.
+Kernels that only other kernels call do without.
+
+numba compiles a cached function again when its own file changes, but not when the file of a
+function changes that it calls, whose code it contains.  So the cached functions of this package
+get the state of all its files as their stamp.
 """
 
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from numba import njit
 
 _njit: Any = njit  # numba's annotations leave out its options about wrappers
 
+
+@cache
+def _state_of(directory: Path) -> str:
+    """Return a hash of all Python files of a directory as they are at the first call."""
+    state = hashlib.sha256()
+    for file in sorted(directory.glob("*.py")):
+        state.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return state.hexdigest()
+
+
+def _cached(**options: bool) -> Callable[[Any], Any]:
+    """Return a decorator like numba's, with a cache that sees changes in all files beside."""
+    compiled = _njit(cache=True, nogil=True, no_cfunc_wrapper=True, **options)
+
+    def decorate(function: Any) -> Any:
+        dispatcher = compiled(function)
+        # Not public in numba: if it is elsewhere in another version, its own stamp stays.
+        index = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        if index is not None and hasattr(index, "_source_stamp"):
+            beside = Path(function.__code__.co_filename).parent
+            index._source_stamp = (index._source_stamp, _state_of(beside))
+        return dispatcher
+
+    return decorate
+
+
 #: For functions called from Python.
-kernel = _njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+kernel = _cached()
 
 #: For functions called from kernels only; Python cannot call them.
-inner = _njit(cache=True, nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+inner = _cached(no_cpython_wrapper=True)
 
 #: For small parts of one kernel that has no time for a call with many arrays.
 part = _njit(inline="always", no_cfunc_wrapper=True, no_cpython_wrapper=True)

@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.normals import is_known
 from adaptsize._kernels.sectors import cross, dot, normalise
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _face_tensor(x, n, normal, u, v, shape):
     """Fill the shape operator of one triangle from the normals at its corners.
 
@@ -61,7 +61,7 @@ def _face_tensor(x, n, normal, u, v, shape):
     shape[2] = (yq - shape[1] * xy) / yy
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _turn_into(a, b, w, out):
     """Fill ``out`` with w turned by the smallest rotation that takes unit a to unit b."""
     # w + (a x b) x w + (a x b) x ((a x b) x w) / (1 + a.b); opposite a, b never meet here
@@ -77,7 +77,7 @@ def _turn_into(a, b, w, out):
         out[d] = w[d] + once[d] + twice[d] / below
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_turned(normal, u, v, shape, weight, target, sum_tensor):
     """Add the tensor a uu + b (uv + vu) + c vv, turned from one normal to another.
 
@@ -106,7 +106,7 @@ def _add_turned(normal, u, v, shape, weight, target, sum_tensor):
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tensors):
     """Fill the curvature tensor of each sector: mean over its triangles, by area.
 
@@ -152,7 +152,7 @@ def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tens
             tensors[s, d] /= max(weights[s], 1e-300)  # all zero where there is no area
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _frame(normal, u, v):
     """Fill u, v so that (u, v, normal) is an orthonormal frame."""
     least = 0
@@ -167,7 +167,7 @@ def _frame(normal, u, v):
     cross(normal, u, v)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _restrict(tensor, u, v, shape):
     """Fill (a, b, c), the components of a symmetric tensor float64[6] in the frame u, v."""
     for d in range(3):
@@ -179,7 +179,7 @@ def _restrict(tensor, u, v, shape):
         shape[2] += tensor[d] * v[d] * v[d] + 2.0 * tensor[3 + d] * v[i] * v[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed):
     """Fill the mean, by area, of the tensors at all corners of the triangles of each sector.
 
@@ -218,7 +218,7 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
             smoothed[s, d] /= max(total, 1e-300)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_largest_curvature(normals, tensors, kappa):
     """Fill the larger principal curvature, in modulus, of each sector.
 

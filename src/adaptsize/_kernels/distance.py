@@ -11,7 +11,7 @@ vertices; that moves no closest point by more than its height.
 
 import math
 
-from numba import njit
+from adaptsize._kernels.compiling import inner, kernel
 
 # |sine| of a corner (solid for tetrahedra) below which a simplex counts as flat: the
 # determinant, of relative error 1e-16 / sine, still has three digits there.
@@ -25,7 +25,7 @@ _TINY = 1e-290
 NO_WEIGHTS, REFINED, ACCURATE = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _vector(points, i, j):
     """Return x_j - x_i."""
     return (
@@ -35,18 +35,18 @@ def _vector(points, i, j):
     )
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _vector_to(points, i, x):
     """Return x - x_i."""
     return (x[0] - points[i, 0], x[1] - points[i, 1], x[2] - points[i, 2])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _dot(u, v):
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cross(u, v):
     return (
         u[1] * v[2] - u[2] * v[1],
@@ -55,13 +55,13 @@ def _cross(u, v):
     )
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _without(r, t, e):
     """Return r - t e."""
     return (r[0] - t * e[0], r[1] - t * e[1], r[2] - t * e[2])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def closest_on_segment(points, a, b, x):
     """Return the squared distance of x to a segment, and the weights of its ends there.
 
@@ -91,12 +91,12 @@ def closest_on_segment(points, a, b, x):
     return _dot(rest, rest), 1.0 - t, t
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _is_zero(u):
     return u[0] == 0.0 and u[1] == 0.0 and u[2] == 0.0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def triangle_weights(points, a, b, c, x):
     """Return the barycentric coordinates of the foot of x in the plane of a triangle.
 
@@ -144,7 +144,7 @@ def triangle_weights(points, a, b, c, x):
     return trust, 1.0 - w_b - w_c, w_b, w_c, height2
 
 
-@njit(cache=True, nogil=True)
+@inner
 def closest_on_triangle(points, a, b, c, x):
     """Return the squared distance of x to a triangle, and the weights of its corners there.
 
@@ -188,7 +188,7 @@ def closest_on_triangle(points, a, b, c, x):
     return best, at[0], at[1], at[2]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def tetrahedron_weights(points, a, b, c, d, x):
     """Return the barycentric coordinates of x in a tetrahedron (Cramer's rule, refined).
 
@@ -230,7 +230,7 @@ def tetrahedron_weights(points, a, b, c, d, x):
     return trust, 1.0 - w1 - w2 - w3, w1, w2, w3
 
 
-@njit(cache=True, nogil=True)
+@inner
 def closest_on_tetrahedron(points, a, b, c, d, x):
     """Return the squared distance of x to a tetrahedron, and the weights there.
 
@@ -276,7 +276,7 @@ def closest_on_tetrahedron(points, a, b, c, d, x):
     return best, at[0], at[1], at[2], at[3]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def closest_on_cell(points, cells, c, x):
     """Return the squared distance of x to cell c, and four weights (0 beyond its corners).
 
@@ -306,7 +306,7 @@ def closest_on_cell(points, cells, c, x):
     return d2, (s, t, u, v)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def find_inside(points, cells, c, x):
     """Tell whether x lies in cell c (a triangle in its plane, a tetrahedron); four weights.
 

@@ -2,13 +2,12 @@
 
 import math
 
-from numba import njit
-
+from adaptsize._kernels.compiling import kernel
 from adaptsize._kernels.heap import pop, push_or_decrease
 from adaptsize._kernels.local_updates import distance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def march_edges(
     points,
     axes,
@@ -46,7 +45,7 @@ def march_edges(
     return pops
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sweep_edges(points, axes, cells, h, g, g_step, floor):
     """Do as `sweep_cells`, but along edges only."""
     floor[:] = math.inf
@@ -60,7 +59,7 @@ def sweep_edges(points, axes, cells, h, g, g_step, floor):
                     floor[k] = min(floor[k], value)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def largest_edge_slope(points, axes, cells, h, g, g_step):
     """Return the largest (h_i - h_j) / (g |x_i - x_j|) over the edges of all cells.
 

@@ -12,13 +12,12 @@ the length counts (embedding dimension; vertices of a star entry), see local.py.
 
 import math
 
-from numba import njit
-
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.heap import pop, push_or_decrease
 from adaptsize._kernels.local_updates import distance, minimum_on_edge, minimum_on_triangle
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_stars(cells, star_ptr, star, owner):
     """List for each node the other vertices of its cells.
 
@@ -55,7 +54,7 @@ def fill_stars(cells, star_ptr, star, owner):
     star_ptr[0] = 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def minimum_in_cell(points, axes, cells, c, k, h, g):
     """Return the size at vertex k of cell c allowed by all its other vertices, and its source.
 
@@ -106,7 +105,7 @@ def minimum_in_cell(points, axes, cells, c, k, h, g):
     return value, a, b, d, l1, l2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sweep_cells(points, axes, cells, h, g, g_step, floor):
     """Fill the least candidate of every node over its cells, all from the same sizes.
 
@@ -138,7 +137,7 @@ def sweep_cells(points, axes, cells, h, g, g_step, floor):
                 floor[k] = min(floor[k], value)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, cost):
     """Fill each node's best local update as a linear equation in the sizes it uses.
 
@@ -185,7 +184,7 @@ def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, co
                 cost[k] = found - used
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def queue_lowered(h, candidate, keep, key, node, place, size):
     """Lower each node to its candidate and put those that change into the heap.
 
@@ -204,7 +203,7 @@ def queue_lowered(h, candidate, keep, key, node, place, size):
             push_or_decrease(key, node, place, size, k, h[k])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _is_acute(points, axes, k, j, m):
     """Tell whether the angle at k between j and m is below 90 degrees."""
     dot = 0.0
@@ -213,7 +212,7 @@ def _is_acute(points, axes, k, j, m):
     return dot > 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def march(
     points,
     axes,

@@ -12,10 +12,10 @@ was accepted comes back, so the result is that of a heap at a quarter of its tim
 
 import math
 
-from numba import njit
+from adaptsize._kernels.compiling import inner, kernel
 
 
-@njit(cache=True, nogil=True)
+@inner
 def upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g):
     """Return the root h of  sum_a c_a (h - f_a)^2 = g^2  over the axes upwind of it.
 
@@ -64,7 +64,7 @@ def upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g):
     return value
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
     """Fill the first-order update of every node from its neighbours, all from the same sizes.
 
@@ -113,7 +113,7 @@ def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
             candidate[k] = upwind_value(v0, v0, c0, v1, v1, c1, v2, v2, c2, g_k)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def march_grid(
     u,
     strides,
@@ -253,7 +253,7 @@ def march_grid(
     return accepted
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def order_by_size(u, u0, lowest, highest, start, order):
     """List the nodes that were lowered, by increasing size.
 
@@ -299,7 +299,7 @@ def order_by_size(u, u0, lowest, highest, start, order):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def refine_in_order(order, u1, u0, strides, weights, spacing, g, g_step, u):
     """Recompute sizes with one-sided second differences, upwind ones first.
 

@@ -15,8 +15,7 @@ for updates straight from a neighbour, of which there are finitely many.
 
 import math
 
-from numba import njit
-
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.heap import pop, push_or_decrease
 from adaptsize._kernels.local_updates import distance
 from adaptsize._kernels.local_updates_higher import (
@@ -42,7 +41,7 @@ _MOST_LOWERINGS = 40
 _CLEARLY_ACUTE = 0.25
 
 
-@njit(cache=True, nogil=True)
+@inner
 def gradient_at(points, axes, heading, entry, v, k, a, b, s, g_k, g_a, g_b):
     """Return the gradient at node k of a size that came straight from a point of an edge.
 
@@ -90,7 +89,7 @@ def gradient_at(points, axes, heading, entry, v, k, a, b, s, g_k, g_a, g_b):
     return h_x * cosine - h_y * sine, h_x * sine + h_y * cosine
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _rays_over(points, axes, twin, heading, gradient, entry, v, k, j, a, length2):
     """Return the gradients at the ends of an edge, along it and across it towards a node.
 
@@ -136,7 +135,7 @@ def _rays_over(points, axes, twin, heading, gradient, entry, v, k, j, a, length2
     return along_j, along_a, across_j, across_a
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _share_cell(star_ptr, star, j, a, z):
     """Tell whether the nodes j, a, z are those of a cell."""
     for e in range(star_ptr[j], star_ptr[j + 1]):
@@ -145,7 +144,7 @@ def _share_cell(star_ptr, star, j, a, z):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _stands_alone(star_ptr, star, source, h, z):
     """Tell whether no neighbour of the source z is a source."""
     for e in range(star_ptr[z], star_ptr[z + 1]):
@@ -156,7 +155,7 @@ def _stands_alone(star_ptr, star, source, h, z):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def march_higher(
     points,
     axes,

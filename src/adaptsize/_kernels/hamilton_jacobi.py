@@ -6,10 +6,11 @@ False, so a missing neighbour adds nothing and needs no test.
 """
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def hamilton_jacobi_stage(u, base, share, problem, out):
     r"""Set ``out = min(h0, share base + (1 - share) (u - dt (D - g)))``.
 
@@ -103,7 +104,7 @@ def hamilton_jacobi_stage(u, base, share, problem, out):
     return moving
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def iterate_hamilton_jacobi(n_steps, u, spare, stage, problem):
     """Take steps until no node moves; return how many were taken and the last count.
 

@@ -8,15 +8,14 @@ fill 360 degrees by themselves and nothing is stretched.
 
 import math
 
-from numba import njit
-
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.local_updates_higher import edge_frame
 
 # On smooth surfaces the angles around a node also miss or exceed 360 degrees, by little.
 _CLEARLY_TOO_MUCH = 0.2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_twins(cells, star_ptr, twin):
     """Find for each entry of the stars (see `fill_stars`) those of the same triangle.
 
@@ -43,7 +42,7 @@ def fill_twins(cells, star_ptr, twin):
         twin[e_2, 1] = e_1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _walk(first, last, e, v, star, order):
     """List the triangles of a fan from spoke v of entry e on, each next to the one before.
 
@@ -75,7 +74,7 @@ def _walk(first, last, e, v, star, order):
     return count, False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_headings(points, axes, star_ptr, star, order, heading, bends):
     """Fill the directions of the neighbours of every node, unrolled into a plane.
 
@@ -144,7 +143,7 @@ def fill_headings(points, axes, star_ptr, star, order, heading, bends):
                 _turn(heading, e, 1 - v, x, y)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _turn(heading, e, v, x, y):
     """Turn one heading by the angle with cosine x and sine y."""
     h_x = heading[e, v, 0]

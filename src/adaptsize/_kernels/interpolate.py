@@ -9,15 +9,15 @@ put in an order in which leaf number l holds those from ``l * n_cells // n_leave
 import math
 
 import numpy as np
-from numba import njit
 
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.distance import closest_on_cell, find_inside
 
 # A path from the root to a leaf leaves one node behind per level.
 _STACK = 64
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _spread_bits(v):
     """Put two zero bits between the 21 low bits of v."""
     v &= np.uint64(0x1FFFFF)
@@ -28,7 +28,7 @@ def _spread_bits(v):
     return (v | (v << np.uint64(2))) & np.uint64(0x1249249249249249)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_morton_codes(places, lower, width, codes):
     """Fill the place of each point on the Morton curve through a cube.
 
@@ -50,7 +50,7 @@ def fill_morton_codes(places, lower, width, codes):
         codes[i] = code
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_centroids(points, cells, centroids):
     """Fill the mean of the corners of each cell.
 
@@ -70,7 +70,7 @@ def fill_centroids(points, cells, centroids):
             centroids[c, d] = total / k
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _select(keys, axis, order, first, last, middle):
     """Move the cells of smaller keys before place ``middle``, the others behind (quickselect).
 
@@ -105,7 +105,7 @@ def _select(keys, axis, order, first, last, middle):
             return
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sort_for_tree(centroids, n_leaves, order):
     """Put cells in the order of a tree: each node is halved along the longest side.
 
@@ -143,7 +143,7 @@ def sort_for_tree(centroids, n_leaves, order):
         _select(centroids, axis, order, first, last, (leaf + width // 2) * m // n_leaves)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_boxes(points, cells, boxes):
     """Fill the bounding boxes of a tree over sorted cells, leaves first.
 
@@ -174,7 +174,7 @@ def fill_boxes(points, cells, boxes):
             boxes[node, 3 + d] = max(boxes[2 * node, 3 + d], boxes[2 * node + 1, 3 + d])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _holds(boxes, node, x):
     """Tell whether x lies in the closed box of a node."""
     return (
@@ -184,7 +184,7 @@ def _holds(boxes, node, x):
     )
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _distance_to_centre(boxes, node, x):
     """Return twice the Manhattan distance of x to the centre of the box of a node."""
     total = 0.0
@@ -193,7 +193,7 @@ def _distance_to_centre(boxes, node, x):
     return total
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _distance2_to_box(boxes, node, x):
     """Return the squared distance of x to the box of a node, 0 inside."""
     total = 0.0
@@ -204,7 +204,7 @@ def _distance2_to_box(boxes, node, x):
     return total
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _distance2_to_cell_box(points, cells, c, x):
     """Return the squared distance of x to the bounding box of cell c, 0 inside."""
     total = 0.0
@@ -220,7 +220,7 @@ def _distance2_to_cell_box(points, cells, c, x):
     return total
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _find_cell(points, cells, boxes, x, stack):
     """Return a cell that contains x and its weights, or -1.
 
@@ -253,7 +253,7 @@ def _find_cell(points, cells, boxes, x, stack):
     return -1, (0.0, 0.0, 0.0, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _find_closest(points, cells, boxes, x, stack, bounds):
     """Return the closest cell, the weights of the closest point, the squared distance.
 
@@ -299,7 +299,7 @@ def _find_closest(points, cells, boxes, x, stack, bounds):
     return best_cell, best_weights, best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def locate(points, cells, boxes, full, queries, order, first, last, found, weights, distances):
     """Find the cell that contains each query point, or else the closest point of the mesh.
 
@@ -344,7 +344,7 @@ def locate(points, cells, boxes, full, queries, order, first, last, found, weigh
             weights[q, v] = w[v]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def interpolate(cells, values, found, weights, result):
     """Fill the linear interpolant at located points.
 

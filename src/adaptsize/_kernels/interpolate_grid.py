@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def interpolate_grid(
     lower, spacing, shape, snap, values, active, queries, first, last, result, distances
 ):

@@ -19,7 +19,7 @@ same update serves the plane and surfaces.  ``axes`` as in local.py.
 
 import math
 
-from numba import njit
+from adaptsize._kernels.compiling import inner, kernel
 
 # Newton's method converges quadratically, from a good start: two or three steps are usual.
 _MOST_STEPS = 6
@@ -31,7 +31,7 @@ _SLACK = 0.01
 _ROUNDING = 1e-9
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def edge_frame(points, axes, k, a, b):
     """Return where node k lies as seen from the edge (a, b).
 
@@ -61,7 +61,7 @@ def edge_frame(points, axes, k, a, b):
     return length2, foot, height2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minimum_on_linear(length2, foot, height2, h_a, rise, c_a, c_rise):
     """Return f near its minimum for linear sizes, and where.
 
@@ -93,7 +93,7 @@ def minimum_on_linear(length2, foot, height2, h_a, rise, c_a, c_rise):
     return math.inf, 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minimum_on_cubic(
     length2, foot, height2, h_a, rise, slope_a, slope_b, lean_a, lean_b, c_a, c_rise
 ):
@@ -155,7 +155,7 @@ def minimum_on_cubic(
     return least, best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minimum_from_source(
     points,
     axes,
@@ -254,7 +254,7 @@ def minimum_from_source(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _minimum_on_factored(
     length2, foot, height2, s, h_z, t2_a, dot_a, mean_a, rise, slope_a, slope_b, c_a, c_rise
 ):
@@ -300,7 +300,7 @@ def _minimum_on_factored(
     return least, best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gradient_behind(frame, s, g_k, g_a, g_b):
     """Return the gradient at x_k of a size that came straight from y(s), in the triangle's plane.
 

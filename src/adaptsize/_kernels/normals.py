@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.sectors import cross, dot, normalise
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_sector_normals(points, cells, areas, face_normals, sign, fan, fan_ptr, normals):
     """Fill the normal of each sector with the weights of Max (1999).
 
@@ -47,7 +47,7 @@ def fill_sector_normals(points, cells, areas, face_normals, sign, fan, fan_ptr, 
         normalise(normals[s])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def drop_conical_normals(areas, face_normals, sign, fan, fan_ptr, limit, normals):
     """Set to zero the normal of each sector that has a triangle too oblique to it.
 
@@ -77,7 +77,7 @@ def drop_conical_normals(areas, face_normals, sign, fan, fan_ptr, limit, normals
                 normals[s, d] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_fan_angles(points, cells, fan, fan_ptr, angles):
     """Fill the sum of the corner angles of each sector, in radians.
 
@@ -102,7 +102,7 @@ def fill_fan_angles(points, cells, fan, fan_ptr, angles):
             angles[s] += math.atan2(math.sqrt(dot(normal, normal)), dot(a, b))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _open_frame(points, i, ends, normal, u, v):
     """Fill tangents at a node: v across the line between the ends of its fan, u along it.
 
@@ -128,13 +128,13 @@ def _open_frame(points, i, ends, normal, u, v):
     cross(v, normal, u)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_known(normals, s):
     """Tell whether sector s has a normal."""
     return normals[s, 0] != 0.0 or normals[s, 1] != 0.0 or normals[s, 2] != 0.0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, sums):
     """Sum up the normal equations of the chord condition over the edges of one fan.
 
@@ -182,7 +182,7 @@ def _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, su
             sums[4] -= weight * along_v * off
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def correct_open_normals(
     points, cells, fan, fan_ptr, ends, sector, sign, angles, corners, limit, normals, corrected
 ):

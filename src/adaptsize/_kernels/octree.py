@@ -10,13 +10,14 @@ Finest leaves have no hanging node, so every centre that is needed lies on that 
 """
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import inner, kernel
 
 # A square leaves three of its quarters behind per level; keys of 64 bits allow 20 in 3-D.
 _STACK = 64
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def encode(indices, level, root_shape, codes):
     """Fill the codes of cells.
 
@@ -40,7 +41,7 @@ def encode(indices, level, root_shape, codes):
         codes[c] = code
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def decode(codes, level, root_shape, indices):
     """Fill the integer coordinates of cells among those of their level; inverse of `encode`.
 
@@ -64,7 +65,7 @@ def decode(codes, level, root_shape, indices):
                 indices[c, d] = (indices[c, d] << 1) | ((digit >> (dim - 1 - d)) & 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_node(keys, numbers, key):
     """Return the number of a key in a hash table, -1 if it is not there."""
     mask = keys.shape[0] - 1
@@ -76,7 +77,7 @@ def find_node(keys, numbers, key):
     return numbers[slot]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _find_or_add(keys, numbers, key, number):
     """Return the number of a key in a hash table; a new key gets ``number``."""
     mask = keys.shape[0] - 1
@@ -90,7 +91,7 @@ def _find_or_add(keys, numbers, key, number):
     return numbers[slot]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def number_corners(indices, levels, strides, keys, numbers, corners, node_keys):
     """Give numbers to the different corners of the leaves, in the order in which they are met.
 
@@ -129,7 +130,7 @@ def number_corners(indices, levels, strides, keys, numbers, corners, node_keys):
     return n_points
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mark_hanging(indices, levels, strides, keys, numbers, hanging):
     """Mark the leaves that have a node other than their corners on their boundary.
 
@@ -170,7 +171,7 @@ def mark_hanging(indices, levels, strides, keys, numbers, hanging):
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _store(cells, place, p, q, r, apex, flip):
     """Write one simplex, if there is an array to write to; return the next place."""
     if cells.shape[0] > 0:
@@ -182,7 +183,7 @@ def _store(cells, place, p, q, r, apex, flip):
     return place + 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def has_halved_edge(keys, numbers, base, a, b, size):
     """Tell whether the middle of an edge of the square ``base + [0, size]^2`` is a node.
 
@@ -196,7 +197,7 @@ def has_halved_edge(keys, numbers, base, a, b, size):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place):
     """Cut a square into triangles between its centre and the pieces of its edges.
 
@@ -222,7 +223,7 @@ def _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place):
     return place
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _cut_square(
     tables, base, a, b, size, odd, apex, flip, n_points, node_keys, stack, cells, place
 ):
@@ -293,7 +294,7 @@ def _cut_square(
     return n_points, place
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _cut_along_diagonals(corners, leaf, even, cells, place):
     """Cut a leaf without hanging nodes as Kuhn does, from corner ``even`` to the opposite one.
 
@@ -319,7 +320,7 @@ def _cut_along_diagonals(corners, leaf, even, cells, place):
     return place
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cut_leaves(
     indices, levels, strides, corners, hanging, n_corners, tables, node_keys, leaf_centres, cells
 ):

@@ -3,19 +3,19 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.octree import find_node, has_halved_edge
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _coordinate(index, count, lower, upper):
     """Return the coordinate of a lattice plane, by the very operations of `Octree.points`."""
     share = index / count
     return lower * (1.0 - share) + upper * share
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_places(points, lower, upper, counts, places, distances):
     """Fill lattice coordinates of the closest points of the box, and the distances to them.
 
@@ -47,7 +47,7 @@ def fill_places(points, lower, upper, counts, places, distances):
         distances[q] = distance
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _on_edge(keys, numbers, base, step, size, u):
     """Return the nodes and weights around place u on an edge of the square, halved or not."""
     while size > 1 and find_node(keys, numbers, base + (size >> 1) * step) >= 0:
@@ -61,7 +61,7 @@ def _on_edge(keys, numbers, base, step, size, u):
     return first, second, 1.0 - share, share
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _in_square(tables, base, a, b, size, odd, u, v):
     """Return the triangle around a place in a square, cut as by `_cut_square`: nodes, weights.
 
@@ -109,7 +109,7 @@ def _in_square(tables, base, a, b, size, odd, u, v):
     return first, side, last, 1.0 - u, u - v, v
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _in_plain_leaf(corners, leaf, even, u, nodes, weights, q):
     """Fill nodes and weights in a leaf cut as by `_cut_along_diagonals`.
 
@@ -133,7 +133,7 @@ def _in_plain_leaf(corners, leaf, even, u, nodes, weights, q):
     weights[q, dim] = before
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_weights(
     places, leaves, indices, levels, strides, corners, hanging, leaf_centres, tables, nodes, weights
 ):

@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import inner, kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_facet_cells(cell_facets, facet_cells):
     """List the two cells at each facet.
 
@@ -28,7 +29,7 @@ def fill_facet_cells(cell_facets, facet_cells):
                 facet_cells[f, 1] = c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cross(a, b, out):
     """Fill ``out`` with the cross product of two float64[3]."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -36,13 +37,13 @@ def cross(a, b, out):
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def dot(a, b):
     """Return the inner product of two float64[3]."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def normalise(a):
     """Scale float64[3] to length 1 (In/Out) and return its old length; zero stays zero."""
     length = math.sqrt(dot(a, a))
@@ -52,7 +53,7 @@ def normalise(a):
     return length
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _local(cells, c, i):
     """Return the place of node i in triangle c."""
     for v in range(2):
@@ -61,7 +62,7 @@ def _local(cells, c, i):
     return 2
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _agreement(cells, c, other, i, j):
     """Return 1 if two triangles run along their common edge (i, j) in opposite ways, else -1.
 
@@ -72,7 +73,7 @@ def _agreement(cells, c, other, i, j):
     return -1.0 if forward == forward_other else 1.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_face_normals(points, cells, flat_share, normals, areas):
     """Fill unit normals and areas of triangles in space, in each one's own orientation.
 
@@ -106,7 +107,7 @@ def fill_face_normals(points, cells, flat_share, normals, areas):
                 normals[c, d] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lend_normals(points, cells, cell_facets, facet_cells, facet_counts, areas, normals):
     """Give each degenerate triangle the normal of its neighbour across its longest edge.
 
@@ -145,7 +146,7 @@ def lend_normals(points, cells, cell_facets, facet_cells, facet_counts, areas, n
                 normals[c, d] = sign * normals[other, d]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_crease):
     """Mark the edges that are boundary, non-manifold or sharper than ``angle``.
 
@@ -175,7 +176,7 @@ def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_cr
         is_crease[f] = turn > angle
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, sign, fan, count):
     """Walk around a node from corner to corner until a crease; return the new count.
 
@@ -223,7 +224,7 @@ def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, si
         c, v, out = other, w, _local(cells, other, j)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_sectors(cells, cell_facets, facet_cells, is_crease, sector, sign, fan, fan_ptr, ends):
     """Group the corners of triangles into sectors: fans around a node between creases.
 

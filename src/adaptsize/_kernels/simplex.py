@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def dual_edges(points, cell, edges, dual):
     """Fill the edge vectors from vertex 0 and their dual basis; return the measure.
 
@@ -69,7 +70,7 @@ def dual_edges(points, cell, edges, dual):
     return measure
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_measures(points, cells, measures):
     """Fill the length, area or volume of each cell.
 
@@ -87,7 +88,7 @@ def fill_measures(points, cells, measures):
         measures[c] = dual_edges(points, cells[c], edges, dual)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_gradient_norms(points, cells, values, norms):
     """Fill the length of the gradient of the linear interpolant in each cell.
 

@@ -1,10 +1,11 @@
 """Rings and unique sub-simplices, in time proportional to the number of cells."""
 
 import numpy as np
-from numba import njit
+
+from adaptsize._kernels.compiling import inner, kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_rings(cells, n_points, ring_ptr, ring):
     """List the cells around each point in compressed rows (CSR), cells ascending.
 
@@ -34,7 +35,7 @@ def fill_rings(cells, n_points, ring_ptr, ring):
     ring_ptr[0] = 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _is_before(rows, a, b):
     """Tell whether row a comes before row b in lexicographic order, equal rows by index."""
     for d in range(rows.shape[1]):
@@ -43,7 +44,7 @@ def _is_before(rows, a, b):
     return a < b
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def group_rows(rows, n_points, first, group):
     """Give each row of sorted indices the number of its group, groups in lexicographic order.
 
@@ -100,7 +101,7 @@ def group_rows(rows, n_points, first, group):
     return n_groups
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def join_cells(cells, parent):
     """Join the nodes of each cell, so that equal roots mean the same component.
 
@@ -129,7 +130,7 @@ def join_cells(cells, parent):
         parent[i] = parent[parent[i]]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mark_nodes(cells, used):
     """Mark the nodes of cells (In/Out: used, bool[n_points]); return how many are marked now."""
     for c in range(cells.shape[0]):
