@@ -11,6 +11,7 @@ from meshes import jittered_cube, jittered_square, random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
+from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
 
 INWARD_AND_OUTWARD = pytest.mark.parametrize("turned", [False, True], ids=["outward", "inward"])
@@ -337,6 +338,18 @@ def test_winding_number_by_a_tree_is_the_sum_over_all_facets(dim):
     assert np.ptp(exact) > 0.8
     # What `contains` leaves as room for the error of the tree.
     assert np.abs(WindingNumber(surface)(queries) - exact).max() < 0.05
+
+
+def test_corners_that_differ_by_rounding_are_one_wherever_they_lie():
+    # Regression: rounded to a lattice, neighbours on two sides of a border were two.
+    clean = torus(12)
+    soup = clean.points[clean.cells].reshape(-1, 3)
+    soup += np.random.default_rng(337).uniform(-0.1, 0.1, soup.shape) * 1e-9 * clean.diagonal
+    loose = SimplexMesh(soup, np.arange(len(soup)).reshape(-1, 3))
+    assert is_cycle(loose)
+    merged, first = oriented(loose)
+    assert len(np.unique(first)) == clean.n_points
+    assert (merged.facet_cell_counts == 2).all()
 
 
 def test_cycles_are_told_from_surfaces_with_holes():

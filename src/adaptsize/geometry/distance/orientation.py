@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
+from adaptsize.background.merging import first_at_place
 from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
@@ -35,7 +36,7 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     int64[n_points]
         Which node each was merged into.
     """
-    target = _merge_targets(boundary)
+    target = first_at_place(boundary.points, _MERGE_SHARE * boundary.diagonal)
     cells = _merged(boundary.cells, target)
     merged = SimplexMesh(boundary.points, cells) if cells is not boundary.cells else boundary
     turned, piece, contradicts = _consistent(merged)
@@ -55,15 +56,6 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     flipped = np.array(merged.cells)
     flipped[turned, :2] = flipped[turned, 1::-1]
     return SimplexMesh(merged.points, flipped), target
-
-
-def _merge_targets(boundary: SimplexMesh) -> npt.NDArray[np.intp]:
-    """Return for each node the first node at the same place."""
-    spacing = _MERGE_SHARE * boundary.diagonal or 1.0
-    used = boundary.points - boundary.points[boundary.cells[:, 0]].min(axis=0)
-    rows = np.round(used / spacing).astype(np.int64)
-    _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[number.reshape(-1)])
 
 
 def _merged(cells: IntArray, target: npt.NDArray[np.intp]) -> IntArray:

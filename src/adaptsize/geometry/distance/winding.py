@@ -7,6 +7,7 @@ import numpy as np
 from adaptsize._kernels.interpolate import fill_centroids, sort_for_tree
 from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
 from adaptsize.background import SimplexMesh
+from adaptsize.background.merging import place_numbers
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 _CELLS_PER_LEAF = 4
@@ -105,17 +106,8 @@ def same_places(points: FloatArray, cells: IntArray) -> IntArray:
     Equal is what differs by rounding, measured by the extent of the points of cells.
     """
     used = points[cells]
-    low = used.min(axis=(0, 1))
-    step = float(np.linalg.norm(used.max(axis=(0, 1)) - low)) * _SAME
-    if step == 0.0:
-        return np.zeros(len(points), np.int32)
-    # Points of no cell may be anywhere; they only must not overflow.
-    key = np.clip(np.round((points - low) / step), -(2.0**60), 2.0**60).astype(np.int64)
-    order = np.lexsort(key.T)
-    changes = (np.diff(key[order], axis=0) != 0).any(axis=1)
-    number = np.empty(len(points), np.int32)
-    number[order] = np.concatenate([[0], np.cumsum(changes)])
-    return number
+    extent = float(np.linalg.norm(used.max(axis=(0, 1)) - used.min(axis=(0, 1))))
+    return place_numbers(points, _SAME * extent).astype(np.int32)
 
 
 def _in_space(points: FloatArray) -> FloatArray:

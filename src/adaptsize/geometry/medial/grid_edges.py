@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import CartesianGrid
+from adaptsize.background.merging import place_numbers
 from adaptsize.typing import FloatArray
 
 # Places of one corner as different crossings tell them, in spacings from one to the next.
@@ -22,19 +23,11 @@ _STRAIGHT = 1.15
 
 def corner_points(grid: CartesianGrid, witnesses: FloatArray) -> FloatArray:
     """Return corners, float64[m, dim], of what crossings tell of them, float64[n, dim]."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     if len(witnesses) == 0:
         return witnesses
-    reach = _SAME_CORNER * float(grid.spacing.max())
-    a, b = cKDTree(witnesses).query_pairs(reach, output_type="ndarray").T
-    n = len(witnesses)
-    links = coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
-    n_groups, group = connected_components(links, directed=False)
+    group = place_numbers(witnesses, _SAME_CORNER * float(grid.spacing.max()))
     order = np.argsort(group, kind="stable")
-    count = np.bincount(group, minlength=n_groups)
+    count = np.bincount(group)
     parts = np.split(witnesses[order], np.cumsum(count)[:-1])
     found = [np.median(part, axis=0) for part in parts if len(part) >= _LEAST_WITNESSES]
     return np.array(found).reshape(-1, grid.dim)
