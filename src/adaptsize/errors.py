@@ -34,7 +34,7 @@ class PlotError(RuntimeError):
 
 
 class ConvergenceWarning(UserWarning):
-    """An iteration stopped at ``max_iter`` before it met its tolerance."""
+    """A method stopped at ``max_iter``, or at a limit of its own, before it had converged."""
 
 
 class MeshRepairWarning(UserWarning):

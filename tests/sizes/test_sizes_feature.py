@@ -219,3 +219,24 @@ def test_hmin_and_hmax():
     h0 = size_from_feature(structured_square(2), hmin=30.0)
     np.testing.assert_array_equal(h0, 30.0)
     assert size_from_feature(structured_square(2), hmax=5.0).max() == 5.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((structured_square(2),), {"tolerance": 0.1}, "tolerance is for method='spheres'"),
+        (
+            (structured_square(2), outline(circle(8))),
+            {"tolerance": 0.1, "method": "medial-axis"},
+            "tolerance is for method='spheres'",
+        ),
+        (
+            (CartesianGrid([0, 0], 1.0, (3, 3)), np.ones((3, 3))),
+            {"crease_angle": 30.0},
+            "crease_angle has no effect on the medial axis on a CartesianGrid, got 30",
+        ),
+    ],
+)
+def test_options_without_effect_are_refused(arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        size_from_feature(*arguments, **options)

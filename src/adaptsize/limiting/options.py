@@ -46,6 +46,11 @@ def refuse_idle(method: str, available: tuple[str, ...], given: Mapping[str, boo
         The methods for this kind of background.
     given : dict of bool
         For each option whether it differs from its default.
+
+    Raises
+    ------
+    ValueError
+        That names the first such option and the methods that use it.
     """
     on_grid = "hamilton-jacobi" in available
     taken = [m for m in _AUTOMATIC if m in available] if method == "auto" else [method]

@@ -21,6 +21,7 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 Method: TypeAlias = Literal["auto", "spheres", "medial-axis"]
 METHODS = get_args(Method)
 
+_CREASE_ANGLE = 40.0
 # Where sharp edges end in nothing, sizes must not ask for more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
 # Meshes made to an envelope, as by fTetWild, keep their boundary within this share of the diagonal.
@@ -33,7 +34,7 @@ def size_from_feature(
     *,
     method: Method = "auto",
     elements_across: float = 4.0,
-    crease_angle: float = 40.0,
+    crease_angle: float = _CREASE_ANGLE,
     corner_angle: float = 30.0,
     tolerance: float | None = None,
     hmin: float | None = None,
@@ -66,14 +67,13 @@ def size_from_feature(
     elements_across : float, default 4
         Twice R of [1]_, > 0.
     crease_angle, corner_angle : float
-        As for `inscribed_spheres`, degrees.  For the medial axis on grids only the default
-        ``crease_angle`` is known.
+        As for `inscribed_spheres`, degrees.  The medial axis on grids has no ``crease_angle``.
     tolerance : float, optional
         Nodes this far outside ``boundary`` count too, as do, on a background of lower
         dimension, only those this close to it.  On a grid or an octree by default the diagonal of
         the largest box beside a node, so that all corners of the boxes that the boundary
-        passes have a size; else 0.001 of the diagonal of the boundary.  Has no meaning without
-        ``boundary`` or with distances.
+        passes have a size; else 0.001 of the diagonal of the boundary.  Only for spheres, with
+        ``boundary``.
     hmin, hmax : float, optional
         Limits of the size, as in `minimum`.
     progress : callable, bool or None
@@ -131,9 +131,20 @@ def size_from_feature(
     by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)
     if method == "spheres" and by_distance:
         raise ValueError(f"method='spheres' needs a SimplexMesh, got {describe(boundary)}")
+    by_medial_axis = method == "medial-axis" or by_distance
+    if tolerance is not None and (by_medial_axis or boundary is None):
+        raise ValueError(
+            f"tolerance is for method='spheres' with a SimplexMesh as boundary, got {tolerance!r} "
+            f"for method={method!r} and {describe(boundary)}"
+        )
+    if by_medial_axis and isinstance(background, CartesianGrid) and crease_angle != _CREASE_ANGLE:
+        raise ValueError(
+            "crease_angle has no effect on the medial axis on a CartesianGrid, "
+            f"got {crease_angle!r}"
+        )
     options = {"crease_angle": crease_angle, "corner_angle": corner_angle}
     with reporting(progress) as report:
-        if method == "medial-axis" or by_distance:
+        if by_medial_axis:
             lfs = _by_medial_axis(background, boundary, **options, report=report)
             is_grid = isinstance(background, CartesianGrid)
             smallest = 0.0 if is_grid else _SMALLEST_SHARE * background.diagonal
