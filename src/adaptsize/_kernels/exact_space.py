@@ -27,72 +27,15 @@ import numpy as np
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.exact import BLOCK, SLACK, gather_block
 from adaptsize._kernels.exact_items import allowed, set_vertices
+from adaptsize._kernels.space_bends import LONGEST, Edges, length_between, length_from, straighten
+from adaptsize._kernels.space_sight import AHEAD, CACHED, without_hidden, without_leaving
 from adaptsize._kernels.trees import DEPTH, LEAF
-
-#: Most edges of a way.
-LONGEST = 12
-
-# Angle by which a direction may be outside.
-_AHEAD = 1e-10
-
-# Triangles that have hidden something lately and are tried first.
-_CACHED = 8
-
-# Most steps of Newton's method.
-_STEPS = 8
 
 # A place in an edge or triangle with less weight of a vertex lies opposite to it.
 _IN_ITEM = 1e-9
 
 # Part of the ends of an edge that belongs to its nodes.
 _END = 1e-12
-
-
-class Walls(NamedTuple):
-    """The triangles of the boundary of a solid."""
-
-    triangles: np.ndarray
-    """float64[f, 14]: a vertex, the unit normal, the gradients of two barycentric coordinates,
-    the distance that counts as none, and the coordinate that counts as 0."""
-    boxes: np.ndarray
-    """float64[2 * n_leaves, 7]: the tree over them (see trees.py)."""
-    n_leaves: int
-    slack: float
-    """Distance that counts as none."""
-
-
-class Stars(NamedTuple):
-    """The cells at nodes of the boundary."""
-
-    points: np.ndarray
-    """float64[n, 3]: the nodes of the mesh."""
-    rows: np.ndarray
-    """int32[n]: row of a node of the boundary, -1 inside."""
-    first: np.ndarray
-    """int32[rows + 1]"""
-    star: np.ndarray
-    """int32[s, 3]: ``star[first[row]:first[row + 1]]`` are the other nodes of the cells at a
-    node, so that their directions are a right-handed triple."""
-
-
-class Sight(NamedTuple):
-    """What a solid lets see."""
-
-    walls: Walls
-    stars: Stars
-
-
-class Edges(NamedTuple):
-    """Straight reflex edges."""
-
-    start: np.ndarray
-    """float64[e, 3]"""
-    along: np.ndarray
-    """float64[e, 3]: unit vectors."""
-    length: np.ndarray
-    """float64[e]"""
-    normals: np.ndarray
-    """float64[e, 2, 3]: outward normals of the two faces."""
 
 
 class Bases(NamedTuple):
@@ -172,199 +115,7 @@ class Block(NamedTuple):
     active: np.ndarray
     """int64[BLOCK]: points in question."""
     cached: np.ndarray
-    """int64[_CACHED]: triangles that have hidden something lately, -1 where there are fewer."""
-
-
-@inner
-def _enters(points, star, ring, a, b, c, dx, dy, dz):
-    """Tell whether a direction at a point inside node a, edge ab or face abc enters the domain.
-
-    b and c are -1 where there are fewer nodes; ``ring``: from where to where the cells at a are
-    in ``star``.
-    """
-    limit = _AHEAD * _AHEAD * (dx * dx + dy * dy + dz * dz)
-    if limit == 0.0:
-        return True
-    wanted = (1 if b >= 0 else 0) + (1 if c >= 0 else 0)
-    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
-    for k in range(ring[0], ring[1]):
-        found = 0
-        outside = False
-        for v in range(3):
-            o = star[k, v]
-            if o in (b, c):  # the face opposite to it does not hold the point
-                found += 1
-                continue
-            p, q = star[k, (v + 1) % 3], star[k, (v + 2) % 3]
-            px, py, pz = points[p, 0] - ax, points[p, 1] - ay, points[p, 2] - az
-            qx, qy, qz = points[q, 0] - ax, points[q, 1] - ay, points[q, 2] - az
-            nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-            inwards = nx * dx + ny * dy + nz * dz
-            if inwards < 0.0 and inwards * inwards > limit * (nx * nx + ny * ny + nz * nz):
-                outside = True
-                break
-        if not outside and found == wanted:
-            return True
-    return False
-
-
-@inner
-def _without_leaving(stars, nodes, feet, level, other, active, m):
-    """Take points out of ``active`` where the piece from feet[level] to feet[other] starts outside.
-
-    ``nodes``: int64[3, BLOCK], those of the node, edge or face on which feet[level] lies.
-    Returns how many are left.
-    """
-    left = 0
-    for k in range(m):
-        i = active[k]
-        a, b, c = nodes[0, i], nodes[1, i], nodes[2, i]
-        dx = feet[other, 0, i] - feet[level, 0, i]
-        dy = feet[other, 1, i] - feet[level, 1, i]
-        dz = feet[other, 2, i] - feet[level, 2, i]
-        inside = a < 0 or stars.rows[a] < 0 or (b >= 0 and stars.rows[b] < 0)
-        inside = inside or (c >= 0 and stars.rows[c] < 0)
-        if not inside:
-            ring = (stars.first[stars.rows[a]], stars.first[stars.rows[a] + 1])
-            inside = _enters(stars.points, stars.star, ring, a, b, c, dx, dy, dz)
-        if inside:
-            active[left] = i
-            left += 1
-    return left
-
-
-@inner
-def _crosses(triangles, t, a, b, i):
-    """Tell whether triangle t separates a[:, i] from b[:, i]."""
-    at_a = at_b = 0.0
-    for d in range(3):
-        at_a += triangles[t, 3 + d] * (a[d, i] - triangles[t, d])
-        at_b += triangles[t, 3 + d] * (b[d, i] - triangles[t, d])
-    slack = triangles[t, 12]
-    if not ((at_a > slack and at_b < -slack) or (at_a < -slack and at_b > slack)):
-        return False
-    share = at_a / (at_a - at_b)
-    u = v = 0.0
-    for d in range(3):
-        p = a[d, i] + share * (b[d, i] - a[d, i]) - triangles[t, d]
-        u += triangles[t, 6 + d] * p
-        v += triangles[t, 9 + d] * p
-    nil = triangles[t, 13]
-    return u >= -nil and v >= -nil and u + v <= 1.0 + nil
-
-
-@inner
-def _set_shaft(shaft, a, b, active, m, slack):
-    """Put boxes around the points ``active`` of a and of b."""
-    for d in range(3):
-        a_low = b_low = math.inf
-        a_high = b_high = -math.inf
-        for k in range(m):
-            i = active[k]
-            a_low, a_high = min(a_low, a[d, i]), max(a_high, a[d, i])
-            b_low, b_high = min(b_low, b[d, i]), max(b_high, b[d, i])
-        shaft[d], shaft[3 + d] = a_low - slack, a_high + slack
-        shaft[6 + d], shaft[9 + d] = b_low - a_low, b_high - a_high
-
-
-@inner
-def _meets_shaft(boxes, n, shaft):
-    """Tell whether box n meets the hull of the two boxes of a shaft."""
-    begin, end = 0.0, 1.0
-    for d in range(3):
-        room, change = boxes[n, 3 + d] - shaft[d], shaft[6 + d]
-        if change > 0.0:
-            end = min(end, room / change)
-        elif change < 0.0:
-            begin = max(begin, room / change)
-        elif room < 0.0:
-            return False
-        room, change = boxes[n, d] - shaft[3 + d], shaft[9 + d]
-        if change > 0.0:
-            begin = max(begin, room / change)
-        elif change < 0.0:
-            end = min(end, room / change)
-        elif room > 0.0:
-            return False
-        if begin > end:
-            return False
-    return True
-
-
-@inner
-def _separates(triangles, t, shaft):
-    """Tell whether the two ends of a shaft have points strictly on either side of a triangle."""
-    middle_a = middle_b = reach_a = reach_b = 0.0
-    for d in range(3):
-        n, o = triangles[t, 3 + d], triangles[t, d]
-        low, high = shaft[d], shaft[3 + d]
-        middle_a += n * (0.5 * (low + high) - o)
-        reach_a += abs(n) * 0.5 * (high - low)
-        low, high = low + shaft[6 + d], high + shaft[9 + d]
-        middle_b += n * (0.5 * (low + high) - o)
-        reach_b += abs(n) * 0.5 * (high - low)
-    slack = triangles[t, 12]
-    return (middle_a + reach_a > slack and middle_b - reach_b < -slack) or (
-        middle_a - reach_a < -slack and middle_b + reach_b > slack
-    )
-
-
-@inner
-def _without_crossing(triangles, t, a, b, active, m):
-    """Take points out of ``active`` where triangle t hides a from b; return how many are left."""
-    left = 0
-    for k in range(m):
-        i = active[k]
-        if not _crosses(triangles, t, a, b, i):
-            active[left] = i
-            left += 1
-    return left
-
-
-@inner
-def _without_hidden(walls, a, b, active, m, cached):
-    """Take points out of ``active`` where a is hidden from b; return how many are left."""
-    for c in range(_CACHED):
-        if cached[c] < 0 or m == 0:
-            break
-        left = _without_crossing(walls.triangles, cached[c], a, b, active, m)
-        if left < m:
-            _put_first(cached, c, cached[c])
-        m = left
-    if m == 0:
-        return 0
-    shaft, stack = np.empty(12), np.empty(DEPTH, np.int64)
-    _set_shaft(shaft, a, b, active, m, walls.slack)
-    n_triangles = walls.triangles.shape[0]
-    stack[0], size = 1, 1
-    while size > 0:
-        size -= 1
-        n = stack[size]
-        if n < walls.n_leaves:
-            for child in range(2 * n, 2 * n + 2):
-                if _meets_shaft(walls.boxes, child, shaft):
-                    stack[size] = child
-                    size += 1
-            continue
-        leaf = n - walls.n_leaves
-        for t in range(leaf * LEAF, min(n_triangles, (leaf + 1) * LEAF)):
-            if not _separates(walls.triangles, t, shaft):
-                continue
-            left = _without_crossing(walls.triangles, t, a, b, active, m)
-            if left < m:
-                _put_first(cached, _CACHED - 1, t)
-                m = left
-                if m == 0:
-                    return 0
-    return m
-
-
-@inner
-def _put_first(cached, c, t):
-    """Put triangle t before the first c entries of ``cached``."""
-    for back in range(c, 0, -1):
-        cached[back] = cached[back - 1]
-    cached[0] = t
+    """int64[CACHED]: triangles that have hidden something lately, -1 where there are fewer."""
 
 
 @inner
@@ -427,113 +178,6 @@ def _put_bends(ways, w, feet, level, active, m):
 
 
 @inner
-def _put_on_edge(edges, e, t, feet, level, i):
-    for d in range(3):
-        feet[level, d, i] = edges.start[e, d] + t * edges.along[e, d]
-
-
-@inner
-def _length_between(feet, level, i):
-    square = 0.0
-    for d in range(3):
-        square += (feet[level, d, i] - feet[level + 1, d, i]) ** 2
-    return math.sqrt(square)
-
-
-@inner
-def _length_from(feet, last, i):
-    """Return the length of the way from feet[last] to feet[0]."""
-    total = 0.0
-    for level in range(last):
-        total += _length_between(feet, level, i)
-    return total
-
-
-@inner
-def _newton_step(edges, chain, feet, work, n, i, longest):
-    """Put a step of Newton's method for the n bends of the way to point i into work[0].
-
-    The Hessian of the length is tridiagonal; work[1] and [2] are its diagonal and what
-    is beside it, work[3] the bends along their edges.
-
-    Returns the length; inf if there is no step, or if the way, whose length is convex, remains
-    longer than ``longest`` wherever it bends.
-    """
-    for level in range(1, n + 1):
-        e = chain[level]
-        work[0, level] = work[1, level] = work[3, level] = 0.0
-        for d in range(3):
-            work[3, level] += (feet[level, d, i] - edges.start[e, d]) * edges.along[e, d]
-    total = 0.0
-    for level in range(n + 1):  # the pieces from feet[level] to feet[level + 1]
-        length = _length_between(feet, level, i)
-        if length == 0.0:
-            return math.inf
-        total += length
-        near = far = cross = 0.0
-        for d in range(3):
-            unit = (feet[level + 1, d, i] - feet[level, d, i]) / length
-            if level > 0:
-                near += unit * edges.along[chain[level], d]
-            if level < n:
-                far += unit * edges.along[chain[level + 1], d]
-            if 0 < level < n:
-                cross += edges.along[chain[level], d] * edges.along[chain[level + 1], d]
-        if level > 0:
-            work[0, level] += near
-            work[1, level] += (1.0 - near * near) / length
-        if level < n:
-            work[0, level + 1] -= far
-            work[1, level + 1] += (1.0 - far * far) / length
-            work[2, level + 1] = (near * far - cross) / length if level > 0 else 0.0
-    least = total
-    for level in range(1, n + 1):
-        fall, t = work[0, level], work[3, level]
-        least -= max(fall * (edges.length[chain[level]] - t), -fall * t)
-    if least > longest:
-        return math.inf
-    for level in range(1, n + 1):
-        if level > 1:
-            share = work[2, level] / work[1, level - 1]
-            work[1, level] -= share * work[2, level]
-            work[0, level] -= share * work[0, level - 1]
-        if not work[1, level] > 0.0:
-            return math.inf
-    for level in range(n, 0, -1):
-        if level < n:
-            work[0, level] -= work[2, level + 1] * work[0, level + 1]
-        work[0, level] /= work[1, level]
-    return total
-
-
-@inner
-def _straighten(edges, chain, feet, work, n, i, longest):
-    """Move the n bends of the way to point i to where it is shortest.
-
-    Ends when it is clear that it remains longer than ``longest``.
-    """
-    for _ in range(_STEPS):
-        length = _newton_step(edges, chain, feet, work, n, i, longest)
-        if length == math.inf:
-            return
-        share, new = 1.0, math.inf
-        for _ in range(4):
-            for level in range(1, n + 1):
-                e = chain[level]
-                t = min(max(work[3, level] + share * work[0, level], 0.0), edges.length[e])
-                _put_on_edge(edges, e, t, feet, level, i)
-            new = _length_from(feet, n + 1, i)
-            if new <= length:
-                break
-            share *= 0.25
-        if new > length:
-            for level in range(1, n + 1):
-                _put_on_edge(edges, chain[level], work[3, level], feet, level, i)
-        if new >= length * (1.0 - 1e-15):
-            return
-
-
-@inner
 def _put_base(bases, base, level, m, g, faces, block, starts):
     """Put the places in a base from which feet[level] are reached, and the sizes there.
 
@@ -560,7 +204,7 @@ def _put_base(bases, base, level, m, g, faces, block, starts):
             if count == 3:
                 place += u * (work[3, d] - work[1, d])
             feet[level + 1, d, i] = place
-        starts[i] = value - g * _length_between(feet, level, i)
+        starts[i] = value - g * length_between(feet, level, i)
         found = 0
         support[1, i] = support[2, i] = -1
         for v in range(count):
@@ -584,7 +228,7 @@ def _lay(ways, w, m, g, faces, stars, block):
     while ways.edge[last] >= 0:
         _put_bends(ways, last, feet, n, active, m)
         if n == 0 and not ways.skew[w]:
-            m = _without_leaving(stars, block.nodes, feet, zero, zero + 1, active, m)
+            m = without_leaving(stars, block.nodes, feet, zero, zero + 1, active, m)
         n += 1
         chain[n] = ways.edge[last]
         last = np.int64(ways.parent[last])
@@ -595,12 +239,12 @@ def _lay(ways, w, m, g, faces, stars, block):
         for k in range(m):
             i = active[k]
             longest = (block.sizes[i] - starts[i]) / g if g > 0.0 else math.inf
-            _straighten(edges, chain, feet, work, n, i, longest)
+            straighten(edges, chain, feet, work, n, i, longest)
         if ways.bases.counts[base] > 1:
             _put_base(ways.bases, base, n, m, g, faces, block, starts)
     for k in range(m):
         i = active[k]
-        block.values[i] = starts[i] + g * _length_from(feet, n + 1, i)
+        block.values[i] = starts[i] + g * length_from(feet, n + 1, i)
     for level in range(1, n + 1):
         e = chain[level]
         for k in range(m):
@@ -628,7 +272,7 @@ def _without_edge_leaving(edges, e, feet, level, other, active, m):
             square += step * step
             first += edges.normals[e, 0, d] * step
             second += edges.normals[e, 1, d] * step
-        if min(first, second) <= _AHEAD * math.sqrt(square):
+        if min(first, second) <= AHEAD * math.sqrt(square):
             active[left] = i
             left += 1
     return left
@@ -642,15 +286,15 @@ def _without_unseen(ways, w, n, m, sight, block):
     """
     feet, active = block.feet, block.active
     last, zero = w, np.int64(0)
-    m = _without_leaving(sight.stars, block.support, feet, n + 1, n, active, m)
+    m = without_leaving(sight.stars, block.support, feet, n + 1, n, active, m)
     for level in range(1, n + 1):
         e = np.int64(ways.edge[last])
         m = _without_edge_leaving(ways.edges, e, feet, level, level - 1, active, m)
         m = _without_edge_leaving(ways.edges, e, feet, level, level + 1, active, m)
         last = np.int64(ways.parent[last])
-    m = _without_leaving(sight.stars, block.nodes, feet, zero, zero + 1, active, m)
+    m = without_leaving(sight.stars, block.nodes, feet, zero, zero + 1, active, m)
     for level in range(n + 1):
-        m = _without_hidden(sight.walls, feet[level], feet[level + 1], active, m, block.cached)
+        m = without_hidden(sight.walls, feet[level], feet[level + 1], active, m, block.cached)
     return m
 
 
@@ -784,7 +428,7 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
         np.empty((3, BLOCK), np.int64),
         np.empty(BLOCK),
         np.empty(BLOCK, np.int64),
-        np.full(_CACHED, -1, np.int64),
+        np.full(CACHED, -1, np.int64),
     )
     stack = np.empty(DEPTH, np.int64)
     n_ways = choice.ways.shape[0]

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.limiting.exact.field import ExactField, Wave
-from adaptsize.limiting.exact.solve import Found, Problem, rises_too_fast, sources_at_nodes
+from adaptsize.limiting.exact.problem import Problem
+from adaptsize.limiting.exact.solve import Found, rises_too_fast, sources_at_nodes
 from adaptsize.typing import BoolArray
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.exact_items import have_neighbours
+from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
@@ -18,16 +18,14 @@ from adaptsize.geometry.boundary import FlatBoundary, flat_boundary, is_convex
 from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact.again import solve_again
 from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.problem import Extra, Problem
 from adaptsize.limiting.exact.solve import (
-    Extra,
     Found,
-    Problem,
     node_wave,
-    part_of,
     solve_on_mesh,
     survivors_among,
 )
-from adaptsize.limiting.exact.work import along_curve, number_of_threads
+from adaptsize.limiting.exact.work import along_curve, number_of_threads, part_of
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.limiting.solution import Solution

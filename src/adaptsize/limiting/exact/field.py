@@ -18,7 +18,7 @@ from adaptsize.limiting.exact.work import along_curve, entries_of, in_chunks, wi
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
-    from adaptsize.limiting.exact.space import Network
+    from adaptsize.limiting.exact.network import Network
 
 
 class Wave(NamedTuple):

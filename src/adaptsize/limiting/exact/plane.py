@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels import exact_plane as kernels
-from adaptsize._kernels.exact_plane import Corners, Seen, Sight
+from adaptsize._kernels import exact_corners as kernels
+from adaptsize._kernels.exact_corners import Corners
+from adaptsize._kernels.exact_plane import Seen, Sight
 from adaptsize._kernels.sight import NARROW, Walls
 from adaptsize.geometry.boundary import PlaneBoundary
 from adaptsize.limiting.exact.field import Wave

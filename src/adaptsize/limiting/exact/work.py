@@ -117,3 +117,12 @@ def in_chunks(
 def number_of_threads(threads: int | None) -> int:
     """Return the number of threads: as given, or that of numba."""
     return int(numba.get_num_threads()) if threads is None else threads
+
+
+def part_of(report: ProgressCallback, first: float, last: float) -> ProgressCallback:
+    """Return a callback for a part of the work, from one share of the whole to another."""
+
+    def told(text: str, share: float | None) -> None:
+        report(text, None if share is None else first + (last - first) * share)
+
+    return told

@@ -1,0 +1,247 @@
+"""What sees what in a solid: triangles of the boundary, shafts, and cells at its nodes.
+
+A triangle of the boundary hides two points from each other if they lie strictly, by more
+than rounding, on either side of it and the line between them meets it, its border
+included.  At nodes of the boundary the direction must lie in a cell besides.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import inner
+from adaptsize._kernels.trees import DEPTH, LEAF
+
+# Angle by which a direction may be outside.
+AHEAD = 1e-10
+
+
+# Triangles that have hidden something lately and are tried first.
+CACHED = 8
+
+
+class Walls(NamedTuple):
+    """The triangles of the boundary of a solid."""
+
+    triangles: np.ndarray
+    """float64[f, 14]: a vertex, the unit normal, the gradients of two barycentric coordinates,
+    the distance that counts as none, and the coordinate that counts as 0."""
+    boxes: np.ndarray
+    """float64[2 * n_leaves, 7]: the tree over them (see trees.py)."""
+    n_leaves: int
+    slack: float
+    """Distance that counts as none."""
+
+
+class Stars(NamedTuple):
+    """The cells at nodes of the boundary."""
+
+    points: np.ndarray
+    """float64[n, 3]: the nodes of the mesh."""
+    rows: np.ndarray
+    """int32[n]: row of a node of the boundary, -1 inside."""
+    first: np.ndarray
+    """int32[rows + 1]"""
+    star: np.ndarray
+    """int32[s, 3]: ``star[first[row]:first[row + 1]]`` are the other nodes of the cells at a
+    node, so that their directions are a right-handed triple."""
+
+
+class Sight(NamedTuple):
+    """What a solid lets see."""
+
+    walls: Walls
+    stars: Stars
+
+
+@inner
+def _enters(points, star, ring, a, b, c, dx, dy, dz):
+    """Tell whether a direction at a point inside node a, edge ab or face abc enters the domain.
+
+    b and c are -1 where there are fewer nodes; ``ring``: from where to where the cells at a are
+    in ``star``.
+    """
+    limit = AHEAD * AHEAD * (dx * dx + dy * dy + dz * dz)
+    if limit == 0.0:
+        return True
+    wanted = (1 if b >= 0 else 0) + (1 if c >= 0 else 0)
+    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+    for k in range(ring[0], ring[1]):
+        found = 0
+        outside = False
+        for v in range(3):
+            o = star[k, v]
+            if o in (b, c):  # the face opposite to it does not hold the point
+                found += 1
+                continue
+            p, q = star[k, (v + 1) % 3], star[k, (v + 2) % 3]
+            px, py, pz = points[p, 0] - ax, points[p, 1] - ay, points[p, 2] - az
+            qx, qy, qz = points[q, 0] - ax, points[q, 1] - ay, points[q, 2] - az
+            nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+            inwards = nx * dx + ny * dy + nz * dz
+            if inwards < 0.0 and inwards * inwards > limit * (nx * nx + ny * ny + nz * nz):
+                outside = True
+                break
+        if not outside and found == wanted:
+            return True
+    return False
+
+
+@inner
+def without_leaving(stars, nodes, feet, level, other, active, m):
+    """Take points out of ``active`` where the piece from feet[level] to feet[other] starts outside.
+
+    ``nodes``: int64[3, BLOCK], those of the node, edge or face on which feet[level] lies.
+    Returns how many are left.
+    """
+    left = 0
+    for k in range(m):
+        i = active[k]
+        a, b, c = nodes[0, i], nodes[1, i], nodes[2, i]
+        dx = feet[other, 0, i] - feet[level, 0, i]
+        dy = feet[other, 1, i] - feet[level, 1, i]
+        dz = feet[other, 2, i] - feet[level, 2, i]
+        inside = a < 0 or stars.rows[a] < 0 or (b >= 0 and stars.rows[b] < 0)
+        inside = inside or (c >= 0 and stars.rows[c] < 0)
+        if not inside:
+            ring = (stars.first[stars.rows[a]], stars.first[stars.rows[a] + 1])
+            inside = _enters(stars.points, stars.star, ring, a, b, c, dx, dy, dz)
+        if inside:
+            active[left] = i
+            left += 1
+    return left
+
+
+@inner
+def _crosses(triangles, t, a, b, i):
+    """Tell whether triangle t separates a[:, i] from b[:, i]."""
+    at_a = at_b = 0.0
+    for d in range(3):
+        at_a += triangles[t, 3 + d] * (a[d, i] - triangles[t, d])
+        at_b += triangles[t, 3 + d] * (b[d, i] - triangles[t, d])
+    slack = triangles[t, 12]
+    if not ((at_a > slack and at_b < -slack) or (at_a < -slack and at_b > slack)):
+        return False
+    share = at_a / (at_a - at_b)
+    u = v = 0.0
+    for d in range(3):
+        p = a[d, i] + share * (b[d, i] - a[d, i]) - triangles[t, d]
+        u += triangles[t, 6 + d] * p
+        v += triangles[t, 9 + d] * p
+    nil = triangles[t, 13]
+    return u >= -nil and v >= -nil and u + v <= 1.0 + nil
+
+
+@inner
+def _set_shaft(shaft, a, b, active, m, slack):
+    """Put boxes around the points ``active`` of a and of b."""
+    for d in range(3):
+        a_low = b_low = math.inf
+        a_high = b_high = -math.inf
+        for k in range(m):
+            i = active[k]
+            a_low, a_high = min(a_low, a[d, i]), max(a_high, a[d, i])
+            b_low, b_high = min(b_low, b[d, i]), max(b_high, b[d, i])
+        shaft[d], shaft[3 + d] = a_low - slack, a_high + slack
+        shaft[6 + d], shaft[9 + d] = b_low - a_low, b_high - a_high
+
+
+@inner
+def _meets_shaft(boxes, n, shaft):
+    """Tell whether box n meets the hull of the two boxes of a shaft."""
+    begin, end = 0.0, 1.0
+    for d in range(3):
+        room, change = boxes[n, 3 + d] - shaft[d], shaft[6 + d]
+        if change > 0.0:
+            end = min(end, room / change)
+        elif change < 0.0:
+            begin = max(begin, room / change)
+        elif room < 0.0:
+            return False
+        room, change = boxes[n, d] - shaft[3 + d], shaft[9 + d]
+        if change > 0.0:
+            begin = max(begin, room / change)
+        elif change < 0.0:
+            end = min(end, room / change)
+        elif room > 0.0:
+            return False
+        if begin > end:
+            return False
+    return True
+
+
+@inner
+def _separates(triangles, t, shaft):
+    """Tell whether the two ends of a shaft have points strictly on either side of a triangle."""
+    middle_a = middle_b = reach_a = reach_b = 0.0
+    for d in range(3):
+        n, o = triangles[t, 3 + d], triangles[t, d]
+        low, high = shaft[d], shaft[3 + d]
+        middle_a += n * (0.5 * (low + high) - o)
+        reach_a += abs(n) * 0.5 * (high - low)
+        low, high = low + shaft[6 + d], high + shaft[9 + d]
+        middle_b += n * (0.5 * (low + high) - o)
+        reach_b += abs(n) * 0.5 * (high - low)
+    slack = triangles[t, 12]
+    return (middle_a + reach_a > slack and middle_b - reach_b < -slack) or (
+        middle_a - reach_a < -slack and middle_b + reach_b > slack
+    )
+
+
+@inner
+def _without_crossing(triangles, t, a, b, active, m):
+    """Take points out of ``active`` where triangle t hides a from b; return how many are left."""
+    left = 0
+    for k in range(m):
+        i = active[k]
+        if not _crosses(triangles, t, a, b, i):
+            active[left] = i
+            left += 1
+    return left
+
+
+@inner
+def without_hidden(walls, a, b, active, m, cached):
+    """Take points out of ``active`` where a is hidden from b; return how many are left."""
+    for c in range(CACHED):
+        if cached[c] < 0 or m == 0:
+            break
+        left = _without_crossing(walls.triangles, cached[c], a, b, active, m)
+        if left < m:
+            _put_first(cached, c, cached[c])
+        m = left
+    if m == 0:
+        return 0
+    shaft, stack = np.empty(12), np.empty(DEPTH, np.int64)
+    _set_shaft(shaft, a, b, active, m, walls.slack)
+    n_triangles = walls.triangles.shape[0]
+    stack[0], size = 1, 1
+    while size > 0:
+        size -= 1
+        n = stack[size]
+        if n < walls.n_leaves:
+            for child in range(2 * n, 2 * n + 2):
+                if _meets_shaft(walls.boxes, child, shaft):
+                    stack[size] = child
+                    size += 1
+            continue
+        leaf = n - walls.n_leaves
+        for t in range(leaf * LEAF, min(n_triangles, (leaf + 1) * LEAF)):
+            if not _separates(walls.triangles, t, shaft):
+                continue
+            left = _without_crossing(walls.triangles, t, a, b, active, m)
+            if left < m:
+                _put_first(cached, CACHED - 1, t)
+                m = left
+                if m == 0:
+                    return 0
+    return m
+
+
+@inner
+def _put_first(cached, c, t):
+    """Put triangle t before the first c entries of ``cached``."""
+    for back in range(c, 0, -1):
+        cached[back] = cached[back - 1]
+    cached[0] = t

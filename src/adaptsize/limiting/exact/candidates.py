@@ -1,0 +1,118 @@
+"""Which nodes, edges and faces may be sources, and which of these another one dominates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize._kernels import exact_candidates as kernels
+from adaptsize._kernels import exact_items as items
+from adaptsize.background.topology import unique_rows
+from adaptsize.geometry.boundary import FlatBoundary
+from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_at
+from adaptsize.limiting.exact.plane import Plane, along_walls
+from adaptsize.limiting.exact.problem import Problem
+from adaptsize.limiting.exact.work import along_curve, part_of
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+
+def candidates_of(problem: Problem) -> tuple[IntArray, BoolArray | None]:
+    """Return the nodes that may be sources, and the steep cells if bounds meet in any cell."""
+    mesh, cells, h0 = problem.mesh, problem.cells, problem.h0
+    if not (kernels.have_neighbours(cells, h0) if problem.meet is None else problem.meet):
+        return np.flatnonzero(np.isfinite(h0)).astype(np.int32), None
+    steep, candidate = np.empty(len(cells), np.bool_), np.empty(mesh.n_points, np.bool_)
+    axes = (0,) * mesh.dim
+    kernels.mark_steep(
+        mesh.points, axes, cells, h0, problem.g, problem.face_sources, steep, candidate
+    )
+    return np.flatnonzero(candidate).astype(np.int32), steep
+
+
+def sources_on_cells(
+    problem: Problem,
+    steep: BoolArray,
+    h: FloatArray,
+    source: IntArray,
+    field: ExactField,
+    plane: Plane | None,
+    boundary: FlatBoundary,
+    *,
+    in_space: bool = False,
+) -> Wave | None:
+    """Return the edges and faces of steep cells that may be sources."""
+    mesh, h0 = problem.mesh, problem.h0
+    given = (mesh.points, (0,) * mesh.dim, problem.cells, steep, h0, h, problem.g)
+    parts = [_listed(kernels.list_edges, given, 2)]
+    if mesh.dim == 3:
+        parts.append(_listed(kernels.list_faces, given, 3))
+    named = np.full((sum(map(len, parts)), mesh.dim), -1, np.int32)
+    named[: len(parts[0]), :2] = parts[0]
+    if mesh.dim == 3:
+        named[len(parts[0]) :] = parts[1]
+    if plane is None and not in_space:
+        named = _undominated(problem, named, h, source, field)
+    if len(named) == 0:
+        return None
+    wave = wave_at(mesh.points, h0, named)
+    return wave if plane is None else along_walls(wave, mesh.points, boundary.facets)
+
+
+def _undominated(
+    problem: Problem, named: IntArray, h: FloatArray, source: IntArray, field: ExactField
+) -> IntArray:
+    """Return edges and faces without those that a source of one of their nodes dominates.
+
+    First the nodes are such sources; then, of what is left, the edges and faces with a
+    node that keeps its bound: where h0 has just become too steep, they dominate most others.
+    """
+    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    axes = (0,) * mesh.dim
+
+    def kept(rows: IntArray, source: IntArray, wave: Wave, faces: bool | None) -> BoolArray:
+        keep = np.empty(len(rows), np.bool_)
+        entries = wave.seen.entries
+        items.keep_undominated(mesh.points, axes, rows, h0, source, entries, g, faces, keep)
+        return keep
+
+    named = named[kept(named, source, field.waves[0], None)]
+    used = named >= 0
+    leads = (used & (source[named] < 0)).any(axis=1)
+    if leads.all() or not leads.any():
+        return named
+    wave = wave_at(mesh.points, h0, named[leads])
+    others = named[~leads]
+    nodes = np.unique(others[others >= 0]).astype(np.int32)
+    local = np.full(mesh.n_points, -1, np.int32)
+    sizes, found = h.copy(), np.full(mesh.n_points, -1, np.int32)
+    own = ExactField(g, None, [wave])
+    places = np.ascontiguousarray(mesh.points[nodes])
+    points = Points(mesh.points, nodes[along_curve(places)], local)
+    own.lower_by_last(points, sizes, found, problem.threads, part_of(problem.report, 0.5, 0.5))
+    others = others[kept(others, found, wave, True if mesh.dim == 3 else None)]
+    return np.concatenate([named[leads], others])
+
+
+def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-def]
+    """Return the edges or faces that a kernel lists and that all cells allow to be sources."""
+    room = 0
+    while True:
+        rows = np.empty((room, 5), np.int32)
+        count = kernel(*given, rows)
+        if count <= room:
+            break
+        room = count
+    if count == 0:
+        return rows[:, :width]
+    points, h0, g = given[0], given[4], given[6]
+    unique, group = unique_rows(rows[:, :width], len(points))
+    allows = rows[:, width]
+    kept = np.bincount(group, weights=allows & 1 == 0) == 0
+    kept &= np.bincount(group, weights=allows & 2 > 0) > 0
+    if width == 2 and points.shape[1] == 3:
+        rows = rows[np.argsort(group, kind="stable")]
+        first = np.concatenate([[0], np.cumsum(np.bincount(group))])
+        blocked = np.empty(len(unique), np.bool_)
+        kernels.mark_blocked(points, rows, first, h0, g, blocked)
+        kept &= ~blocked
+    chosen: IntArray = unique[kept]
+    return chosen
