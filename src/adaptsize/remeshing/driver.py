@@ -14,6 +14,7 @@ from adaptsize._checks import as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
+from adaptsize.remeshing.frame import Frame
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import (
     Facets,
@@ -159,18 +160,21 @@ def remesh(
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
     wanted = as_size(size, mesh, g=g, hmax=hmax)
     mended = mend(mesh)
-    part = _Part.of(task, mended.mesh, as_required(required_facets, mesh, mended), tolerance)
-    part = part.with_size(wanted, known_points(size, mesh.dim))
+    frame = Frame.around(mended.mesh)
+    required = as_required(required_facets, mesh, mended)
+    part = _Part.of(task, frame.mesh(mended.mesh), required, tolerance)
+    own_size, known = frame.size(wanted), frame.to_own(known_points(size, mesh.dim))
+    part = part.with_size(own_size, known)
     _refuse_too_many(part.problem, limit)
     with reporting(progress) as report:
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
-            known = part.problem.size_nodes
             part = _Part.of("tetrahedra", _first_volume(part, run), None, tolerance)
-            part = part.with_size(wanted, known)
+            part = part.with_size(own_size, known)
             _refuse_too_many(part.problem, limit)
-        return part.restored(chosen.solve(part.problem, run), chosen.name)
+        new = part.restored(chosen.solve(part.problem, run), chosen.name)
+    return frame.restored(new, mended.mesh)
 
 
 @dataclass(frozen=True)
