@@ -29,6 +29,7 @@ from adaptsize.cli.options import (
 from adaptsize.cli.output import draw, print_written
 from adaptsize.cli.size import size, size_of_mesh
 from adaptsize.cli.sources import describe_roots, parse_source
+from adaptsize.cli.warmup import announce_compilation, warmup
 
 if TYPE_CHECKING:
     pass
@@ -59,6 +60,7 @@ def options(
     ] = False,
 ) -> None:
     """Mesh size functions with gradient limiting."""
+    announce_compilation()
 
 
 @app.command()
@@ -183,6 +185,9 @@ def remesh(
 
 
 app.command()(image)
+
+
+app.command()(warmup)
 
 
 @app.command()

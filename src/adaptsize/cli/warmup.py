@@ -1,0 +1,137 @@
+"""``adaptsize warmup``: compile the kernels before they are needed."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+
+from adaptsize.cli.output import say
+
+_said = False
+
+
+def announce_compilation() -> None:
+    """Print one line when the first kernel of this process is compiled."""
+    from numba.core import event
+
+    class First(event.Listener):
+        def on_start(self, _event: event.Event) -> None:
+            global _said  # noqa: PLW0603 - once in a process
+            if not _said:
+                say("compiling kernels; this happens once and takes 10 to 30 s (adaptsize warmup)")
+            _said = True
+
+        def on_end(self, _event: event.Event) -> None:
+            pass
+
+    if not _said:
+        event.register("numba:compile", First())
+
+
+def warmup() -> None:
+    """Compile all that the commands need, and keep it in numba's cache.
+
+    For container images, clusters and read-only homes: set NUMBA_CACHE_DIR to a directory that
+    stays.  Without this the first commands take 10 to 30 s longer each.
+    """
+    began = time.monotonic()
+    workers = min(len(_TASKS), os.cpu_count() or 1)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        waiting = {pool.submit(_run, name): name for name in _TASKS}
+        for count, done in enumerate(as_completed(waiting), 1):
+            done.result()
+            say(f"compiled for {waiting[done]} ({count} of {len(_TASKS)})")
+    print(f"kernels compiled in {time.monotonic() - began:.0f} s")
+
+
+def _run(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of inputs much too coarse
+        _TASKS[name]()
+
+
+def _plane() -> None:
+    """Limit on triangles, with and without obstacles, and measure quality."""
+    import numpy as np
+
+    import adaptsize as ads
+
+    axis = np.arange(5.0)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    corner = np.arange(25).reshape(5, 5)
+    a, b, c, d = (corner[i : i + 4, j : j + 4].ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    cells = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
+    whole = ads.SimplexMesh(points, cells)
+    middle = points[cells].mean(axis=1)
+    for mesh in (whole, ads.SimplexMesh(points, cells[~(middle > 2.0).all(axis=1)])):
+        few = np.full(mesh.n_points, np.inf)
+        few[0] = 0.1
+        for h0 in (few, 0.1 + 2.0 * np.random.default_rng(1).random(mesh.n_points)):
+            _, info = ads.limit_gradient(mesh, h0, 0.3, full_output=True)
+            _ = info.largest_edge_slope, info.cell_gradient_quantiles
+        size = ads.size_function(mesh)
+        ads.size_conformity(mesh, size)
+
+
+def _space() -> None:
+    """Limit on tetrahedra, with and without obstacles, and measure quality."""
+    import numpy as np
+
+    import adaptsize as ads
+
+    octree = ads.Octree.build([0.0] * 3, [4.0] * 3, lambda x, _: np.full(len(x), True), max_level=2)
+    whole = octree.mesh
+    middle = whole.points[whole.cells].mean(axis=1)
+    for mesh in (whole, ads.SimplexMesh(whole.points, whole.cells[~(middle > 2.0).all(axis=1)])):
+        few = np.full(mesh.n_points, np.inf)
+        few[0] = 0.1
+        for h0 in (few, 0.1 + 2.0 * np.random.default_rng(1).random(mesh.n_points)):
+            ads.limit_gradient(mesh, h0, 0.3)
+    ads.size_conformity(whole, few.max(initial=1.0, where=np.isfinite(few)))
+
+
+def _surface() -> None:
+    """Make the size function of a surface."""
+    import numpy as np
+
+    import adaptsize as ads
+
+    points = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
+    cells = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    cells += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    part = ads.SimplexMesh(points, cells)
+    size = ads.size_function(part, sources=ads.PointSource([0.0, 0.0, 0.0], 0.1))
+    size(part.points)
+    ads.size_conformity(part, size, surface=part)
+
+
+def _image(dim: int) -> None:
+    """Mesh a disc or a ball of pixels."""
+    import numpy as np
+
+    import adaptsize as ads
+
+    axes = np.meshgrid(*[np.arange(-12.0, 13.0)] * dim, indexing="ij")
+    ads.mesh_image(np.linalg.norm(axes, axis=0) < 9.0, hmin=4.0, hmax=4.0)
+
+
+def _picture() -> None:
+    _image(2)
+
+
+def _volume() -> None:
+    _image(3)
+
+
+_TASKS: dict[str, Callable[[], None]] = {
+    "surfaces": _surface,
+    "tetrahedra": _space,
+    "triangles": _plane,
+    "volumes of voxels": _volume,
+    "pictures": _picture,
+}
