@@ -47,6 +47,14 @@ def test_image_takes_labels_and_limits(mask, tmp_path):
     assert 3.0 <= mesh.point_data["h"].min() <= mesh.point_data["h"].max() <= 4.0
 
 
+def test_a_warning_of_the_mesh_is_one_line_on_standard_error(mask, tmp_path, capsys):
+    options = ("--label", "9", "--hmin", "2", "--hmax", "2", "-K", "2", "--elements-across", "2")
+    assert call("image", mask, "-o", tmp_path / "mesh.vtu", "--max-elements", "50", *options) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("adaptsize: warning: the sizes ")
+    assert "max_elements = 50" in line
+
+
 def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     output = tmp_path / "size.vti"
     assert call("size", mask, "-o", output, "--spacing", "0.5,0.5") == 0

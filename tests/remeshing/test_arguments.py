@@ -14,7 +14,7 @@ from adaptsize import SimplexMesh, SizeFunction, remesh
 from adaptsize.errors import BackendUnavailableError, MeshRepairWarning, TooManyElementsError
 from adaptsize.remeshing import available_backends, register_backend, registry
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed
-from adaptsize.remeshing.preparation import mend
+from adaptsize.remeshing.preparation import MERGE_DISTANCE, mend
 from adaptsize.remeshing.sizing import sample_in_box
 
 CUBE = block(2)
@@ -179,6 +179,16 @@ def test_soup_is_mended_and_the_repairs_are_counted():
     assert mended.mesh.is_closed
     assert np.array_equal(soup.points[mended.nodes], mended.mesh.points)
     assert np.array_equal(mended.mesh.points[mended.node_map], soup.points)
+
+
+def test_points_closer_than_the_merge_distance_are_one_across_a_lattice_border():
+    merge_distance = MERGE_DISTANCE * np.sqrt(5.0)  # times the diagonal of these points
+    border = np.floor(1.0 / merge_distance) + 0.5  # where rounding to a lattice changes
+    x = (border + np.array([-0.1, 0.1])) * merge_distance
+    points = [[0, 0, 0], [0, 2, 0], [x[0], 0, 0], [x[1], 0, 0], [0, 2, 0], [1, 2, 0]]
+    with pytest.warns(MeshRepairWarning, match="2 duplicate points merged, 0 degenerate"):
+        repaired = mend(SimplexMesh(points, [[0, 2, 1], [3, 5, 4]])).mesh
+    assert repaired.n_points == 4
 
 
 def test_a_surface_of_degenerate_triangles_is_refused():

@@ -29,16 +29,23 @@ def run(arguments: list[str]) -> int:
     from typer.main import get_command
 
     from adaptsize.cli.commands import app
-    from adaptsize.errors import ConvergenceWarning, ImageWarning, MeshRepairWarning
+    from adaptsize.errors import (
+        ConvergenceWarning,
+        ImageWarning,
+        MeshRepairWarning,
+        OutsideWarning,
+        ResolutionWarning,
+    )
 
     # typer has a click of its own or uses the package; this is the right one either way.
     usage_error: Any = typer.BadParameter.__bases__[0]
+    ours = (ConvergenceWarning, ImageWarning, MeshRepairWarning, OutsideWarning, ResolutionWarning)
     debug = "--debug" in arguments  # anywhere
     arguments = [word for word in arguments if word != "--debug"]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # those of the packages we use
-            for category in (ConvergenceWarning, ImageWarning, MeshRepairWarning):
+            for category in ours:
                 warnings.simplefilter("always", category)
             warnings.showwarning = _show_warning  # put back by catch_warnings
             result = get_command(app).main(arguments, prog_name="adaptsize", standalone_mode=False)

@@ -26,6 +26,8 @@ _LEAST_DEPTH = 0.9
 # A mask differs from pixel to pixel at its edges only; more pairs than this share are a photo.
 _BUSY = 0.25
 _MOST_NAMES = 12
+# Gradient limiting accepts coordinates up to 1e60; an image has fewer than 1e10 pixels per axis.
+_SPACINGS = (1e-50, 1e50)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,10 +49,12 @@ def as_image(
 ) -> Image:
     """Return an Image of an array, or one with another spacing or origin."""
     if isinstance(image, Image):
-        return Image(
-            image.values,
-            image.spacing if spacing is None else spacing,
-            image.origin if origin is None else origin,
+        return _in_range(
+            Image(
+                image.values,
+                image.spacing if spacing is None else spacing,
+                image.origin if origin is None else origin,
+            )
         )
     values = np.asarray(image)
     if values.ndim == 3 and values.shape[2] in (3, 4) and min(values.shape[:2]) > 16:
@@ -59,9 +63,22 @@ def as_image(
             "looks like colours: segment it first (for a volume of so few planes give an Image)"
         )
     try:
-        return Image(values, 1.0 if spacing is None else spacing, origin)
+        made = Image(values, 1.0 if spacing is None else spacing, origin)
     except ValueError as error:
         raise ValueError(str(error).replace("values must", "image must", 1)) from error
+    return _in_range(made)
+
+
+def _in_range(image: Image) -> Image:
+    """Return the image if its spacing is not so extreme that squares of distances overflow."""
+    steps = image.spacing
+    refuse_where(
+        "spacing",
+        (steps < _SPACINGS[0]) | (steps > _SPACINGS[1]),
+        steps,
+        f"must be from {_SPACINGS[0]:g} to {_SPACINGS[1]:g}: choose another unit of length",
+    )
+    return image
 
 
 def mask_of(

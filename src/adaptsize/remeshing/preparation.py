@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_index_array
 from adaptsize.background import SimplexMesh
+from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import unique_rows
 from adaptsize.errors import MeshRepairWarning
 from adaptsize.typing import IntArray
@@ -47,7 +48,7 @@ def mend(mesh: SimplexMesh) -> Mended:
     target = np.arange(mesh.n_points)
     kept = np.ones(mesh.n_cells, bool)
     if mesh.cell_dim == 2 and mesh.dim == 3:
-        target = _merge_targets(mesh)
+        target = first_at_place(mesh.points, MERGE_DISTANCE * mesh.diagonal)
         kept = _useful_triangles(mesh, target[cells])
         _warn_of_repairs(mesh, target, kept)
     elif mesh.cell_dim == mesh.dim:
@@ -72,15 +73,6 @@ def mend(mesh: SimplexMesh) -> Mended:
         tag_names=mesh.tag_names,
     )
     return Mended(mended, nodes.astype(np.int32), node_map)
-
-
-def _merge_targets(mesh: SimplexMesh) -> npt.NDArray[np.intp]:
-    """Return for each node the first node at the same place."""
-    spacing = MERGE_DISTANCE * mesh.diagonal or 1.0
-    used = mesh.points[mesh.cells[:, 0]].min(axis=0)
-    grid = np.round((mesh.points - used) / spacing).astype(np.int64)
-    _, first, inverse = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[inverse.reshape(-1)])
 
 
 def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
