@@ -85,7 +85,7 @@ def test_files_that_hold_sizes_only_get_no_causes(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--spacing", "a"], "--spacing must be one number or several as 1,1,2.5, got 'a'"),
+        (["--spacing", "a"], "--spacing must be one number or several such as 1,1,2.5, got 'a'"),
         (["--label", "4"], "label must be one of 0, 5, 9, got 4"),
         (["--threshold", "200"], "must have a pixel above 200, got none"),
         (["--spacing", "0"], "spacing must be finite and > 0"),
@@ -102,9 +102,9 @@ def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, capsys, word
 
 def test_options_for_the_other_kind_of_file_are_refused(mask, tmp_path, capsys):
     assert call("size", mask, "-o", tmp_path / "a.vti", "--field", "h0") == 1
-    assert "--field is not for this kind of file" in capsys.readouterr().err
+    assert "--field does not apply to this kind of file" in capsys.readouterr().err
     assert call("size", DATA / "lshape.vtu", "-o", tmp_path / "a.vtu", "--label", "3") == 1
-    assert "--label is not for this kind of file" in capsys.readouterr().err
+    assert "--label does not apply to this kind of file" in capsys.readouterr().err
 
 
 def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
@@ -113,7 +113,7 @@ def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
     Pillow.fromarray(rows).save(tmp_path / "mask.png")
     assert call("image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu") == 0
     told = capsys.readouterr().err
-    assert "adaptsize: warning: objects reach the border of the image, at 20 pixels" in told
+    assert "adaptsize: warning: objects reach the border of the image at 20 pixels" in told
 
 
 def test_colours_are_refused_with_the_name_of_the_file(tmp_path, capsys):

@@ -19,8 +19,8 @@ from adaptsize.remeshing.preparation import (
     Facets,
     as_required,
     collect_facets,
-    mend,
     number_regions,
+    repair_mesh,
 )
 from adaptsize.remeshing.protocol import Problem, RawMesh, Task
 from adaptsize.remeshing.registry import backend_named, choose_backend
@@ -158,8 +158,8 @@ def remesh(
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
     wanted = as_size(size, mesh, g=g, hmax=hmax)
-    mended = mend(mesh)
-    part = _Part.of(task, mended.mesh, as_required(required_facets, mesh, mended), tolerance)
+    repaired = repair_mesh(mesh)
+    part = _Part.of(task, repaired.mesh, as_required(required_facets, mesh, repaired), tolerance)
     part = part.with_size(wanted, known_points(size, mesh.dim))
     _refuse_too_many(part.problem, limit)
     with reporting(progress) as report:
