@@ -143,6 +143,11 @@ def test_bad_outside_is_refused():
         SizeFunction(SQUARE, np.ones(4), outside="zero")
 
 
+def test_a_background_of_another_kind_is_refused():
+    with pytest.raises(ValueError, match=r"background must be a SimplexMesh, .* got 'mesh'"):
+        SizeFunction("mesh", [1.0])
+
+
 def test_values_are_copied_and_read_only():
     given = np.ones(4)
     size = SizeFunction(SQUARE, given)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, one_of
+from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, one_of
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import OutsideError
@@ -129,6 +129,11 @@ class SizeFunction(ReadOnlyState):
     hmax: float = np.inf
 
     def __post_init__(self) -> None:
+        if not hasattr(self.background, "nodal_shape"):
+            raise ValueError(
+                "background must be a SimplexMesh, a CartesianGrid or an Octree, "
+                f"got {describe(self.background)}"
+            )
         values = as_sizes("values", self.values, self.background.nodal_shape).copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)  # the way in for a frozen dataclass

@@ -1,20 +1,20 @@
 """Every exception and warning class of adaptsize.
 
-Each is also a built-in one, so that ``except ValueError`` and the like work
-without importing this module.
+Each is derived from a built-in class, so that ``except ValueError`` and the like
+work without importing this module.
 """
 
 
 class MeshFileError(ValueError):
-    """A file cannot be read as a mesh, or a mesh cannot be written as asked."""
+    """A file cannot be read as a mesh, or a mesh cannot be written as requested."""
 
 
 class OutsideError(ValueError):
-    """A point lies outside the background and ``outside="error"`` was asked for."""
+    """A point lies outside the background of a size function with ``outside="error"``."""
 
 
 class TooManyElementsError(ValueError):
-    """The sizes ask for more elements than ``max_elements`` allows."""
+    """The sizes need more elements than ``max_elements`` allows."""
 
 
 class BackendError(RuntimeError):
@@ -26,7 +26,7 @@ class BackendTimeoutError(BackendError):
 
 
 class BackendUnavailableError(ImportError):
-    """The mesh generator that is wanted is not installed; the message says how to get it."""
+    """The requested mesh generator is not installed.  The message says how to install it."""
 
 
 class PlotError(RuntimeError):
@@ -34,20 +34,23 @@ class PlotError(RuntimeError):
 
 
 class ConvergenceWarning(UserWarning):
-    """A method stopped at ``max_iter``, or at a limit of its own, before it had converged."""
+    """A method stopped at ``max_iter``, or at another limit, before it converged."""
 
 
 class MeshRepairWarning(UserWarning):
-    """An input mesh was mended (points merged, cells dropped); the message counts what."""
+    """An input mesh was repaired: points merged, cells dropped.  The message gives the counts."""
 
 
 class ImageWarning(UserWarning):
-    """Part of an image was left out or taken otherwise; the message says what."""
+    """Part of an image was left out or interpreted differently.  The message says which."""
 
 
 class ResolutionWarning(UserWarning):
-    """A mesh misses some of its domain, or has cells of poor shape; the message says what."""
+    """A mesh misses part of its domain, has badly shaped cells, or needs too many of them.
+
+    The message gives the details.
+    """
 
 
 class OutsideWarning(UserWarning):
-    """A source lies outside the domain and acts on the closest part of it only."""
+    """A source lies outside the domain and acts only on the closest part of it."""

@@ -47,6 +47,14 @@ def test_image_takes_labels_and_limits(mask, tmp_path):
     assert 3.0 <= mesh.point_data["h"].min() <= mesh.point_data["h"].max() <= 4.0
 
 
+def test_a_warning_of_the_mesh_is_one_line_on_standard_error(mask, tmp_path, capsys):
+    options = ("--label", "9", "--hmin", "2", "--hmax", "2", "-K", "2", "--elements-across", "2")
+    assert call("image", mask, "-o", tmp_path / "mesh.vtu", "--max-elements", "50", *options) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("adaptsize: warning: the sizes ")
+    assert "max_elements = 50" in line
+
+
 def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     output = tmp_path / "size.vti"
     assert call("size", mask, "-o", output, "--spacing", "0.5,0.5") == 0
@@ -77,7 +85,7 @@ def test_files_that_hold_sizes_only_get_no_causes(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--spacing", "a"], "--spacing must be one number or several as 1,1,2.5, got 'a'"),
+        (["--spacing", "a"], "--spacing must be one number or several such as 1,1,2.5, got 'a'"),
         (["--label", "4"], "label must be one of 0, 5, 9, got 4"),
         (["--threshold", "200"], "must have a pixel above 200, got none"),
         (["--spacing", "0"], "spacing must be finite and > 0"),
@@ -94,9 +102,9 @@ def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, capsys, word
 
 def test_options_for_the_other_kind_of_file_are_refused(mask, tmp_path, capsys):
     assert call("size", mask, "-o", tmp_path / "a.vti", "--field", "h0") == 1
-    assert "--field is not for this kind of file" in capsys.readouterr().err
+    assert "--field does not apply to this kind of file" in capsys.readouterr().err
     assert call("size", DATA / "lshape.vtu", "-o", tmp_path / "a.vtu", "--label", "3") == 1
-    assert "--label is not for this kind of file" in capsys.readouterr().err
+    assert "--label does not apply to this kind of file" in capsys.readouterr().err
 
 
 def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
@@ -105,7 +113,7 @@ def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
     Pillow.fromarray(rows).save(tmp_path / "mask.png")
     assert call("image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu") == 0
     told = capsys.readouterr().err
-    assert "adaptsize: warning: objects reach the border of the image, at 20 pixels" in told
+    assert "adaptsize: warning: objects reach the border of the image at 20 pixels" in told
 
 
 def test_colours_are_refused_with_the_name_of_the_file(tmp_path, capsys):

@@ -103,7 +103,9 @@ def test_sources_count():
 
 def test_bars_of_three_pixels_stay_and_lines_of_two_go():
     image = block(slice(5, 35), slice(5, 8)) | block(slice(5, 35), slice(15, 17))
-    with pytest.warns(ImageWarning, match=r"1 of 2 objects are left out, the largest of 60 pixels"):
+    with pytest.warns(
+        ImageWarning, match=r"smoothing removes 1 of 2 objects, the largest of 60 pixels"
+    ):
         mesh = mesh_image(image, hmin=1.0)
     assert mesh.points[:, 1].max() < 9.0
     assert mesh.points[:, 0].max() > 32.0
@@ -151,7 +153,7 @@ def test_a_threshold_cuts_grey_values():
 @pytest.mark.parametrize("turn", [0, 1])
 def test_objects_at_the_border_end_there_and_that_is_told(turn):
     image = np.rot90(block(slice(0, 20), slice(8, 22)), turn)
-    with pytest.warns(ImageWarning, match="reach the border of the image, at 14 pixels"):
+    with pytest.warns(ImageWarning, match="reach the border of the image at 14 pixels"):
         mesh = mesh_image(image)
     # Pixels reach half a pixel beyond their centres, and corners are rounded.
     assert mesh.measures.sum() == pytest.approx(20 * 14, rel=0.04)
@@ -219,9 +221,9 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
         (
             block(5, 5),
             {},
-            "objects of 4 pixels across and more, got one object of at most 1 pixels",
+            "objects at least 4 pixels across, got one object of at most 1 pixels",
         ),
-        (block(slice(5, 8), slice(5, 8)), {}, "objects of 4 pixels across and more"),
+        (block(slice(5, 8), slice(5, 8)), {}, "objects at least 4 pixels across"),
         (
             np.ones(7),
             {},
@@ -236,6 +238,8 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
         (3 * disc(9.0), {"label": 3, "threshold": 1}, "label or threshold must be given, got both"),
         (disc(9.0), {"threshold": np.nan}, "threshold must be"),
         (disc(9.0), {"spacing": -1.0}, "spacing must be finite and > 0"),
+        (disc(9.0), {"spacing": 1e300}, r"spacing must be from 1e-50 to 1e\+50.*got .* = 1e\+300"),
+        (disc(9.0), {"spacing": 1e-300}, "spacing must be from 1e-50"),
         (disc(9.0), {"spacing": [1.0, 1.0, 1.0]}, r"spacing must be a number or have shape \(2,\)"),
         (disc(9.0), {"smoothing": -1.0}, "smoothing must be finite and >= 0"),
         (disc(9.0), {"g": -1.0}, "g must be finite and >= 0"),

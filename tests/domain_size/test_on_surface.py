@@ -197,7 +197,7 @@ def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
     _, free = size_function(domain, **options, full_output=True)
     _, kept = size_function(domain, **options, max_elements=0.5 * free.n_elements, full_output=True)
     assert kept.n_elements <= 0.5 * free.n_elements
-    with pytest.warns(ResolutionWarning, match="because of what is given"):
+    with pytest.warns(ResolutionWarning, match="because of the given parameters"):
         size_function(domain, **options, hmax=1e-2, max_elements=10.0)
 
 

@@ -1,4 +1,4 @@
-"""What is refused before any generator starts, and what is mended."""
+"""What is refused before any generator starts, and what is repaired."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ from adaptsize import SimplexMesh, SizeFunction, remesh
 from adaptsize.errors import BackendUnavailableError, MeshRepairWarning, TooManyElementsError
 from adaptsize.remeshing import available_backends, register_backend, registry
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed
-from adaptsize.remeshing.preparation import mend
+from adaptsize.remeshing.preparation import MERGE_DISTANCE, repair_mesh
 from adaptsize.remeshing.sizing import sample_in_box
 
 CUBE = block(2)
@@ -174,11 +174,21 @@ def test_soup_is_mended_and_the_repairs_are_counted():
     cube = CUBE.boundary().mesh
     message = f"{soup.n_points - cube.n_points} duplicate points merged, 2 degenerate or duplicate"
     with pytest.warns(MeshRepairWarning, match=message):
-        mended = mend(soup)
-    assert (mended.mesh.n_points, mended.mesh.n_cells) == (cube.n_points, cube.n_cells)
-    assert mended.mesh.is_closed
-    assert np.array_equal(soup.points[mended.nodes], mended.mesh.points)
-    assert np.array_equal(mended.mesh.points[mended.node_map], soup.points)
+        repaired = repair_mesh(soup)
+    assert (repaired.mesh.n_points, repaired.mesh.n_cells) == (cube.n_points, cube.n_cells)
+    assert repaired.mesh.is_closed
+    assert np.array_equal(soup.points[repaired.nodes], repaired.mesh.points)
+    assert np.array_equal(repaired.mesh.points[repaired.node_map], soup.points)
+
+
+def test_points_closer_than_the_merge_distance_are_one_across_a_lattice_border():
+    merge_distance = MERGE_DISTANCE * np.sqrt(5.0)  # times the diagonal of these points
+    border = np.floor(1.0 / merge_distance) + 0.5  # where rounding to a lattice changes
+    x = (border + np.array([-0.1, 0.1])) * merge_distance
+    points = [[0, 0, 0], [0, 2, 0], [x[0], 0, 0], [x[1], 0, 0], [0, 2, 0], [1, 2, 0]]
+    with pytest.warns(MeshRepairWarning, match="2 duplicate points merged, 0 degenerate"):
+        repaired = repair_mesh(SimplexMesh(points, [[0, 2, 1], [3, 5, 4]])).mesh
+    assert repaired.n_points == 4
 
 
 def test_a_surface_of_degenerate_triangles_is_refused():
@@ -190,14 +200,14 @@ def test_a_surface_of_degenerate_triangles_is_refused():
 def test_a_slit_in_tetrahedra_stays_open():
     cells = np.concatenate([CUBE.cells, CUBE.cells + CUBE.n_points])
     points = np.concatenate([CUBE.points, CUBE.points + np.eye(3)[0]])
-    assert mend(SimplexMesh(points, cells)).mesh.n_points == 2 * CUBE.n_points
+    assert repair_mesh(SimplexMesh(points, cells)).mesh.n_points == 2 * CUBE.n_points
 
 
 def test_inverted_cells_are_turned_and_unused_nodes_dropped():
     points = np.concatenate([CUBE.points, [[5.0, 5.0, 5.0]]])
-    mended = mend(SimplexMesh(points, CUBE.cells[:, [1, 0, 2, 3]])).mesh
-    assert (mended.signed_measures > 0.0).all()
-    assert mended.n_points == CUBE.n_points
+    repaired = repair_mesh(SimplexMesh(points, CUBE.cells[:, [1, 0, 2, 3]])).mesh
+    assert (repaired.signed_measures > 0.0).all()
+    assert repaired.n_points == CUBE.n_points
 
 
 def test_the_background_for_tetwild_holds_the_size_within_its_promise():

@@ -1,10 +1,10 @@
-"""The commands: each reads, calls one function of the library, writes and prints."""
+"""The commands.  Each reads files, calls one function of the library, writes and prints."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -31,9 +31,6 @@ from adaptsize.cli.size import size, size_of_mesh
 from adaptsize.cli.sources import describe_roots, parse_source
 from adaptsize.cli.warmup import announce_compilation, warmup
 
-if TYPE_CHECKING:
-    pass
-
 app = typer.Typer(
     name="adaptsize",
     epilog="With --debug, an error shows its traceback.  Results go to standard output, "
@@ -56,7 +53,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
 ) -> None:
     """Mesh size functions with gradient limiting."""
@@ -65,7 +65,7 @@ def options(
 
 @app.command()
 def info(file: Input, as_json: AsJson = False) -> None:
-    """Say what is in a mesh file: counts, extent, tags, fields, topology, quality."""
+    """Summarize a mesh file: counts, extent, tags, fields, topology, quality."""
     from adaptsize.io import read
     from adaptsize.quality import summarize
 
@@ -88,11 +88,11 @@ def limit(
     ] = "auto",
     sources: Annotated[
         Path | None,
-        typer.Option(help="Also write which node each size comes from, as the field source."),
+        typer.Option(help="Also write this file, with the controlling node as the field source."),
     ] = None,
     plot: Picture = None,
 ) -> None:
-    """Limit the gradient of a nodal field; the result is added as the field h."""
+    """Limit the gradient of a nodal field.  The result is written as the field h."""
     from adaptsize.io import read, write
     from adaptsize.limiting import limit_gradient
 
@@ -100,23 +100,25 @@ def limit(
     if sources is not None:
         check_outputs(sources)
     mesh = read(file)
-    h, told = limit_gradient(
+    h, limiting = limit_gradient(
         mesh, nodal_field(mesh, field), gradient, method=method, full_output=True, progress=True
     )
-    if sources is not None and told.sources is None:
+    if sources is not None and limiting.sources is None:
         raise ValueError(
             "--sources needs the exact method (a flat mesh, one gradient limit), "
-            f"got method {told.method!r}"
+            f"got method {limiting.method!r}"
         )
     write(output, mesh, fields={"h": h})
     draw(plot, mesh, h)
-    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in told.cell_gradient_quantiles.items())
-    print(f"{told.method}: {told.n_changed} of {mesh.n_points} nodes lowered")
-    print(f"largest slope along an edge over g: {told.largest_edge_slope:.6f}")
+    levels = ", ".join(
+        f"{share:g}: {q:.3f}" for share, q in limiting.cell_gradient_quantiles.items()
+    )
+    print(f"{limiting.method}: {limiting.n_changed} of {mesh.n_points} nodes lowered")
+    print(f"largest slope along an edge over g: {limiting.largest_edge_slope:.6f}")
     print(f"gradient in the cells over g, quantiles: {levels}")
     print_written(output, mesh)
-    if sources is not None and told.sources is not None:
-        roots = told.sources.roots()
+    if sources is not None and limiting.sources is not None:
+        roots = limiting.sources.roots()
         write(sources, mesh, fields={"h": h, "source": roots})
         for line in describe_roots(mesh.points, roots):
             print(line)
@@ -136,19 +138,23 @@ def remesh(
     source: Sources = None,
     field: Field = None,
     target: Annotated[
-        str, typer.Option(help="auto, tetrahedra or triangles: what a surface becomes.")
+        str,
+        typer.Option(help="Cells to make from a surface: auto, tetrahedra or triangles."),
     ] = "auto",
-    backend: Annotated[str, typer.Option(help="auto, tetwild, mmg or gmsh.")] = "auto",
+    backend: Annotated[
+        str, typer.Option(help="Mesh generator: auto, tetwild, mmg or gmsh.")
+    ] = "auto",
     tolerance: Annotated[
-        float, typer.Option(help="Distance of new and old boundary over the diagonal.")
+        float,
+        typer.Option(help="Distance of the new boundary from the old one, over the diagonal."),
     ] = 1e-3,
     max_elements: MaxElements = MAX_ELEMENTS,
-    timeout: Annotated[float, typer.Option(help="Stop after so many seconds.")] = 3600.0,
+    timeout: Annotated[float, typer.Option(help="Time limit in seconds.")] = 3600.0,
     plot: Picture = None,
 ) -> None:
-    """Make a new mesh with the wanted sizes; a closed surface becomes tetrahedra.
+    """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
-    Sizes that are not given are chosen from the part, and told.
+    Parameters that are not given are chosen from the part, and the values are printed.
     """
     from adaptsize import remeshing
     from adaptsize.io import read, write
@@ -199,7 +205,7 @@ def check(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure how well a mesh meets the sizes of a nodal field, and its quality."""
+    """Report the quality of a mesh and its conformity with the sizes in a nodal field."""
     from adaptsize.io import read
     from adaptsize.quality import size_conformity
 

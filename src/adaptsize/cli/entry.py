@@ -18,7 +18,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Those of the process by default.
+        By default those of the process.
     """
     sys.exit(run(sys.argv[1:] if arguments is None else list(arguments)))
 
@@ -29,21 +29,28 @@ def run(arguments: list[str]) -> int:
     from typer.main import get_command
 
     from adaptsize.cli.commands import app
-    from adaptsize.errors import ConvergenceWarning, ImageWarning, MeshRepairWarning
+    from adaptsize.errors import (
+        ConvergenceWarning,
+        ImageWarning,
+        MeshRepairWarning,
+        OutsideWarning,
+        ResolutionWarning,
+    )
 
-    # typer has a click of its own or uses the package; this is the right one either way.
+    # typer vendors click or imports it.  This finds the class in both cases.
     usage_error: Any = typer.BadParameter.__bases__[0]
-    debug = "--debug" in arguments  # anywhere
+    ours = (ConvergenceWarning, ImageWarning, MeshRepairWarning, OutsideWarning, ResolutionWarning)
+    debug = "--debug" in arguments  # at any position
     arguments = [word for word in arguments if word != "--debug"]
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # those of the packages we use
-            for category in (ConvergenceWarning, ImageWarning, MeshRepairWarning):
+            warnings.simplefilter("ignore")  # warnings of other packages
+            for category in ours:
                 warnings.simplefilter("always", category)
-            warnings.showwarning = _show_warning  # put back by catch_warnings
+            warnings.showwarning = _show_warning  # restored by catch_warnings
             result = get_command(app).main(arguments, prog_name="adaptsize", standalone_mode=False)
             sys.stdout.flush()
-        if result == INTERRUPTED:  # what typer makes of Ctrl-C
+        if result == INTERRUPTED:  # typer's exit code for Ctrl-C
             _say("interrupted")
         return result if isinstance(result, int) else DONE
     except usage_error as error:
@@ -52,10 +59,10 @@ def run(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         _say("interrupted")
         return INTERRUPTED
-    except (BrokenPipeError, SystemExit) as error:  # typer makes the first the second
+    except (BrokenPipeError, SystemExit) as error:  # typer converts the first to the second
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
-        # The reader of our output has left: no error of ours.
+        # The reader of our output has closed the pipe.  This is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except (ValueError, RuntimeError, ImportError, OSError, MemoryError) as error:

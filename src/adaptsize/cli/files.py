@@ -1,4 +1,4 @@
-"""Files of the command line: checked before the work starts."""
+"""Checks of the files on the command line, before the work starts."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 
 def check_outputs(output: Path, plot: Path | None = None) -> None:
-    """Refuse output files that could not be written in the end.
+    """Refuse output files that cannot be written.
 
     Raises
     ------
     ValueError
-        If the suffix tells no format, or the directory is missing or not writable.
+        If the suffix is unknown, or the directory is missing or not writable.
     """
     from adaptsize._formats.writers import format_of
 
@@ -44,12 +44,12 @@ def _check_place(path: Path) -> None:
 
 
 def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
-    """Return a nodal field of one number per node.
+    """Return a nodal field with one number per node.
 
     Raises
     ------
     ValueError
-        If there is none of that name; the message lists those there are.
+        If there is no field of that name.  The message lists the fields of the mesh.
     """
     if name not in mesh.point_data:
         listed = ", ".join(mesh.point_data) or "none"
@@ -63,7 +63,7 @@ def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
 
 
 def holds_more_than_sizes(output: Path) -> bool:
-    """Tell whether a file holds other nodal fields beside the sizes."""
+    """Return whether a file can hold other nodal fields besides the sizes."""
     from adaptsize._formats.writers import format_of
 
     chosen = format_of(output, None)
@@ -71,17 +71,17 @@ def holds_more_than_sizes(output: Path) -> bool:
 
 
 def numbers(name: str, text: str) -> list[float] | float:
-    """Return one number, or several between commas.
+    """Return one number, or several separated by commas.
 
     Raises
     ------
     ValueError
-        If a part is no number.
+        If a part is not a number.
     """
     try:
         given = [float(part) for part in text.split(",")]
     except ValueError as error:
         raise ValueError(
-            f"{name} must be one number or several as 1,1,2.5, got {text!r}"
+            f"{name} must be one number or several such as 1,1,2.5, got {text!r}"
         ) from error
     return given[0] if len(given) == 1 else given

@@ -1,4 +1,4 @@
-"""``adaptsize image``: a mesh of the objects in a picture or a volume."""
+"""``adaptsize image``: mesh the objects in a picture or a volume."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def image(
     max_elements: MaxElements = MAX_ELEMENTS,
     plot: Picture = None,
 ) -> None:
-    """Mesh the objects in a mask or label image: triangles of a picture, tetrahedra of a volume.
+    """Mesh the objects in a mask or label image.
 
-    Sizes come from the curvature of their edges and from their width.  Labels become the
-    regions of the mesh.
+    A picture gives triangles, a volume gives tetrahedra.  Sizes come from the curvature of the
+    boundaries of the objects and from their width.  Labels become the regions of the mesh.
     """
     from adaptsize.domain_size.images import mesh_image
     from adaptsize.io import read_image, write

@@ -15,50 +15,63 @@ ImageFile = Annotated[
 PerRadian = Annotated[
     float | None,
     typer.Option(
-        "-K", "--elements-per-radian", help="Elements per radian of curved boundaries; 0: none."
+        "-K",
+        "--elements-per-radian",
+        help="Elements per radian of curved boundaries.  0 disables.",
     ),
 ]
 Across = Annotated[
     float | None,
-    typer.Option("--elements-across", help="Elements across narrow parts; 0: none."),
+    typer.Option("--elements-across", help="Elements across narrow regions.  0 disables."),
 ]
-Gradient = Annotated[float, typer.Option("-g", "--gradient", help="Gradient limit of the size.")]
+Gradient = Annotated[float, typer.Option("-g", "--gradient", help="Gradient limit.")]
 Smallest = Annotated[float | None, typer.Option("--hmin", help="Smallest size.")]
 Largest = Annotated[float | None, typer.Option("--hmax", help="Largest size.")]
 Crease = Annotated[
-    float, typer.Option("--crease-angle", help="Sharper edges are no curvature, degrees.")
+    float,
+    typer.Option(
+        "--crease-angle",
+        help="Angle in degrees above which an edge is a feature edge, not curvature.",
+    ),
 ]
 Sources = Annotated[
     list[str] | None,
     typer.Option(
         "--source",
         help="point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
-        "region:tag=h; without z in the plane; may be repeated.",
+        "region:tag=h.  In the plane, omit the z coordinates.  May be repeated.",
     ),
 ]
-Field = Annotated[str | None, typer.Option("--field", help="Nodal field of the file to use.")]
+Field = Annotated[str | None, typer.Option("--field", help="Nodal field to use as upper bounds.")]
 Picture = Annotated[Path | None, typer.Option("--plot", help="Also draw the result (.png).")]
 Label = Annotated[
     list[int] | None,
-    typer.Option("--label", help="Label of the objects; may be repeated.  All but 0 otherwise."),
+    typer.Option("--label", help="Label of the objects.  May be repeated.  All but 0 by default."),
 ]
 Threshold = Annotated[
-    float | None, typer.Option("--threshold", help="Objects are where values are larger.")
+    float | None,
+    typer.Option("--threshold", help="Pixels with larger values belong to the objects."),
 ]
 Spacing = Annotated[
     str | None,
-    typer.Option("--spacing", help="Pixel size, if not that of the file: 0.5 or 0.5,0.5,1.25."),
+    typer.Option(
+        "--spacing", help="Pixel size: 0.5 or 0.5,0.5,1.25.  By default that of the file."
+    ),
 ]
 Smoothing = Annotated[
     float | None,
-    typer.Option("--smoothing", help="Low-pass filter of the mask, in pixels, 2 otherwise."),
+    typer.Option(
+        "--smoothing", help="Width of the low-pass filter of the mask, in pixels.  2 by default."
+    ),
 ]
-#: As `adaptsize.domain_size.request.MAX_ELEMENTS`, without importing what that needs.
+#: Equal to `adaptsize.domain_size.request.MAX_ELEMENTS`, which is slow to import.
 MAX_ELEMENTS = 300_000.0
 MaxElements = Annotated[
     float,
     typer.Option(
-        "--max-elements", help="Relax sizes that are not given until the mesh has about so many."
+        "--max-elements",
+        help="Parameters that are not given are relaxed until the mesh has about this many "
+        "elements.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -1,4 +1,4 @@
-"""What commands print and draw in the end."""
+"""Output of the commands: text and pictures."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def draw(path: Path | None, *what: Any) -> None:
 
 
 def draw_causes(path: Path | None, report: SizeReport) -> None:
-    """Draw what controls the size where."""
+    """Draw which cause controls which part."""
     from adaptsize.plot import plot_causes
 
     _draw_with(plot_causes, path, report)
 
 
 def _draw_with(plot: Callable[..., Any], path: Path | None, *what: Any) -> None:
-    """Draw to a file, if there is one; a machine that cannot draw is no reason to fail."""
+    """Draw to a file, if a path is given.  If drawing is impossible, only print a message."""
     if path is None:
         return
     from adaptsize.errors import PlotError
@@ -39,7 +39,7 @@ def _draw_with(plot: Callable[..., Any], path: Path | None, *what: Any) -> None:
 
 
 def print_written(path: Path, background: SimplexMesh | CartesianGrid | Octree) -> None:
-    """Say what is in a file that was written; an octree is written as its mesh."""
+    """Print the number of points and cells in a written file.  An octree is written as a mesh."""
     from adaptsize.background import Octree
 
     written = background.mesh if isinstance(background, Octree) else background
@@ -47,5 +47,5 @@ def print_written(path: Path, background: SimplexMesh | CartesianGrid | Octree) 
 
 
 def say(text: str) -> None:
-    """Print a message that is no result."""
+    """Print a message to standard error."""
     print(f"adaptsize: {text}", file=sys.stderr)

@@ -58,15 +58,18 @@ def size(
     max_elements: MaxElements = MAX_ELEMENTS,
     plot: Picture = None,
     plot_causes: Annotated[
-        Path | None, typer.Option(help="Also draw what controls the size where (.png).")
+        Path | None, typer.Option(help="Also draw which cause controls which part (.png).")
     ] = None,
 ) -> None:
-    """Put sizes from curvature, thin places and sources on a mesh or an image, limited.
+    """Compute the size function of a mesh or an image.
 
-    They are the field h; the field cause says what controls them, and so does the text.  The
-    suffix of the output tells the format; .pos, .sol and .jig.msh are sizes for Gmsh, mmg and
-    JIGSAW.  A surface in space is refined where its triangles are long.  Those of an image
-    live on its pixels: write .vti.
+    Sizes come from curvature, narrow regions and sources, and their gradient is limited.  They
+    are written as the field h.  The field cause holds what controls each of them; the shares of
+    the causes are printed.
+
+    The suffix of the output selects the format.  .pos, .sol and .jig.msh hold sizes for Gmsh,
+    Mmg and JIGSAW.  A surface in space is refined where its triangles are long.  The sizes of
+    an image are on the grid of its pixels: write .vti.
     """
     from adaptsize.io import is_image_file, read, write
 
@@ -107,7 +110,10 @@ def size(
 def size_of_mesh(
     mesh: SimplexMesh, field: str | None, **options: Any
 ) -> tuple[SizeFunction, SizeReport]:
-    """Return the sizes to use, and say which; a given field alone replaces those from the part."""
+    """Return the size function and its report, and print the parameters used.
+
+    With a field, curvature and feature size are off unless they are requested.
+    """
     from adaptsize.domain_size import size_function
 
     if field is not None:
@@ -133,7 +139,7 @@ def _of_image(file: Path, spacing: str | None, **options: Any) -> tuple[SizeFunc
 
 
 def _refuse_idle(file: Path, options: dict[str, Any]) -> None:
-    """Refuse options that are for the other kind of file."""
+    """Refuse options that would be ignored for this kind of file."""
     for name, value in options.items():
         if value is not None:
-            raise ValueError(f"{name} is not for this kind of file, got it with {file}")
+            raise ValueError(f"{name} does not apply to this kind of file, got it with {file}")

@@ -1,4 +1,4 @@
-"""Sources as words of a command line, ``ball:0,0,0,2=0.1``, and as lines of its output."""
+"""Sources on the command line, such as ``ball:0,0,0,2=0.1``, and sources in its output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def parse_source(text: str) -> Any:
     Raises
     ------
     ValueError
-        If it is none of the forms.
+        If the text has none of the known forms.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def parse_source(text: str) -> Any:
 
 
 def describe_roots(points: npt.NDArray[Any], roots: npt.NDArray[Any]) -> Iterator[str]:
-    """Tell which nodes the sizes of most nodes go back to.
+    """Yield lines that name the nodes which control the most sizes.
 
     Parameters
     ----------

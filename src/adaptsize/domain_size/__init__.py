@@ -1,4 +1,4 @@
-"""The size function of a whole domain: curvature, feature size and what else is asked, limited."""
+"""The complete size function: curvature, feature size and sources, with gradient limiting."""
 
 from adaptsize.domain_size.api import size_function
 from adaptsize.domain_size.images import mesh_image, size_function_from_image

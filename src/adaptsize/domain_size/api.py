@@ -1,4 +1,4 @@
-"""The complete size function: curvature, feature size and what else is asked, limited."""
+"""The complete size function of a domain: ``size_function``."""
 
 from __future__ import annotations
 
@@ -88,7 +88,9 @@ def size_function(
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
-    r"""Return the size function of a domain: what its shape and you ask for, limited [1]_.
+    r"""Return the size function of a domain, with gradient limiting [1]_.
+
+    It combines the bounds from the shape of the domain with the bounds that you prescribe:
 
     .. math:: h_0 = \min(h_\text{curvature}, h_\text{feature}, h_\text{external}), \qquad
         |\nabla h| \le g.
@@ -96,54 +98,58 @@ def size_function(
     Parameters
     ----------
     domain : SimplexMesh, callable, Image, array, or tuple (CartesianGrid, array)
-        A mesh of tetrahedra or of triangles in the plane; a surface or a closed polyline in the
-        plane, for what it encloses; an implicit function f(points[n, dim]) -> [n],
-        negative inside; an image or an array of labels or booleans; or a grid and
-        the signed distance at its nodes, negative inside.
+        One of:
+
+        * a mesh of tetrahedra, or of triangles in the plane;
+        * a surface, or a closed polyline in the plane, which stands for the region it encloses;
+        * an implicit function f(points[n, dim]) -> [n], negative inside;
+        * an image, or an array of labels or booleans;
+        * a grid and the signed distance at its nodes, negative inside.
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
-        Where the sizes live.  By default: of tetrahedra and triangles in the plane their own
-        nodes, of surfaces a copy that is refined where its triangles are long, of closed
-        polylines and callables a grid around them, of images the pixels.  For a level set
-        it must be a grid.
+        Carries the sizes.  The default depends on the domain.  For tetrahedra and triangles in
+        the plane it is the mesh itself.  For a surface it is a copy, refined where its
+        triangles are long.  For a closed polyline or a callable it is a grid around the domain,
+        and for an image the grid of its pixels.  For a level set it must be a grid.
     box : tuple (lower, upper), optional
         Corners of a box around the domain, for callables without ``background``.
     elements_per_radian : float, optional
-        Of curved boundaries, K of `size_from_curvature`; 4 by default; 0: curvature does not
-        count.
+        Elements per radian of curved boundaries, K of `size_from_curvature`.  The default is 4.
+        0 disables curvature.
     elements_across : float, optional
-        Of narrow parts, 2R of `size_from_feature`; 2 by default; 0: width does not count.  On a
-        surface in space, sizes are smaller by as much as they grow from there to the middle.
+        Elements across narrow regions, 2R of `size_from_feature`.  The default is 2.  0 disables
+        the feature size.  On a surface in space, the sizes are reduced to allow for their
+        growth from the surface to the middle of the region.
     g : float, default 0.25
         Gradient limit, >= 0.
     hmin, hmax : float, optional
         Limits of the size, in the unit of the coordinates.  By default 1/1000 and 1/20 of
-        the diagonal of the domain; where it is known by a level set ``hmin`` is at
-        least one spacing, of an image two.
+        the diagonal of the domain.  For a level set, the default ``hmin`` is at least one
+        spacing.  For an image it is at least two.
     crease_angle : float, default 40
-        As in `size_from_curvature`, degrees.
+        Angle in degrees above which an edge is a feature edge, see `size_from_curvature`.
     sources : as in `size_from_sources`
-        External sizes: points, curves, boxes, boundary tags, callables ...
+        Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
-        Further upper bounds: at the nodes of the background (of ``domain``, if there is
-        none given), or a function of points.
+        Further upper bounds: an array with a value per node of the background (of ``domain``,
+        if ``background`` is not given), or a function of points.
     max_elements : float, default 300 000
-        While a mesh would have more elements, as predicted, those of ``elements_per_radian``,
-        ``elements_across`` (down to 1), ``hmin`` and ``hmax`` that are not given are relaxed.
-        inf: never.
+        Limit on the predicted number of elements.  To stay within it, those of
+        ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin`` and ``hmax`` that are
+        not given are relaxed.  inf disables the limit.
     full_output : bool
-        Also return a `SizeReport`.
+        Whether to return a `SizeReport` too.
     progress : callable or bool, optional
-        Called with a text and the share done; True shows a bar on a terminal.
+        Called with a text and the share done.  True shows a progress bar on a terminal.
 
     Returns
     -------
     size : SizeFunction
-        Defined everywhere; outside the domain it goes on with the sizes at its boundary.  That
-        of a surface in space lives on a refined copy of it and grows from there by ``g`` per
-        length up to ``hmax``.
+        Defined everywhere.  Outside the domain it continues with the sizes at the boundary.  For
+        a surface in space, its background is the refined copy of the surface, and the size
+        grows from there by ``g`` per unit length up to ``hmax``.
     report : SizeReport
-        Only with ``full_output``: which cause controls which part, and how much of it; what was
-        chosen, and the predicted number of elements.
+        Only with ``full_output``: which cause controls which part and how much of it, the
+        parameters chosen, and the predicted number of elements.
 
     Raises
     ------
@@ -154,12 +160,12 @@ def size_function(
     Warns
     -----
     ResolutionWarning
-        If what is given asks for more than ``max_elements``.
+        If the given parameters require more than ``max_elements`` elements.
 
     Notes
     -----
-    Sizes do not pass from one part of the domain to another through the outside, where the
-    background is a mesh of the domain or a grid; on other backgrounds they do.
+    If the background is a mesh of the domain or a grid, sizes do not propagate from one part of
+    the domain to another through the outside.  On other backgrounds they do.
 
     References
     ----------
@@ -202,12 +208,13 @@ def size_function(
 def _as_domain(
     domain: Domain, background: AnyBackground | None, box: Any, report: ProgressCallback
 ) -> SizedDomain:
-    """Return the domain as one of the kinds that sizes are made for."""
+    """Return the domain as one of the supported kinds."""
     if isinstance(domain, SimplexMesh):
         return mesh_domain(domain, background)
     if background is not None and not isinstance(background, CartesianGrid):
         raise ValueError(
-            f"background must be a CartesianGrid for a domain that is no mesh, got {background!r}"
+            "background must be a CartesianGrid for a domain that is not a mesh, "
+            f"got {background!r}"
         )
     if isinstance(domain, tuple) and len(domain) == 2 and isinstance(domain[0], CartesianGrid):
         grid, phi = domain
@@ -229,7 +236,7 @@ def _as_domain(
 
 
 def _grid_in(box: tuple[npt.ArrayLike, npt.ArrayLike] | None) -> CartesianGrid:
-    """Return a grid that fills a box."""
+    """Return a grid that covers a box."""
     if box is None:
         raise ValueError(
             "box must be given with a callable domain: (lower, upper), or a background"

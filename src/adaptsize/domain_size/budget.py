@@ -19,19 +19,20 @@ from adaptsize.sizes.budget import calibration
 
 _MAX_ROUNDS = 8
 
-# The generator that makes the mesh unless another one is named.
+# The number of elements is predicted for this generator.
 _GENERATOR = "mmg"
 
 
 def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
-    """Return the sizes of a domain; what the request leaves open is relaxed if need be.
+    """Return the size function of a domain, relaxed to a number of elements.
 
-    Until a mesh has about ``request.max_elements`` at most.
+    Parameters that the request leaves open are relaxed until the predicted number of elements
+    is at most about ``request.max_elements``.
 
     Warns
     -----
     ResolutionWarning
-        If it would have more because of what the request fixes.
+        If the parameters that the request fixes require more elements.
     """
     relaxation, before = 1.0, np.inf
     for n_rounds in range(_MAX_ROUNDS + 1):
@@ -48,9 +49,9 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
         before = n_elements
         relaxation *= max(1.2, (n_elements / request.max_elements) ** (1.0 / domain.dim))
     warnings.warn(
-        f"the sizes ask for about {n_elements:.2g} elements, more than "
-        f"max_elements = {request.max_elements:.3g}, because of what is given: give larger sizes "
-        "or a larger max_elements",
+        f"the sizes require about {n_elements:.2g} elements, more than max_elements = "
+        f"{request.max_elements:.3g}, because of the given parameters: relax these or raise "
+        "max_elements",
         ResolutionWarning,
         stacklevel=4,
     )
@@ -58,7 +59,7 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
 
 
 def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> float:
-    """Return how many elements a mesh of the domain will have."""
+    """Return the predicted number of elements of a mesh of the domain."""
     if isinstance(domain, SurfaceDomain):
         return calibration(_GENERATOR, 3) * estimate_n_enclosed(domain.mesh, size)
     if isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):

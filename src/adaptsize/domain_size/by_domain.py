@@ -1,4 +1,4 @@
-"""The size function of each kind of domain: bounds from its shape, limited."""
+"""The size function of each kind of domain: bounds from its shape, then gradient limiting."""
 
 from __future__ import annotations
 
@@ -19,19 +19,18 @@ from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.typing import FloatArray
 
-#: The smallest size that an image tells of, in pixels: of what is smaller, nobody knows whether
-#: it belongs to the object.
+#: The smallest size for an image, in pixels.  Smaller details may not belong to the object.
 _PIXELS_IN_SMALLEST = 2.0
-#: How often the distance is averaged for the curvature of the edge in an image.  Limiting goes on
-#: from the smallest sizes, so that ripples count in full: of a disc of radius 40 pixels, edge
-#: ragged by half a pixel, the smallest radius found is 8 with 2 rounds, 20 with 24, whereas
-#: ends of bars of radius 3 and 6 keep theirs.
+#: Rounds of averaging of the distance for the curvature of the boundary in an image.  Gradient
+#: limiting propagates the smallest sizes, so ripples of the boundary must be removed.  For a disc
+#: of radius 40 pixels with a boundary ragged by half a pixel, the smallest radius found is 8 with
+#: 2 rounds and 20 with 24.  The ends of bars of radius 3 and 6 keep their radius.
 _CURVATURE_SMOOTHING = 24
-#: Edges in an image have no corners sharper than the filters leave them.
+#: The filters leave no sharper corners on boundaries in an image.
 _IMAGE_CREASE_ANGLE = 120.0
-#: Boxes along the longest side of a grid laid around a closed line.
+#: Boxes along the longest side of the grid around a closed polyline.
 _BOXES_ALONG = 250
-#: Boxes of such a grid around the domain: room for differences.
+#: Margin of such a grid around the domain in boxes, for finite differences.
 _BOXES_AROUND = 6
 
 
@@ -50,7 +49,7 @@ class SizedDomain(Protocol):
 
 @dataclass
 class _Kept:
-    """A result that costs time and does not depend on the request; computed once."""
+    """An expensive result that does not depend on the request, computed once."""
 
     value: FloatArray | None = None
 
@@ -62,16 +61,16 @@ class _Kept:
 
 @dataclass
 class LevelSet:
-    """What lies where a signed distance on a grid is negative."""
+    """The region where a signed distance on a grid is negative."""
 
     grid: CartesianGrid
     phi: FloatArray
     spacings_in_smallest: float = 1.0
-    """No size is below so many spacings, unless prescribed."""
+    """The default ``hmin`` is at least this number of spacings."""
     smoothing: int = 0
     """As in `size_from_curvature`."""
     crease_angle: float | None = None
-    """In place of that of the request."""
+    """Replaces the one of the request."""
     _width: _Kept = field(default_factory=_Kept)
 
     @property
@@ -109,7 +108,7 @@ class LevelSet:
 
 
 def mask_domain(mask: Mask, phi: FloatArray) -> LevelSet:
-    """Return the objects of an image, whose edges ripple from pixel to pixel."""
+    """Return the domain of the objects of an image, whose boundaries ripple with the pixels."""
     return LevelSet(mask.grid, phi, _PIXELS_IN_SMALLEST, _CURVATURE_SMOOTHING, _IMAGE_CREASE_ANGLE)
 
 
@@ -139,7 +138,7 @@ def _on_grid(
     limits: tuple[float, float],
     request: Request,
 ) -> tuple[SizeFunction, SizeReport]:
-    """Limit on the nodes inside and around the boundary; go on outside with the nearest."""
+    """Limit at the nodes inside and around the boundary.  Outside, take the nearest size."""
     from scipy import ndimage
 
     around = phi <= float(np.linalg.norm(grid.spacing))  # all corners of the boxes at the boundary
@@ -156,7 +155,7 @@ def _on_grid(
 
 
 def mesh_domain(mesh: SimplexMesh, background: AnyBackground | None) -> SizedDomain:
-    """Return the domain that is a mesh, or that a surface or a closed line encloses."""
+    """Return the domain of a mesh, or the domain that a surface or closed polyline encloses."""
     if background is None and mesh.dim == 2 and mesh.cell_dim == 1 and _is_closed(mesh):
         spacing = float(np.ptp(mesh.points, axis=0).max()) / _BOXES_ALONG
         background = CartesianGrid.around(mesh.points, spacing, _BOXES_AROUND * spacing)
@@ -231,6 +230,6 @@ def limited_on(
     request: Request,
     weights: FloatArray | None = None,
 ) -> tuple[SizeFunction, SizeReport]:
-    """Return the least of some bounds, limited, as a size function, and its report."""
+    """Return the limited minimum of several bounds as a size function, and its report."""
     h, report = limit_requested(background, bounds, limits, request, weights)
     return SizeFunction(background, h, sources=report.info.sources), report

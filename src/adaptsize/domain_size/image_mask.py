@@ -1,4 +1,4 @@
-"""From an image to the objects in it: which pixels are inside, and the distance to their edge."""
+"""The objects in an image: which pixels are inside, and the distance to their boundary."""
 
 from __future__ import annotations
 
@@ -17,27 +17,30 @@ from adaptsize.errors import ImageWarning
 from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
-#: Pixels around the objects, so that differences and kinks of the distance have room.
+#: Margin around the objects in pixels, for finite differences and kinks of the distance.
 MARGIN = 6
-#: Deviation of the low-pass filter, in pixels.
+#: Standard deviation of the low-pass filter, in pixels.
 SMOOTHING = 2.0
-# Objects less deep than this, in pixels, have no distance function to speak of.
+# Objects less deep than this, in pixels, are too thin for a useful distance function.
 _LEAST_DEPTH = 0.9
-# A mask differs from pixel to pixel at its edges only; more pairs than this share are a photo.
+# In a mask, neighbouring pixels differ only at boundaries.  A larger share means a photo.
 _BUSY = 0.25
 _MOST_NAMES = 12
+# Gradient limiting accepts coordinates up to 1e60; an image has fewer than 1e10 pixels per axis.
+_SPACINGS = (1e-50, 1e50)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mask:
-    """The pixels that belong to objects, on a grid cut to them with a margin around."""
+    """The pixels that belong to objects, on a grid cropped to them with a margin."""
 
     grid: CartesianGrid
-    """Nodes are the centres of the pixels; reaches beyond the image where objects do."""
+    """Nodes are the centres of the pixels.  Extends beyond the image if objects reach its border.
+    """
     inside: BoolArray
     """Of the grid's shape."""
     labels: npt.NDArray[Any] | None
-    """Of the grid's shape, 0 outside; None where the image tells inside and outside only."""
+    """Of the grid's shape, 0 outside; None if the image has only inside and outside."""
 
 
 def as_image(
@@ -45,23 +48,38 @@ def as_image(
     spacing: npt.ArrayLike | None = None,
     origin: npt.ArrayLike | None = None,
 ) -> Image:
-    """Return an Image of an array, or one with another spacing or origin."""
+    """Return an array as an Image, or an Image with another spacing or origin."""
     if isinstance(image, Image):
-        return Image(
-            image.values,
-            image.spacing if spacing is None else spacing,
-            image.origin if origin is None else origin,
+        return _in_range(
+            Image(
+                image.values,
+                image.spacing if spacing is None else spacing,
+                image.origin if origin is None else origin,
+            )
         )
     values = np.asarray(image)
     if values.ndim == 3 and values.shape[2] in (3, 4) and min(values.shape[:2]) > 16:
         raise ValueError(
             f"image must have one number per pixel, got an array of shape {values.shape}, which "
-            "looks like colours: segment it first (for a volume of so few planes give an Image)"
+            "looks like colours: segment it first (pass a volume of so few planes as an Image)"
         )
     try:
-        return Image(values, 1.0 if spacing is None else spacing, origin)
+        made = Image(values, 1.0 if spacing is None else spacing, origin)
     except ValueError as error:
         raise ValueError(str(error).replace("values must", "image must", 1)) from error
+    return _in_range(made)
+
+
+def _in_range(image: Image) -> Image:
+    """Return the image if squares of its spacing stay in the range of float64."""
+    steps = image.spacing
+    refuse_where(
+        "spacing",
+        (steps < _SPACINGS[0]) | (steps > _SPACINGS[1]),
+        steps,
+        f"must be from {_SPACINGS[0]:g} to {_SPACINGS[1]:g}: choose another unit of length",
+    )
+    return image
 
 
 def mask_of(
@@ -76,9 +94,9 @@ def mask_of(
     ----------
     image : Image
     label : int or sequence of int, optional
-        The labels that belong to the objects; all but 0 by default.
+        The labels that belong to the objects.  By default all but 0.
     threshold : float, optional
-        Instead: pixels of larger values belong to the objects.
+        Alternative to ``label``: pixels with larger values belong to the objects.
 
     Returns
     -------
@@ -87,9 +105,8 @@ def mask_of(
     Raises
     ------
     ValueError
-        If no pixel belongs to the objects, or every one, values are NaN, there is no such
-        label, or the image is a photo or holds floats and neither ``label`` nor
-        ``threshold`` is given.
+        If no pixel belongs to the objects, or all do, values are NaN, a label does not occur, or
+        neither ``label`` nor ``threshold`` is given for a photo or an image of floats.
 
     Warns
     -----
@@ -107,7 +124,7 @@ def mask_of(
     if values.dtype.kind == "f":
         raise ValueError(
             f"image must hold labels (bool or integers), got {values.dtype} from "
-            f"{values.min():g} to {values.max():g}; give threshold="
+            f"{values.min():g} to {values.max():g}; pass threshold="
         )
     if label is not None:
         return _cut(image, _is_labelled(values, label), f"of label {label}", values)
@@ -131,7 +148,7 @@ def _is_labelled(values: npt.NDArray[Any], label: int | Sequence[int]) -> BoolAr
 
 
 def _refuse_photo(values: npt.NDArray[Any]) -> None:
-    """Refuse values that change from pixel to pixel, as of a photo."""
+    """Refuse values that change from pixel to pixel, as in a photo."""
     if values.dtype.kind == "b":
         return
     before, after = values[:-1], values[1:]
@@ -142,12 +159,12 @@ def _refuse_photo(values: npt.NDArray[Any]) -> None:
     if share > _BUSY and n_values > 2:
         raise ValueError(
             f"image must be a mask or hold labels, got {n_values} different values that change "
-            "from pixel to pixel, as in a photo: segment it first, or give threshold= or label="
+            "from pixel to pixel, as in a photo: segment it first, or pass threshold= or label="
         )
 
 
 def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | None) -> Mask:
-    """Return the part of an image with objects, and a margin around it."""
+    """Return the part of an image that contains objects, with a margin."""
     if not inside.any():
         raise ValueError(f"image must have a pixel {what}, got none in {image!r}")
     if inside.all():
@@ -163,7 +180,7 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
     )
     if n_at_border:
         warnings.warn(
-            f"objects reach the border of the image, at {n_at_border} pixels, and end there",
+            f"objects reach the border of the image at {n_at_border} pixels and are cut off there",
             ImageWarning,
             stacklevel=4,
         )
@@ -178,7 +195,7 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
 
 
 def _bounding_box(inside: BoolArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the first index with pixels inside, and the one after the last, along each axis."""
+    """Return the first index with pixels inside, and one past the last, along each axis."""
     ends = []
     for d in range(inside.ndim):
         others = tuple(k for k in range(inside.ndim) if k != d)
@@ -190,15 +207,15 @@ def _bounding_box(inside: BoolArray) -> tuple[npt.NDArray[np.int64], npt.NDArray
 def distance_to_edge(
     mask: Mask, smoothing: float = SMOOTHING, *, progress: ProgressCallback | bool | None = None
 ) -> FloatArray:
-    """Return the signed distance to the smoothed edge of the objects, negative inside.
+    """Return the signed distance to the smoothed boundary of the objects, negative inside.
 
     Parameters
     ----------
     mask : Mask
     smoothing : float
-        Deviation of the low-pass filter in pixels, >= 0, that decides which pixels are
-        inside before the distance is taken.  With 2 lines of up to 2 pixels and specks of up
-        to 3 x 3 vanish, and so do ripples of the edge; discs keep their pixels.
+        Standard deviation in pixels, >= 0, of the low-pass filter that is applied to the mask
+        before the distance is computed.  A value of 2 removes ripples of the boundary, lines of
+        up to 2 pixels and specks of up to 3 x 3 pixels.  Discs keep their pixels.
 
     Returns
     -------
@@ -207,29 +224,29 @@ def distance_to_edge(
     Raises
     ------
     ValueError
-        If nothing is left of the objects.
+        If smoothing removes all objects.
 
     Warns
     -----
     ImageWarning
-        If objects are so small that nothing is left of them.
+        If smoothing removes some objects.
     """
     kept = _low_pass(mask.inside, as_number("smoothing", smoothing, lower=0.0))
-    _tell_of_lost_objects(mask.inside, kept)
+    _report_lost_objects(mask.inside, kept)
     phi = signed_distance(mask.grid, kept, progress=progress)
     if -float(phi.min()) < _LEAST_DEPTH * float(mask.grid.spacing.min()):
         raise ValueError(
-            "image must show objects of 4 pixels across and more, got thinner ones only: "
-            f"{int(np.count_nonzero(kept))} pixels once they are smoothed"
+            "image must show objects at least 4 pixels across, got only thinner ones: "
+            f"{int(np.count_nonzero(kept))} pixels after smoothing"
         )
     return phi
 
 
 def _low_pass(inside: BoolArray, deviation: float) -> BoolArray:
-    """Return the pixels that are inside after a filter that leaves curved edges in place.
+    """Return the pixels that are inside after a filter that preserves curved boundaries.
 
-    Filters the distance to the edge, in pixels, by ``2 G - G G`` with a Gaussian G, whose
-    second moments are zero: a Gaussian alone draws round edges inwards.
+    The distance to the boundary, in pixels, is filtered by ``2 G - G G`` with a Gaussian G.  The
+    second moments of this filter are zero.  A Gaussian alone moves round boundaries inwards.
     """
     from scipy import ndimage
 
@@ -241,7 +258,7 @@ def _low_pass(inside: BoolArray, deviation: float) -> BoolArray:
     return np.asarray(2.0 * once < ndimage.gaussian_filter(once, deviation))
 
 
-def _tell_of_lost_objects(before: BoolArray, after: BoolArray) -> None:
+def _report_lost_objects(before: BoolArray, after: BoolArray) -> None:
     from scipy import ndimage
 
     objects, count = ndimage.label(before, structure=np.ones((3,) * before.ndim))
@@ -251,13 +268,12 @@ def _tell_of_lost_objects(before: BoolArray, after: BoolArray) -> None:
     if lost.size == count:
         what = f"{count} objects" if count > 1 else "one object"
         raise ValueError(
-            f"image must show objects of 4 pixels across and more, got {what} of at most "
-            f"{lost.max()} pixels, of which smoothing leaves nothing"
+            f"image must show objects at least 4 pixels across, got {what} of at most "
+            f"{lost.max()} pixels, which smoothing removes"
         )
     if lost.size:
         warnings.warn(
-            f"{lost.size} of {count} objects are left out, the largest of {lost.max()} pixels: "
-            "smoothing leaves nothing of them",
+            f"smoothing removes {lost.size} of {count} objects, the largest of {lost.max()} pixels",
             ImageWarning,
             stacklevel=4,
         )

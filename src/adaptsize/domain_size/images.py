@@ -1,4 +1,4 @@
-"""From an image to sizes and to a mesh of the objects in it."""
+"""Size functions and meshes of the objects in an image."""
 
 from __future__ import annotations
 
@@ -76,51 +76,53 @@ def size_function_from_image(
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
     """Return the size function of the objects in an image [1]_.
 
-    The mask is smoothed, its distance function taken, and from it the curvature of the edge and
-    the local feature size; the smaller of the two, limited, on the pixels.
+    The mask is smoothed, and its signed distance is computed.  The distance gives the curvature
+    of the boundary and the local feature size.  The smaller of the two sizes is limited on the
+    grid of the pixels.
 
     Parameters
     ----------
     image : Image or array_like, 2-D or 3-D
-        A mask or labels, axis 0 along x, as of `read_image`.
+        A mask or labels, axis 0 along x, as returned by `read_image`.
     spacing : float or array_like of float, shape (dim,), optional
-        Size of a pixel; that of an Image, and 1 for arrays, unless given.
+        Size of a pixel, 1e-50 to 1e50.  By default that of an Image, and 1 for arrays.
     label : int or sequence of int, optional
-        The labels that belong to the objects; all but 0 by default.
+        The labels that belong to the objects.  By default all but 0.
     threshold : float, optional
-        Instead: pixels of larger values belong to the objects.
+        Alternative to ``label``: pixels with larger values belong to the objects.
     smoothing : float, default 2
-        Deviation of the low-pass filter in pixels, >= 0.  With 2, ripples of the edge vanish,
-        and lines of up to 2 pixels and specks of up to 3 x 3 too.
+        Standard deviation of the low-pass filter in pixels, >= 0.  A value of 2 removes ripples
+        of the boundary, lines of up to 2 pixels, and specks of up to 3 x 3 pixels.
     elements_per_radian, elements_across, g, sources, max_elements, full_output, progress
         As in `size_function`.
     hmin, hmax : float, optional
-        Limits of the size; two pixels (and 1/1000 of the diagonal of the objects) and 1/20
-        of the diagonal by default.
+        Limits of the size.  By default, ``hmin`` is two pixels, or 1/1000 of the diagonal of the
+        objects if that is larger, and ``hmax`` is 1/20 of the diagonal.
 
     Returns
     -------
     size : SizeFunction
-        On a grid of the pixels around the objects; outside them with the sizes at their edge.
+        On a grid of the pixels around the objects.  Outside the objects it continues with the
+        sizes at their boundary.
     report : SizeReport
         Only with ``full_output``.
 
     Raises
     ------
     ValueError
-        If no pixel belongs to the objects, or every one, they are too small, a value is NaN,
-        there is no such label, the image has colours or changes from pixel to pixel as
+        If no pixel belongs to the objects, or all do, the objects are too small, a value is NaN,
+        a label does not occur, the image has colours or changes from pixel to pixel like
         a photo, or an option is out of range.
 
     Warns
     -----
     ImageWarning
-        If objects reach the border of the image or vanish when they are smoothed.
+        If objects reach the border of the image, or if smoothing removes objects.
 
     Notes
     -----
-    Corners of objects are rounded by about the smoothing.  Objects closer to each other than a
-    pixel or two grow together.
+    Corners of objects are rounded with a radius of about ``smoothing``.  Objects less than one or
+    two pixels apart merge.
 
     References
     ----------
@@ -129,7 +131,7 @@ def size_function_from_image(
 
     Examples
     --------
-    A disc of radius 20 pixels of 0.1 each, three elements per radian:
+    A disc with a radius of 20 pixels of size 0.1, three elements per radian:
 
     >>> x, y = np.mgrid[-30:31, -30:31]
     >>> size = size_function_from_image(
@@ -173,9 +175,10 @@ def mesh_image(
     seed: int = 2004,
     progress: ProgressCallback | bool | None = None,
 ) -> SimplexMesh:
-    """Return a mesh of the objects in an image: triangles of a picture, tetrahedra of a volume.
+    """Return a mesh of the objects in an image.
 
-    Sizes are those of `size_function_from_image`, the mesh that of `mesh_from_distance`.
+    A picture gives triangles, a volume gives tetrahedra.  The sizes come from
+    `size_function_from_image` and the mesh from `mesh_from_distance`.
 
     Parameters
     ----------
@@ -184,30 +187,30 @@ def mesh_image(
     elements_per_radian, elements_across, g, hmin, hmax, sources, max_elements
         As in `size_function_from_image`.
     seed : int
-        Of the random start of the mesh.
+        Seed of the random initial points.
     progress : callable or bool, optional
-        Called with a text and the share done; True shows a bar on a terminal.
+        Called with a text and the share done.  True shows a progress bar on a terminal.
 
     Returns
     -------
     SimplexMesh
-        With the sizes as the nodal field ``h`` and, if the image has several labels, that of
-        the nearest pixel as cell tag.  Where objects of two labels touch, their common
-        boundary is as ragged as the cells are large.
+        The nodal field ``h`` holds the sizes.  If the image has several labels, the cell tags
+        are the labels of the nearest pixels.  Where objects of two labels touch, their common
+        boundary is ragged on the scale of the cells.
 
     Raises
     ------
     ValueError
-        As `size_function_from_image` does.
+        As in `size_function_from_image`.
     TooManyElementsError
-        If what is given asks for more elements than `mesh_from_distance` makes.
+        If the given parameters require more elements than `mesh_from_distance` allows.
 
     Warns
     -----
     ImageWarning
-        If objects reach the border of the image or vanish when they are smoothed.
+        If objects reach the border of the image, or if smoothing removes objects.
     ConvergenceWarning, ResolutionWarning
-        As `mesh_from_distance` does.
+        As in `mesh_from_distance`.
 
     Examples
     --------
@@ -242,13 +245,13 @@ def mesh_image(
 
 
 class DistanceOnGrid:
-    """A nodal distance, interpolated: a callable for mesh generators."""
+    """The interpolant of a nodal distance, as a callable for mesh generators."""
 
     def __init__(self, grid: CartesianGrid, phi: FloatArray) -> None:
         self._locator, self._phi = grid.locator, phi
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Return the distance at points; beyond the grid it grows with the way to it."""
+        """Return the distance at points.  Outside the grid, the distance to the grid is added."""
         inside, away = self._locator.interpolate(self._phi, points)
         return inside + away
 

@@ -1,4 +1,4 @@
-"""Sizes of the solid that a surface encloses, on a copy of the surface that is fine enough."""
+"""Sizes of the solid that a surface encloses, on a refined copy of the surface."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from adaptsize.typing import FloatArray, IntArray
 _EDGE_OVER_SIZE = 2.0
 #: ... or it would have more nodes than this,
 _MAX_NODES = 400_000
-#: or than this share of the elements allowed.  A layer of tetrahedra alone takes about 4.5 per
-#: node of such a surface, a solid of some thickness more than 10; what has more nodes
-#: consists of slivers much narrower than the size, on which it need not be known better.
+#: or more than this share of the elements allowed.  A single layer of tetrahedra has about 4.5
+#: per node of such a surface, and a thicker solid has more than 10.  A surface with more nodes
+#: consists of slivers much narrower than the size, where no finer background is needed.
 _NODES_PER_ELEMENT = 1.0 / 10.0
 
 
 @dataclass
 class SurfaceDomain:
-    """What a surface in space encloses."""
+    """The solid that a surface in space encloses."""
 
     mesh: SimplexMesh
 
@@ -52,9 +52,10 @@ class SurfaceDomain:
         """Return the limited sizes on a refined copy, and which cause controls them where.
 
         A new node on an edge along which the surface bends gets the mean of the
-        curvatures at the ends; one in a flat facet, or on a feature edge, none: there the sizes
-        may grow from the nodes of the file, however far those are apart.  Edges in flat facets
-        are flipped, as sizes are limited faster, and better, without slivers.
+        curvatures at the ends.  A new node in a flat facet, or on a feature edge, gets no
+        curvature.  There the sizes may grow from the nodes of the file, however far apart
+        these are.  Edges in flat facets are flipped to avoid slivers, which makes gradient
+        limiting faster and more accurate.
         """
         self._crease_angle = request.crease_angle
         mesh, max_nodes = self.mesh, float(_MAX_NODES)
@@ -81,10 +82,10 @@ class SurfaceDomain:
 
 
 def across_surface(lfs: FloatArray, request: Request) -> FloatArray:
-    """Return the size on a surface with so many elements between it and the other side.
+    """Return the size on a surface for the requested number of elements across.
 
-    From there to the middle, at a distance lfs, sizes grow to h + g lfs; the integral of 1 / h
-    along that path is to be half the number of elements.
+    From the surface to the middle, at a distance lfs, sizes grow to h + g lfs.  The integral of
+    1 / h along that path is half the number of elements.
     """
     if request.g == 0.0:
         return 2.0 / request.across * lfs
@@ -93,7 +94,7 @@ def across_surface(lfs: FloatArray, request: Request) -> FloatArray:
 
 
 def _bounds_at_nodes(mesh: SimplexMesh, request: Request) -> dict[str, FloatArray]:
-    """Return the bounds that new nodes inherit from those of the file."""
+    """Return the bounds that new nodes inherit from the nodes of the file."""
     bounds = {}
     if request.per_radian > 0.0:
         bounds["curvature"] = size_from_curvature(
@@ -107,7 +108,7 @@ def _bounds_at_nodes(mesh: SimplexMesh, request: Request) -> dict[str, FloatArra
 def _at_middles(
     bounds: dict[str, FloatArray], parents: IntArray, folds: Folds
 ) -> dict[str, FloatArray]:
-    """Return bounds with those of new nodes in the middle of edges, inf where nothing bends."""
+    """Return bounds extended to new nodes at edge midpoints, inf where the surface is flat."""
     curved = are_among(parents, folds.bent)
     longer = {}
     for name, h0 in bounds.items():
@@ -118,7 +119,7 @@ def _at_middles(
 
 
 def _through_the_inside(size: SizeFunction) -> SizeFunction:
-    """Return sizes that obey the growth off the surface on the surface itself, too."""
+    """Return sizes on the surface lowered to the growth through the solid."""
     background = size.background
     return SizeFunction(background, size(background.points), g=size.g, hmax=size.hmax)
 

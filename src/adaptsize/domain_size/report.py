@@ -1,4 +1,4 @@
-"""Several upper bounds, limited together, and which of them controls which part."""
+"""Gradient limiting of several upper bounds, and which of them controls which part."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from adaptsize.limiting import LimitingInfo, limit_gradient
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
-#: What is told of nodes outside the domain, and of those that no bound reaches.
+#: Cause of nodes outside the domain, and of nodes that no bound reaches.
 NONE = -1
 
 
@@ -22,43 +22,43 @@ NONE = -1
 class SizeReport:
     """Which cause controls the size where, and how much of the domain.
 
-    A cause controls a node if the size there is the one it asks for, or has grown from a
-    node where it does, by the gradient limit.
+    A cause controls a node if the size there is its own bound, or if the size has grown, by the
+    gradient limit, from a node where it is.
     """
 
     background: SimplexMesh | CartesianGrid | Octree
     causes: tuple[str, ...]
-    """Names, such as ``"curvature"``; ``"hmin"`` where a cause asked for less, ``"hmax"`` where
-    none asked for anything."""
+    """Names, such as ``"curvature"``.  ``"hmin"`` controls where a bound is smaller than that,
+    ``"hmax"`` where there is no other bound."""
     cause: npt.NDArray[np.int8]
-    """Of the nodal shape: place in ``causes``, -1 outside the domain."""
+    """Index into ``causes`` at each node, of the nodal shape; -1 outside the domain."""
     domain_shares: dict[str, float]
     """Share of the length, area or volume of the domain that each cause controls."""
     element_shares: dict[str, float]
-    """Share of the elements of a mesh of these sizes, as estimated."""
+    """Estimated share of the elements of a mesh with these sizes."""
     smallest: dict[str, float]
     """Smallest size in the part that each cause controls."""
     largest: float
     """Largest size in the domain."""
     bounds: dict[str, FloatArray]
-    """What each cause asked for, of the nodal shape, inf where nothing."""
+    """Upper bounds of each cause, of the nodal shape; inf where there is none."""
     info: LimitingInfo
-    """Of the limiting of all bounds together."""
+    """Information on the limiting of all bounds together."""
     g: float
     hmin: float
     hmax: float
     n_elements: float
-    """Predicted number of elements of a mesh of these sizes."""
+    """Predicted number of elements of a mesh with these sizes."""
     elements_per_radian: float = 0.0
-    """Of curved boundaries; 0 where curvature does not count."""
+    """Elements per radian of curved boundaries; 0 if curvature is disabled."""
     elements_across: float = 0.0
-    """Of narrow parts; 0 where the feature size does not count."""
+    """Elements across narrow regions; 0 if the feature size is disabled."""
     relaxation: float = 1.0
-    """Factor by which what was not given was relaxed to stay within ``max_elements``."""
+    """Factor by which parameters that were not given were relaxed, for ``max_elements``."""
 
     @property
     def choices(self) -> str:
-        """What was requested or chosen, and what it leads to, in one line."""
+        """The parameters requested or chosen, and the resulting sizes, in one line."""
         parts = []
         if self.elements_per_radian > 0.0:
             parts.append(f"{self.elements_per_radian:.3g} elements per radian")
@@ -77,16 +77,16 @@ class SizeReport:
 
     @property
     def codes(self) -> range:
-        """What `cause` may hold inside the domain."""
+        """Possible values of `cause` inside the domain."""
         return range(len(self.causes))
 
     def __repr__(self) -> str:
-        """Name the causes with their shares."""
-        told = ", ".join(f"{name} {share:.1%}" for name, share in self._by_share())
-        return f"SizeReport({told})"
+        """Return the causes with their shares."""
+        shares = ", ".join(f"{name} {share:.1%}" for name, share in self._by_share())
+        return f"SizeReport({shares})"
 
     def __str__(self) -> str:
-        """Say for each cause how much it controls, one line each."""
+        """Return one line per cause, with the share it controls."""
         what = {1: "length", 2: "area", 3: "volume"}[_measure_dim(self.background)]
         by_share = self._by_share()
         width = max(len(name) for name, _ in by_share)
@@ -98,7 +98,7 @@ class SizeReport:
         return "\n".join(lines)
 
     def _by_share(self) -> list[tuple[str, float]]:
-        """Return the causes that control something, the largest share first."""
+        """Return the causes that control some part, the largest share first."""
         shares = [item for item in self.domain_shares.items() if item[1] > 0.0]
         return sorted(shares, key=lambda item: -item[1])
 
@@ -120,17 +120,17 @@ def limit_bounds(
     ----------
     background : SimplexMesh, CartesianGrid or Octree
     bounds : mapping of str to array
-        What each cause asks for, of the nodal shape; inf where nothing.
+        Upper bounds of each cause, of the nodal shape; inf where there is none.
     g : float
         Gradient limit, >= 0.
     hmin, hmax : float
         Limits of the size, ``0 < hmin <= hmax``, finite.
     weights : ndarray of float64, of the nodal shape, optional
-        Share of the domain that belongs to each node, 0 outside; by default that of the
-        cells of the background.
+        Length, area or volume of the domain that belongs to each node, 0 outside.  By default
+        that of the cells of the background.
     points : tuple of arrays, float64[k, dim] and float64[k], optional
-        Places and sizes of point sources, which the exact method takes where they are; they
-        count as the cause ``"sources"``, which is then one of ``bounds``.
+        Positions and sizes of point sources.  The exact method applies them at their exact
+        positions.  They count as the cause ``"sources"``, which must be one of ``bounds``.
     progress : callable, bool or None
         As in `limit_gradient`.
 
@@ -147,9 +147,9 @@ def limit_bounds(
 
     Notes
     -----
-    Where the exact method applies, the sources tell the causes.  Elsewhere the bounds are
-    limited one by one: as the limited size of a minimum is the minimum of the limited
-    sizes, the smallest of these is the cause.  That costs a run per cause.
+    Where the exact method applies, the sources of the sizes determine the causes.  Elsewhere the
+    bounds are limited separately, which costs one run per cause.  The limited size of a minimum
+    is the minimum of the limited sizes, so the cause with the smallest limited size controls.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def limit_bounds(
     own[asked < low] = len(names) - 2
     asked = np.maximum(asked, low)
     if points is not None and _measure_dim(background) < background.dim:
-        points = None  # on surfaces they act at the nodes around them
+        points = None  # on surfaces, point sources act at the nodes around them
     if points is not None:
         points = (points[0], np.clip(points[1], low, high))
     h, info = limit_gradient(
@@ -206,7 +206,7 @@ def _by_separate_runs(
 ) -> npt.NDArray[np.int8]:
     """Return the cause whose bounds alone give the smallest limited size at each node.
 
-    That of number ``constant`` asks for the same size everywhere.
+    The cause of number ``constant`` prescribes the same size everywhere.
     """
     cause = np.full(own.shape, NONE, dtype=np.int8)
     best = np.full(own.shape, np.inf)
@@ -224,7 +224,7 @@ def _by_separate_runs(
 def nodal_measures(background: SimplexMesh | CartesianGrid | Octree) -> FloatArray:
     """Return the length, area or volume around each node, of the nodal shape.
 
-    A cell gives the same share to each of its nodes; what is not active has none.
+    A cell gives the same share to each of its nodes.  Inactive nodes have none.
     """
     if isinstance(background, CartesianGrid):
         return _grid_measures(background)
@@ -259,7 +259,7 @@ def _report(
     bounds: dict[str, FloatArray],
     info: LimitingInfo,
 ) -> SizeReport:
-    """Sum up by cause; names of causes that were not looked at are left out."""
+    """Return the report with the shares and the smallest size of each cause."""
     inside: BoolArray = cause != NONE
     k, sizes, measure = cause[inside], h[inside], weights[inside]
     elements = measure / sizes ** _measure_dim(background)

@@ -1,4 +1,4 @@
-"""What is requested of a size function, and the defaults."""
+"""The parameters of a size function and their defaults."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
 
 @dataclass(frozen=True)
 class Request:
-    """What the sizes are to obey; None: not given, and chosen from the domain."""
+    """The requested parameters.  None means not given: chosen from the domain."""
 
     elements_per_radian: float | None
     elements_across: float | None
@@ -44,11 +44,11 @@ class Request:
     max_elements: float
     report: ProgressCallback | None
     relaxation: float = 1.0
-    """Factor by which what is not given is relaxed to stay within ``max_elements``."""
+    """Factor by which parameters that are not given are relaxed, for ``max_elements``."""
 
     @property
     def is_fixed(self) -> bool:
-        """Whether nothing is left to be relaxed."""
+        """Whether all parameters that could be relaxed are given."""
         return None not in (self.elements_per_radian, self.elements_across, self.hmin, self.hmax)
 
     @property
@@ -60,23 +60,23 @@ class Request:
 
     @property
     def across(self) -> float:
-        """Elements across narrow parts."""
+        """Elements across narrow regions."""
         if self.elements_across is not None:
             return self.elements_across
         return max(ELEMENTS_ACROSS / self.relaxation, 1.0)
 
     def relaxed(self, relaxation: float) -> Request:
-        """Return the same request, relaxed by a factor of the sizes."""
+        """Return the same request with another relaxation factor."""
         return replace(self, relaxation=relaxation)
 
     def limits(self, diagonal: float, least: float = 0.0) -> tuple[float, float]:
-        """Return hmin and hmax, for a domain of that diagonal if they are not given."""
+        """Return hmin and hmax; by default in proportion to the diagonal of the domain."""
         high, low = self.hmax, self.hmin
         if high is None:
             high = max(self.relaxation * _LARGEST_SHARE * diagonal, low or 0.0, least)
         if low is None:
             low = min(max(self.relaxation * _SMALLEST_SHARE * diagonal, least), high)
-            for source in self._point_sources():  # what is prescribed is not raised
+            for source in self._point_sources():  # prescribed sizes are not raised
                 low = min(low, float(np.min(source.size)))
         return low, high
 
@@ -85,7 +85,7 @@ class Request:
         return [source for source in sources if isinstance(source, PointSource)]
 
     def points(self, dim: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the places and sizes of the point sources among the sources; None without any."""
+        """Return the positions and sizes of the point sources, or None if there are none."""
         rows = [source.rows(dim) for source in self._point_sources()]
         if not rows:
             return None
@@ -93,14 +93,14 @@ class Request:
         return np.concatenate(places), np.concatenate(sizes)
 
     def external(self, background: AnyBackground) -> dict[str, FloatArray]:
-        """Return the bounds that do not come from the shape."""
+        """Return the bounds that do not depend on the shape."""
         bounds = self.from_sources(background)
         if self.h0 is not None:
             bounds["h0"] = bound_at_nodes(self.h0, background)
         return bounds
 
     def from_sources(self, background: AnyBackground) -> dict[str, FloatArray]:
-        """Return the bounds of the sources."""
+        """Return the bounds from the sources."""
         given = self.sources is not None
         if not given or (isinstance(self.sources, Sequence) and len(self.sources) == 0):
             return {}
@@ -120,7 +120,7 @@ def as_request(
     max_elements: float = MAX_ELEMENTS,
     report: ProgressCallback | None = None,
 ) -> Request:
-    """Return a request, checked."""
+    """Return a request after checking its values."""
     for name, value in (("hmin", hmin), ("hmax", hmax)):
         if value is not None:
             as_number(name, value, lower=0.0, strict=True)
@@ -153,7 +153,7 @@ def limit_requested(
     request: Request,
     weights: FloatArray | None = None,
 ) -> tuple[FloatArray, SizeReport]:
-    """Return the least of some bounds, limited as requested, and its report."""
+    """Return the minimum of several bounds, limited as requested, and its report."""
     h, report = limit_bounds(
         background,
         bounds,

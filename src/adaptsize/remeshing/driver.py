@@ -20,8 +20,8 @@ from adaptsize.remeshing.preparation import (
     Facets,
     as_required,
     collect_facets,
-    mend,
     number_regions,
+    repair_mesh,
 )
 from adaptsize.remeshing.protocol import Problem, RawMesh, Task
 from adaptsize.remeshing.registry import backend_named, choose_backend
@@ -159,10 +159,10 @@ def remesh(
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
     wanted = as_size(size, mesh, g=g, hmax=hmax)
-    mended = mend(mesh)
-    frame = Frame.around(mended.mesh)
-    required = as_required(required_facets, mesh, mended)
-    part = _Part.of(task, frame.mesh(mended.mesh), required, tolerance)
+    repaired = repair_mesh(mesh)
+    frame = Frame.around(repaired.mesh)
+    required = as_required(required_facets, mesh, repaired)
+    part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)
     own_size, known = frame.size(wanted), frame.to_own(known_points(size, mesh.dim))
     part = part.with_size(own_size, known)
     _refuse_too_many(part.problem, limit)
@@ -174,7 +174,7 @@ def remesh(
             part = part.with_size(own_size, known)
             _refuse_too_many(part.problem, limit)
         new = part.restored(chosen.solve(part.problem, run), chosen.name)
-    return frame.restored(new, mended.mesh)
+    return frame.restored(new, repaired.mesh)
 
 
 @dataclass(frozen=True)

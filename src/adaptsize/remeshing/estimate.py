@@ -115,13 +115,12 @@ def _crossings(
     twice_area = (b[:, u] - a[:, u]) * (c[:, v] - a[:, v]) - (b[:, v] - a[:, v]) * (
         c[:, u] - a[:, u]
     )
+    lowest, highest = corners[:, :, u].min(axis=1), corners[:, :, u].max(axis=1)
     lines: list[npt.NDArray[np.intp]] = []
     heights: list[FloatArray] = []
     with np.errstate(divide="ignore", invalid="ignore"):  # triangles along the lines: no crossing
         for i, (x, y) in enumerate(at):
-            near = np.flatnonzero(
-                (corners[:, :, u].min(axis=1) <= x) & (corners[:, :, u].max(axis=1) >= x)
-            )
+            near = np.flatnonzero((lowest <= x) & (highest >= x))
             p, q, r = a[near], b[near], c[near]
             s = ((x - p[:, u]) * (r[:, v] - p[:, v]) - (y - p[:, v]) * (r[:, u] - p[:, u])) / (
                 twice_area[near]

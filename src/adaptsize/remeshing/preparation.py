@@ -1,4 +1,4 @@
-"""Meshes made fit for a generator: mended, oriented, facets and regions numbered."""
+"""Meshes made fit for a generator: repaired, oriented, facets and regions numbered."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_index_array
 from adaptsize.background import SimplexMesh
+from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import unique_rows
 from adaptsize.errors import MeshRepairWarning
 from adaptsize.typing import IntArray
@@ -20,7 +21,7 @@ MERGE_DISTANCE = 1e-9
 SMALLEST_AREA = 1e-16
 
 
-class Mended(NamedTuple):
+class RepairedMesh(NamedTuple):
     """A mesh without what generators stumble over."""
 
     mesh: SimplexMesh
@@ -30,7 +31,7 @@ class Mended(NamedTuple):
     """``node_map[j]`` is the node that node j of the given mesh became, -1: none."""
 
 
-def mend(mesh: SimplexMesh) -> Mended:
+def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     """Return the mesh without unused nodes, its full-dimensional cells positive.
 
     In surface triangulations, points that coincide are merged (STL files hold
@@ -47,7 +48,7 @@ def mend(mesh: SimplexMesh) -> Mended:
     target = np.arange(mesh.n_points)
     kept = np.ones(mesh.n_cells, bool)
     if mesh.cell_dim == 2 and mesh.dim == 3:
-        target = _merge_targets(mesh)
+        target = first_at_place(mesh.points, MERGE_DISTANCE * mesh.diagonal)
         kept = _useful_triangles(mesh, target[cells])
         _warn_of_repairs(mesh, target, kept)
     elif mesh.cell_dim == mesh.dim:
@@ -63,7 +64,7 @@ def mend(mesh: SimplexMesh) -> Mended:
         facets = node_map[mesh.tagged_facets]
         good = (facets >= 0).all(axis=1) & _has_different_nodes(facets)
         facets, facet_tags = facets[good], mesh.facet_tags[good]
-    mended = SimplexMesh(
+    repaired = SimplexMesh(
         mesh.points[nodes],
         local.reshape(kept_cells.shape),
         cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[kept],
@@ -71,16 +72,7 @@ def mend(mesh: SimplexMesh) -> Mended:
         facet_tags=facet_tags,
         tag_names=mesh.tag_names,
     )
-    return Mended(mended, nodes.astype(np.int32), node_map)
-
-
-def _merge_targets(mesh: SimplexMesh) -> npt.NDArray[np.intp]:
-    """Return for each node the first node at the same place."""
-    spacing = MERGE_DISTANCE * mesh.diagonal or 1.0
-    used = mesh.points[mesh.cells[:, 0]].min(axis=0)
-    grid = np.round((mesh.points - used) / spacing).astype(np.int64)
-    _, first, inverse = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[inverse.reshape(-1)])
+    return RepairedMesh(repaired, nodes.astype(np.int32), node_map)
 
 
 def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
@@ -107,7 +99,7 @@ def _warn_of_repairs(
     dropped = int((~kept).sum())
     if merged or dropped:
         warnings.warn(
-            f"surface mended: {merged} duplicate points merged, "
+            f"surface repaired: {merged} duplicate points merged, "
             f"{dropped} degenerate or duplicate triangles dropped",
             MeshRepairWarning,
             stacklevel=5,
@@ -197,9 +189,11 @@ def facet_numbers(mesh: SimplexMesh, facets: IntArray) -> npt.NDArray[np.intp]:
     return np.asarray(row_of[number[len(mesh.facets) :]])
 
 
-def as_required(value: npt.ArrayLike | None, mesh: SimplexMesh, mended: Mended) -> IntArray | None:
-    """Return the facets to keep as nodes of the mended mesh."""
+def as_required(
+    value: npt.ArrayLike | None, mesh: SimplexMesh, repaired: RepairedMesh
+) -> IntArray | None:
+    """Return the facets to keep as nodes of the repaired mesh."""
     if value is None:
         return None
     facets = as_index_array("required_facets", value, mesh.n_points, width=mesh.cell_dim)
-    return mended.node_map[facets] if len(facets) else None
+    return repaired.node_map[facets] if len(facets) else None
