@@ -1,4 +1,4 @@
-"""The largest h <= h0 with |grad h| <= g."""
+"""Gradient limiting: the largest h <= h0 with |grad h| <= g."""
 
 from adaptsize.limiting.api import limit_gradient
 from adaptsize.limiting.info import LimitingInfo

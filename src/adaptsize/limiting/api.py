@@ -1,4 +1,4 @@
-"""`limit_gradient`: picks the scheme, checks, reports."""
+"""`limit_gradient`: check the arguments, choose a scheme and report on the result."""
 
 from __future__ import annotations
 
@@ -90,121 +90,135 @@ def limit_gradient(
 ) -> FloatArray | tuple[FloatArray, LimitingInfo]:
     r"""Return the largest mesh size below ``h0`` whose gradient is at most ``g``.
 
-    Solves the gradient limiting equation [1]_
+    This is the steady state of the gradient limiting equation [1]_
 
     .. math:: h_t + |\nabla h| = \min(|\nabla h|, g), \qquad h(x, 0) = h_0(x),
 
-    to steady state on the nodes of the background.  Sizes travel inside the domain
-    only: two regions separated by a slit, a hole, inactive nodes or a gap between two
-    sheets do not see each other, however close they are.
+    on the nodes of the background.  Sizes propagate inside the domain only.  Two regions
+    that are separated by a slit, a hole, inactive nodes or a gap between two sheets do not
+    affect each other directly, however close they are.
 
     Parameters
     ----------
     background : SimplexMesh, CartesianGrid or Octree
-        Segments, triangles in the plane or in space, or tetrahedra; obtuse, sliver
-        and degenerate cells are allowed.  A grid of any spacing, its inactive nodes
-        outside the domain.  An octree stands for its conforming simplices.
+        A mesh may consist of segments, of triangles in the plane or in space, or of
+        tetrahedra.  Obtuse, sliver and degenerate cells are allowed.  A grid may have any
+        spacing; its inactive nodes lie outside the domain.  An octree is replaced by its
+        conforming simplicial mesh.
     h0 : float or array_like of float, of the nodal shape
-        Upper bound on the size, in the unit of the coordinates; one number for all nodes, or
-        one per node.  Positive; inf where nothing is asked; finite at one node at least.  What
-        inactive nodes of a grid hold, here and in g, does not matter.
+        Upper bound on the size, in the unit of the coordinates: one number for all nodes, or
+        one per node.  It must be positive, and finite at one node at least; inf means that
+        there is no bound.  The values of ``h0`` and g at inactive nodes of a grid are ignored.
     g : float, array_like, callable, or tuple (array_like, callable)
-        Gradient limit (length per length), finite and >= 0; neighbouring elements
-        then differ by a factor of about ``1 + g``, and 0.2 to 0.3 is usual.  One
-        number; or one per node; on meshes also one per cell (an array of ``n_points``
-        entries is per node, and its mean is taken in each cell; a limit that jumps must
-        be given per cell); or ``g(h)``, which takes an array of sizes and returns
-        positive bounded limits; or ``(a, b)`` for the product a(x) b(h).
+        Gradient limit (length per length), finite and >= 0.  Neighbouring elements
+        then differ by a factor of about ``1 + g``; usual values are 0.2 to 0.3.  It can be
+
+        * one number,
+        * one number per node; on meshes the mean is taken in each cell,
+        * on meshes, one number per cell, as is needed for a limit that jumps; an array of
+          ``n_points`` entries is always read as per node,
+        * a function ``g(h)`` that takes an array of sizes and returns positive bounded
+          limits,
+        * a tuple ``(a, b)`` for the product a(x) b(h).
     method : str, optional
-        ``"exact"``: straight from the bounds that each node sees; flat domains, one g or g(h).
-        To rounding in convex domains and in the plane; see the notes.
-        ``"factored"``: triangles in the plane, g a number or one per node, smooth.
-        ``"hermite"``: triangles in the plane or in space; carries gradients.
-        ``"fast-marching"``: of first order, monotone, on everything.
-        ``"auto"`` takes the first of these four that applies, where g jumps (given per
-        cell) the last.
-        ``"positive-coefficient"``: on meshes, the iteration of Barth and Sethian [2]_.
-        ``"hamilton-jacobi"``: on grids, the upwind iteration of [1]_.
-        ``"edge-based"``: shortest paths along edges; does not converge, for
-        comparison only.
+        * ``"exact"`` computes each size directly from the bounds visible from the node.  It
+          needs a flat domain and a single number g or a function g(h).  The result is exact
+          to rounding in convex domains and in the plane; see the notes.
+        * ``"factored"`` needs triangles in the plane and a smooth g: a number, or one per
+          node.
+        * ``"hermite"`` needs triangles, in the plane or in space; it propagates gradients
+          with the sizes.
+        * ``"fast-marching"`` is of first order and monotone, and works on every background.
+        * ``"auto"`` takes the first of these four that applies.  If g is given per cell, it
+          takes fast marching.
+        * ``"positive-coefficient"``, on meshes, is the iteration of Barth and Sethian [2]_.
+        * ``"hamilton-jacobi"``, on grids, is the upwind iteration of [1]_.
+        * ``"edge-based"`` computes shortest paths along edges.  It does not converge and is
+          meant for comparison only.
     order : int, optional
-        1 or, on grids with fast marching (which ``"auto"`` then takes) or the
-        Hamilton-Jacobi iteration, 2.
+        Order of accuracy: 1, or 2 on grids with fast marching (which ``"auto"`` then takes)
+        or the Hamilton-Jacobi iteration.
     floor : "hopf-lax" or None, optional
-        Of the positive coefficient scheme: keep it above the Hopf-Lax updates, or
-        leave it as published, which undershoots at point sources.
+        Option of the positive coefficient scheme.  ``"hopf-lax"`` keeps the sizes above the
+        Hopf-Lax updates.  None is the scheme as published, which undershoots at point
+        sources.
     initial : LimitingInfo, float, or array_like of float of the nodal shape, optional
-        The info of an earlier call with the same background, g and method.  The exact method
-        on meshes then works on the nodes only whose size may be another one, where bounds
+        Either the info of an earlier call with the same background, g and method.  The exact
+        method on meshes then recomputes only the nodes whose size may change, if the bounds
         are at isolated nodes or ``face_sources=False``.  See the notes.
-        An array is the start of an iteration, the fast marching solution if not given.  Lowered
-        to ``h0`` where it is above.  The Hamilton-Jacobi iteration finds the solution from
-        any start, soonest from that of a slightly different ``h0``; the other only falls.
+        Or an array with the start values of an iteration; the default is the fast marching
+        solution.  The values are lowered to ``h0`` where they exceed it.  The Hamilton-Jacobi
+        iteration converges from any start, and fastest from the solution for a slightly
+        different ``h0``.  The positive coefficient scheme can only lower its start values.
     tol : float, optional
-        Of an iteration: stop when no node changes faster than ``tol * g``.
+        Tolerance of an iteration: it stops when no node changes faster than ``tol * g``.
     max_iter : int, optional
-        Most steps of an iteration.
+        Largest number of steps of an iteration.
     face_sources : bool, optional
-        Of the exact method: whether ``h0`` bounds the size on the cells too, where it counts as
-        linear, or at the nodes only.  With nodes only the result is idempotent.  The boxes of a
-        plane grid are cut both ways, those in space as in ``grid.mesh``.
+        Option of the exact method.  True: ``h0`` also bounds the size inside the cells, where
+        it is interpolated linearly.  False: ``h0`` is a bound at the nodes only; limiting is
+        then idempotent.  The boxes of a plane grid are split along both diagonals, those in
+        space as in ``grid.mesh``.
     threads : int, optional
-        Of the exact method: number of threads, by default that of numba
-        (``numba.set_num_threads``).  The result is the same for any number, bit by bit.
+        Option of the exact method: the number of threads, by default that of numba
+        (``numba.set_num_threads``).  The result does not depend on it, bit for bit.
     point_sources : tuple of (array_like, array_like), optional
-        Of the exact method: points, shape (k, dim), and bounds at them, shape (k,), which need not
-        be at nodes.  Points outside the domain do not act.
+        Option of the exact method: points of shape (k, dim) and the bounds there, of shape
+        (k,).  The points need not be nodes.  Points outside the domain have no effect.
     full_output : bool, optional
-        Also return a `LimitingInfo`, which costs time only when it is asked for something.
+        Whether to return a `LimitingInfo` too.  Its attributes are computed on first access.
     progress : callable or bool, optional
-        Called with a text and the share done; True shows a bar on a terminal.
-        Raising in it (or Ctrl-C) stops the work.
+        Called with a text and the fraction completed; True shows a progress bar on a
+        terminal.  An exception raised in it (or Ctrl-C) stops the computation.
 
     Returns
     -------
     h : ndarray of float64, of the nodal shape
-        ``h <= h0`` everywhere.  Along every edge ``h[i] - h[j]`` is at most g times its
-        length, to rounding (with g(h): in the variable Phi of the notes; by an iteration
-        from ``initial``: to ``tol``); g is the least one of the cells at the edge, on
-        grids the one at its larger end.  inf only in components of the domain on which
-        all of ``h0`` is inf, and at inactive nodes; nodes of a mesh in no cell keep ``h0``.
+        ``h <= h0`` everywhere.  Along every edge, ``h[i] - h[j]`` is at most g times the
+        length of the edge, to rounding.  With g(h) this holds in the variable Phi of the
+        notes; for an iteration from ``initial`` it holds to ``tol``.  On meshes, g is the
+        smallest of the cells at the edge; on grids, that at the end of larger size.
+        The size is inf only at inactive nodes and in components of the domain where all of
+        ``h0`` is inf.  Mesh nodes that belong to no cell keep ``h0``.
     info : LimitingInfo
-        Only with ``full_output``.
+        Returned only with ``full_output``.
 
     Raises
     ------
     ValueError
-        If a shape is wrong, ``h0`` is NaN, zero, negative or inf throughout, g is
-        negative, NaN or above 1e30, the largest coordinate is outside 1e-60 to 1e60, the
-        method does not support the background, order or g, an option is given (other than its
-        default) that the method does not use, or ``initial`` is the info of a call with another
+        If a shape is wrong; if ``h0`` is NaN, zero, negative or inf throughout; if g is
+        negative, NaN or above 1e30; if the largest coordinate is outside 1e-60 to 1e60; if the
+        method does not support the background, order or g; if an option that the method does
+        not use differs from its default; or if ``initial`` is the info of a call with another
         background, g, method or option.
 
     Warns
     -----
     ConvergenceWarning
-        If an iteration does not meet ``tol`` in ``max_iter`` steps, or another loop reaches its
-        limit; then ``info.converged`` is False.
+        If an iteration does not meet ``tol`` in ``max_iter`` steps, or if another loop reaches
+        its limit.  ``info.converged`` is then False.
 
     Notes
     -----
-    g(h) is handled by the change of variable :math:`\Phi(h) = \int dh/g(h)`, in which
-    the limit is 1: the solution exists, is unique, and needs no monotone g.
+    *g(h).*  The change of variable :math:`\Phi(h) = \int dh/g(h)` turns the limit into 1.
+    Hence the solution exists and is unique, and g need not be monotone.
 
-    The bound holds for *nodal differences*.  The gradient of the linear interpolant
-    may exceed g around point sources and where fronts meet, by up to
-    :math:`1/\cos(\theta/2)` for a cell with angle :math:`\theta` at its upstream
-    vertex; so does that of the exact nodal values, at every mesh size.
+    *Interpolation.*  The bound holds for *nodal differences*.  The gradient of the linear
+    interpolant may exceed g around point sources and where fronts meet, by a factor of up to
+    :math:`1/\cos(\theta/2)` for a cell with angle :math:`\theta` at its upstream vertex.
+    This also happens with exact nodal values, at every mesh size.
 
     *Exact method.*  In convex domains and in the plane the result is
-    :math:`\min_y h_0(y) + g\,d(x, y)` to rounding, d being the length of the shortest path in
-    the domain.  In space it is that where the minimum is at a point that x sees; elsewhere it
-    is the length of a path over edges of the boundary, hence an upper bound.
-    ``info.n_proved`` and ``info.largest_gap`` tell how far.  No size is too small.
+    :math:`\min_y h_0(y) + g\,d(x, y)` to rounding, where d is the length of the shortest path
+    in the domain.  In solids the same holds at each x from which the minimising point y is
+    visible.  Elsewhere d is the length of a path over edges of the boundary, so that the
+    result is an upper bound; no size is too small.  ``info.n_proved`` counts the nodes with a
+    proof, and ``info.largest_gap`` bounds the error at the others.
 
-    *From an earlier solution.*  The exact method gives what it gives from nothing, bit by bit.
-    Other methods and cases are solved anew, but for the Hamilton-Jacobi iteration, which starts
-    from the earlier sizes.  Arrays given before may have been written into in the meantime.
+    *Warm start.*  With ``initial``, the exact method returns the same sizes as without it, bit
+    for bit.  The Hamilton-Jacobi iteration starts from the earlier sizes.  All other methods
+    and cases are solved from scratch.  The arrays given to the earlier call may have been
+    modified in the meantime.
 
     References
     ----------
@@ -215,7 +229,7 @@ def limit_gradient(
 
     Examples
     --------
-    A size of 0.1 asked for at one corner of the unit square:
+    A size of 0.1 at one corner of the unit square:
 
     >>> import numpy as np
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -233,7 +247,7 @@ def limit_gradient(
            [0.25 , 0.312, 0.35 ],
            [0.4  , 0.35 , 0.2  ]])
 
-    Another bound at one node, from what is known:
+    Another bound at one node, with a warm start from the earlier result:
 
     >>> h, info = limit_gradient(grid, h0, 0.3, full_output=True)
     >>> h0[2, 2] = 0.4
@@ -247,7 +261,7 @@ def limit_gradient(
     method = one_of("method", method, ("auto", *schemes.METHODS))
     bound = _as_bound("h0", h0, background)
     if full_output and np.may_share_memory(bound, h0):
-        bound = bound.copy()  # what the next call compares with
+        bound = bound.copy()  # kept for comparison in the next call
     extra = None if point_sources is None else _as_point_bounds(point_sources, background.dim)
     if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
@@ -308,7 +322,8 @@ def limit_gradient(
             solution = schemes.solve(domain, method, with_start(record, method, problem))
     if solution.unfinished:
         warnings.warn(solution.unfinished, ConvergenceWarning, stacklevel=2)
-    h = np.minimum(_backward(solution.h, transform, record), bound)  # the way back rounds
+    # The back transformation rounds.
+    h = np.minimum(_backward(solution.h, transform, record), bound)
     if not full_output:
         return h
     problem = replace(problem, report=_silent, initial=None)
@@ -320,7 +335,7 @@ def limit_gradient(
 def _forward(
     sizes: FloatArray, transform: SizeTransform | None, record: Record | None = None
 ) -> FloatArray:
-    """Return transformed bounds; those that are in the record are not worked out again."""
+    """Return transformed bounds; those in the record are not recomputed."""
     if transform is None:
         return sizes
     if record is None or record.transform is not transform:
@@ -332,7 +347,7 @@ def _forward(
 
 
 def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | None) -> FloatArray:
-    """Return the sizes of a solution; those that are in the record are not worked out again."""
+    """Return the sizes of a solution; those in the record are not recomputed."""
     if transform is None:
         return u
     if record is None or record.transform is not transform:
@@ -346,7 +361,7 @@ def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | N
 def _domain(
     background: SimplexMesh | CartesianGrid | Octree,
 ) -> SimplexMesh | CartesianGrid:
-    """Return what the schemes run on; refuse coordinates out of range."""
+    """Return the mesh or grid that the schemes run on; refuse coordinates out of range."""
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if isinstance(background, CartesianGrid):
         corners = [background.lower, background.upper]
@@ -364,7 +379,7 @@ def _domain(
 def _as_bound(
     name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
 ) -> FloatArray:
-    """Return checked nodal sizes, those of one number all alike; inf at inactive nodes."""
+    """Return checked nodal sizes, inf at inactive nodes; one number is used for all nodes."""
     given = as_float_array(name, sizes)
     if given.ndim == 0:
         given = np.full(background.nodal_shape, as_sizes(name, given, ()))
@@ -392,4 +407,4 @@ def _as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> Po
 
 
 def _silent(text: str, share: float | None) -> None:
-    """Take a report and do nothing."""
+    """Ignore a progress report."""

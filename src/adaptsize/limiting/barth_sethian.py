@@ -32,9 +32,9 @@ def solve_positive_coefficient(
 ) -> Solution:
     r"""Iterate the scheme [1]_ on :math:`h_t + \max(|\nabla h| - g, 0) = 0` to steady state.
 
-    Each step is ``h_i - dt R_i / W_i`` with the residuals of `fill_residuals`, dt half
-    the smallest altitude of the mesh, kept above the upstream values and, with
-    ``floor``, above the least Hopf-Lax update of the node's cells.
+    Each step computes ``h_i - dt R_i / W_i`` with the residuals of `fill_residuals`; dt is
+    half the smallest altitude of the mesh.  The result is kept above the upstream values
+    and, with ``floor``, above the smallest Hopf-Lax update of the node's cells.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ def solve_positive_coefficient(
         inf allowed.
     slope : Slope
     start : float64[n]
-        Start values, ``<= h0``; nodes that are inf here stay so (a free component).
+        Start values, ``<= h0``.  Nodes that are inf here stay inf (a component without bound).
     floor : bool
         True: the result is the fast marching solution.  False: the scheme as
         published, which undershoots at point sources and does not converge to the
         limited size there.
     tol : float
-        Stop when no node falls faster than ``tol * g`` per unit of time.
+        Stop when no size decreases faster than ``tol * g`` per unit of time.
     max_iter : int or None
         None: 20 diagonals over dt, 20000 at most.
     report : callable
@@ -57,8 +57,8 @@ def solve_positive_coefficient(
     Returns
     -------
     Solution
-        ``residual`` is the last largest rate of change over g; ``converged`` is False if
-        ``max_iter`` steps did not meet ``tol``.
+        ``residual`` is the largest rate of change in the last step, divided by g.
+        ``converged`` is False if ``max_iter`` steps did not meet ``tol``.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""The edge-based scheme, which the paper refutes: sizes that grow along edges only."""
+"""The edge-based scheme, which propagates sizes along edges only; Persson's paper refutes it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def solve_edge_based(
 ) -> Solution:
     """Solve h_k = min(h0_k, min over edges of h_j + g |x_k - x_j|) exactly.
 
-    These are the shortest paths in the graph of the mesh, which most mesh generators
-    use as their gradation.  They do **not** converge to the limited size function
-    when the mesh is refined: fronts follow the edges, not the straight lines between
-    them.  Offered for comparison only.
+    These are shortest paths in the graph of the mesh.  Most mesh generators use them for
+    gradation.  They do **not** converge to the limited size function when the mesh is
+    refined, because fronts follow the edges and not the straight lines between them.  The
+    scheme is provided for comparison only.
 
-    Parameters and result as for `solve_fast_marching`; the cheapest possible scheme.
+    Parameters and result are those of `solve_fast_marching`.  No scheme is cheaper.
     """
     return march_to_rest(
         mesh, h0, slope, kernels.sweep_edges, kernels.march_edges, residual, report
@@ -42,8 +42,9 @@ def solve_grid_edges(
 ) -> Solution:
     """Solve h_k = min(h0_k, min over neighbours along the axes of h_j + g_k dx_a) exactly.
 
-    Section 6.2 of Persson's paper.  Does **not** converge to the limited size function: it
-    measures lengths along the axes.  For comparison, and to make sizes of second order keep
-    the bound along edges; parameters and result as for `solve_grid_marching`.
+    See section 6.2 of Persson's paper.  The scheme does **not** converge to the limited size
+    function, because it measures lengths along the axes.  It is used for comparison, and to
+    enforce the bound along edges on second-order sizes.  Parameters and result are those of
+    `solve_grid_marching`.
     """
     return march_grid_to_rest(grid, h0, slope, 1, True, residual, report)

@@ -24,20 +24,21 @@ def solve_factored(
 ) -> Solution:
     r"""Limit sizes by fast marching that interpolates mean slopes from point sources.
 
-    Besides size and gradient (see `solve_hermite`) each node keeps the node z whose size
-    controls it.  On an edge with one source z for both its ends, sizes are
+    Besides size and gradient (see `solve_hermite`), each node stores its controlling source:
+    the node z from which its size grew.  On an edge whose ends have the same source z, sizes
+    are
 
     .. math:: h_z + G(s) \, |x(s) - z|, \qquad G_a = (h_a - h_z) / |x_a - z|
 
     with the cubic Hermite interpolant G of the mean slopes.  G is smooth up to z, where h
-    has the tip of a cone [1]_; with constant g it is constant and the update exact.
-    Edges without one source get the Hermite update, which is also that of sources side
-    by side: sizes given along a boundary, or everywhere.
+    has the tip of a cone [1]_.  With constant g, G is constant and the update is exact.
+    Edges without a common source get the Hermite update.  This includes edges between
+    adjacent sources, where sizes are given along a boundary or everywhere.
 
-    In a convex domain an edge between the regions of two single sources lets both
-    through, as if each region went on.  Where the boundary turns inwards paths
-    bend, and the node there becomes the source of what lies in its shadow; on lines
-    of shadow the Hermite update takes over.
+    In a convex domain, an edge between the regions of two point sources propagates both,
+    as if each region continued across it.  At a reentrant corner of the boundary paths bend,
+    and the corner node becomes the source of the region in its shadow.  On shadow
+    boundaries the Hermite update is used.
 
     Parameters
     ----------
@@ -48,16 +49,16 @@ def solve_factored(
     slope : Slope
         One limit; used if ``nodal_g`` is None.
     nodal_g : float64[n] or None
-        A limit that varies smoothly, linear between the nodes.
+        A smooth limit, interpolated linearly between the nodes.
     residual : bool
     report : callable
 
     Returns
     -------
     Solution
-        As from `solve_hermite`.  With constant g in a convex domain and single
-        points as sources: the exact sizes to rounding at all nodes that a path of
-        updates reaches, which on Delaunay meshes was every node.  With smooth g second order.
+        As for `solve_hermite`.  With constant g, a convex domain and isolated point sources,
+        the sizes are exact to rounding at all nodes that a chain of updates reaches; on
+        Delaunay meshes this was every node.  With smooth g the scheme is of second order.
 
     Raises
     ------
@@ -66,8 +67,8 @@ def solve_factored(
 
     Notes
     -----
-    Cost: about twice that of fast marching.  What `solve_hermite` does not keep to
-    rounding this does not either.
+    Cost: about twice that of fast marching.  The properties that `solve_hermite` does not
+    satisfy to rounding do not hold to rounding here either.
 
     References
     ----------

@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.limiting.gradient_limit import Slope
 
-# Nodes accepted between two reports, which also let Ctrl-C through: about 0.1 s.
+# Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
 CHUNK = 50_000
 
 # A candidate must be lower by more than rounding to count.
 KEEP = 1.0 - 1e-14
 
-# Before policy iteration, which then needs half as many steps, marching goes on until nothing
-# falls by more than this.
+# Before policy iteration, marching continues until no size decreases by more than this share.
+# Policy iteration then needs half as many steps.
 _KEEP_ROUGHLY = 1.0 - 1e-3
 
-# Nodes accepted per node before policy iteration takes over.  Meshes of generators need
-# 1.0 to 1.2; more means that obtuse slivers make nodes depend on each other in circles.
+# Acceptances per node before policy iteration is used.  Meshes of mesh generators need 1.0 to
+# 1.2; larger numbers mean that obtuse slivers cause cyclic dependencies between nodes.
 _PATIENCE = 8
 
 
@@ -48,10 +48,10 @@ def solve_fast_marching(
     r"""Solve h_k = min(h0_k, min over cells of the Hopf-Lax update) exactly.
 
     The update of node k from the opposite side F of a cell T is
-    :math:`\min_{x \in F} h(x) + g_T |x_k - x|`, h linear on F.  Nodes are accepted in
-    order of size and come back when they are lowered again, so that obtuse and
-    sliver cells need no special case; the result is the largest solution of the
-    discrete equations.
+    :math:`\min_{x \in F} h(x) + g_T |x_k - x|`, with h linear on F.  Nodes are accepted in
+    order of size and inserted into the heap again if they are lowered later.  Obtuse and
+    sliver cells therefore need no special treatment.  The result is the largest solution of
+    the discrete equations.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def solve_fast_marching(
         inf allowed.
     slope : Slope
     residual : bool
-        Whether to offer one more sweep for the residual (0 is told otherwise).
+        Whether to compute the residual, which takes one more sweep.  If False, 0 is returned.
     report : callable
 
     Returns
@@ -72,11 +72,11 @@ def solve_fast_marching(
 
     Notes
     -----
-    O(n log n) time; memory ``4 k (k - 1)`` bytes per cell of k nodes (24 for triangles,
-    48 for tetrahedra) and 24 per node.  Where nearly all cells are obtuse slivers
-    (Delaunay triangles of random points, then stretched 10:1) nodes depend on each other
-    in circles and would come back hundreds of times: after 8 times per node
-    `iterate_policies` takes over, at the price of some twenty sparse solutions.
+    The time is O(n log n).  Memory is ``4 k (k - 1)`` bytes per cell of k nodes (24 for
+    triangles, 48 for tetrahedra) and 24 per node.  If nearly all cells are obtuse slivers
+    (Delaunay triangles of random points, then stretched 10:1), dependencies between nodes are
+    cyclic, and nodes would be accepted hundreds of times.  After 8 acceptances per node,
+    `iterate_policies` is used instead, at the cost of some twenty sparse solves.
 
     References
     ----------
@@ -95,7 +95,7 @@ def march_to_rest(
     with_residual: bool,
     report: ProgressCallback,
 ) -> Solution:
-    """March until no node is lowered any more."""
+    """March until convergence: no node is lowered any more."""
     n = mesh.n_points
     axes = (0,) * mesh.dim
     limit = (slope.values, slope.step)
@@ -114,7 +114,7 @@ def march_to_rest(
         most = None if march is march_edges else patience(n)
         accepted = accept_all(march, geometry, h, slope, heap, most, report)
         if heap[3][0] > 0:
-            # What is missing now are small changes; first give every node a finite size.
+            # Only small changes are missing now.  First give every node a finite size.
             march_edges(*geometry, h, *limit, *heap, KEEP, 1 << 62)
             sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
             kernels.queue_lowered(h, candidate, _KEEP_ROUGHLY, *heap)
@@ -128,7 +128,7 @@ def march_to_rest(
 
 
 def patience(n: int) -> int:
-    """Return how many acceptances on n nodes are the most before other means are taken."""
+    """Return the largest number of acceptances on n nodes before policy iteration is used."""
     return _PATIENCE * n + CHUNK
 
 
@@ -141,9 +141,9 @@ def accept_all(
     most: int | None,
     report: ProgressCallback,
 ) -> int:
-    """March (In/Out: h, heap) until the heap is empty or so many nodes were accepted.
+    """March (In/Out: h, heap) until the heap is empty or ``most`` nodes were accepted.
 
-    ``geometry`` is what the kernels of fast_marching.py take first.
+    ``geometry`` holds the leading arguments of the kernels of fast_marching.py.
     """
     accepted = 0
     while heap[3][0] > 0 and (most is None or accepted < most):
@@ -155,7 +155,7 @@ def accept_all(
 def residual_of(
     mesh: SimplexMesh, slope: Slope, h: FloatArray, sweep: Callable[..., None]
 ) -> float:
-    """Return by how much a size is above a local update, relative to the largest finite size."""
+    """Return the largest excess of h over the local updates, relative to the largest finite h."""
     candidate = np.empty(mesh.n_points)
     sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, slope.values, slope.step, candidate)
     finite = np.isfinite(h)
@@ -164,7 +164,7 @@ def residual_of(
 
 
 def stars_of(mesh: SimplexMesh, slope: Slope) -> Stars:
-    """Return the stars of the nodes; the owners only where g varies."""
+    """Return the stars of the nodes, with owners only if g varies."""
     star_ptr = np.empty(mesh.n_points + 1, np.int64)
     star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
     owner = np.empty(mesh.cells.size if slope.step else 0, np.int32)

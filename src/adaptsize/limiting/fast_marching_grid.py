@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid
     from adaptsize.limiting.gradient_limit import Slope
 
-# Nodes accepted between two reports, which also let Ctrl-C through: about 0.1 s.
+# Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
 _CHUNK = 500_000
 
 # A candidate must be lower by more than rounding to count.
 _KEEP = 1.0 - 1e-14
 
-# Nodes whose order is improved between two reports.
+# Nodes of the second-order pass between two progress reports.
 _REFINED_AT_ONCE = 1_000_000
 
 
@@ -42,39 +42,41 @@ def solve_grid_marching(
     .. math:: \sum_a \max\left(\frac{h - v_a}{\Delta x_a}, 0\right)^2 = g^2,
               \qquad h \le h_0,
 
-    with the smaller neighbour :math:`v_a` along each axis: equation (17) of [1]_ at rest.
-    Nodes are taken in order of size up to half a rise per cell, those in a bucket in any
-    order, and come back when they are lowered again.
+    with the smaller neighbour :math:`v_a` along each axis.  This is the steady state of
+    equation (17) of [1]_.  Nodes are accepted in order of size, in buckets of half the rise
+    of a cell; the order within a bucket is arbitrary.  A node is inserted again if it is
+    lowered later.
 
-    At second order the one-sided difference through two nodes replaces the first where
-    both lie upwind [2]_.  What is upwind, and the order of the nodes, is taken from the
-    first-order sizes; so one pass suffices, each node being computed once.
+    At second order, the one-sided difference through two nodes replaces the first-order
+    difference where both nodes lie upwind [2]_.  The upwind directions and the order of the
+    nodes are taken from the first-order sizes.  One pass, which computes each node once, is
+    therefore sufficient.
 
     Parameters
     ----------
     grid : CartesianGrid
     h0 : float64[shape]
-        inf allowed; what inactive nodes hold does not matter.
+        inf allowed; values at inactive nodes are ignored.
     slope : Slope
-        g at the nodes, shape of the grid, or one g.
+        g at the nodes, in the shape of the grid, or one g.
     order : int
         1 or 2.
     residual : bool
-        Whether to spend one more sweep on the residual of the first-order equations
-        (0 is told otherwise; the second-order pass is explicit).
+        Whether to compute the residual of the first-order equations, which takes one more
+        sweep.  If False, 0 is returned.  The second-order pass is explicit.
     report : callable
 
     Returns
     -------
     Solution
-        inf at inactive nodes.  The order is reached where the bounds are smooth; at point
-        sources the error falls like the spacing (with a factor log for order 1), at order 2
-        with a constant three to six times smaller.
+        inf at inactive nodes.  The order is attained where the bounds are smooth.  At point
+        sources the error is proportional to the spacing, with a logarithmic factor for order
+        1; at order 2 the constant is three to six times smaller.
 
     Notes
     -----
-    O(n) time; besides ``h0`` and the result 20 bytes per node (40 at order 2), and 8 more for g
-    that varies.
+    The time is O(n).  Memory besides ``h0`` and the result is 20 bytes per node (40 at order
+    2), and 8 more if g varies.
 
     References
     ----------
@@ -93,7 +95,7 @@ def march_grid_to_rest(
     with_residual: bool,
     report: ProgressCallback,
 ) -> Solution:
-    """March until no node is lowered any more; ``edges``: along edges only."""
+    """March until no node is lowered any more, with ``edges`` along edges only."""
     bounds = pad(grid, h0)
     u = bounds.copy() if order == 2 else bounds
     weights = tuple(float(w) for w in 1.0 / grid.spacing**2)
@@ -119,7 +121,7 @@ def residual_of(
     geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
     edges: bool,
 ) -> float:
-    """Return by how much a padded size is above its update, relative to the largest finite one."""
+    """Return the largest excess of padded sizes over updates, relative to the largest finite h."""
     candidate = np.empty(u.size)
     kernels.sweep_grid(u, *geometry, edges, candidate)
     finite = np.isfinite(u)
@@ -159,7 +161,7 @@ def _keep_edges(
     steepest: float,
     report: ProgressCallback,
 ) -> None:
-    """Lower the sizes (In/Out) that are too steep along an edge, as few of second order are."""
+    """Lower the sizes (In/Out) that are too steep along an edge; at second order these are few."""
     candidate = np.empty(u.size)
     kernels.sweep_grid(u, *geometry, True, candidate)
     seeds = np.flatnonzero(candidate < u * _KEEP).astype(np.int32)

@@ -1,4 +1,4 @@
-"""What a user may give as ``g``, made into slopes in space and a change of variable."""
+"""The gradient limit ``g``: slopes in space and a change of variable for g(h)."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 # 1/(8 * 8192^2) = 2e-9 relative where g(h) changes by a factor e as fast as h does.
 _PER_E_FOLD = 8192
 
-# Sizes beyond this come from a g(h) whose solution grows without end.
+# Larger sizes mean that g(h) is unbounded and the solution overflows.
 _LARGEST = 1e60
 
 
 @dataclass(frozen=True)
 class Slope:
-    """The bound |grad u| <= slope that the schemes work with."""
+    """The bound |grad u| <= slope that the schemes use."""
 
     values: FloatArray
-    """A single one for all (shape (1,)), or one per cell of a mesh, or one per node of a grid."""
+    """One value for all (shape (1,)), one per cell of a mesh, or one per node of a grid."""
     at_nodes: FloatArray | None = None
-    """One per node of a mesh, if they were given so."""
+    """One value per node of a mesh, if g was given per node."""
 
     @property
     def step(self) -> int:
@@ -39,7 +39,7 @@ class Slope:
         return 0 if self.values.shape == (1,) else 1
 
     def number(self, method: str) -> float:
-        """Return the one limit; raise a ValueError in the name of the method if it varies."""
+        """Return the single limit; raise a ValueError that names the method if it varies."""
         if self.step:
             raise ValueError(
                 f"method={method!r} needs one number g or g(h), got g that varies in space"
@@ -51,20 +51,20 @@ class SizeTransform:
     r"""The change of variable that turns g(h) into a constant.
 
     With :math:`\Phi(h) = \int dh / g(h)`, the condition :math:`|\nabla h| \le g(h)`
-    is :math:`|\nabla \Phi(h)| \le 1`.  As :math:`\Phi` grows strictly for any
-    positive g, the largest such h exists, is unique, and is
-    :math:`\Phi^{-1}` of the limited :math:`\Phi(h_0)`.
+    is :math:`|\nabla \Phi(h)| \le 1`.  For any positive g, :math:`\Phi` is strictly
+    increasing.  Hence the largest such h exists and is unique; it is :math:`\Phi^{-1}` of
+    the limited :math:`\Phi(h_0)`.
 
     The table holds :math:`\Phi` at geometrically spaced sizes (two-point Gauss rule
-    in each interval) and is read by linear interpolation both ways, so that going
-    there and back loses nothing but rounding.
+    in each interval).  It is interpolated linearly in both directions, so that a round
+    trip is exact to rounding.
 
     Parameters
     ----------
     g_of_h : callable
-        Takes an array of sizes, returns positive finite limits.
+        Takes an array of sizes and returns positive finite limits.
     smallest, largest : float
-        Range of finite sizes to begin with, ``0 < smallest <= largest``.
+        Initial range of finite sizes, ``0 < smallest <= largest``.
     """
 
     def __init__(self, g_of_h: GradientOfSize, smallest: float, largest: float) -> None:
@@ -94,21 +94,21 @@ class SizeTransform:
         return np.where(np.isinf(phi), np.inf, np.interp(phi, self._phi, self._h))
 
     def is_of(self, g_of_h: GradientOfSize) -> bool:
-        """Tell whether a limit is that of the table: the same function, or of the same values."""
+        """Return whether a limit is that of the table: the same function or the same values."""
         if g_of_h is self._g_of_h:
             return True
         return bool(np.array_equal(self._of(g_of_h, self._h), self._g(self._h)))
 
     def is_same_limit(self, other: SizeTransform) -> bool:
-        """Tell whether another table is of the same limit."""
+        """Return whether another table belongs to the same limit."""
         return self.is_of(other._g_of_h)
 
     def reaches(self, smallest: float) -> bool:
-        """Tell whether a size is in the table, which grows to larger ones by itself."""
+        """Return whether a size is in the table or above it; the table grows as needed."""
         return bool(smallest >= self._h[0])
 
     def grow_to(self, largest: float) -> None:
-        """Have a size in the table."""
+        """Extend the table to a size."""
         if largest > self._h[-1]:
             self._extend_to(largest)
 
@@ -148,7 +148,7 @@ def resolve(
 ) -> tuple[Slope, SizeTransform | None]:
     """Return the slopes in space and, where g depends on h, the change of variable.
 
-    That is ``earlier`` if it is of the same limit and knows the sizes.
+    The change of variable is ``earlier`` if that has the same limit and covers the sizes.
 
     Raises
     ------
@@ -175,11 +175,11 @@ def _in_space(background: SimplexMesh | CartesianGrid, g: object) -> Slope:
     """Return one limit for all, one per node of a grid, or one per cell of a mesh."""
     values = as_float_array("g", g)  # type: ignore[arg-type]
     if isinstance(background, CartesianGrid) and values.shape == background.shape:
-        # Inactive nodes may hold anything.
+        # The values at inactive nodes are arbitrary.
         values = values if background.active is None else np.where(background.active, values, 0.0)
     refuse_where("g", ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
     refuse_where("g", values > STEEPEST, values, f"must be at most {STEEPEST:g}")
-    # Its square would underflow; it raises no size by more than rounding.
+    # The square of such a g would underflow.  Its effect on sizes is below rounding.
     values = np.where(values < 1.0 / STEEPEST, 0.0, values)
     if values.ndim == 0:
         return Slope(values.reshape(1))

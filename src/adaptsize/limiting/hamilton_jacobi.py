@@ -16,8 +16,8 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid
 
-# Order 1 is monotone up to 1.  Order 2 needs the damping of long steps: at 0.5 the switches
-# of its differences keep it from settling below a rate of about 1e-4 g.
+# Order 1 is monotone up to 1.  Order 2 needs the damping of long steps: at 0.5 the switching
+# of its differences prevents convergence below a rate of about 1e-4 g.
 _CFL = 0.9
 _WORK_PER_CHUNK = 5e7  # nodes, times axes: about 0.1 s between two progress calls
 
@@ -41,30 +41,31 @@ def solve_hamilton_jacobi(
 
     .. math:: h \leftarrow \min\bigl(h_0,\; h - \Delta t\,(D(h) - g)\bigr)
 
-    with D the Godunov upwind value of the gradient: along each axis the steeper of the two
-    falls towards a neighbour, where there is one.  Boundaries need no treatment, as a
-    missing neighbour adds nothing.  At order 2 the differences are corrected by ENO second
-    differences [2]_ and the step is one of the third-order TVD Runge-Kutta method [3]_.
+    where D is the Godunov upwind value of the gradient: along each axis it uses the steeper
+    of the two descents towards a neighbour, if there is one.  Boundaries need no special
+    treatment, because a missing neighbour contributes nothing.  At order 2 the differences
+    are corrected by ENO second differences [2]_, and the time step is that of the
+    third-order TVD Runge-Kutta method [3]_.
 
     Parameters
     ----------
     grid : CartesianGrid
-        1-D, 2-D or 3-D; nodes with ``active`` False take no part.
+        1-D, 2-D or 3-D.  Nodes with ``active`` False are ignored.
     h0 : float64[shape]
         inf allowed; not read at inactive nodes.
     slope_values : float64[shape] or float64[1]
-        g(x), per node or one for all, >= 0.  A limit g(h) must have been removed by the
-        change of variable of `SizeTransform`; h0 and start are then the transformed ones.
+        g(x) >= 0, per node or one for all.  A limit g(h) must have been removed by the
+        change of variable of `SizeTransform`; h0 and start are then transformed sizes.
     start : float64[shape]
-        Start values, lowered to ``h0`` where they are above.  Finite wherever the limited
-        size is; nodes that are inf here take no part and stay inf (a component without a
-        bound).
+        Start values, lowered to ``h0`` where they exceed it.  They must be finite wherever the
+        limited size is.  Nodes that are inf here are ignored and stay inf (a component without
+        a bound).
     order : int
         1 or 2.
     tol : float
         Stop when no node changes faster than ``tol`` times the largest g per unit of time.
     max_iter : int or None
-        Most steps.  None: what ten crossings of the grid take, and 200.
+        Largest number of steps.  None: the steps of ten crossings of the grid, plus 200.
     report : callable
     cfl : float
         :math:`\Delta t \sqrt{\sum_a 1/\Delta x_a^2}`, at most 1.  The published
@@ -73,43 +74,45 @@ def solve_hamilton_jacobi(
     Returns
     -------
     Solution
-        ``h <= h0``; inf at inactive nodes.  ``residual`` is the last largest rate of change
-        over the largest g; ``converged`` is False if ``max_iter`` steps did not meet ``tol``.
+        ``h <= h0``; inf at inactive nodes.  ``residual`` is the largest rate of change in the
+        last step, divided by the largest g.  ``converged`` is False if ``max_iter`` steps did
+        not meet ``tol``.
 
     Notes
     -----
     *Obstacle form.*  The published iteration [1]_,
-    :math:`h + \Delta t\,(\min(D, g) - D)` from h0, can only lower.  It is at rest at *any*
-    field that is nowhere too steep, so that what a start has too low stays too low, and an
-    overshoot of order 2 on the way freezes: on the model problem of two sources on 101 x
-    101 nodes its error at order 2 is 0.084 from a fast marching start and 0.25 from a
-    constant.  The obstacle form has the same solution above a start that is too high, but
-    also rises where it is too low, at the rate g: it has one steady state, whatever the
-    start (at order 2: no start was found to change it), and 0.096 on that problem.  So a
-    solution for a slightly different h0, too high here and too low there, is a good
-    start, and a constant is a valid one.  Only where g = 0 a start that is too low stays.
+    :math:`h + \Delta t\,(\min(D, g) - D)` from h0, can only lower sizes.  *Any* field that is
+    nowhere too steep is a steady state.  Hence a start that is too low stays too low, and an
+    overshoot of order 2 during the iteration is permanent.  On the model problem of two
+    sources on 101 x 101 nodes, its error at order 2 is 0.084 from a fast marching start and
+    0.25 from a constant.  From a start that is too high, the obstacle form has the same
+    solution.  Where the start is too low, it also rises, at the rate g.  It has one steady
+    state for every start (at order 2, no start was found to change it), and an error of 0.096
+    on that problem.  So the solution for a slightly different h0, too high at some nodes and
+    too low at others, is a good start, and a constant is a valid one.  Only where g = 0, a
+    start that is too low stays.
 
     *Ridges.*  Where a node has two lower neighbours along an axis, [1]_ adds both squares.
-    The steeper one alone is the Godunov flux; its steady state at order 1 is that of fast
+    The steeper one alone is the Godunov flux.  Its steady state at order 1 is that of fast
     marching, which solves the same quadratic equation node by node.
 
-    *Order and guarantees.*  No size falls below the least of ``h0`` and ``start``.  Order 1 is
-    monotone: a smaller h0 or g gives a smaller h; and D <= g (1 + tol) at every node when it
-    stops.  Order 2 is not monotone.  It is of second order where the solution is smooth, also
-    at the edge of the set where h = h0, where no undershoot was seen; of first order at
-    bare point sources, and where fronts meet, which is where it undershoots (on the model
-    problem by 0.012 of 25, order 1 by 0.007).  Forward Euler diverges with its
-    differences, and the second-order Runge-Kutta step does not come to rest, whence the
-    third-order one.
+    *Order and guarantees.*  No size falls below the minimum of ``h0`` and ``start``.  Order 1
+    is monotone: a smaller h0 or g gives a smaller h.  When it stops, D <= g (1 + tol) at every
+    node.  Order 2 is not monotone.  It is of second order where the solution is smooth, also
+    at the boundary of the set where h = h0; no undershoot was observed there.  It is of first
+    order at isolated point sources and where fronts meet.  There it undershoots, on the model
+    problem by 0.012 of 25 (order 1: by 0.007).  Forward Euler diverges with the second-order
+    differences, and the second-order Runge-Kutta method does not converge to a steady state;
+    therefore the third-order method is used.
 
-    *Cost.*  Information travels less than one node per step, so that the steps are those of
-    the longest way from a bound to what it limits: :math:`O(n^{1 + 1/d})` in all for n nodes
-    in d dimensions if the bounds are few, and near O(n) where h0 is nearly limited already
-    or ``start`` is close and the change local.  A bound changed by a little is not found
-    faster than one changed by much: the news has the same way to go.  Fast marching is
-    O(n log n) always; choose the iteration for a good start, for short ways, or for its
-    second order.  Memory: 3 arrays of the grid at order 1, 4 at order 2, and one more if g
-    varies.
+    *Cost.*  Information propagates by less than one node per step.  The number of steps is
+    therefore set by the longest path from a bound to a node that it limits.  The total cost is
+    :math:`O(n^{1 + 1/d})` for n nodes in d dimensions if there are few bounds.  It is near O(n)
+    if h0 is nearly limited already, or if ``start`` is close and the change is local.  A small
+    change of a bound does not converge faster than a large one, because it propagates over
+    the same distance.  Fast marching is always O(n log n).  Choose the iteration for a good
+    start, for short paths, or for its second order.  Memory: 3 arrays of the grid at order 1,
+    4 at order 2, and one more if g varies.
 
     References
     ----------
@@ -154,7 +157,7 @@ def solve_hamilton_jacobi(
 def _iterate(
     u: FloatArray, problem: tuple[Any, ...], max_iter: int, report: ProgressCallback
 ) -> tuple[int, FloatArray, float]:
-    """Take steps from ``u``, which is overwritten; return their number, h, the last change."""
+    """Iterate from ``u``, which is overwritten; return the number of steps, h, the last change."""
     _, _, _, rows, n_row, strides, _, order, _, _ = problem
     spare = np.full_like(u, np.nan)
     stage = np.full_like(u, np.nan) if order == 2 else spare
@@ -177,7 +180,7 @@ def _iterate(
 def _rows(
     takes_part: BoolArray, strides: npt.NDArray[np.int64], width: int
 ) -> npt.NDArray[np.int64]:
-    """Return where the rows along the last axis begin, of those with nodes that take part."""
+    """Return the starts of the rows along the last axis that contain participating nodes."""
     index = np.argwhere(takes_part.any(axis=-1)) + width
     begin: npt.NDArray[np.int64] = index @ strides[:-1] + width
     return begin

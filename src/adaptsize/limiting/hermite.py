@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.limiting.gradient_limit import Slope
 
-# Nodes accepted between two reports, which also let Ctrl-C through: about 0.1 s.
+# Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
 _CHUNK = 50_000
 
-# The boundary may turn inwards by so much (radians) before paths bend there.
+# Paths bend where the boundary turns inwards by more than this angle in radians.
 _FLAT = 1e-9
 
 
@@ -37,47 +37,48 @@ def solve_hermite(
 ) -> Solution:
     r"""Limit sizes by fast marching with cubic instead of linear sizes on the edges.
 
-    Besides its size h each node keeps the gradient of h there, which points along the ray
-    that reached it and has the length g.  Node k is updated from the opposite edge
-    (a, b) of a triangle by
+    Besides its size h, each node stores the gradient of h.  It points along the ray that
+    reached the node and has the length g.  Node k is updated from the opposite edge (a, b)
+    of a triangle by
 
     .. math:: \min_{0 \le s \le 1} H(s) + \tfrac12 (g_k + g(s)) \, |x_k - x(s)|
 
     where H is the cubic Hermite interpolant of sizes and slopes at a and b, and g is
-    linear along the edge (Newton's method).  Where a slope is not known, at sources
-    and at nodes whose ray did not come through a triangle, or where a ray does not cross the
-    edge towards k, H is linear.  Next to a point source H is exact.
+    linear along the edge (Newton's method).  H is linear where a slope is not known, that is,
+    at sources and at nodes whose ray did not come through a triangle, and where a ray does
+    not cross the edge towards k.  Next to a point source H is exact.
 
-    On a surface gradients are kept in the plane into which the triangles around the
-    node are unrolled.  So rays go straight over sharp edges: a folded sheet gives what
-    it gives when laid flat.
+    On a surface, gradients are stored in the plane into which the triangles around the
+    node are unrolled.  Rays therefore go straight over sharp edges, and a folded sheet gives
+    the same sizes as the flat sheet.
 
     Parameters
     ----------
     mesh : SimplexMesh
-        Triangles, in the plane or in space; sharp edges, holes and several components
-        are allowed.  Nodes whose triangles do not form one fan get linear updates.
+        Triangles, in the plane or in space.  Sharp edges, holes and several components
+        are allowed.  Nodes whose triangles do not form a single fan get linear updates.
     h0 : float64[n]
         inf allowed.
     slope : Slope
         One limit, or one per cell.  Across jumps of g the order is that of fast marching.
     nodal_g : float64[n] or None
-        A limit that varies smoothly, linear between the nodes; then ``slope`` is not used.
+        A smooth limit, interpolated linearly between the nodes; ``slope`` is then not used.
     residual : bool
-        Whether to measure the residual: the most by which a size exceeds what its
-        neighbours allow along edges, relative to the largest size (0 is told otherwise).
+        Whether to compute the residual: the largest amount by which a size exceeds the bound
+        from its neighbours along edges, relative to the largest size.  If False, 0 is
+        returned.
     report : callable
 
     Returns
     -------
     Solution
-        ``h <= h0``, and along each edge h differs by at most its length times g (the least
-        of its cells; the mean of its ends with ``nodal_g``), to rounding.  Errors are
-        of either sign.  From point sources in the plane and on smooth surfaces the mean error
-        falls by 2.5 to 4 when the mesh size is halved, the largest one, on the lines where
-        fronts meet, by 2.  Measured, two points in a square of side 100 with g = 0.3 and
-        10 000 nodes: mean .0010, at most .029 (fast marching .136 and .206).
-        ``iterations`` is the number of accepted nodes.
+        ``h <= h0``, and along each edge h differs by at most the length of the edge times g,
+        to rounding; g is the smallest of the cells at the edge, or with ``nodal_g`` the mean
+        of its ends.  Errors are of either sign.  From point sources in the plane and on smooth
+        surfaces, halving the mesh size reduces the mean error by a factor of 2.5 to 4, and
+        the largest error, on the lines where fronts meet, by a factor of 2.  Measured with
+        two points in a square of side 100, g = 0.3 and 10 000 nodes: mean error .0010, at most
+        .029 (fast marching: .136 and .206).  ``iterations`` is the number of accepted nodes.
 
     Raises
     ------
@@ -86,16 +87,16 @@ def solve_hermite(
 
     Notes
     -----
-    Lower ``h0`` or ``g`` need not give lower sizes everywhere, limiting the result again
-    may change it (sources have no gradient), and a renumbered mesh
-    gives the same to the accuracy of the scheme where fronts meet, not to rounding.
-    All that `solve_fast_marching` keeps to rounding.
+    Three properties of `solve_fast_marching` do not hold to rounding here.  A smaller ``h0``
+    or ``g`` need not give smaller sizes everywhere.  Limiting the result again may change it,
+    since sources have no gradient.  Where fronts meet, renumbering the mesh changes the
+    result within the accuracy of the scheme.
 
     Time is O(n log n), 1.4 to 1.7 times that of fast marching in the plane and 2.5 to 3
-    times on surfaces; memory beyond that of fast marching is 21 bytes per node, and on
-    surfaces 120 per cell.  A node can be lowered 40 times from edges, each time by twice as
-    much, relatively, as before: so marching always ends, without
-    policy iteration; 8 times per node was the mean on meshes stretched 10:1.
+    times on surfaces.  Memory beyond that of fast marching is 21 bytes per node, and on
+    surfaces 120 per cell.  A node can be lowered 40 times from edges, each time by twice the
+    relative amount of the time before.  Marching therefore always ends, without policy
+    iteration.  On meshes stretched 10:1 the mean was 8 times per node.
 
     References
     ----------
@@ -162,7 +163,7 @@ def _heap_of(h: FloatArray) -> tuple[FloatArray, IntArray, IntArray, npt.NDArray
     n = len(h)
     key, node, place = np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32)
     order = np.argsort(h, kind="stable")[: np.count_nonzero(np.isfinite(h))]
-    key[: len(order)] = h[order]  # what is sorted is a heap
+    key[: len(order)] = h[order]  # a sorted array is a heap
     node[: len(order)] = order
     place[order] = np.arange(len(order))
     return key, node, place, np.array([len(order)], np.int64)
@@ -180,7 +181,7 @@ def _where_paths_bend(mesh: SimplexMesh) -> tuple[BoolArray, bool]:
 def _limits(
     mesh: SimplexMesh, g: FloatArray, mode: int, factored: bool
 ) -> tuple[float, float, float]:
-    """Return least and largest g, and the largest slope of a smooth one (inf if not needed)."""
+    """Return the smallest and largest g, and the largest slope of a smooth g (inf if unused)."""
     steepest = 0.0
     if mode == PER_NODE:
         axes = (0,) * mesh.dim
@@ -191,7 +192,7 @@ def _limits(
 
 
 def _edge_residual(mesh: SimplexMesh, h: FloatArray, g: FloatArray, mode: int) -> float:
-    """Return the most by which h exceeds what neighbours allow, relative to the largest h."""
+    """Return the largest excess of h over the bound from its neighbours, relative to max h."""
     finite = np.isfinite(h)
     most = 0.0
     for v in range(3):

@@ -1,4 +1,4 @@
-"""What the caller learns about a limited size field, and what the next call starts from."""
+"""`LimitingInfo`: diagnostics of a limited size field, and the data for a warm start."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A problem and its solution; nothing in it is written into."""
+    """A problem and its solution; its arrays are never modified."""
 
     background: SimplexMesh | CartesianGrid | Octree
     domain: SimplexMesh | CartesianGrid
-    """What the schemes ran on."""
+    """The mesh or grid that the scheme ran on."""
     bound: FloatArray
     """h0 as given, inf at inactive nodes; a copy."""
     h: FloatArray
@@ -38,24 +38,24 @@ class Record:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LimitingInfo:
-    """What a careful user asks of a limited size field, and where the next call may start.
+    """Diagnostics of a limited size field, and the data for a warm start.
 
-    Slopes are told as multiples of the gradient limit, so that 1 means "as steep as
-    allowed", also where g varies; with g(h) they are those of the transformed size.
-    Numbers that take a look at all nodes or cells are worked out when they are asked for.
+    Slopes are given as multiples of the gradient limit: 1 means "as steep as allowed", also
+    where g varies.  With g(h) they are slopes of the transformed size.  Numbers that need a
+    pass over all nodes or cells are computed on first access.
 
-    Given to `limit_gradient` as ``initial``, it saves most of the work on a problem that
-    differs at few nodes.  For that it keeps the arrays of the solution.
+    If an info is given to `limit_gradient` as ``initial``, most of the work is saved on a
+    problem that differs at few nodes.  For this purpose it keeps the arrays of the solution.
     """
 
     method: str
     """The scheme that was used."""
     iterations: int
-    """Nodes accepted while marching, steps of an iteration, or sources of the exact method."""
+    """Number of accepted nodes (marching), steps (iterations) or sources (exact method)."""
     converged: bool
-    """Whether the scheme came to its end: iterations met their tolerance within ``max_iter``."""
+    """Whether the scheme converged; an iteration has to meet its tolerance within ``max_iter``."""
     record: Record
-    """What a call with this as ``initial`` starts from; of no use otherwise."""
+    """Data for a later call with this info as ``initial``; for internal use."""
 
     def __repr__(self) -> str:
         """Say which method was used and how many sizes are below their bounds."""
@@ -69,9 +69,9 @@ class LimitingInfo:
 
     @cached_property
     def n_free(self) -> int:
-        """Number of nodes that are still inf: no bound lies in their component.
+        """Number of nodes whose size is inf because there is no bound in their component.
 
-        Inactive nodes of a grid do not count.
+        Inactive nodes of a grid are not counted.
         """
         active = getattr(self.record.domain, "active", None)
         n_inactive = 0 if active is None else int(np.count_nonzero(~active))
@@ -79,9 +79,10 @@ class LimitingInfo:
 
     @cached_property
     def residual(self) -> float:
-        """What the scheme's own equation is missed by.
+        """Residual of the discrete equations of the scheme.
 
-        Relative to the largest finite size (marching) or to g (iterations); 0 of the exact method.
+        Relative to the largest finite size (marching) or to g (iterations); 0 for the exact
+        method.
         """
         return self.record.solution.residual
 
@@ -92,7 +93,7 @@ class LimitingInfo:
             steepest, ratio = on_grids.slopes(domain, u, slope)
         else:
             steepest, ratio = on_simplices.slopes(domain, u, slope)
-        # Values that occur, not means of two: a cell where g = 0 counts as inf.
+        # Take values that occur, not means of two, since a cell with g = 0 may have ratio inf.
         levels = np.zeros(len(QUANTILES))
         if ratio.size:
             levels = np.quantile(ratio, QUANTILES, method="higher")
@@ -102,7 +103,7 @@ class LimitingInfo:
     def largest_edge_slope(self) -> float:
         """Largest ``(h_i - h_j) / (g |x_i - x_j|)`` over all edges.
 
-        1 to rounding, or less, is what the schemes promise.
+        All schemes guarantee a value of at most 1, to rounding.
         """
         return self._slopes[0]
 
@@ -110,8 +111,8 @@ class LimitingInfo:
     def cell_gradient_quantiles(self) -> dict[float, float]:
         """Quantiles (0.5, 0.9, 0.99, 1) of ``|grad h| / g`` of the interpolant.
 
-        Over the cells that are not degenerate (on grids: at the centre of each box).  May exceed
-        1 around point sources and where fronts meet: exact nodal values do so too.
+        Over all cells that are not degenerate; on grids, at the centre of each box.  They may
+        exceed 1 around point sources and where fronts meet, even with exact nodal values.
         """
         return self._slopes[1]
 
@@ -119,27 +120,28 @@ class LimitingInfo:
     def n_proved(self) -> int | None:
         """Number of nodes whose size is proved exact; None for other methods than ``"exact"``.
 
-        All of them in convex domains and in the plane.  In space those of which the source that
-        allows the least, however it is hidden, is seen.
+        In convex domains and in the plane these are all nodes.  In solids these are the nodes
+        from which the source of the smallest bound, among visible and hidden ones, is visible.
         """
         solution = self.record.solution
         return solution.n_proved if isinstance(solution, ExactSolution) else None
 
     @cached_property
     def largest_gap(self) -> float | None:
-        """Largest difference of a size that is not proved and its lower bound, in sizes.
+        """Largest difference between a size that is not proved exact and its lower bound.
 
-        The lower bound is what all sources allow when nothing hides them.  0 if all sizes are
-        proved; None for other methods than ``"exact"``.  With g(h) that of the transformed size.
+        The lower bound is the size that would result if all sources were visible.  The gap has
+        the unit of the sizes, with g(h) of the transformed size.  It is 0 if all sizes are
+        proved exact, and None for other methods than ``"exact"``.
         """
         solution = self.record.solution
         return solution.largest_gap if isinstance(solution, ExactSolution) else None
 
     @cached_property
     def sources(self) -> SizeSources | None:
-        """Where each size comes from; None for other methods than ``"exact"``.
+        """Source of each size; None for other methods than ``"exact"``.
 
-        None, too, on grids where sizes go through passages without a whole box.
+        Also None on grids where sizes propagate through passages without a whole box.
         """
         record = self.record
         if not isinstance(record.solution, ExactSolution) or not record.solution.parts:

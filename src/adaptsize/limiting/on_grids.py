@@ -23,7 +23,7 @@ METHODS = ("exact", "fast-marching", "hamilton-jacobi", "edge-based")
 
 
 def choose_method(grid: CartesianGrid, problem: Problem) -> str:
-    """Return what ``method="auto"`` takes: the most accurate scheme that applies."""
+    """Return the method for ``method="auto"``: the most accurate scheme that applies."""
     if problem.slope.step or problem.order == 2:
         return "fast-marching"
     return "exact"
@@ -54,7 +54,7 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
 def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:
     """Run the Hamilton-Jacobi iteration from ``initial`` or from fast marching."""
     h0, slope, start = problem.h0, problem.slope, problem.initial
-    # Also where a start is given: it tells which nodes are cut off from every bound.
+    # Needed even with a start: its inf mark the nodes that are not connected to any bound.
     marched = solve_grid_marching(grid, h0, slope, order=1, residual=False, report=problem.report).h
     if start is None:
         start = marched
@@ -79,7 +79,7 @@ def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:
 def slopes(grid: CartesianGrid, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
     """Return the steepest edge and |grad u| at the centre of each box, as multiples of g.
 
-    An edge obeys g at its end of larger size, as in the update of that node.
+    On an edge, g is taken at the end of larger size, as in the update of that node.
     """
     g = np.broadcast_to(
         slope.values.reshape((1,) * grid.dim) if not slope.step else slope.values, grid.shape
@@ -108,7 +108,7 @@ def _ends(values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _mean_across(along: FloatArray, axis: int) -> FloatArray:
-    """Average what edges along an axis carry over the edges of each box."""
+    """Average values on the edges along an axis over the edges of each box."""
     for other in range(along.ndim):
         if other != axis:
             first, last = _ends(along, other)

@@ -1,4 +1,4 @@
-"""The schemes for simplex meshes (and for octrees, by their conforming mesh)."""
+"""The schemes for simplex meshes, and for octrees through their conforming mesh."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _DIRECT = {
 
 
 def choose_method(mesh: SimplexMesh, problem: Problem) -> str:
-    """Return what ``method="auto"`` takes: the most accurate scheme that applies."""
+    """Return the method for ``method="auto"``: the most accurate scheme that applies."""
     slope = problem.slope
     is_flat = mesh.cell_dim == mesh.dim
     if is_flat and not slope.step:

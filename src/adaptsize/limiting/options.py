@@ -1,4 +1,4 @@
-"""Which options each method of `limit_gradient` looks at; others are refused, not ignored."""
+"""The options of each method of `limit_gradient`; other options are refused, not ignored."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Method: TypeAlias = Literal[
 ]
 
 #: The options of each method.
-#: As ``initial`` every method takes a `LimitingInfo`; an array is for those that list it.
+#: Every method accepts a `LimitingInfo` as ``initial``; only those listed here accept an array.
 _OPTIONS: dict[str, frozenset[str]] = {
     "exact": frozenset({"face_sources", "threads", "point_sources"}),
     "factored": frozenset(),
@@ -31,26 +31,26 @@ _OPTIONS: dict[str, frozenset[str]] = {
 # Options that no method has on meshes.
 _ON_GRIDS = ("order",)
 
-# What ``method="auto"`` may take.
+# Methods that ``method="auto"`` may choose.
 _AUTOMATIC = ("exact", "factored", "hermite", "fast-marching")
 
 
 def refuse_idle(method: str, available: tuple[str, ...], given: Mapping[str, bool]) -> None:
-    """Raise a ValueError if an option was given that the method does not look at.
+    """Raise a ValueError if an option was given that the method does not use.
 
     Parameters
     ----------
     method : str
-        ``"auto"`` looks at what any method looks at that it may take.
+        ``"auto"`` uses all options of the methods that it may choose.
     available : tuple of str
         The methods for this kind of background.
     given : dict of bool
-        For each option whether it differs from its default.
+        Whether each option differs from its default.
 
     Raises
     ------
     ValueError
-        That names the first such option and the methods that use it.
+        The message names the first such option and the methods that use it.
     """
     on_grid = "hamilton-jacobi" in available
     taken = [m for m in _AUTOMATIC if m in available] if method == "auto" else [method]

@@ -1,4 +1,4 @@
-"""Policy iteration: the discrete equations where marching would go round in circles."""
+"""Policy iteration for the discrete equations, where marching would cycle."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ def iterate_policies(
 ) -> tuple[FloatArray, str]:
     r"""Solve h_k = min(h0_k, min over cells of the Hopf-Lax update) from above.
 
-    Each update is the minimum of linear functions of the sizes it uses.  So fix the
-    best one of every node, solve the linear equations :math:`(I - W) h = c` that
-    result, and repeat until no node finds a better one (Howard [1]_).  From a start
-    above the solution the sizes fall monotonically; the convergence is that of Newton's
-    method, however long the circles in which nodes depend on each other.
+    Each update is the minimum of linear functions of the sizes it uses.  Fix the best one
+    for every node, solve the resulting linear equations :math:`(I - W) h = c`, and repeat
+    until no node finds a better one (Howard [1]_).  From a start above the solution the
+    sizes decrease monotonically.  The iteration converges like Newton's method, regardless
+    of the length of the cycles in which nodes depend on each other.
 
     Parameters
     ----------
     mesh : SimplexMesh
     slope : Slope
     h : float64[n]
-        Start: at most h0, at least the solution everywhere, finite wherever that is.
+        Start: at most h0, at least the solution, and finite where the solution is.
     report : callable
 
     Returns
@@ -55,7 +55,8 @@ def iterate_policies(
     h : float64[n]
         The solution, to 1e-13 relative.
     unfinished : str
-        Empty; or that 200 policies were not enough (5 to 50 were seen), and what is missing.
+        Empty if converged.  Otherwise a message that 200 policies were not enough (5 to 50
+        were observed), with the last change.
 
     References
     ----------
@@ -72,8 +73,8 @@ def iterate_policies(
         limit = (slope.values, slope.step)
         axes = (0,) * mesh.dim
         fill_policy(mesh.points, axes, mesh.cells, h, h, *limit, value, *offer)
-        # A policy is changed for a lower size only: else nodes at no distance from each
-        # other, or at one that g makes vanish in rounding, could all refer to each other.
+        # A policy is changed only if the size decreases.  Otherwise coincident nodes, or nodes
+        # whose distance times g is below rounding, could all refer to each other.
         lower = value < h * _KEEP
         if not lower.any():
             return h, ""
@@ -88,7 +89,7 @@ def iterate_policies(
         if change <= _ROUNDING:
             return h, ""
     return h, (
-        f"policy iteration stopped after {_MOST_STEPS} steps with sizes still falling by "
+        f"policy iteration stopped after {_MOST_STEPS} steps with sizes still decreasing by "
         f"{change:.1g} relative"
     )
 

@@ -1,4 +1,4 @@
-"""What every scheme returns."""
+"""`Solution`: the result of a scheme."""
 
 from __future__ import annotations
 
@@ -14,33 +14,32 @@ from adaptsize.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Result of one scheme; its arrays are not written into afterwards."""
+    """Result of one scheme; its arrays are not modified afterwards."""
 
     h: FloatArray
     iterations: int
     missed_by: float | Callable[[], float]
-    """The residual, or how to find it."""
+    """The residual, or a function that computes it."""
     unfinished: str = ""
-    """Why the scheme stopped before it had converged, as a text for the user; empty if it has."""
+    """Message for the user if the scheme stopped before convergence; empty if it converged."""
     memory: Any = None
-    """What the scheme wants back when it is to solve a problem that differs little."""
+    """Data that the scheme reuses in a warm start."""
 
     @property
     def converged(self) -> bool:
-        """Whether the scheme came to its end."""
+        """Whether the scheme converged."""
         return not self.unfinished
 
     @cached_property
     def residual(self) -> float:
-        """By how much the scheme's own equation is missed."""
+        """Residual of the discrete equations of the scheme."""
         return self.missed_by() if callable(self.missed_by) else self.missed_by
 
 
 def relative_to_largest(excess: float, h: FloatArray) -> float:
     """Return an excess of sizes relative to the largest finite one; 0 if there is no excess.
 
-    With g(h) sizes are transformed so that the smallest is 0; if all bounds are equal, so is the
-    largest.
+    With g(h) the smallest transformed size is 0.  If all bounds are equal, the largest is 0 too.
     """
     if excess <= 0.0:
         return 0.0

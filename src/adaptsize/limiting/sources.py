@@ -1,4 +1,4 @@
-"""Where limited sizes come from."""
+"""`SizeSources`: the controlling sources of limited sizes."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ if TYPE_CHECKING:
     from adaptsize.limiting.exact.api import Part
     from adaptsize.limiting.gradient_limit import SizeTransform
 
-# Points that are worked on between two chances for Ctrl-C.
+# Points per batch; Ctrl-C takes effect between batches.
 _AT_ONCE = 500_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SizeSources:
-    """The source of each nodal size: the node, edge or face whose bound it grew from.
+    """The controlling source of each nodal size: the node, edge or face whose bound it grew from.
 
-    Result of the exact method, as ``info.sources`` of
-    ``limit_gradient(..., full_output=True)``.  With the sources a size function needs no
-    interpolation: see `evaluate`, and `SizeFunction`.
+    The exact method computes the sources; they are ``info.sources`` of
+    ``limit_gradient(..., full_output=True)``.  With the sources, sizes between the nodes need
+    no interpolation; see `evaluate` and `SizeFunction`.
     """
 
     background: SimplexMesh | CartesianGrid | Octree
     nodes: IntArray
-    """int32[n_points, dim]: nodes of each source, -1 where there are fewer.  A node that keeps
-    its bound is its own source; a node that no bound reaches has none.  Where the path bends at a
-    node, that is the source.  ``n_points + k`` is the k-th of the point sources."""
+    """int32[n_points, dim]: nodes of each source, padded with -1.  A node that keeps its bound is
+    its own source.  A node that no bound reaches has no source.  If the path bends at a node, that
+    node is the source.  ``n_points + k`` is the k-th of the point sources."""
     bends: FloatArray
-    """float64[n_points, dim]: the last point where the path from the source bends, nan where it is
-    straight; no rows in a convex domain."""
+    """float64[n_points, dim]: the last point where the path from the source bends, nan if the path
+    is straight.  In a convex domain there are no rows."""
     bound: FloatArray
     """float64[n_points]: h0; transformed if g depends on h."""
     limited: FloatArray
     """float64[n_points]: the limited sizes; transformed if g depends on h."""
     parts: list[Part] = field(default_factory=list)
-    """What decides the size in each component of the domain."""
+    """The sources in each component of the domain."""
     transform: SizeTransform | None = None
 
     @classmethod
@@ -78,7 +78,7 @@ class SizeSources:
         return cls(background, nodes, bends, bound.ravel(), limited, solution.parts, transform)
 
     def __repr__(self) -> str:
-        """Say how many sources feed how many nodes."""
+        """Return the numbers of sources and of nodal sizes."""
         used = self.nodes[self.nodes[:, 0] >= 0]
         n_sources = len(np.unique(used, axis=0))
         return f"SizeSources({n_sources} sources of {len(self.nodes)} nodal sizes)"
@@ -86,8 +86,8 @@ class SizeSources:
     def roots(self) -> IntArray:
         """Return for each node the node whose bound its size goes back to.
 
-        Bends are followed to their own source, and of a source of several nodes the one
-        of the smallest bound is taken.
+        Where a path bends, it is followed further back to its source.  If a source has several
+        nodes, the one with the smallest bound is returned.
 
         Returns
         -------
@@ -100,7 +100,7 @@ class SizeSources:
         several = (self.nodes[:, 1:] >= 0).any(axis=1)
         least = np.where(several, np.argmin(bounds, axis=1), 0)
         root = np.take_along_axis(self.nodes, least[:, None], axis=1)[:, 0]
-        while True:  # each round doubles the length of the way back
+        while True:  # each pass doubles the number of steps that are followed
             further = np.where(root < n, root[np.clip(root, 0, n - 1)], root)
             further = np.where(root >= 0, further, -1)
             if np.array_equal(further, root):
@@ -110,10 +110,10 @@ class SizeSources:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return the limited size at points of the domain, without interpolation.
 
-        The least of what sources and corners of the boundary allow that the point sees, and
-        of the interpolated bound: the limited size itself, to rounding, in convex domains and
-        in the plane.  In solids that are not convex, and on grids with passages without a whole
-        box, the nodal sizes are interpolated.
+        The size is the minimum of the interpolated bound and of the sizes that the visible
+        sources and boundary corners allow.  In convex domains and in the plane this is the
+        exact limited size, to rounding.  In solids that are not convex, and on grids with
+        passages without a whole box, the nodal sizes are interpolated instead.
 
         Parameters
         ----------
@@ -129,13 +129,13 @@ class SizeSources:
         return np.concatenate([self.at(part, *locator.weights(part)[:2]) for part in parts])
 
     def at(self, points: FloatArray, around: IntArray, weights: FloatArray) -> FloatArray:
-        """Return the limited size at points of which the nodes around and their weights are known.
+        """Return the limited size at points whose surrounding nodes and weights are known.
 
         Parameters
         ----------
         points : float64[n, dim]
         around, weights : int32[n, k], float64[n, k]
-            As ``background.locator.weights`` gives them.
+            As returned by ``background.locator.weights``.
         """
         values = self._transformed(points, around, weights)
         return values if self.transform is None else self.transform.backward(values)
@@ -156,7 +156,7 @@ class SizeSources:
 
 
 def _interpolate(values: FloatArray, around: IntArray, weights: FloatArray) -> FloatArray:
-    """Return interpolated nodal values, inf beside inf; nodes of weight 0 do not count."""
+    """Return interpolated nodal values, inf if a node of positive weight is inf."""
     nodal = np.where(weights > 0.0, values[around], 0.0)
     infinite = np.isinf(nodal).any(axis=1)
     nodal[infinite] = 0.0

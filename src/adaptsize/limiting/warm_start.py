@@ -1,4 +1,4 @@
-"""Limiting again after few bounds have changed: is it the same problem, and what changed."""
+"""Warm start: check that only bounds differ from an earlier call, and reuse its solution."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 def resume(
     record: Record, method: str, problem: Problem, transform: SizeTransform | None
 ) -> Solution | None:
-    """Return the solution of a problem from that of an earlier one.
+    """Return the solution of a problem, computed from that of an earlier one.
 
-    None if the method cannot, or not in this case: then it is to be solved anew.
+    None if the method does not support this, or not in this case.  The problem must then be
+    solved from scratch.
     """
     if transform is not record.transform:  # sizes below those of the table
         return None
@@ -48,7 +49,7 @@ def refuse_others(
     problem: Problem,
     transform: SizeTransform | None,
 ) -> None:
-    """Raise a ValueError if the earlier call was about something else than new bounds."""
+    """Raise a ValueError if the earlier call differs in more than the bounds."""
     before = info.record.problem
     if info.method != method:
         raise ValueError(
@@ -67,7 +68,7 @@ def refuse_others(
 
 
 def refuse_background(record: Record, background: SimplexMesh | CartesianGrid | Octree) -> None:
-    """Raise a ValueError if the earlier call was about another background."""
+    """Raise a ValueError if the earlier call had another background."""
     if not is_same(record.background, background):
         raise ValueError(
             f"initial must come from the same background: it is of {record.background!r}, "
@@ -76,7 +77,7 @@ def refuse_background(record: Record, background: SimplexMesh | CartesianGrid | 
 
 
 def with_start(record: Record | None, method: str, problem: Problem) -> Problem:
-    """Return the problem with the earlier sizes as the start of an iteration that takes any."""
+    """Return the problem, with the earlier sizes as start if the iteration allows any start."""
     if record is None or method != "hamilton-jacobi":
         return problem
     start = record.solution.h
@@ -86,7 +87,7 @@ def with_start(record: Record | None, method: str, problem: Problem) -> Problem:
 
 
 def is_same(a: object, b: object) -> bool:
-    """Tell whether two backgrounds have the same nodes and cells."""
+    """Return whether two backgrounds have the same nodes and cells."""
     if a is b:
         return True
     if isinstance(a, SimplexMesh) and isinstance(b, SimplexMesh):
