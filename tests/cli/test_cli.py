@@ -265,6 +265,22 @@ def test_remesh_is_read_size_function_and_remesh(tmp_path):
     np.testing.assert_array_equal(written.point_data["h"], size(new.points))
 
 
+def test_remesh_reports_the_mesh_and_warns_of_what_is_out_of_bounds(capsys, tmp_path):
+    pytest.importorskip("mmgpy")
+    command = ["remesh", DATA / "shell.vtu", "-o", tmp_path / "new.vtu", "--target", "triangles"]
+    assert call(*command) == 0
+    printed = capsys.readouterr()
+    mesh = read(tmp_path / "new.vtu")
+    lines = dict(line.split(maxsplit=1) for line in printed.out.splitlines())
+    made, predicted = lines["cells"].removesuffix(" predicted").split(", ")
+    assert int(made) == mesh.n_cells
+    assert float(predicted) == pytest.approx(mesh.n_cells, rel=0.2)
+    assert {"edges", "angles", "boundary", "area"} <= lines.keys()
+    assert "warning" not in printed.err
+    assert call(*command, "--hmin", "0.5", "--hmax", "0.6", "--tolerance", "1e-4") == 0
+    assert "warning: the boundary is off by more than the tolerance" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["lshape.vtu", "bracket.stl"])
 def test_size_is_read_and_size_function(tmp_path, name):
     output = tmp_path / "h.vtu"

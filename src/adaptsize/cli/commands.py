@@ -27,6 +27,7 @@ from adaptsize.cli.options import (
     Sources,
 )
 from adaptsize.cli.output import draw, print_written
+from adaptsize.cli.result import print_quality
 from adaptsize.cli.size import size, size_of_mesh
 from adaptsize.cli.sources import describe_roots, parse_source
 from adaptsize.cli.warmup import announce_compilation, warmup
@@ -187,6 +188,7 @@ def remesh(
     new = new.with_data(point_data={"h": found(new.points)})
     write(output, new)
     draw(plot, new)
+    print_quality(new, mesh, found, report, tolerance)
     print_written(output, new)
 
 
