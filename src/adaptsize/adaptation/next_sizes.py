@@ -196,7 +196,7 @@ def _refuse_free(mesh: SimplexMesh, h: FloatArray) -> None:
     )  # fmt: skip
 
 
-def decision(
+def decide_remeshing(
     mesh: SimplexMesh,
     found: NextSizes,
     request: SizeRequest,

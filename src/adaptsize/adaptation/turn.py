@@ -22,14 +22,14 @@ from adaptsize.adaptation.boundary_moves import (
 )
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
-    NextSizes,
     Decision,
+    NextSizes,
     SizeRequest,
     as_bound,
     as_indicator,
     check_goal,
+    decide_remeshing,
     next_sizes,
-    decision,
 )
 from adaptsize.adaptation.report import (
     BUDGET_TOLERANCE,
@@ -280,7 +280,7 @@ def adapt(
     with reporting(progress) as report:
         report("sizes", None)
         found = next_sizes(mesh, request, calibration(generator, mesh.cell_dim))
-        judged = decision(mesh, found, request, enough, coarsen_converged)
+        judged = decide_remeshing(mesh, found, request, enough, coarsen_converged)
         if not judged.remesh:
             made = _Made(mesh, 0, 0.0, None)
         else:
