@@ -71,7 +71,7 @@ def test_indices_are_whole_numbers():
 
 def test_sizes_are_positive_and_may_be_infinite():
     assert as_sizes("h", [1, np.inf], (2,)).tolist() == [1.0, np.inf]
-    with message("h must be positive (inf where nothing is asked), got h[1] = nan"):
+    with message("h must be positive (inf where there is no bound), got h[1] = nan"):
         as_sizes("h", [1.0, np.nan], (2,))
 
 

@@ -222,8 +222,8 @@ def test_on_a_mesh_outside_is_refused_if_asked_for():
     ("values", "text"),
     [
         ([0.1, 1.0, 5.0, 2.0], "sizes 0.1 to 5, on SimplexMesh(4 points in 2-D, 2 triangles)"),
-        ([0.1, 1.0, 5.0, np.inf], "sizes 0.1 to 5, 1 nodes free, on"),
-        (np.full(4, np.inf), "nothing asked, on"),
+        ([0.1, 1.0, 5.0, np.inf], "sizes 0.1 to 5, 1 nodes inf, on"),
+        (np.full(4, np.inf), "no finite size, on"),
     ],
 )
 def test_repr_tells_the_range(values, text):

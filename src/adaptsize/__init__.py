@@ -1,4 +1,4 @@
-"""Tell how large the elements of a mesh should be, everywhere.
+"""Mesh size functions: how large the elements of a mesh should be at every point.
 
 Mesh size functions with gradient limiting, after P.-O. Persson, "Mesh size
 functions for implicit geometries and PDE-based gradient limiting".

@@ -1,7 +1,7 @@
 """Checks of arguments.
 
-Every failure is a ValueError that names the argument, what is wanted, what was
-given and, in an array, the first bad index.
+Every failure is a ValueError that names the argument, the requirement, the given
+value and, for an array, the first bad index.
 """
 
 from typing import Any
@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from adaptsize.typing import FloatArray, IntArray
 
-#: Squares of gradients must stay in the range of float64, also times four lengths.
+#: Squares of gradients times four lengths must stay in the range of float64.
 STEEPEST = 1e30
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Return ``value`` as an array of any type; refuse masked entries, which would be unmasked.
+    """Return ``value`` as an array of any type.  Refuse masked entries: numpy would unmask them.
 
     The result may share memory with ``value``; callers do not write into it.
     """
@@ -31,7 +31,7 @@ def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def _rows_of(name: str, value: object) -> list[tuple[str, object]]:
-    """Return the masked items of a sequence, which numpy would unmask, with their names."""
+    """Return the masked items of a sequence with their names.  numpy would unmask them."""
     if not isinstance(value, list | tuple):
         return []
     return [
@@ -63,7 +63,7 @@ def as_float_array(
 
 
 def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatArray:
-    """Return finite coordinates as float64[n, dim]; any n, also 0."""
+    """Return finite coordinates as float64[n, dim], for any n including 0."""
     points = as_float_array(name, value)
     wanted = "(n, dim) with dim 1, 2 or 3" if dim is None else f"(n, {dim})"
     good = points.ndim == 2 and (
@@ -78,7 +78,7 @@ def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatA
 def as_index_array(
     name: str, value: npt.ArrayLike, n: int, *, width: int | None = None
 ) -> IntArray:
-    """Return indices into n points as int32[m, width]; refuses fractions and bad indices."""
+    """Return indices into n points as int32[m, width].  Refuse fractions and bad indices."""
     raw = as_plain_array(name, value)
     if raw.size == 0:
         raw = raw.astype(np.int32)
@@ -96,7 +96,7 @@ def as_index_array(
 def as_sizes(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return nodal sizes: positive, inf allowed, NaN refused."""
     sizes = as_float_array(name, value, shape)
-    refuse_where(name, ~(sizes > 0.0), sizes, "must be positive (inf where nothing is asked)")
+    refuse_where(name, ~(sizes > 0.0), sizes, "must be positive (inf where there is no bound)")
     return sizes
 
 
@@ -121,7 +121,7 @@ def as_number(
 
 
 def as_slope(name: str, value: Any) -> float:
-    """Return a gradient of sizes: >= 0, and such that its square stays in the range of float64."""
+    """Return a gradient of sizes: >= 0, with a square in the range of float64."""
     slope = as_number(name, value, lower=0.0)
     if slope > STEEPEST:
         raise ValueError(f"{name} must be at most {STEEPEST:g}, got {slope:g}")
@@ -129,7 +129,7 @@ def as_slope(name: str, value: Any) -> float:
 
 
 def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
-    """Return an integer from ``lower`` to ``upper``; floats without a fraction are accepted."""
+    """Return an integer from ``lower`` to ``upper``.  Floats without a fraction are accepted."""
     number = as_number(name, value, lower=lower)
     if number != int(number):
         raise ValueError(f"{name} must be a whole number, got {describe(value)}")
@@ -139,7 +139,7 @@ def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
 
 
 def check_type(name: str, value: object, *kinds: type) -> None:
-    """Raise a ValueError if ``value`` is of none of these classes."""
+    """Raise a ValueError if ``value`` is not an instance of one of these classes."""
     if isinstance(value, kinds):
         return
     named = [f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}" for kind in kinds]
@@ -158,7 +158,7 @@ def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
 def refuse_where(
     name: str, bad: npt.NDArray[np.bool_], values: npt.NDArray[Any], wanted: str
 ) -> None:
-    """Raise a ValueError that names the first entry where ``bad`` holds; do nothing if none."""
+    """Raise a ValueError that names the first entry where ``bad`` holds, if there is one."""
     if not bad.any():
         return
     first = np.unravel_index(int(np.argmax(bad)), bad.shape)

@@ -11,18 +11,18 @@ import numpy as np
 
 
 class ReadOnlyState:
-    """Base of frozen dataclasses whose arrays are read-only, also after pickling and copying.
+    """Base of frozen dataclasses whose arrays stay read-only after pickling and copying.
 
-    A pickle holds the fields only: what is derived from them is computed again on first use.
+    A pickle holds only the fields.  Derived data are computed again on first use.
     """
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields; read-only mappings, which cannot be pickled, as dictionaries."""
+        """Return the fields, with read-only mappings (which cannot be pickled) as dictionaries."""
         state = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
         return {n: dict(v) if isinstance(v, Mapping) else v for n, v in state.items()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Set the fields, read-only again: numpy forgets this in pickles and deep copies."""
+        """Set the fields and make them read-only again, which pickles and deep copies lose."""
         for name, value in state.items():
             object.__setattr__(self, name, _read_only(value))
 

@@ -1,4 +1,4 @@
-"""Progress of long work, from a callback or as a bar on the terminal."""
+"""Progress of long computations, by a callback or as a bar on the terminal."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,10 +8,10 @@ from adaptsize.typing import ProgressCallback
 
 @contextmanager
 def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCallback]:
-    """Yield a callback ``(text, share)``; ``True`` gives a rich bar on standard error.
+    """Yield a callback ``(text, share)``.  ``True`` gives a rich bar on standard error.
 
-    The bar is silent when standard error is not a terminal.  An exception of the
-    callback, KeyboardInterrupt included, goes through to the caller and so stops the work.
+    The bar is not shown when standard error is not a terminal.  An exception in the
+    callback, including KeyboardInterrupt, propagates to the caller and stops the work.
     """
     if progress is None or progress is False:
         yield _ignore

@@ -24,7 +24,7 @@ _TOLERANCE = 1e-9
 
 
 class Locator(Protocol):
-    """What finds points in a background and interpolates there."""
+    """Locates points in a background and interpolates there."""
 
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
@@ -36,7 +36,7 @@ class Locator(Protocol):
 class LocatableBackground(Background, Protocol):
     """A background that a SizeFunction can be built on.
 
-    A new kind of background needs no change in this module: it brings a ``locator``.
+    A new kind of background needs no change in this module.  It must have a ``locator``.
     """
 
     @property
@@ -51,53 +51,53 @@ class LocatableBackground(Background, Protocol):
 
     @property
     def locator(self) -> Locator:
-        """What finds points in the background."""
+        """Point location in the background."""
         ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SizeFunction(ReadOnlyState):
-    """Wanted edge lengths on a background, defined everywhere.
+    """A size function: requested edge lengths on a background, defined everywhere.
 
-    Between the nodes the sizes are interpolated: linearly on simplices (an octree is cut
-    into simplices), multilinearly on grids.  Called with points of shape (n, dim) it
-    returns n sizes, as mesh generators that take a plain function want it.
+    Between the nodes the sizes are interpolated: linearly on simplices (an octree is divided
+    into simplices), multilinearly on grids.  Called with points of shape (n, dim), it
+    returns n sizes, so it can be passed to mesh generators that take a function.
 
     Parameters
     ----------
     background : SimplexMesh, CartesianGrid or Octree
         Carries the nodes.
     values : array_like of float, of ``background.nodal_shape``
-        Wanted edge length at each node, in the unit of the coordinates: positive, inf
-        where nothing is asked.  Copied and read-only.
+        Requested edge length at each node, in the unit of the coordinates: positive, inf
+        where there is no bound.  Copied and read-only.
     outside : {"nearest", "error"}
-        What to do with points outside the background: take the value of the closest
+        Treatment of points outside the background: take the value at the closest
         point of the background, or raise an OutsideError.  Points within 1e-9 times the
         diagonal count as inside.
     sources : SizeSources, optional
-        ``info.sources`` of the `limit_gradient` that made ``values``: points inside then get
-        their size straight from the sources, without an error of interpolation.  Size
-        functions made from this one, by `clip`, `minimum` or `on`, interpolate again.
+        ``info.sources`` of the `limit_gradient` call that computed ``values``.  Points inside
+        then get their size directly from the sources, without interpolation error.  Size
+        functions derived from this one by `clip`, `minimum` or `on` interpolate again.
     g : float, optional
-        How fast the size grows with the distance from a background that does not fill its space,
-        such as a surface: at a point x it is the least h(y) + g |x - y| over all points y of the
-        background, and ``hmax`` at most.  Without g the size off such a background is that of the
-        closest point.
+        Gradient with which the size grows off a background that does not fill its space,
+        such as a surface.  At a point x the size is the minimum of h(y) + g |x - y| over all
+        points y of the background, and at most ``hmax``.  Without g, the size off such a
+        background is that at the closest point.
     hmax : float, default inf
-        With g only.
+        Upper limit of the sizes off the background.  Requires g.
 
     Raises
     ------
     ValueError
-        If ``values`` has another shape, or a value is not positive or is NaN (the message
-        names the first one), ``outside`` is another word, ``sources`` are of another
-        background, or ``g`` is given for a background that fills its space.
+        If ``background`` is of another kind, ``values`` has another shape, a value is not
+        positive or is NaN (the message names the first one), ``outside`` is unknown, ``sources``
+        belong to another background, or ``g`` is given for a background that fills its space.
 
     Notes
     -----
-    A point strictly between a node that is inf and one that is not gets inf.  A node of
-    weight zero does not count, so a finite node keeps its finite value.  Nodes of a grid
-    that are not active do not count; inf where no active one is left.
+    A point strictly between a node with inf and a finite node gets inf.  Nodes with
+    weight zero are ignored, so a finite node keeps its value.  Inactive nodes of a grid
+    are ignored too; the size is inf where no active node remains.
 
     Location costs O(log n) per point in meshes and octrees; see `SimplexLocator`.  On grids
     it costs a few operations per point.
@@ -136,14 +136,14 @@ class SizeFunction(ReadOnlyState):
             )
         values = as_sizes("values", self.values, self.background.nodal_shape).copy()
         values.flags.writeable = False
-        object.__setattr__(self, "values", values)  # the way in for a frozen dataclass
+        object.__setattr__(self, "values", values)  # bypasses the frozen dataclass
         one_of("outside", self.outside, ("nearest", "error"))
         if self.g is not None:
             as_number("g", self.g, lower=0.0)
             as_number("hmax", self.hmax, lower=0.0, strict=True, allow_inf=True)
             if not _is_thin(self.background) or self.outside == "error":
                 raise ValueError(
-                    "g is for sizes on surfaces and lines that go on off them, "
+                    "g is for sizes on surfaces and lines that continue off them, "
                     f"got g = {self.g:g} with outside={self.outside!r} on {self.background!r}"
                 )
         elif self.hmax != np.inf:
@@ -155,22 +155,22 @@ class SizeFunction(ReadOnlyState):
             )
 
     def __repr__(self) -> str:
-        """Say where and between which sizes."""
+        """Return the range of the sizes and the background."""
         finite = self.values[np.isfinite(self.values)]
-        sizes = "nothing asked"
+        sizes = "no finite size"
         if len(finite):
             sizes = f"sizes {finite.min():.4g} to {finite.max():.4g}"
             n_free = self.values.size - finite.size
-            sizes += f", {n_free} nodes free" if n_free else ""
+            sizes += f", {n_free} nodes inf" if n_free else ""
         return f"SizeFunction({sizes}, on {self.background!r})"
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the wanted size at each point.
+        """Return the requested size at each point.
 
         Parameters
         ----------
         points : array_like of float, shape (n, dim)
-            Any n, also 0.
+            Any n, including 0.
 
         Returns
         -------
@@ -202,7 +202,7 @@ class SizeFunction(ReadOnlyState):
 
     @cached_property
     def _field(self) -> ExactField:
-        """What the sizes on a surface or a line allow around it."""
+        """The sizes that the sizes on a surface or a line allow around it."""
         from adaptsize.limiting.exact.field import field_of_cells
 
         background = self.background
@@ -211,7 +211,7 @@ class SizeFunction(ReadOnlyState):
         return field_of_cells(background.points, background.cells, self.values, self.g)
 
     def _from_sources(self, points: FloatArray, sources: SizeSources) -> FloatArray:
-        """Return sizes without interpolation, but for points outside the background."""
+        """Return sizes without interpolation, except at points outside the background."""
         around, weights, distances = sources.background.locator.weights(points)
         if self.outside == "error":
             self._refuse_outside(points, distances)
@@ -237,14 +237,14 @@ class SizeFunction(ReadOnlyState):
     def minimum(self, other: SizeFunction) -> SizeFunction:
         """Return the smaller of two size functions at the nodes of this background.
 
-        The minimum is nodal: a small size of ``other`` between the nodes of this
-        background is not seen.  Take the finer background as the first.
+        The minimum is taken at the nodes.  A small size of ``other`` between the nodes of this
+        background is missed.  Call this method on the function with the finer background.
 
         Parameters
         ----------
         other : SizeFunction
-            On the same background, or on another one of the same dimension, which is
-            then sampled at the nodes of this one by its own rule for points outside.
+            On the same background, or on another one of the same dimension.  The latter is
+            evaluated at the nodes of this one, with its own rule for points outside.
         """
         values = other.values
         if other.background is not self.background:
@@ -253,10 +253,10 @@ class SizeFunction(ReadOnlyState):
         return replace(self, values=np.minimum(self.values, values), sources=None, hmax=hmax)
 
     def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
-        """Return the size function with its nodal values kept between two bounds.
+        """Return the size function with its nodal values clipped to two bounds.
 
-        Raising sizes to ``hmin`` never steepens a gradient; nor does ``hmax``, except
-        where inf becomes finite, which makes a gradient where there was none.
+        Raising sizes to ``hmin`` never increases a gradient.  Lowering sizes to ``hmax``
+        increases it only where inf becomes finite.
 
         Parameters
         ----------
@@ -284,20 +284,20 @@ class SizeFunction(ReadOnlyState):
         Parameters
         ----------
         background : SimplexMesh, CartesianGrid or Octree
-            Of the same dimension.  Nodes outside this background are treated by
-            ``outside``.
+            Of the same dimension.  ``outside`` determines the values at its nodes outside
+            this background.
         """
         values = _at_nodes(self, background)
         return SizeFunction(background, values, outside=self.outside)
 
 
 def _is_thin(background: LocatableBackground) -> bool:
-    """Tell whether a background has fewer dimensions than its space."""
+    """Return whether a background has a lower dimension than its space."""
     return isinstance(background, SimplexMesh) and background.cell_dim < background.dim
 
 
 def _at_nodes(size: SizeFunction, background: LocatableBackground) -> FloatArray:
-    """Return sizes at the nodes of a background, in its nodal shape."""
-    if isinstance(background, CartesianGrid):  # whose nodes may not fit into memory at once
+    """Return the sizes at the nodes of a background, of its nodal shape."""
+    if isinstance(background, CartesianGrid):  # all nodes may not fit into memory at once
         return background.sample(size)
     return size(background.points).reshape(background.nodal_shape)

@@ -1,4 +1,4 @@
-"""Meshes and nodal fields from and to files."""
+"""Reading and writing of meshes, size functions and images."""
 
 from __future__ import annotations
 
@@ -32,33 +32,33 @@ def read(
     """Return the mesh in a file, in any format that meshio or trimesh reads.
 
     STL, OBJ, PLY, OFF, VTK, VTU, Gmsh ``.msh``, Medit ``.mesh`` and ``.meshb``, XDMF,
-    Abaqus, Nastran, SU2, glTF and more, told by the suffix.
+    Abaqus, Nastran, SU2, glTF and more.  The suffix determines the format.
 
     Parameters
     ----------
     path : path-like
         The file.
     kind : {"tetrahedra", "triangles", "segments"}, optional
-        Which cells to take; those of the highest dimension by default.  If others are
-        asked for, nodes that belong to cells of the file but to none of these are left out.
+        Which cells to read.  By default those of the highest dimension.  With ``kind``, nodes
+        that only belong to other cells of the file are left out.
     flatten : bool
         Whether triangles and segments whose third coordinates are all exactly 0 become
-        a mesh in the plane, as files of 2-D programs are meant.
+        a mesh in the plane, which is the intention of files from 2-D programs.
 
     Returns
     -------
     SimplexMesh
-        Nodes in the order of the file (of an STL file: of first appearance), also those in
-        no cell.  Tags and fields as told in the notes.
+        Nodes are in the order of the file (for STL: of first appearance) and include nodes in
+        no cell.  Tags and fields are described in the notes.
 
     Raises
     ------
     MeshFileError
-        If the file is missing, empty, damaged, of an unknown kind, holds no cells of the
-        kind wanted, or has coordinates that are not finite or indices out of range.  One
-        line that names the file and what is wrong.
+        If the file is missing, empty, damaged or of an unknown format, has no cells of the
+        requested kind, coordinates that are not finite, or indices out of range.  The message
+        is one line that names the file and the problem.
     ValueError
-        If ``kind`` is another word.
+        If ``kind`` is unknown.
 
     Warns
     -----
@@ -67,21 +67,21 @@ def read(
 
     Notes
     -----
-    *Cells.*  Quadrilaterals become two triangles (cut along the shorter diagonal that lies
-    inside).  Hexahedra, wedges and pyramids become tetrahedra so that neighbours match.
-    Of cells of higher order the corners are taken and the other nodes left out.  Cells
-    that name a node twice are dropped; flat ones with different nodes are kept.
+    *Cells.*  Quadrilaterals are split into two triangles (along the shorter diagonal that lies
+    inside).  Hexahedra, wedges and pyramids are split into tetrahedra such that neighbours match.
+    Higher-order cells are reduced to their corners.  Cells that contain a node twice are
+    dropped.  Flat cells with different nodes are kept.
 
-    *STL* has no shared nodes: corners are merged where their coordinates are equal, not
-    where they are close.
+    *STL* files have no shared nodes.  Corners are merged if their coordinates are equal, not
+    if they are close.
 
-    *Tags.*  The first integer cell field that is not zero everywhere, of the names that
+    *Tags.*  The first integer cell field that is not zero everywhere, among the names that
     programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``tag``,
-    ``gmsh:geometrical``, ...), becomes ``cell_tags``; other fields stay in ``cell_data``.
-    In the same way cells of one dimension less (the triangles in a file of tetrahedra)
-    give ``tagged_facets`` and ``facet_tags``.  Of these, ones that are no facet of a cell
-    are dropped with a warning, and without tags all are left out silently, as are
-    cells of still lower dimension.  Names of Gmsh's physical groups become ``tag_names``.
+    ``gmsh:geometrical``, ...), becomes ``cell_tags``.  Other fields stay in ``cell_data``.
+    In the same way, cells of one dimension less (the triangles in a file of tetrahedra)
+    become ``tagged_facets`` and ``facet_tags``.  Those that are not a facet of a cell
+    are dropped with a warning.  If they have no tags, all are left out without a warning, as are
+    cells of lower dimensions.  Names of Gmsh's physical groups become ``tag_names``.
 
     Examples
     --------
@@ -121,56 +121,57 @@ def write(
 ) -> None:
     """Write a mesh, grid, octree or size function to a file.
 
-    The file is written whole or not at all: under a temporary name in the same
-    directory, then renamed.  If anything fails, a file of that name stays as it was.  Devices
-    and pipes, such as ``/dev/stdout``, are written to and stay what they are.
+    The file is written completely or not at all: under a temporary name in the same
+    directory, then renamed.  If this fails, an existing file is unchanged.  Devices
+    and pipes, such as ``/dev/stdout``, are written to directly.
 
     Parameters
     ----------
     path : path-like
-        The file; its suffix tells the format.
+        The file.  Its suffix determines the format.
     obj : SimplexMesh, CartesianGrid, Octree or SizeFunction
-        A size function is written as its background with the nodal field ``h``, an octree
-        as its ``mesh``; so is a grid, but to ``.vti``.
+        A size function is written as its background with the nodal field ``h``.  An octree is
+        written as its ``mesh``, and so is a grid, except to ``.vti``.
     fields : mapping of str to array_like, optional
-        Nodal fields, one row per node (of a grid: of its shape), to write besides those of
-        the mesh, or in place of those of the same name.
+        Nodal fields, one row per node (for a grid: of its shape).  They are written besides the
+        fields of the mesh and replace fields of the same name.
     file_format : str, optional
         ``"vti"`` (grids only), ``"vtu"``, ``"vtk"``, ``"xdmf"`` (text, self-contained),
         ``"gmsh"`` (version 2.2), ``"medit"``, ``"ply"``, ``"stl"`` (binary), ``"obj"``,
-        ``"off"``; for the sizes ``h`` alone ``"gmsh-view"`` (``.pos``), ``"medit-sol"``
-        (``.sol``, for mmg) and ``"jigsaw"`` (``.jig.msh``, as ``.msh`` is Gmsh's).
+        ``"off"``.  Formats that hold only the sizes ``h`` are ``"gmsh-view"`` (``.pos``),
+        ``"medit-sol"`` (``.sol``, for Mmg) and ``"jigsaw"`` (``.jig.msh``, because ``.msh`` is
+        Gmsh's).
 
     Raises
     ------
     ValueError
-        If the suffix or ``file_format`` is unknown (the message lists what can be
-        written), the format cannot hold what is asked for, or sizes for a mesh
-        generator are missing or not finite.
+        If the suffix or ``file_format`` is unknown (the message lists the known ones), the
+        format cannot hold the data, or sizes for a mesh generator are missing or not
+        finite.
     MeshFileError
         If the file cannot be written.
 
     Notes
     -----
-    Cell tags and tagged facets are written to VTU, VTK and XDMF as the cell field
-    ``cell_tags`` (facets are cells of their own there), to Gmsh as physical groups with their
-    names, to Medit as references; `read` finds them again, but takes tags that are all 0 for
-    none.  Cells without a tag in a mesh with tags are a group of their own for Gmsh, which
-    leaves out what belongs to no group.
-    Other cell fields are written to VTU, VTK and XDMF only, NaN (integers: 0) on the facets.
+    *Tags.*  VTU, VTK and XDMF hold cell tags and tagged facets as the cell field ``cell_tags``
+    (facets are separate cells there), Gmsh as physical groups with their names, and Medit as
+    references.  `read` restores them, but treats tags that are all 0 as no tags.  Gmsh ignores
+    cells in no group, so untagged cells of a mesh with tags are written as a separate group.
 
-    Medit, STL, OBJ and OFF hold no nodal fields: those of the mesh are left out, ``fields``
-    and size functions are refused.  PLY holds nodal fields of one component.  STL, OBJ, OFF
-    and PLY hold triangles only, without tags: of tetrahedra the boundary is written.  STL
-    rounds to float32.  All but XDMF and Medit have z = 0 for 2-D meshes.
+    *Fields.*  Other cell fields are written only to VTU, VTK and XDMF, with NaN (integers: 0) on
+    the facets.  Medit, STL, OBJ and OFF hold no nodal fields.  For these formats the fields of the
+    mesh are left out, and ``fields`` and size functions are refused.  PLY holds nodal fields of
+    one component.
 
-    VTI is VTK's image data: numbers of full precision, 8 bytes each, and no cells.  Nodes
-    that are not active are marked by ``vtkGhostType``, so that ParaView hides them.
+    *Cells.*  STL, OBJ, OFF and PLY hold only triangles without tags; for tetrahedra the boundary
+    is written.  STL rounds to float32.  All formats except XDMF and Medit have z = 0 for 2-D
+    meshes.  VTI is VTK's image data with numbers of full precision, 8 bytes each, and no cells.
+    Inactive nodes are marked by ``vtkGhostType``, so that ParaView hides them.
 
-    A Gmsh view says sizes on the cells, nothing outside them.  JIGSAW takes triangles in
+    A Gmsh view holds sizes on the cells and nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.
     """
-    # The file that a link leads to; not of pipes, which /dev/stdout leads to and have no path.
+    # Resolve links, except to pipes: /dev/stdout may lead to one, which has no path.
     target = Path(os.path.realpath(path)) if not _is_special(Path(path)) else Path(path)
     chosen = writers.format_of(Path(path), file_format)
     background, nodal = _parts_of(obj, fields)
@@ -178,7 +179,7 @@ def write(
     if needed and not chosen.holds_fields:
         raise ValueError(
             f"{Path(path).name} cannot hold nodal fields, got {', '.join(needed)}; "
-            "write .vtu, or .sol for the sizes beside a .mesh"
+            "write .vtu, or a .sol with the sizes for a .mesh"
         )
     others = [name for name in needed if name != "h"]
     if others and chosen.only_sizes:
@@ -199,26 +200,26 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     Parameters
     ----------
     path : path-like
-        A ``.vti`` file (VTK image data, as of `write`, ParaView or pyvista) gives a size
-        function on a CartesianGrid, any other that `read` takes one on a SimplexMesh.
+        A ``.vti`` file (VTK image data from `write`, ParaView or pyvista) gives a size
+        function on a CartesianGrid.  Any other file for `read` gives one on a SimplexMesh.
     name : str, default "h"
         The nodal field.
 
     Returns
     -------
     SizeFunction
-        What `write` has written to ``.vti`` comes back to the last bit.
+        Values written by `write` to ``.vti`` are restored exactly.
 
     Raises
     ------
     MeshFileError
-        As `read` does; also if there is no such field (the message lists those that there
-        are), or its values are no sizes.
+        As in `read`, and if there is no such field (the message lists the fields of the file),
+        or its values are not sizes.
 
     Notes
     -----
-    Image data may be text or binary, inline or appended, packed by zlib or LZMA.  Nodes that
-    ``vtkGhostType`` hides are not active.  An image of one plane at z = 0 is a 2-D grid.
+    Image data may be text or binary, inline or appended, compressed by zlib or LZMA.  Nodes
+    hidden by ``vtkGhostType`` are inactive.  An image of one plane at z = 0 is a 2-D grid.
 
     Examples
     --------
@@ -259,10 +260,10 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     ----------
     path : path-like
         PNG, BMP, GIF, JPEG, PGM; TIFF, also stacks; NIfTI (``.nii``, ``.nii.gz``), NRRD;
-        ``.npy``, ``.npz`` (with the arrays ``spacing`` and ``origin``, if there are such).
+        ``.npy``, ``.npz`` (optionally with the arrays ``spacing`` and ``origin``).
     name : str, optional
-        Which array of an ``.npz`` file; by default the only one of 2 or 3 dimensions, or
-        the one named ``labels``, ``mask``, ``image`` or the like.
+        Name of the array in an ``.npz`` file.  By default the only array of 2 or 3 dimensions,
+        or the one named ``labels``, ``mask``, ``image`` or similar.
 
     Returns
     -------
@@ -272,26 +273,29 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     Raises
     ------
     MeshFileError
-        If the file is missing, damaged or of an unknown kind, has colours or transparent
-        parts, or holds no single picture or volume; or if its reader is not installed.
+        If the file is missing, damaged or of an unknown format, has colours or transparent
+        parts, does not hold a single picture or volume, or if its reader is not installed.
 
     Warns
     -----
     ImageWarning
-        If only a part of the file was taken, or the axes of a volume are askew in space.
+        If only part of the file was read, or the axes of a volume are oblique in space.
 
     Notes
     -----
-    *Pictures* are turned so that x goes to the right and y upwards, as one sees them.  Of a
-    palette the indices are the labels; grey pictures stored as colours are grey.
-    *Stacks* keep x to the right and y downwards, z from page to page, a right-handed
-    system.  Their spacing is the one that ImageJ and OME write; a printer's resolution
-    is none.  *Volumes* of NIfTI and NRRD are turned and mirrored so that their axes run
-    along those of their space, whose origin and unit are kept: of NIfTI x to the right,
-    y to the front, z upwards, of NRRD what the file says.  *NumPy* arrays are taken as they
-    are, axis 0 along x.
+    *Pictures* are oriented with x to the right and y upwards.  In a picture with a palette, the
+    indices are the labels.  Grey pictures stored as colours are converted to grey.
 
-    Whole numbers that a program stored as floats become integers, which are labels.
+    *Stacks* have x to the right, y downwards, and z from page to page, which is a right-handed
+    system.  Their spacing is that of ImageJ or OME metadata.  The printer's resolution is
+    ignored.
+
+    *Volumes* of NIfTI and NRRD are permuted and mirrored such that their axes are those of their
+    space, whose origin and unit are kept.  For NIfTI, x points to the right, y to the front and z
+    upwards.  For NRRD the file defines the space.  *NumPy* arrays are not changed: axis 0 is
+    along x.
+
+    Whole numbers stored as floats are converted to integers, which are labels.
 
     Examples
     --------
@@ -314,12 +318,12 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
 
 
 def is_image_file(path: str | os.PathLike[str]) -> bool:
-    """Tell from its name whether a file is one for `read_image`."""
+    """Return whether a file is an image for `read_image`, by its name."""
     return raster.is_image_file(Path(path))
 
 
 def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
-    """Write under a temporary name in the same directory and rename; raises OSError."""
+    """Write under a temporary name in the same directory and rename.  Raises OSError."""
     if target.is_dir():
         raise MeshFileError("is a directory")
     if _is_special(target):
@@ -327,7 +331,7 @@ def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
         return
     if not target.parent.is_dir():
         raise MeshFileError(f"there is no directory {target.parent}")
-    # Not tempfile: its files are private to the user, and the suffix must stay.
+    # Not tempfile: its files are private to the user, and the suffix must be kept.
     temporary = target.with_name(f".adaptsize-{secrets.token_hex(8)}{target.suffix}")
     try:
         write_to(temporary)
@@ -339,12 +343,12 @@ def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
 
 
 def _is_special(path: Path) -> bool:
-    """Whether a path is there and neither a file nor a directory: a device, pipe or socket."""
+    """Whether a path exists and is neither a file nor a directory: a device, pipe or socket."""
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _write_into(special: Path, write_to: Callable[[Path], None]) -> None:
-    """Write to a file elsewhere and copy its content: a device must not be replaced."""
+    """Write to a temporary file and copy its content, because a device must not be replaced."""
     with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
         whole = Path(folder, special.name)
         write_to(whole)
@@ -377,7 +381,7 @@ def _writing(
     nodal: Mapping[str, npt.ArrayLike],
     chosen: writers.Format,
 ) -> Callable[[Path], None]:
-    """Return what writes a mesh or grid with fields to a path."""
+    """Return the function that writes a mesh or grid with fields to a path."""
     if isinstance(background, SimplexMesh):
         return partial(chosen.write, mesh=background.with_data(point_data=nodal))
     arrays = {name: np.asarray(values) for name, values in nodal.items()}

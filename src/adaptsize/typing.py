@@ -20,7 +20,7 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int32]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
-#: ``g(h)``: takes an array of sizes, returns the gradient limit at each.
+#: ``g(h)``: takes an array of sizes and returns the gradient limit for each.
 GradientOfSize: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 #: A gradient limit: a number, one per node or per cell, ``g(h)``, or a product ``(a, b)``.
 GradientLimit: TypeAlias = npt.ArrayLike | GradientOfSize | tuple[npt.ArrayLike, GradientOfSize]
@@ -30,7 +30,7 @@ ProgressCallback: TypeAlias = Callable[[str, float | None], Any]
 
 @runtime_checkable
 class Background(Protocol):
-    """What carries nodal sizes: a simplex mesh, a Cartesian grid or an octree."""
+    """A carrier of nodal sizes: a simplex mesh, a Cartesian grid or an octree."""
 
     @property
     def dim(self) -> int:

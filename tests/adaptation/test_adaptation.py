@@ -1,4 +1,4 @@
-"""One turn of an adaptive loop: sizes, budget, verdict, transfer, boundary, report."""
+"""One turn of an adaptive loop: sizes, budget, decision, transfer, boundary, report."""
 
 import math
 import warnings
@@ -183,7 +183,7 @@ def test_a_mesh_that_has_the_sizes_is_returned_itself(generator):
     assert result.mesh is mesh
     assert result.fields["u"] is u
     assert (result.remeshed, result.converged, generator.calls) == (False, True, 0)
-    assert "not worth remeshing" in result.reason
+    assert "not remeshed" in result.reason
     assert result.report.after is result.report.before
     assert adapt(mesh, h0=0.2145, enough=1.1).remeshed
     assert adapt(mesh, h0=0.4).remeshed
@@ -538,7 +538,7 @@ def test_the_plane_needs_mmg_and_says_so(monkeypatch):
 
 def test_vanished_tags_are_warned_of(generator):
     tagged = SimplexMesh(MESH.points, MESH.cells, cell_tags=np.arange(MESH.n_cells) // 9)
-    with pytest.warns(ResolutionWarning, match="has no more cell tag 1"):
+    with pytest.warns(ResolutionWarning, match="has lost cell tag 1"):
         result = adapt(tagged, h0=0.1)
     assert result.report.lost_tags == ("cell tag 1",)
     assert "tags lost: cell tag 1" in str(result)

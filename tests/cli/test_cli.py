@@ -88,7 +88,10 @@ def test_bad_output_is_refused_before_the_work_starts(capsys, monkeypatch, squar
         (["-K", "-1"], "elements_per_radian must be finite and >= 0, got -1"),
         (["--hmax", "0"], "hmax must be finite and > 0, got 0"),
         (["--hmin", "2", "--hmax", "1"], "hmin must be at most hmax = 1, got 2"),
-        (["--field", "h_nan"], "h0 must be positive (inf where nothing is asked), got h0[1] = nan"),
+        (
+            ["--field", "h_nan"],
+            "h0 must be positive (inf where there is no bound), got h0[1] = nan",
+        ),
         (["--field", "none"], "the mesh has no nodal field 'none'; it has: h_nan"),
         (["--plot", "picture.doc"], "--plot must end in .png"),
     ],

@@ -28,7 +28,7 @@ def message(told):
 SIZES = {
     "nan": (
         [1.0, np.nan, 1.0, 1.0],
-        "h0 must be positive (inf where nothing is asked), got h0[1] = nan",
+        "h0 must be positive (inf where there is no bound), got h0[1] = nan",
     ),
     "zero": ([1.0, 1.0, 0.0, 1.0], "got h0[2] = 0.0"),
     "negative": ([1.0, 1.0, 1.0, -2.0], "got h0[3] = -2.0"),
@@ -39,7 +39,7 @@ SIZES = {
         "h0 must be finite at one node at least, got inf at all of them",
     ),
     "too short": ([1.0], "h0 must have shape (4,), got (1,)"),
-    "a number below zero": (-1.0, "h0 must be positive (inf where nothing is asked), got -1.0"),
+    "a number below zero": (-1.0, "h0 must be positive (inf where there is no bound), got -1.0"),
     "infinity": (np.inf, "h0 must be finite at one node at least, got inf at all of them"),
     "a column": (np.ones((4, 1)), "h0 must have shape (4,), got (4, 1)"),
     "words": (["a"] * 4, "h0 must be an array of numbers, got ['a', 'a', 'a', 'a']"),

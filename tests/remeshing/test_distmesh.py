@@ -219,7 +219,7 @@ def test_parts_that_do_not_touch_are_all_meshed():
 
 
 def test_a_neck_narrower_than_the_size_is_reported():
-    with pytest.warns(ResolutionWarning, match=r"hang together|no node nearby|measure"):
+    with pytest.warns(ResolutionWarning, match=r"components are connected|no node nearby|measure"):
         report = mesh_of(dumbbell, 0.3, 2.0, full_output=True)[1]
     assert report.n_broken + report.n_uncovered > 0
 

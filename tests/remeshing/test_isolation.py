@@ -74,7 +74,7 @@ def test_an_early_exit_is_an_error(fake):
 
 
 def test_endless_output_is_stopped(fake):
-    with pytest.raises(BackendError, match="printed without end"):
+    with pytest.raises(BackendError, match="printed too much"):
         fake("chatter")
 
 

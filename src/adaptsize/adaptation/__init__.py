@@ -1,4 +1,4 @@
-"""One turn of an adaptive loop: estimate, size, limit, remesh, transfer."""
+"""One adaptation cycle: estimate, size, limit, remesh, transfer."""
 
 from adaptsize.adaptation.report import AdaptReport
 from adaptsize.adaptation.transfer import FieldTransfer, TransferredFields, transfer_fields

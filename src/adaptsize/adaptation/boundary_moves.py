@@ -1,4 +1,4 @@
-"""Boundary nodes moved onto the true boundary, as far as the cells allow."""
+"""Projection of boundary nodes onto the true boundary, as far as the cells allow."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from adaptsize._checks import as_float_array, describe, refuse_where
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Takes points near the boundary, float64[n, dim], returns the points of the boundary for them.
+#: Takes points near the boundary, float64[n, dim], and returns their projections onto it.
 Projection: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 ProjectionLike: TypeAlias = Projection | Mapping[int, Projection]
 
-#: A cell may lose so much of its measure, and of its quality, before moves are shortened.
+#: Share of its measure, and of its quality, that a cell may lose before moves are shortened.
 _LEAST_MEASURE = 0.3
 _LEAST_QUALITY = 0.5
-#: The least share of a move; what would be shorter is none.
+#: Smallest share of a move.  Shorter moves are dropped.
 _SHORTEST = 1.0 / 32.0
 #: Moves shorter than this share of the diagonal count as none.
 _NO_MOVE = 1e-12
@@ -29,20 +29,20 @@ _NO_MOVE = 1e-12
 
 @dataclass(frozen=True)
 class BoundaryMoves:
-    """What became of the nodes that were to be projected.
+    """Result of the projection of boundary nodes.
 
     Attributes
     ----------
     n_nodes : int
         Nodes that were projected.
     n_corners : int
-        Nodes left alone: corners, ridges, and those between two projections.
+        Nodes not moved: corners, ridges, and nodes between two projections.
     n_shortened : int
-        Nodes that were not moved all the way, for the sake of their cells.
+        Nodes whose moves were shortened to keep their cells valid.
     largest_move : float
-        Longest way of a node.
+        Largest displacement of a node.
     largest_rest : float
-        Longest way that is missing.
+        Largest remaining distance from the projected position.
     """
 
     n_nodes: int
@@ -59,37 +59,37 @@ class BoundaryMoves:
         )
         if self.n_shortened:
             text += (
-                f"; {self.n_shortened} moves shortened for the cells, "
-                f"up to {self.largest_rest:.3g} is missing"
+                f"; {self.n_shortened} moves shortened to keep cells valid, "
+                f"up to {self.largest_rest:.3g} remains"
             )
         return text
 
 
 def check_projection(project: object) -> None:
-    """Raise a ValueError if ``project`` is neither a callable nor a mapping of tags to such."""
+    """Raise a ValueError if ``project`` is not a callable or a mapping of tags to callables."""
     good = callable(project)
     if isinstance(project, Mapping):
         good = all(callable(p) and isinstance(t, int | np.integer) for t, p in project.items())
     if not good:
         raise ValueError(
             "project must be a callable that takes and returns points, or a mapping of boundary "
-            f"tags to such, got {describe(project)}"
+            f"tags to callables, got {describe(project)}"
         )
 
 
 def move_to_boundary(
     mesh: SimplexMesh, project: ProjectionLike, corner_angle: float
 ) -> tuple[SimplexMesh, BoundaryMoves]:
-    """Return the mesh with its boundary nodes moved, and what became of them.
+    """Return the mesh with projected boundary nodes, and a report on the moves.
 
     Parameters
     ----------
     mesh : SimplexMesh
     project : callable, or mapping of int to callable
-        For all boundary nodes (of triangles in space: all nodes), or for the nodes of the
-        facets with a tag.
+        A callable is used for all boundary nodes (for triangles in space: all nodes).  A mapping
+        has one callable for the nodes of the facets with each tag.
     corner_angle : float
-        Degrees between two facets from which on their common nodes are left alone.
+        Angle in degrees between two facets from which on their common nodes are not moved.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def _facets_to_move(
         numbers = np.full(len(tagged), -1)
         for number, tag in enumerate(project):
             numbers[mesh.facet_tags == tag] = number
-        # Boundary facets that are tagged come twice: once is enough.
+        # Tagged boundary facets occur twice.  Duplicates are dropped.
         rows = topology.unique_rows(np.concatenate([facets, tagged]), mesh.n_points)[1]
         single = ~np.isin(rows[: len(facets)], rows[len(facets) :])
         facets = np.concatenate([facets[single], tagged])
@@ -203,7 +203,7 @@ def _projected(projection: Projection, points: FloatArray) -> FloatArray:
 
 
 def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> FloatArray:
-    """Return how much of each move leaves all cells valid, 0 to 1."""
+    """Return the share of each move that keeps all cells valid, 0 to 1."""
     share = np.where(moving, 1.0, 0.0)
     cells = mesh.cells[moving[mesh.cells].any(axis=1)]
     before = _shape(mesh.points, cells)
@@ -211,7 +211,7 @@ def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> F
         bad = _is_worse(before, _shape(mesh.points + share[:, None] * move, cells))
         if not bad.any():
             return share
-        # A bad cell has a node that moves, so this ends: without moves a cell is as it was.
+        # A bad cell has a moving node, so this terminates: without moves all cells are valid.
         nodes = np.unique(cells[bad])
         share[nodes] = np.where(share[nodes] > _SHORTEST, 0.5 * share[nodes], 0.0)
 
@@ -234,9 +234,9 @@ def _shape(points: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]
 def _is_worse(
     before: tuple[FloatArray, FloatArray], after: tuple[FloatArray, FloatArray]
 ) -> BoolArray:
-    """Return which cells have lost too much of their measure or shape, or have turned."""
+    """Return which cells have lost too much of their measure or quality, or are inverted."""
     old = np.linalg.norm(before[0], axis=1)
-    along = np.einsum("nd,nd->n", before[0], after[0])  # what has turned counts as little
+    along = np.einsum("nd,nd->n", before[0], after[0])  # a turned cell counts as small
     left = np.divide(along, old**2, out=np.ones_like(old), where=old > 0.0)
     shape = left * before[1] / np.maximum(after[1], np.finfo(float).tiny)
     return np.asarray((left < _LEAST_MEASURE) | (shape < _LEAST_QUALITY))

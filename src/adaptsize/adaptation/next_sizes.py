@@ -1,4 +1,4 @@
-"""Sizes of the next mesh of an adaptive loop, and whether the present mesh has them already."""
+"""Sizes of the next mesh of an adaptive loop, and the decision whether to remesh."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from adaptsize.sizes import minimum, predicted_elements, size_from_error
 from adaptsize.sizes.budget import scale_to
 from adaptsize.typing import FloatArray, GradientLimit
 
-#: What ``adapt`` takes as ``h0``.
+#: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
-#: Sizes are for this share of the tolerance: meshes miss their sizes by a few per cent.
+#: Sizes aim at this share of the tolerance, because meshes miss sizes by a few per cent.
 _AIM = 0.95
-#: An edge is good while neither halving nor doubling it would bring it nearer to its size.
+#: An edge is in band if neither halving nor doubling it brings it nearer to its size.
 _BAND = 0.5 * math.log(2.0)
-#: No mesh that has an edge this many times too long is good enough.
+#: A mesh with an edge this many times too long is always remeshed.
 _MUCH_TOO_LONG = 3.0
-#: More elements than this times the present number are worth something if the error is too large.
+#: If the error is too large, remesh if there will be this many times more elements.
 _MORE = 1.02
-#: Prediction and number asked for this close: the number is in reach of the limits.
+#: The limits allow a requested number if the prediction is this close to it.
 _REACHED = 0.05
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """Arguments of ``adapt`` that say what is wanted, checked."""
+class SizeRequest:
+    """The arguments of ``adapt`` that define the request, checked."""
 
     indicator: FloatArray | None
     h0: FloatArray | None
@@ -61,15 +61,15 @@ class NextSizes(NamedTuple):
     h: FloatArray
     """float64[n_points]"""
     predicted: float
-    """Elements to be expected of the generator."""
+    """Predicted number of elements for the generator."""
     in_reach: bool
-    """Whether these are the number asked for (if one was), the limits allowing it."""
+    """Whether the limits allow the requested number of elements, if there is one."""
     capped: bool
-    """Whether the tolerance would need more elements than asked for."""
+    """Whether the tolerance would need more elements than requested."""
 
 
-class Verdict(NamedTuple):
-    """Whether a new mesh is worth its while."""
+class Decision(NamedTuple):
+    """Whether to remesh."""
 
     remesh: bool
     converged: bool
@@ -98,31 +98,35 @@ def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
         values = np.full(mesh.nodal_shape, as_number("h0", h0, lower=0.0, strict=True))
     else:
         values = as_float_array("h0", h0, mesh.nodal_shape)
-    refuse_where("h0", ~(values > 0.0), values, "must be positive (inf where nothing is asked)")
+    refuse_where("h0", ~(values > 0.0), values, "must be positive (inf where there is no bound)")
     return values
 
 
-def check_goal(wishes: Wishes) -> None:
-    """Raise a ValueError if the wishes do not say what is wanted."""
-    if wishes.indicator is None and wishes.h0 is None:
+def check_goal(request: SizeRequest) -> None:
+    """Raise a ValueError if the request is incomplete or contradictory."""
+    if request.indicator is None and request.h0 is None:
         raise ValueError("indicator or h0 must be given, got neither")
-    if wishes.indicator is None and wishes.tolerance is not None:
+    if request.indicator is None and request.tolerance is not None:
         raise ValueError("tolerance needs an indicator, got None")
-    if wishes.indicator is not None and wishes.tolerance is None and wishes.target_elements is None:
-        raise ValueError("an indicator needs tolerance or target_elements, got neither")
-    if wishes.tolerance is not None:
-        as_number("tolerance", wishes.tolerance, lower=0.0, strict=True)
-    if wishes.target_elements is not None:
-        as_number("target_elements", wishes.target_elements, lower=1.0)
-    minimum(1.0, hmin=wishes.hmin, hmax=wishes.hmax)
-    if isinstance(wishes.g, str) or (
-        isinstance(wishes.g, int | float) and not 0.0 <= wishes.g < math.inf
+    if (
+        request.indicator is not None
+        and request.tolerance is None
+        and request.target_elements is None
     ):
-        raise ValueError(f"g must be finite and >= 0, or None, got {describe(wishes.g)}")
+        raise ValueError("an indicator needs tolerance or target_elements, got neither")
+    if request.tolerance is not None:
+        as_number("tolerance", request.tolerance, lower=0.0, strict=True)
+    if request.target_elements is not None:
+        as_number("target_elements", request.target_elements, lower=1.0)
+    minimum(1.0, hmin=request.hmin, hmax=request.hmax)
+    if isinstance(request.g, str) or (
+        isinstance(request.g, int | float) and not 0.0 <= request.g < math.inf
+    ):
+        raise ValueError(f"g must be finite and >= 0, or None, got {describe(request.g)}")
 
 
-def next_sizes(mesh: SimplexMesh, wishes: Wishes, factor: float) -> NextSizes:
-    """Return the sizes for a goal, if a generator makes ``factor`` cells per cell predicted.
+def next_sizes(mesh: SimplexMesh, request: SizeRequest, factor: float) -> NextSizes:
+    """Return the requested sizes for a generator that makes ``factor`` cells per predicted cell.
 
     Raises
     ------
@@ -131,34 +135,34 @@ def next_sizes(mesh: SimplexMesh, wishes: Wishes, factor: float) -> NextSizes:
     """
 
     def finished(h: FloatArray) -> FloatArray:
-        bounds = [h] if wishes.h0 is None or wishes.indicator is None else [h, wishes.h0]
-        held = minimum(*bounds, hmin=wishes.hmin, hmax=wishes.hmax)
-        if wishes.g is None:
+        bounds = [h] if request.h0 is None or request.indicator is None else [h, request.h0]
+        held = minimum(*bounds, hmin=request.hmin, hmax=request.hmax)
+        if request.g is None:
             return held
-        return limit_gradient(mesh, held, wishes.g)
+        return limit_gradient(mesh, held, request.g)
 
     def from_error(tolerance: float | None, target: float | None) -> FloatArray:
-        assert wishes.indicator is not None
+        assert request.indicator is not None
         return size_from_error(
-            mesh, wishes.indicator, order=wishes.order, max_refine=wishes.max_refine,
-            max_coarsen=wishes.max_coarsen, hmin=wishes.hmin, hmax=wishes.hmax, limit=finished,
+            mesh, request.indicator, order=request.order, max_refine=request.max_refine,
+            max_coarsen=request.max_coarsen, hmin=request.hmin, hmax=request.hmax, limit=finished,
             tolerance=tolerance, target_elements=target,
         )  # fmt: skip
 
-    target, capped = wishes.target_elements, False
+    target, capped = request.target_elements, False
     h: FloatArray | None = None
-    if wishes.tolerance is not None:
-        h = from_error(_AIM * wishes.tolerance, None)
+    if request.tolerance is not None:
+        h = from_error(_AIM * request.tolerance, None)
         capped = target is not None and factor * predicted_elements(mesh, h) > target
     if target is not None and (h is None or capped):
         goal = max(target / factor, 1.0)
-        if wishes.indicator is not None:
+        if request.indicator is not None:
             h = from_error(None, goal)
         else:
-            h = _scaled(mesh, wishes, finished, goal)
+            h = _scaled(mesh, request, finished, goal)
     elif h is None:
-        assert wishes.h0 is not None
-        h = finished(wishes.h0)
+        assert request.h0 is not None
+        h = finished(request.h0)
     _refuse_free(mesh, h)
     predicted = factor * predicted_elements(mesh, h)
     in_reach = target is not None and abs(predicted / target - 1.0) <= _REACHED
@@ -166,11 +170,14 @@ def next_sizes(mesh: SimplexMesh, wishes: Wishes, factor: float) -> NextSizes:
 
 
 def _scaled(
-    mesh: SimplexMesh, wishes: Wishes, finished: Callable[[FloatArray], FloatArray], goal: float
+    mesh: SimplexMesh,
+    request: SizeRequest,
+    finished: Callable[[FloatArray], FloatArray],
+    goal: float,
 ) -> FloatArray:
-    """Return the bounds h0 times a number that gives so many elements."""
-    assert wishes.h0 is not None
-    bound = wishes.h0
+    """Return the bounds h0 scaled to give the requested number of elements."""
+    assert request.h0 is not None
+    bound = request.h0
     start = predicted_elements(mesh, finished(bound))
     scale = scale_to(
         goal,
@@ -185,23 +192,27 @@ def _refuse_free(mesh: SimplexMesh, h: FloatArray) -> None:
     used[mesh.cells] = True
     refuse_where(
         "sizes", used & np.isinf(h), h,
-        "must be finite after limiting, in each component of the mesh: give hmax",
+        "must be finite after limiting, in each component of the mesh: pass hmax",
     )  # fmt: skip
 
 
-def verdict(
-    mesh: SimplexMesh, found: NextSizes, wishes: Wishes, enough: float, coarsen_converged: bool
-) -> Verdict:
-    """Return whether the mesh should be made anew."""
+def decide_remeshing(
+    mesh: SimplexMesh,
+    found: NextSizes,
+    request: SizeRequest,
+    enough: float,
+    coarsen_converged: bool,
+) -> Decision:
+    """Return whether to remesh, and why."""
     shares = _shares(mesh, found.h)
-    error, tolerance = wishes.error, wishes.tolerance
+    error, tolerance = request.error, request.tolerance
     within = tolerance is not None and error is not None and error <= tolerance
     if within and not coarsen_converged:
         reason = f"estimated error {error:.3g} is within the tolerance {tolerance:.3g}"
-        return Verdict(False, True, reason, *shares)
+        return Decision(False, True, reason, *shares)
     ratio = found.predicted / mesh.n_cells
     same = shares[0] >= enough and abs(ratio - 1.0) <= BUDGET_TOLERANCE
-    # A place that is much too coarse matters, however few cells it takes.
+    # A region that is much too coarse counts, however few cells it has.
     same = same and _pieces(mesh, found.h).max() <= _MUCH_TOO_LONG
     finer = tolerance is not None and not within and ratio > _MORE
     if not same or finer:
@@ -209,23 +220,23 @@ def verdict(
             f"remeshed: {shares[1]:.0%} of the next mesh is too coarse in the old one, "
             f"{shares[2]:.0%} too fine"
         )
-        return Verdict(True, False, reason, *shares)
-    reason = f"not worth remeshing: {shares[0]:.0%} of the next mesh is there already"
+        return Decision(True, False, reason, *shares)
+    reason = f"not remeshed: the old mesh already has {shares[0]:.0%} of the next mesh"
     if tolerance is not None and not within:
         reason += (
             f"; the limits allow no better than the estimated error {error:.3g}, "
             f"above the tolerance {tolerance:.3g}"
         )
-        return Verdict(False, False, reason, *shares)
-    target = None if tolerance is not None else wishes.target_elements
+        return Decision(False, False, reason, *shares)
+    target = None if tolerance is not None else request.target_elements
     met = target is None or abs(mesh.n_cells / target - 1.0) <= BUDGET_TOLERANCE
     if not met:
         reason += f"; the limits do not allow {target:.0f} elements"
-    return Verdict(False, met, reason, *shares)
+    return Decision(False, met, reason, *shares)
 
 
 def _pieces(mesh: SimplexMesh, h: FloatArray) -> FloatArray:
-    """Return into how many pieces of the wanted size each edge should be cut, h linear in it."""
+    """Return the number of pieces of the requested size for each edge, with h linear along it."""
     i, j = mesh.edges.T
     mean = 0.5 * (h[i] + h[j])
     half = np.abs(h[i] - h[j]) / (2.0 * mean)  # below 1
@@ -236,10 +247,10 @@ def _pieces(mesh: SimplexMesh, h: FloatArray) -> FloatArray:
 
 
 def _shares(mesh: SimplexMesh, h: FloatArray) -> tuple[float, float, float]:
-    """Return the shares of the next mesh that are there, too long and too short.
+    """Return the shares of the next mesh that are in band, too long and too short.
 
-    An edge that is to be cut into r counts as the r^d that come in its place: a few cells that
-    are much too long at a singular point are most of the next mesh.
+    An edge to be divided into r pieces is weighted by the r^d cells that replace it.  A few cells
+    that are much too long at a singular point can become most of the next mesh.
     """
     ratio = _pieces(mesh, h)
     weight = np.maximum(ratio, 1.0) ** mesh.cell_dim

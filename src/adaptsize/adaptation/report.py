@@ -1,4 +1,4 @@
-"""What is told of one turn of an adaptive loop."""
+"""The report on one adaptation cycle."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ from adaptsize.background import SimplexMesh
 from adaptsize.quality import Conformity
 from adaptsize.typing import FloatArray
 
-#: A number of elements within this of the one asked for is met.
+#: Allowed relative deviation from the requested number of elements.
 BUDGET_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
 class AdaptReport:
-    """One turn of an adaptive loop: what was asked for, done, and come out.
+    """One adaptation cycle: the request, the steps, and the result.
 
     Attributes
     ----------
     n_points_before, n_points_after, n_cells_before, n_cells_after : int
-        "After" is the mesh returned, also if it is the old one.
+        "After" refers to the returned mesh, which may be the old one.
     backend : str
         The mesh generator.
     n_meshes : int
-        How many meshes were made: more than one if the first missed the number of elements.
+        Number of meshes made: more than one if the first missed the number of elements.
     target_elements, tolerance : float or None
-        What was asked for.
+        The request.
     predicted_elements : float
-        Elements expected of the sizes, for this generator, within all limits.
+        Predicted number of elements for the sizes and this generator, within all limits.
     error : float or None
         Estimated error of the solution on the old mesh, ``sqrt(sum(indicator**2))``.
     share_in_band : float
-        Share of the elements of the next mesh that the old one has already: of its edges within
-        sqrt 2 of the new sizes, each counted as the elements that come in its place.
+        Share of the elements of the next mesh that the old mesh already has: its edges within
+        sqrt 2 of the new sizes, each weighted by the elements that replace it.
     share_too_long, share_too_short : float
-        The other edges, counted in the same way.
+        Shares of the other edges, with the same weights.
     before, after : Conformity
-        Both meshes measured against the new sizes; the same object if not remeshed.
+        Conformity of both meshes with the new sizes; the same object if not remeshed.
     measure_before, measure_after : float
         Area or volume.
     boundary_distance : float
-        Largest distance of a boundary node of the mesh that the generator made to the boundary of
-        the old mesh.
+        Largest distance of a boundary node of the generated mesh, before projection, from the
+        boundary of the old mesh.
     moves : BoundaryMoves or None
-        What became of ``project``.
+        Result of the projection by ``project``.
     lost_tags : tuple of str
-        Tags of cells and facets that the new mesh has not got any more.
+        Tags of cells and facets that the new mesh has lost.
     kept_tags : bool
         Whether the old mesh had tags of cells or facets.
     transferred : dict of str to str
@@ -83,7 +83,7 @@ class AdaptReport:
 
     @property
     def budget_met(self) -> bool | None:
-        """Whether the number of cells is within 15 % of the one asked for; None if none was."""
+        """Whether the number of cells is within 15 % of the requested one, None without one."""
         if self.target_elements is None:
             return None
         return abs(self.n_cells_after / self.target_elements - 1.0) <= BUDGET_TOLERANCE
@@ -100,13 +100,13 @@ class AdaptReport:
             lines[0] += f" ({self.backend}" + (
                 f", try {self.n_meshes})" if self.n_meshes > 1 else ")"
             )
-        lines.append(f"expected {self.predicted_elements:.0f}" + self._asked())
+        lines.append(f"predicted {self.predicted_elements:.0f} elements" + self._target())
         if self.error is not None:
             wanted = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
             lines.append(f"estimated error of the old mesh {self.error:.3g}{wanted}")
         lines.append(
-            f"sizes: {self.share_in_band:.0%} as asked for already, {self.share_too_long:.0%} too "
-            f"long, {self.share_too_short:.0%} too short"
+            f"sizes: {self.share_in_band:.0%} of the next mesh present already, "
+            f"{self.share_too_long:.0%} too long, {self.share_too_short:.0%} too short"
         )
         lines.append("old mesh: " + _quality(self.before))
         if self.n_meshes:
@@ -124,14 +124,14 @@ class AdaptReport:
         lines += [self._field(name, how) for name, how in self.transferred.items()]
         return lines
 
-    def _asked(self) -> str:
+    def _target(self) -> str:
         if self.target_elements is None:
             return ""
         if not self.n_meshes:
-            return f", asked for {self.target_elements:.0f}"
+            return f", requested {self.target_elements:.0f}"
         ratio = self.n_cells_after / self.target_elements
         met = "budget met" if self.budget_met else "budget missed"
-        return f", asked for {self.target_elements:.0f}: {met}, {ratio:.2f} of it"
+        return f", requested {self.target_elements:.0f}: {met}, ratio {ratio:.2f}"
 
     def _field(self, name: str, how: str) -> str:
         text = f"field {name}: {how}"
@@ -149,12 +149,12 @@ def _quality(conformity: Conformity) -> str:
     return (
         f"{conformity.share_in_band:.0%} of the edges within sqrt 2 of the sizes, radius ratio "
         f"min {conformity.radius_ratio_min:.3f} mean {conformity.radius_ratio_mean:.3f}, "
-        f"least angle {conformity.angle_min:.1f} deg"
+        f"smallest angle {conformity.angle_min:.1f} deg"
     )
 
 
 def lost_tags(old: SimplexMesh, new: SimplexMesh) -> tuple[str, ...]:
-    """Return which tags of cells and facets of the old mesh the new one has not."""
+    """Return the tags of cells and facets of the old mesh that the new one lacks."""
     lost = []
     for kind in ("cell", "facet"):
         before, after = (getattr(mesh, f"{kind}_tags") for mesh in (old, new))
@@ -168,7 +168,7 @@ def lost_tags(old: SimplexMesh, new: SimplexMesh) -> tuple[str, ...]:
 def boundary_distance(old: SimplexMesh, new: SimplexMesh) -> float:
     """Return the largest distance of a boundary node of a mesh to the boundary of another.
 
-    Of triangles in space all nodes count, and the distance is that to the old triangles.
+    For triangles in space, the distance of all nodes from the old triangles is used.
     """
     if new.cell_dim < new.dim:
         return float(old.locator.nearest(new.points)[2].max())

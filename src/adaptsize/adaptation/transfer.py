@@ -1,4 +1,4 @@
-"""Fields of one mesh on another one of the same domain."""
+"""Transfer of fields from one mesh to another mesh of the same domain."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: A cell with less than this share of its measure in the old domain counts as outside.
 _OUTSIDE = 1e-9
-#: How far a point is moved into a cell to tell on which side of a slit it is, over its size.
+#: Distance, over the size, by which a point is moved into a cell to find its side of a slit.
 _ASIDE = 1e-8
-# A compiled loop cannot be interrupted; one call of it should last about this long.
+# A compiled loop cannot be interrupted.  One call should take about this long.
 _SECONDS_PER_CALL = 0.3
 # Overlaps of a call; grows if one new cell has more.
 _ROOM = 1_000_000
 
 
 class TransferredFields(NamedTuple):
-    """What `transfer_fields` returns."""
+    """Result of `transfer_fields`."""
 
     fields: dict[str, npt.NDArray[Any]]
     """Nodal fields on the new mesh."""
@@ -46,7 +46,7 @@ def transfer_fields(
     keep_integral: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> TransferredFields:
-    """Return nodal and cell fields of one mesh on another: all of `FieldTransfer` in one call.
+    """Transfer nodal and cell fields from one mesh to another: `FieldTransfer` in one call.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def transfer_fields(
     Raises
     ------
     ValueError
-        If a field has not one row per node or cell, or is not finite, before anything is done.
+        If a field does not have one row per node or cell, or is not finite (checked first).
 
     Examples
     --------
@@ -92,14 +92,15 @@ def transfer_fields(
 
 
 class FieldTransfer:
-    r"""Takes fields from one mesh to another of the same domain; what is found is kept.
+    r"""Transfers fields from one mesh to another of the same domain.
 
-    Nodal fields are interpolated linearly.  Cell fields are constant in each cell: a new cell
-    L gets the value of the old cell that holds its centroid, or the mean over what lies in it,
+    Locations and overlaps are computed once and reused for all fields.  Nodal fields are
+    interpolated linearly.  Cell fields are constant in each cell.  A new cell L gets the value of
+    the old cell that contains its centroid, or the mean over the old cells that it overlaps,
 
     .. math:: u_L = \frac{\sum_K |K \cap L|\, u_K}{\sum_K |K \cap L|},
 
-    the L2 projection on the constants, with the measures of the overlaps by clipping.
+    which is the L2 projection onto constants [1]_.  The overlaps are computed by clipping.
 
     Parameters
     ----------
@@ -107,19 +108,20 @@ class FieldTransfer:
         Both triangles in the plane, both tetrahedra, or both triangles in space.  Cells may have
         any orientation.
     progress : callable, bool or None
-        Called with a text and the share done while overlaps are computed; True shows a bar.
+        Called with a text and the share done while overlaps are computed.  True shows a progress
+        bar.
 
     Raises
     ------
     ValueError
-        If the meshes are of segments or of two kinds.
+        If the meshes consist of segments or are of different kinds.
 
     Notes
     -----
-    Integers and booleans are not averaged: a node gets the value of the nearest corner of its
-    cell (that of the largest weight), a cell that at its centroid, and they keep their type.
-    Other fields come back as float64 or complex128, of any trailing shape.  Components of
-    vectors and tensors are transferred one by one, in the fixed axes.
+    Integers and booleans are not averaged and keep their type.  A node gets the value of the
+    corner with the largest weight in its cell.  A cell gets the value at its centroid.
+    Other fields are returned as float64 or complex128, of any trailing shape.  Components of
+    vectors and tensors are transferred separately, in fixed axes.
 
     The overlaps cost some 4 microseconds per new triangle and 55 per new tetrahedron, once
     for all fields, and 12 bytes of memory for each of the 6 or 22 old cells that overlap one.
@@ -164,7 +166,7 @@ class FieldTransfer:
         self._progress = progress
 
     def refuse_surfaces(self) -> None:
-        """Raise a ValueError if the cells have not the dimension of the space."""
+        """Raise a ValueError if the cells do not have the dimension of the space."""
         if self.old.cell_dim != self.old.dim:
             raise ValueError(
                 "conservative must be False for triangles in space: two triangulations of a "
@@ -182,10 +184,10 @@ class FieldTransfer:
         Returns
         -------
         ndarray, shape (n_points of the new mesh, ...)
-            Linearly interpolated, exact for linear fields inside the old mesh; between the
-            values of the corners of the old cell.  Nodes outside the old mesh, and those in no
-            cell, get the value at the nearest point of it.  At slits, where old nodes coincide,
-            each new node gets the value of its side.
+            Linearly interpolated: exact for linear fields inside the old mesh, and within the
+            range of the corner values of the old cell.  Nodes outside the old mesh, and those in
+            no cell, get the value at the nearest point of the old mesh.  At slits, where old
+            nodes coincide, each new node gets the value of its side.
 
         Raises
         ------
@@ -209,26 +211,27 @@ class FieldTransfer:
         values : array_like, shape (n_cells of the old mesh, ...)
             Numbers, finite; any trailing shape.
         conservative : bool, default True
-            Mean over the overlaps instead of the value at the centroid.  Not for triangles in
-            space.  Of no effect on integers and booleans, which are not averaged.
+            Use the mean over the overlaps instead of the value at the centroid.  Not available
+            for triangles in space.  No effect on integers and booleans, which are not averaged.
         keep_integral : bool, default False
-            Where the two domains differ, at curved boundaries, change the values of the new cells
-            there, and if that is not enough of all, until the integral is the old one, within
-            the least and the largest old value.
+            Preserve the integral where the two domains differ, at curved boundaries.  The values
+            of the new cells there are changed, and of all cells if that is not enough.  Values
+            stay between the smallest and the largest old value.
 
         Returns
         -------
         ndarray, shape (n_cells of the new mesh, ...)
-            Between the values of the old cells that overlap (hold the centroid of) the new one.
-            Conservative: the integral is the old one to rounding if the domains are the same.
-            Where they differ, a new cell gets the mean over its part inside the old domain; a
-            constant stays the constant, and its integral changes as the measure of the domain
-            does.  A new cell outside the old domain gets the value of the nearest old one.
+            Within the range of the values of the old cells that overlap the new cell (or contain
+            its centroid).  If conservative, the integral is preserved to rounding for equal
+            domains.  Where the domains differ, a new cell gets the mean over its part inside the
+            old domain.  A constant field stays constant, and its integral changes with the
+            measure of the domain.  A new cell outside the old domain gets the value of the nearest
+            old cell.
 
         Raises
         ------
         ValueError
-            If the shape is wrong, a value is not finite, or ``conservative`` is asked for
+            If the shape is wrong, a value is not finite, or ``conservative`` is set for
             triangles in space.
         """
         field = as_field("values", values, self.old.n_cells)
@@ -299,10 +302,10 @@ class FieldTransfer:
         return cells, weights, distances
 
     def _on_their_side(self, nodes: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return old cells and weights for new nodes, on the side of a slit on which they are.
+        """Return old cells and weights for new nodes, on their side of a slit.
 
-        Where two old nodes coincide a place belongs to both; a point a little inside a new
-        cell at the node tells which is meant.
+        Where two old nodes coincide, the location is ambiguous.  A point slightly inside a new
+        cell at the node determines the side.
         """
         old, new = self.old, self.new
         one_cell = np.zeros(new.n_points, np.intp)
@@ -310,7 +313,7 @@ class FieldTransfer:
         points = new.points[nodes]
         inside = new.points[new.cells[one_cell[nodes]]].mean(axis=1)
         cells, weights, _ = old.locator.nearest(points + _ASIDE * (inside - points))
-        # What the node itself has of that cell, which it may miss by a hair.
+        # Weights of the node itself in that cell, which it may miss by rounding.
         corners = old.points[old.cells[cells]]
         edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
         sound = np.abs(np.linalg.det(edges)) > 0.0
@@ -329,12 +332,12 @@ class FieldTransfer:
 
     @cached_property
     def _holders(self) -> IntArray:
-        """The old cells that hold the centroids of the new ones, or the nearest."""
+        """The old cells that contain the centroids of the new ones, or the nearest."""
         centroids = self.new.points[self.new.cells].mean(axis=1)
         return self.old.locator.nearest(centroids)[0]
 
     def _with_integral(self, made: npt.NDArray[Any], field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return values changed, near the boundary first, to the integral of the old field."""
+        """Return values corrected, near the boundary first, to the integral of the old field."""
         measures = self.new.measures
         at_boundary = np.zeros(self.new.n_cells, np.bool_)
         if not self.new.is_closed:
@@ -432,7 +435,7 @@ def _overlaps(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) -> c
             counts, found, measures,
         )  # fmt: skip
         seconds = time.perf_counter() - begin
-        if reached == first:  # one cell alone overlaps more
+        if reached == first:  # a single cell has more overlaps
             room *= 2
             found, measures = np.empty(room, np.int32), np.empty(room)
             continue

@@ -1,4 +1,4 @@
-"""`adapt`: one turn of an adaptive loop."""
+"""`adapt`: one adaptation cycle."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from adaptsize.adaptation.boundary_moves import (
 )
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
+    Decision,
     NextSizes,
-    Verdict,
-    Wishes,
+    SizeRequest,
     as_bound,
     as_indicator,
     check_goal,
+    decide_remeshing,
     next_sizes,
-    verdict,
 )
 from adaptsize.adaptation.report import (
     BUDGET_TOLERANCE,
@@ -51,7 +51,7 @@ Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 _Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
 
-#: Meshes that are made at most for a number of elements.
+#: Maximum number of meshes that are made to meet a number of elements.
 _MOST_MESHES = 3
 
 
@@ -62,21 +62,21 @@ class AdaptResult:
     Attributes
     ----------
     mesh : SimplexMesh
-        The next mesh, with the transferred fields as its point and cell data; the old mesh
-        itself if ``remeshed`` is False.
+        The next mesh, with the transferred fields as its point and cell data.  It is the old
+        mesh itself if ``remeshed`` is False.
     size : SizeFunction
-        The sizes asked for, on the old mesh.
+        The requested sizes, on the old mesh.
     fields, cell_fields : dict of str to ndarray
-        The fields on ``mesh``; as they were given if it is the old mesh.
+        The fields on ``mesh``; unchanged if it is the old mesh.
     remeshed : bool
-        Whether ``mesh`` is a new one.  False ends a loop.
+        Whether ``mesh`` is a new mesh.  False ends a loop.
     converged : bool
-        Whether the old mesh is what was asked for: its error within the tolerance, or its
-        sizes and their number as wanted.
+        Whether the old mesh meets the request: its error is within the tolerance, or its
+        sizes and the number of its elements are as requested.
     reason : str
-        Why there is a new mesh, or none.
+        Why the mesh was remeshed, or why not.
     report : AdaptReport
-        ``print(result.report)`` for a few lines.
+        ``print(result.report)`` prints a few lines.
     """
 
     mesh: SimplexMesh
@@ -120,35 +120,36 @@ def adapt(
     timeout: float | None = 3600.0,
     progress: ProgressCallback | bool | None = None,
 ) -> AdaptResult:
-    """Return the next mesh of an adaptive loop, with the fields of the present one on it.
+    """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
 
-    One turn: sizes from error indicators, upper bounds on the size, or both; limited to a
-    gradient; a new mesh of these sizes; fields transferred, tags kept, and a report of it all.
-    A mesh that has the sizes already is returned as it is.
+    This is one adaptation cycle.  Sizes come from error indicators, upper bounds on the size, or
+    both, and their gradient is limited.  The domain is remeshed with these sizes.  Fields are
+    transferred and tags are kept.  A mesh that already has the sizes is returned unchanged.
 
     Parameters
     ----------
     mesh : SimplexMesh
         Triangles in the plane, tetrahedra, or triangles in space.
     indicator : array_like of float, shape (n_cells,), optional
-        Error of each cell, >= 0; ``sqrt(sum(indicator**2))`` is the error in all.  Needs a goal:
+        Error of each cell, >= 0.  The total error is ``sqrt(sum(indicator**2))``.  Requires
         ``tolerance``, ``target_elements`` or both.
     order : float, default 1
-        Power of the size with which the error goes, see `size_from_error`.
+        Order of convergence: the error is proportional to this power of the size, see
+        `size_from_error`.
     h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
-        Upper bounds on the size, taken at the nodes of ``mesh``; inf where nothing is asked.
-        Beside ``indicator`` a bound that holds whatever the goal; alone, the sizes wanted.
+        Upper bounds on the size, evaluated at the nodes of ``mesh``; inf where there is none.
+        With ``indicator`` they are additional bounds.  Without it they are the requested sizes.
     target_elements : float, optional
         Number of cells of the next mesh, >= 1, after all limits.  With ``h0`` alone, the bounds
-        are scaled to it.  With ``tolerance``, at most so many.
+        are scaled to meet it.  With ``tolerance`` it is an upper limit.
     tolerance : float, optional
-        Error to be reached, > 0; sizes are for 0.95 of it.
+        Target for the total error, > 0.  The sizes are computed for 0.95 of it.
     g : float, array_like, callable, tuple or None, default 0.25
-        Gradient limit, as `limit_gradient` takes it; None: the sizes are not limited.
+        Gradient limit, as in `limit_gradient`.  None disables gradient limiting.
     hmin, hmax : float, optional
         Limits of the size.
     max_refine, max_coarsen : float, default 4 and 2
-        Bounds on the change by ``indicator``, see `size_from_error`.
+        Limits on the change of the size by ``indicator``, see `size_from_error`.
     backend : str, default "auto"
         Mesh generator, see `remesh`.
     fields : mapping of str to array_like, optional
@@ -156,31 +157,31 @@ def adapt(
     cell_fields : mapping of str to array_like, optional
         Cell fields, shape (n_cells, ...); see `FieldTransfer.cells`.
     conservative, keep_integral : bool
-        How cell fields are transferred, see `FieldTransfer.cells`; for triangles in space
+        How cell fields are transferred, see `FieldTransfer.cells`.  For triangles in space
         ``conservative`` must be False.
     project : callable, or mapping of int to callable, optional
-        Takes float64[n, dim], nodes near the boundary, and returns the points of the true boundary
-        for them.  A mapping has one for the facets of each tag, also of tagged facets inside.
-        Called with the new boundary nodes except corners, ridges and those between two
-        projections.  Moves that would spoil a cell are shortened.
+        Takes nodes near the boundary, float64[n, dim], and returns their projections onto the true
+        boundary.  A mapping has one callable for the facets of each tag, including tagged
+        facets inside.  It is called with the new boundary nodes except corners, ridges and nodes
+        between two projections.  Moves that would degrade a cell are shortened.
     corner_angle : float, default 30
-        Degrees between two boundary facets from which on their common nodes count as corners.
+        Angle in degrees between two boundary facets from which on their common nodes are corners.
     enough : float, default 0.85
-        No new mesh if this share of the next mesh is there already (edges within sqrt 2 of the
-        new sizes, each counted as the cells that come in its place), no edge is 3 times too
-        long, the number of cells would change by less than 15 %, and the tolerance does not
-        need more cells.  Above 1: always a new mesh.
+        The mesh is not remeshed if all of these hold: it already has this share of the next mesh
+        (edges within sqrt 2 of the new sizes, each weighted by the cells that replace it), no edge
+        is 3 times too long, the number of cells would change by less than 15 %, and the
+        tolerance does not need more cells.  A value above 1 always makes a new mesh.
     coarsen_converged : bool, default False
-        Whether a mesh whose error is within the tolerance is made anew, coarser where it may be.
+        Whether to remesh, and coarsen where possible, if the error is within the tolerance.
     boundary_tolerance : float
-        How far the new boundary may be from the old one, over the diagonal; see `remesh`.
+        Allowed distance of the new boundary from the old one, over the diagonal; see `remesh`.
     max_elements : float
-        Above this, no generator is started.
+        If the sizes require more elements than this, no generator is started.
     timeout : float or None
-        Seconds after which a generator is stopped; None: never.
+        Seconds after which a generator is stopped.  None disables the limit.
     progress : callable, bool or None
-        Called with a text and the share done or None; True shows a bar.  Raising in it, or
-        Ctrl-C, stops the work.
+        Called with a text and the share done or None.  True shows a progress bar.  An exception
+        in it, or Ctrl-C, stops the work.
 
     Returns
     -------
@@ -191,18 +192,18 @@ def adapt(
     Raises
     ------
     ValueError
-        If an argument is wrong, before any work; sizes that are free (inf) after limiting.
+        If an argument is invalid (checked first), or sizes are inf after limiting.
     TooManyElementsError
-        If the sizes ask for more than ``max_elements``.
+        If the sizes require more than ``max_elements`` elements.
     BackendUnavailableError
-        If no generator is installed for this mesh: triangles need Mmg.
+        If no generator for this mesh is installed.  Triangles need Mmg.
     BackendError
-        If the generator failed; BackendTimeoutError if it was stopped.
+        If the generator failed.  BackendTimeoutError if it was stopped.
 
     Warns
     -----
     ResolutionWarning
-        If a tag has vanished from the mesh, or, without ``project``, the new boundary is farther
+        If the new mesh has lost a tag, or if, without ``project``, the new boundary is farther
         from the old one than ``boundary_tolerance``.
 
     See Also
@@ -211,17 +212,19 @@ def adapt(
 
     Notes
     -----
-    The number of cells is what the generator was measured to make of sizes; if its mesh is off by
-    more than 15 % although the limits allow the number, another one is made with what was learnt,
-    up to three, and the nearest is taken.  Boundary nodes stay on the boundary of the old mesh: on
-    straight ones to rounding (fTetWild: within ``boundary_tolerance``), at curved ones by Mmg up
-    to 3.4 times that tolerance was measured, as it rounds coarse facets off; the report tells how
-    far they are.  Mmg keeps tags of cells and facets exactly; fTetWild does not know them, and
-    they are looked up.
+    The number of cells is predicted from measurements with the generator.  If the mesh misses the
+    number by more than 15 % although the limits allow it, the prediction is corrected and another
+    mesh is made.  Of up to three meshes the closest is returned.
+
+    Boundary nodes stay on the boundary of the old mesh: on straight boundaries to rounding
+    (fTetWild: within ``boundary_tolerance``).  On curved boundaries Mmg rounds coarse facets off,
+    and up to 3.4 times that tolerance was measured.  The report has the distance.
+
+    Mmg keeps tags of cells and facets exactly.  For fTetWild they are looked up in the old mesh.
 
     Examples
     --------
-    With Mmg installed, a mesh that is to be fine at the origin:
+    A mesh that is refined at the origin (with Mmg installed):
 
     >>> import numpy as np
     >>> x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9))
@@ -235,7 +238,7 @@ def adapt(
     >>> bool(np.abs(result.fields["x"] - result.mesh.points[:, 0]).max() < 1e-12)
     True
 
-    A loop to a tolerance::
+    An adaptive loop with a tolerance::
 
         for cycle in range(20):
             u, eta = solve(mesh)
@@ -246,12 +249,12 @@ def adapt(
             mesh = result.mesh
     """
     task = _task(mesh)
-    wishes = Wishes(
+    request = SizeRequest(
         indicator=as_indicator(indicator, mesh), h0=as_bound(h0, mesh), order=order,
         target_elements=target_elements, tolerance=tolerance, g=g, hmin=hmin, hmax=hmax,
         max_refine=max_refine, max_coarsen=max_coarsen,
     )  # fmt: skip
-    check_goal(wishes)
+    check_goal(request)
     enough = as_number("enough", enough, lower=0.0)
     corner_angle = as_number("corner_angle", corner_angle, lower=0.0)
     if project is not None:
@@ -276,30 +279,30 @@ def adapt(
     }
     with reporting(progress) as report:
         report("sizes", None)
-        found = next_sizes(mesh, wishes, calibration(generator, mesh.cell_dim))
-        judged = verdict(mesh, found, wishes, enough, coarsen_converged)
+        found = next_sizes(mesh, request, calibration(generator, mesh.cell_dim))
+        judged = decide_remeshing(mesh, found, request, enough, coarsen_converged)
         if not judged.remesh:
             made = _Made(mesh, 0, 0.0, None)
         else:
             options["progress"] = report
-            found, made = _new_mesh(mesh, found, wishes, options)
+            found, made = _new_mesh(mesh, found, request, options)
             if project is None and made.boundary_distance > options["tolerance"] * mesh.diagonal:
-                # The same words each time, so that Python shows them once.
+                # The text is constant, so that Python shows the warning once.
                 warnings.warn(
                     "the boundary of the new mesh is farther from the old one than "
-                    "boundary_tolerance (report.boundary_distance has the distance), which adds "
-                    "up in a loop; give project= for a curved boundary, or lower "
+                    "boundary_tolerance (see report.boundary_distance), which adds "
+                    "up in a loop; pass project= for a curved boundary, or lower "
                     "boundary_tolerance",
                     ResolutionWarning,
                     stacklevel=2,
                 )
             made = _projected(made, project, corner_angle)
-        return _result(mesh, found, wishes, judged, made, cargo, generator, report)
+        return _result(mesh, found, request, judged, made, cargo, generator, report)
 
 
 @dataclass(frozen=True)
 class _Cargo:
-    """Fields to be taken along, and how."""
+    """Fields to transfer, and how."""
 
     fields: Arrays
     cell_fields: Arrays
@@ -309,7 +312,7 @@ class _Cargo:
 
 @dataclass(frozen=True)
 class _Made:
-    """A new mesh and how it came about."""
+    """A new mesh and how it was made."""
 
     mesh: SimplexMesh
     n_meshes: int
@@ -318,7 +321,7 @@ class _Made:
 
 
 def _task(mesh: SimplexMesh) -> _Task:
-    """Return what is to be remeshed."""
+    """Return the meshing task."""
     check_type("mesh", mesh, SimplexMesh)
     kind = (mesh.cell_dim, mesh.dim)
     if kind == (3, 3):
@@ -331,11 +334,11 @@ def _task(mesh: SimplexMesh) -> _Task:
 
 
 def _new_mesh(
-    mesh: SimplexMesh, found: NextSizes, wishes: Wishes, options: dict[str, Any]
+    mesh: SimplexMesh, found: NextSizes, request: SizeRequest, options: dict[str, Any]
 ) -> tuple[NextSizes, _Made]:
-    """Return a mesh of the sizes found; if it misses the number asked for, others."""
+    """Return a mesh with the sizes; repeat if it misses the requested number of elements."""
     new = remesh(mesh, SizeFunction(mesh, found.h), **options)
-    best, n_meshes, target = (found, new), 1, wishes.target_elements
+    best, n_meshes, target = (found, new), 1, request.target_elements
     asked: list[float] = []
     made: list[float] = []
     while target is not None and found.in_reach and n_meshes < _MOST_MESHES:
@@ -343,7 +346,7 @@ def _new_mesh(
         made.append(math.log(new.n_cells))
         if abs(math.expm1(made[-1] - math.log(target))) <= BUDGET_TOLERANCE:
             break
-        found = next_sizes(mesh, wishes, target / math.exp(_to_ask(asked, made, math.log(target))))
+        found = next_sizes(mesh, request, target / math.exp(_to_ask(asked, made, math.log(target))))
         new = remesh(mesh, SizeFunction(mesh, found.h), **options)
         n_meshes += 1
         if abs(math.log(new.n_cells / target)) < abs(math.log(best[1].n_cells / target)):
@@ -353,7 +356,7 @@ def _new_mesh(
 
 
 def _to_ask(asked: list[float], made: list[float], wanted: float) -> float:
-    """Return the logarithm of the number to ask for, from what was asked for and made."""
+    """Return the logarithm of the number to request next, from requested and actual numbers."""
     order = np.argsort(made)
     below = [i for i in order if made[i] < wanted]
     above = [i for i in order if made[i] >= wanted]
@@ -374,8 +377,8 @@ def _projected(made: _Made, project: ProjectionLike | None, angle: float) -> _Ma
 def _result(
     old: SimplexMesh,
     found: NextSizes,
-    wishes: Wishes,
-    judged: Verdict,
+    request: SizeRequest,
+    judged: Decision,
     made: _Made,
     cargo: _Cargo,
     generator: str,
@@ -402,7 +405,7 @@ def _result(
     lost = lost_tags(old, new)
     if lost:
         warnings.warn(
-            f"the new mesh has no more {', '.join(lost)}: parts smaller than the sizes vanish",
+            f"the new mesh has lost {', '.join(lost)}: parts smaller than the sizes vanish",
             ResolutionWarning,
             stacklevel=3,
         )
@@ -410,8 +413,8 @@ def _result(
         n_points_before=old.n_points, n_points_after=new.n_points,
         n_cells_before=old.n_cells, n_cells_after=new.n_cells,
         backend=generator, n_meshes=made.n_meshes,
-        target_elements=wishes.target_elements, tolerance=wishes.tolerance,
-        predicted_elements=found.predicted, error=wishes.error,
+        target_elements=request.target_elements, tolerance=request.tolerance,
+        predicted_elements=found.predicted, error=request.error,
         share_in_band=judged.in_band, share_too_long=judged.too_long,
         share_too_short=judged.too_short, before=before, after=after,
         measure_before=float(old.measures.sum()), measure_after=float(new.measures.sum()),

@@ -1,7 +1,7 @@
-"""New meshes from sizes: one adapter per mesh generator, and ``remesh`` over them.
+"""Mesh generation for a size function: ``remesh`` and one adapter per mesh generator.
 
-Names are imported on first use: the child processes that run the generators
-import this package too, and start sooner without the mesh classes.
+Names are imported on first use.  The child processes that run the generators
+import this package too and start faster without the mesh classes.
 """
 
 from importlib import import_module

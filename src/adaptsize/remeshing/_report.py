@@ -1,4 +1,4 @@
-"""What is told of a mesh made by smoothing: how it came about, how good it is, what it misses."""
+"""The report on a mesh made by smoothing: convergence, quality, and parts it misses."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from adaptsize.typing import IntArray
 
 #: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.
 SLIVER_ANGLE = 10.0
-#: Nodes that still move more than this per step are not at rest, in sizes.
+#: The mesh has not converged while nodes move more than this per step, in sizes.
 _RESTLESS = 0.03
 #: Share of the domain's measure that the mesh may miss or have in excess.  Tetrahedra with
 #: edges of 0.6 radii miss 6 % of a ball.
 _MEASURE_OFF = 0.1
-#: A place in the domain without a node this near is not covered, in sizes.
+#: A sample point without a node within this distance is not covered, in sizes.
 _COVERED = 1.1
-#: Nodes of the boundary may be this far from that of the domain, in sizes.
+#: Allowed distance of boundary nodes from the boundary of the domain, in sizes.
 _OFF_BOUNDARY = 0.05
-#: Nodes of different parts this near are looked at for a way between them, in sizes.
+#: Nodes of different components this near are checked for a connection, in sizes.
 _NEIGHBOURS = 1.6
 
 
 @dataclass(frozen=True)
 class SmoothingReport:
-    """How a mesh was made of a distance function, and how good it is.
+    """How a mesh was made from a distance function, and its quality.
 
     Attributes
     ----------
     n_steps, n_triangulations : int
-        Steps of the nodes, and how often they were connected anew.
+        Number of smoothing steps, and of Delaunay triangulations.
     at_rest : bool
-        Whether the nodes came to rest within ``max_iter`` steps.
+        Whether the nodes converged within ``max_iter`` steps.
     last_move : float
-        Mean way of a node in the last step, in sizes.
+        Mean displacement of a node in the last step, in sizes.
     conformity : Conformity
         Edge lengths over sizes, qualities and angles; see `adaptsize.size_conformity`.
     n_slivers : int
@@ -55,15 +55,16 @@ class SmoothingReport:
         where the distance function has no slope.
     boundary_gap : float
         Largest distance of the centroid of a boundary facet from the boundary of the
-        domain, in sizes: what chords and cut corners miss.
+        domain, in sizes.  It is caused by chords and cut corners.
     n_uncovered : int
-        Samples of the domain that have no node of the mesh nearby.
+        Sample points of the domain without a node of the mesh nearby.
     n_components : int
-        Parts of the mesh that have no facet in common.
+        Components of the mesh, which have no facet in common.
     n_broken : int
-        Straight ways inside the domain from a node of one part to one of another, nearby.
+        Pairs of nearby nodes of different components that a straight line inside the domain
+        connects.
     fixed_nodes : int32[n]
-        Node of each of ``fixed_points``; -1 where none of the cells has it.
+        Node of each of ``fixed_points``, or -1 if it is in no cell.
     """
 
     n_steps: int
@@ -83,7 +84,7 @@ class SmoothingReport:
 
     def __str__(self) -> str:
         """Return a small table."""
-        rest = "came to rest" if self.at_rest else "still moving"
+        state = "converged" if self.at_rest else "not converged"
         return "\n".join(
             [
                 str(self.conformity),
@@ -92,7 +93,7 @@ class SmoothingReport:
                 f"{self.domain_measure:.6g}, {self.n_uncovered} samples of the domain uncovered",
                 f"boundary nodes within {self.boundary_residual:.2g} sizes, facets within "
                 f"{self.boundary_gap:.2g} sizes of the boundary",
-                f"{self.n_steps} steps, {rest} (mean move {self.last_move:.2g} sizes), "
+                f"{self.n_steps} steps, {state} (mean move {self.last_move:.2g} sizes), "
                 f"{self.n_triangulations} triangulations",
             ]
         )
@@ -115,7 +116,7 @@ def describe(
     phi = domain.phi(at)
     residual = np.linalg.norm(domain.newton_steps(at, phi, h), axis=1) / h
     is_zero = np.abs(phi) <= TOLERANCE * domain.slope * h
-    residual[(residual == 0.0) & ~is_zero] = np.inf  # no slope: nobody knows
+    residual[(residual == 0.0) & ~is_zero] = np.inf  # unknown without a slope
     centres = skin.points[skin.cells].mean(axis=1)
     h = size(centres)
     gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
@@ -140,7 +141,7 @@ def describe(
 
 
 def _components(mesh: SimplexMesh) -> npt.NDArray[np.integer]:
-    """Return the number of the part of each cell: parts have no facet in common."""
+    """Return the component of each cell.  Components have no facet in common."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -155,7 +156,7 @@ def _components(mesh: SimplexMesh) -> npt.NDArray[np.integer]:
 def _n_broken(
     mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: ImplicitDomain, size: Size
 ) -> int:
-    """Return how many pairs of near nodes of different parts see each other in the domain."""
+    """Return how many pairs of nearby nodes of different components the domain connects."""
     from scipy.spatial import Delaunay
 
     if component.max() == 0:
@@ -186,8 +187,8 @@ def warn_of_faults(report: SmoothingReport) -> None:
         faults.append(f"{report.n_uncovered} samples of the domain have no node nearby")
     if report.n_broken:
         faults.append(
-            f"its {report.n_components} parts hang together in the domain (at {report.n_broken} "
-            "places), which is narrow there"
+            f"its {report.n_components} components are connected in the domain (at "
+            f"{report.n_broken} places), which is narrow there"
         )
     share = report.measure / report.domain_measure
     if abs(share - 1.0) > _MEASURE_OFF:
@@ -199,8 +200,8 @@ def warn_of_faults(report: SmoothingReport) -> None:
         )
     if report.boundary_residual > _OFF_BOUNDARY:
         faults.append(
-            f"nodes of its boundary are up to {report.boundary_residual:.2g} sizes from that of "
-            "the domain (inf: distance has no slope there)"
+            f"its boundary nodes are up to {report.boundary_residual:.2g} sizes from the boundary "
+            "of the domain (inf: distance has no slope there)"
         )
     lost = int(np.count_nonzero(report.fixed_nodes < 0))
     if lost:
@@ -208,7 +209,7 @@ def warn_of_faults(report: SmoothingReport) -> None:
     if faults:
         warnings.warn(
             f"the mesh does not resolve the domain well: {'; '.join(faults)}; "
-            "ask for smaller sizes, or give corners as fixed_points",
+            "use smaller sizes, or pass corners as fixed_points",
             ResolutionWarning,
             stacklevel=3,
         )

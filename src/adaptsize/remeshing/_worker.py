@@ -21,7 +21,7 @@ def main() -> int:
     module, name = job["function"].split(":")
     try:
         result = getattr(import_module(module), name)(arrays, job["options"])
-    except Exception as error:  # the one place where any failure of a generator is expected
+    except Exception as error:  # a generator may raise anything
         with open("error.txt", "w", encoding="utf-8") as file:
             file.write(f"{type(error).__name__}: {error}")
         return 1
@@ -43,5 +43,5 @@ def _die_with_parent() -> None:
 if __name__ == "__main__":
     code = main()
     sys.stdout.flush()
-    # Leave without tearing down: some generators crash in their exit handlers.
+    # Exit without cleanup: some generators crash in their exit handlers.
     os._exit(code)

@@ -1,4 +1,4 @@
-"""``remesh``: from a mesh and sizes to a new mesh."""
+"""``remesh``: a new mesh from a mesh and a size function."""
 
 from __future__ import annotations
 
@@ -51,61 +51,62 @@ def remesh(
     timeout: float | None = 3600.0,
     progress: ProgressCallback | bool | None = None,
 ) -> SimplexMesh:
-    """Return a new mesh of the same domain whose edges have the wanted sizes.
+    """Return a new mesh of the same domain with the requested edge lengths.
 
     Parameters
     ----------
     mesh : SimplexMesh
         Tetrahedra, triangles in the plane, or triangles in space.  A surface
-        that is to become a volume may be dirty: open, self-intersecting,
-        non-manifold, with several components.
+        to be filled with tetrahedra may have defects: it may be open, self-intersecting
+        or non-manifold, and have several components.
     size : SizeFunction, callable, array_like of float, shape (n_points,), or float
-        Wanted edge length, finite and positive, in the unit of the coordinates.
+        Requested edge length, finite and positive, in the unit of the coordinates.
         A callable takes float64[n, dim] points and returns n sizes.  Its gradient is
-        taken as it is: apply `limit_gradient` first.
+        not limited here: apply `limit_gradient` first.
     target : {"auto", "tetrahedra", "triangles"}
-        What a surface in space becomes: tetrahedra of the volume it encloses
-        ("auto" too) or a new surface.
+        What to make from a surface in space: tetrahedra in the volume it encloses
+        (also with "auto"), or a new surface.
     backend : {"auto", "tetwild", "mmg", "gmsh"}
-        The mesh generator.  "auto" is Mmg if it is installed, on a first mesh by fTetWild if
-        a surface becomes a volume; else fTetWild.  Gmsh is never chosen by itself.
+        The mesh generator.  "auto" selects Mmg if it is installed, otherwise fTetWild.  To fill
+        a surface, Mmg starts from a first mesh by fTetWild.  "auto" never selects Gmsh.
     g : float, default 0.25
-        How fast nodal sizes given on a surface grow into the volume; a SizeFunction on a
-        surface brings its own g, if it has any.
+        Gradient with which nodal sizes on a surface grow into the volume.  A SizeFunction on a
+        surface uses its own g, if it has one.
     hmax : float
-        Larger sizes are lowered to this, also those that grow into a volume.
+        Upper limit of the sizes, including those that grow into a volume.
     tolerance : float
-        How far the new boundary may be from the old one, over the diagonal of the bounding
-        box.  fTetWild kept it on closed parts (but see sizes above 1/12 of the diagonal, for
-        which it leaves it); by Mmg the boundary was found up to 2.2 times as far.  Open or
-        self-intersecting surfaces are closed somehow, and may be off by more.
+        Allowed distance of the new boundary from the old one, over the diagonal of the bounding
+        box.  In tests on closed parts, fTetWild kept this tolerance (except for sizes above 1/12
+        of the diagonal), and boundaries by Mmg were up to 2.2 times as far.  Open or
+        self-intersecting surfaces are closed by fTetWild and may deviate more.
     required_facets : array_like of int, shape (n, cell_dim), optional
-        Facets of ``mesh`` that stay exactly as they are (Mmg only).
+        Facets of ``mesh`` that must not change (Mmg only).
     max_elements : float
-        If the sizes ask for more elements than this, no generator is started.
+        If the sizes require more elements than this, no generator is started.
     timeout : float or None
-        Seconds after which the generators are stopped; None: never.
+        Seconds after which the generators are stopped.  None disables the limit.
     progress : callable, bool or None
-        Called with a text and None while generators work; True shows a bar.
+        Called with a text and None while generators work.  True shows a progress bar.
 
     Returns
     -------
     SimplexMesh
         Cells of full dimension are positively oriented, and each node is used.  ``cell_tags``
-        and the names of tags are kept; where ``mesh`` has ``tagged_facets``, so has the result,
-        for the same parts of boundary and interfaces.  Point and cell data are not transferred.
+        and the names of tags are kept.  If ``mesh`` has ``tagged_facets``, the result has them
+        for the same parts of the boundary and interfaces.  Point and cell data are not
+        transferred.
 
     Raises
     ------
     ValueError
-        If an argument is wrong, a size is not finite and positive.
+        If an argument is invalid, or a size is not finite and positive.
     TooManyElementsError
         If the estimated number of elements is above ``max_elements``.
     BackendUnavailableError
-        If no generator installed can do this; the message says how to get one.
+        If no installed generator can do this.  The message says how to install one.
     BackendError
-        If the generator failed, with its last lines; BackendTimeoutError if it
-        was stopped.
+        If the generator failed.  The message has its last lines of output.
+        BackendTimeoutError if it was stopped.
 
     Warns
     -----
@@ -114,17 +115,20 @@ def remesh(
 
     Notes
     -----
-    Guaranteed: the checks above, positive cells, regions and tags by Mmg exactly (by
-    fTetWild looked up, within the tolerance).  Not guaranteed, as no generator promises it:
-    that edges meet the sizes, which `size_conformity` measures.  On CAD parts with
-    sizes the geometry allows, 89 to 93 % (Mmg) and 84 to 93 % (fTetWild) of the edges came
-    out within sqrt 2 of the size, with dihedral angles above 10 degrees.  Sizes larger
-    than a detail of the surface cannot
-    be met there.  fTetWild gives another mesh in each run, Mmg the same from the same input;
-    fTetWild takes ten seconds to minutes, Mmg a few seconds for 50 000 cells.
+    Guaranteed are the checks above, positive cells, and regions and tags.  Mmg keeps regions and
+    tags exactly.  For fTetWild they are looked up in the old mesh, within the tolerance.
 
-    Generators run in child processes, in a temporary directory: their crashes, output
-    and files do not touch the caller, and Ctrl-C stops them.
+    No generator guarantees that the edges have the requested lengths.  `size_conformity`
+    measures how closely they do.  On CAD parts with sizes that the geometry allows, 89 to 93 %
+    (Mmg) and 84 to 93 % (fTetWild) of the edges were within sqrt 2 of the size, with dihedral
+    angles above 10 degrees.  Where a size is larger than a detail of the surface, it cannot be
+    met.
+
+    fTetWild gives a different mesh in each run.  Mmg gives the same mesh for the same input.
+    fTetWild takes from ten seconds to minutes, Mmg a few seconds for 50 000 cells.
+
+    Generators run in child processes in a temporary directory.  Their crashes, output
+    and files do not affect the caller, and Ctrl-C stops them.
 
     References
     ----------
@@ -136,19 +140,19 @@ def remesh(
 
     Examples
     --------
-    The unit square, asked for edges of 0.1 (with Mmg installed):
+    The unit square with a size of 0.1 (with Mmg installed):
 
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> fine = remesh(square, 0.1)
     >>> bool((fine.signed_measures > 0).all()), float(fine.measures.sum().round(9))
     (True, 1.0)
 
-    A size that asks for too much is refused before any generator starts:
+    A size that requires too many elements is refused before any generator starts:
 
     >>> remesh(square, 1e-5)
     Traceback (most recent call last):
     ...
-    adaptsize.errors.TooManyElementsError: the sizes ask for about 2.31e+10 elements, ...
+    adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
     task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
     tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
@@ -179,7 +183,7 @@ def remesh(
 
 @dataclass(frozen=True)
 class _Part:
-    """A problem, and what its numbers of regions and groups stand for."""
+    """A meshing problem, and the tags for its numbers of regions and groups."""
 
     problem: Problem
     facets: Facets
@@ -213,7 +217,7 @@ class _Part:
 
 
 def _first_volume(part: _Part, run: IsolatedRunner) -> SimplexMesh:
-    """Return tetrahedra of no particular size, to put sizes on."""
+    """Return tetrahedra of the generator's default size, to carry the sizes."""
     problem = replace(part.problem, size=None)
     raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
     return part.restored(raw, "tetwild")
@@ -228,7 +232,7 @@ def _refuse_too_many(problem: Problem, limit: float) -> None:
 
 
 def _task(mesh: SimplexMesh, target: str) -> Task:
-    """Return what is to be made of what."""
+    """Return the meshing task: from which cells to which cells."""
     if not isinstance(mesh, SimplexMesh):
         hint = "; read(path) gives one" if isinstance(mesh, str | PathLike) else ""
         raise ValueError(f"mesh must be a SimplexMesh, got {describe(mesh)}{hint}")

@@ -1,4 +1,4 @@
-"""How many cells a mesh of given sizes will have, before it is made."""
+"""Estimates of the number of cells of a mesh with given sizes."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ _COLUMNS = 40
 
 
 def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
-    """Return the number of cells that cover ``mesh`` at the wanted sizes.
+    """Return the estimated number of cells in the domain of ``mesh`` at the requested sizes.
 
     Parameters
     ----------
     mesh : SimplexMesh
     size : callable
-        Wanted edge length at float64[n, dim] points.
+        Requested edge length at float64[n, dim] points.
 
     Returns
     -------
     float
-        Sum of cell measures over that of a regular simplex with edges h, h linear between
-        the nodes and the centroid of each cell.  Details of the size smaller than the cells
-        are missed; Mmg makes about as many triangles, and 1.2 times as many tetrahedra.
+        The integral of 1 over the measure of a regular simplex with edges h, where h is linear
+        between the nodes and the centroid of each cell.  Details of the size function smaller
+        than the cells are missed.  Mmg makes about as many triangles, and 1.2 times as many
+        tetrahedra.
 
     Examples
     --------
@@ -42,7 +43,7 @@ def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
     corners = size(mesh.points)[mesh.cells]
     central = size(mesh.points[mesh.cells].mean(axis=1))
     density = np.zeros(mesh.n_cells)
-    for v in range(k + 1):  # the parts of a cell between its sides and its centroid
+    for v in range(k + 1):  # the sub-simplices between the facets of a cell and its centroid
         part = corners.copy()
         part[:, v] = central
         density += mean_density(part) / (k + 1)
@@ -50,10 +51,10 @@ def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
 
 
 def estimate_n_enclosed(surface: SimplexMesh, size: Size) -> float:
-    """Return the number of tetrahedra inside a surface at the wanted sizes.
+    """Return the estimated number of tetrahedra inside a surface at the requested sizes.
 
-    The inside is sampled along columns through the surface; holes in it make the
-    result rough.  At least what a layer of tetrahedra under the surface takes.
+    The interior is sampled along columns through the surface.  Holes in the surface reduce the
+    accuracy.  The result is at least the number of elements of the surface itself.
     """
     points, volume = _sample_inside(surface)
     inside = 0.0
@@ -66,31 +67,31 @@ def refuse_too_many(estimate: float, max_elements: float) -> None:
     """Raise TooManyElementsError if ``estimate`` is above ``max_elements``."""
     if estimate > max_elements:
         raise TooManyElementsError(
-            f"the sizes ask for about {estimate:.3g} elements, more than "
-            f"max_elements = {max_elements:.3g}; ask for larger sizes or raise max_elements"
+            f"the sizes require about {estimate:.3g} elements, more than "
+            f"max_elements = {max_elements:.3g}; increase the sizes or raise max_elements"
         )
 
 
 class _Samples(NamedTuple):
     points: FloatArray
     volume: float
-    """Of the enclosed region."""
+    """Volume of the enclosed region."""
 
 
 def _sample_inside(surface: SimplexMesh) -> _Samples:
-    """Return points spread evenly over the region a surface encloses, and its volume."""
+    """Return evenly distributed points in the region that a surface encloses, and its volume."""
     low = surface.points.min(axis=0)
     extent = np.ptp(surface.points, axis=0)
-    axis = int(np.argmin(extent))  # thin plates: many columns, all of them through the plate
+    axis = int(np.argmin(extent))  # for thin plates, all columns then pass through the plate
     u, v = (d for d in range(3) if d != axis)
     i, j = np.indices((_COLUMNS, _COLUMNS)).reshape(2, -1)
-    # Each row shifted by the golden ratio: a regular grid hits the edges of regular meshes.
+    # Rows are shifted by the golden ratio.  A regular grid would hit edges of regular meshes.
     at = np.column_stack([i + 0.5, j + (i + 0.5) * 0.6180339887498949 % 1.0]) / _COLUMNS
     at = low[[u, v]] + at * extent[[u, v]]
     column, height = _crossings(surface.points[surface.cells], at, (u, v, axis))
     order = np.lexsort((height, column))
     column, height = column[order], height[order]
-    rank = np.arange(len(column)) - np.searchsorted(column, column)  # place within its column
+    rank = np.arange(len(column)) - np.searchsorted(column, column)  # position in its column
     start = np.flatnonzero(rank % 2 == 0)
     start = start[start + 1 < len(column)]
     start = start[column[start] == column[start + 1]]
@@ -109,7 +110,7 @@ def _sample_inside(surface: SimplexMesh) -> _Samples:
 def _crossings(
     corners: FloatArray, at: FloatArray, axes: tuple[int, int, int]
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Return where lines along ``axes[2]`` through ``at`` cross the triangles: line, height."""
+    """Return where lines along ``axes[2]`` through ``at`` cross the triangles: lines, heights."""
     u, v, w = axes
     a, b, c = (corners[:, i] for i in range(3))
     twice_area = (b[:, u] - a[:, u]) * (c[:, v] - a[:, v]) - (b[:, v] - a[:, v]) * (
@@ -118,7 +119,7 @@ def _crossings(
     lowest, highest = corners[:, :, u].min(axis=1), corners[:, :, u].max(axis=1)
     lines: list[npt.NDArray[np.intp]] = []
     heights: list[FloatArray] = []
-    with np.errstate(divide="ignore", invalid="ignore"):  # triangles along the lines: no crossing
+    with np.errstate(divide="ignore", invalid="ignore"):  # triangles parallel to the lines
         for i, (x, y) in enumerate(at):
             near = np.flatnonzero((lowest <= x) & (highest >= x))
             p, q, r = a[near], b[near], c[near]

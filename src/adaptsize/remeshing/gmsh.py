@@ -1,10 +1,13 @@
 """Gmsh: tetrahedra and surfaces from clean surfaces.
 
-What is measured of it and handled here: three other sources of sizes are min-ed
-into the given ones unless switched off; a view of list data works as a
-background, one on the current model is refused; initialize() takes over SIGINT.
-It has no geometric tolerance: coarse sizes on curved surfaces cut corners, and
-edges inside a volume come out some 20 % longer than asked.
+Observed behaviour that is handled here:
+
+* Gmsh takes the minimum of the given sizes and three other sources unless these are disabled.
+* A view of list data works as a background.  A view on the current model is refused.
+* initialize() replaces the handler of SIGINT.
+
+Gmsh has no geometric tolerance: coarse sizes on curved surfaces cut corners.  Edges inside a
+volume are some 20 % longer than requested.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from adaptsize.typing import FloatArray
 
 #: Radians between two triangles at which a surface is cut into patches.
 _CREASE_ANGLE = math.radians(40.0)
-#: Sizes inside a volume are given times this; without, edges there are 1.2 to 1.3 times as long.
+#: Factor on sizes inside a volume.  Without it, edges there are 1.2 to 1.3 times too long.
 _VOLUME_FACTOR = 0.8
 #: Gmsh's numbers of element types.
 _LINE, _TRIANGLE, _TETRAHEDRON = 1, 2, 4
@@ -30,7 +33,7 @@ _LINE, _TRIANGLE, _TETRAHEDRON = 1, 2, 4
 
 @dataclass(frozen=True)
 class GmshBackend:
-    """Adapter to Gmsh >= 4.11 (GPL); knows neither tags nor regions of surfaces."""
+    """Adapter to Gmsh >= 4.11 (GPL).  It transfers neither tags nor regions of surfaces."""
 
     name: str = "gmsh"
     package: str = "gmsh"
@@ -40,7 +43,7 @@ class GmshBackend:
     keeps_required_facets: bool = False
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
-        """Return the new mesh; the caller looks tags up."""
+        """Return the new mesh.  The caller restores the tags."""
         from adaptsize.remeshing.sizing import sample_in_box
 
         assert problem.size is not None
@@ -63,7 +66,7 @@ class GmshBackend:
 def follow_surface(
     arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
 ) -> dict[str, npt.NDArray[Any]]:
-    """Remesh a closed surface, and fill it if ``volume``; runs in the child process.
+    """Remesh a closed surface, and fill it if ``volume``.  Runs in the child process.
 
     Parameters
     ----------
@@ -103,7 +106,7 @@ def _start(gmsh: Any) -> None:
 
 
 def _use_sizes_only(gmsh: Any, arrays: Mapping[str, npt.NDArray[Any]], factor: float) -> None:
-    """Set the sizes times ``factor`` as the background field; switch other sources off."""
+    """Set the sizes times ``factor`` as the background field, and disable other sources."""
     for name in ("FromPoints", "FromCurvature", "ExtendFromBoundary", "FromParametricPoints"):
         gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
     cells = arrays["size_cells"]

@@ -1,9 +1,9 @@
-"""Mesh generators run in child processes.
+"""Execution of mesh generators in child processes.
 
-A generator may crash the interpreter, hang for ever, ignore SIGTERM, take over
-SIGINT, print, and write files into the working directory; all of that has been
-seen.  So each call gets a fresh interpreter in a session of its own, in a
-temporary directory, and is killed when time is up or the caller is interrupted.
+Generators have been observed to crash the interpreter, hang, ignore SIGTERM, replace
+the handler of SIGINT, print, and write files into the working directory.  Therefore each
+call gets a new interpreter in its own session and temporary directory.  It is killed when
+the time limit is reached or the caller is interrupted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from adaptsize.errors import BackendError, BackendTimeoutError
 _WORKER = "adaptsize.remeshing._worker"
 _POLL_SECONDS = 0.1
 _LAST_LINES = 8
-#: A child that prints more than this has run away.
+#: A child that prints more than this is stopped.
 _MAX_LOG_BYTES = 50_000_000
 
 
@@ -44,10 +44,10 @@ class IsolatedRunner:
     timeout : float or None
         Seconds for all calls together, for messages.
     deadline : float or None
-        The same as a reading of ``time.monotonic``.
+        The same limit as a value of ``time.monotonic``.
     report : callable
-        Called with a text and None again and again while the child works; what
-        it raises stops the child.
+        Called repeatedly with a text and None while the child works.  An exception
+        in it stops the child.
     """
 
     backend: str
@@ -71,12 +71,12 @@ class IsolatedRunner:
         BackendTimeoutError
             If it was stopped at the deadline.
         """
-        # A child just killed may hold its files a little longer on Windows.
+        # On Windows, a killed child may keep its files open a little longer.
         with tempfile.TemporaryDirectory(
             prefix="adaptsize-", ignore_cleanup_errors=True
         ) as directory:
             folder = Path(directory)
-            named: dict[str, Any] = dict(arrays)  # savez has keywords of its own
+            named: dict[str, Any] = dict(arrays)  # for mypy: savez has its own keywords
             np.savez(folder / "job.npz", **named)
             (folder / "job.json").write_text(
                 json.dumps({"function": function, "options": dict(options)}), encoding="utf-8"
@@ -101,7 +101,7 @@ class IsolatedRunner:
             )
             try:
                 self._wait(child, folder / "log.txt", text)
-            finally:  # on an interrupt too, and for what the child may have started
+            finally:  # also on an interrupt, and for processes that the child started
                 _kill_session(child)
             return child.wait()
 
@@ -115,11 +115,11 @@ class IsolatedRunner:
                     f"{self.backend} was stopped after the time limit of {self.timeout:g} s"
                 )
             if log.stat().st_size > _MAX_LOG_BYTES:
-                raise BackendError(f"{self.backend} was stopped: it printed without end")
+                raise BackendError(f"{self.backend} was stopped: it printed too much")
 
     def _fail(self, folder: Path, code: int) -> NoReturn:
         error = folder / "error.txt"
-        if error.exists():  # an exception of Python's own
+        if error.exists():  # a Python exception
             reason = error.read_text(encoding="utf-8")
         elif -code == getattr(signal, "SIGKILL", None):
             reason = "it was killed from outside (SIGKILL), perhaps because memory ran out"
@@ -136,22 +136,22 @@ class IsolatedRunner:
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of a child that is to import what this process can import."""
+    """Return the environment of a child that can import what this process can import."""
     paths = [os.path.abspath(path) for path in sys.path]  # "" is the working directory
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONFAULTHANDLER": ""}
 
 
 def _own_group() -> dict[str, Any]:
-    """Keep Ctrl-C of the terminal from the child: its parent gets it and kills the child."""
+    """Shield the child from Ctrl-C in the terminal: its parent receives it and kills the child."""
     if sys.platform == "win32":
         return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
     return {"start_new_session": True}
 
 
 def _has_ended(child: subprocess.Popen[bytes], seconds: float) -> bool:
-    """Wait for the child to end; it is not reaped where the system allows that.
+    """Wait for the child to end, without reaping it where the system allows that.
 
-    Until it is reaped, its number is that of its process group and of no other process.
+    Until it is reaped, its process group keeps its number, and no other process gets it.
     """
     if not hasattr(os, "waitid"):  # Windows, older macOS
         try:
@@ -173,14 +173,14 @@ def _has_ended(child: subprocess.Popen[bytes], seconds: float) -> bool:
 
 
 def _kill_session(child: subprocess.Popen[bytes]) -> None:
-    """Kill the child and, where the system tells them, all processes that it started.
+    """Kill the child and, where the system lists them, all processes that it started.
 
-    With SIGKILL, as hung generators ignore everything else.  The child may have ended before
-    those.
+    SIGKILL is used because hung generators ignore other signals.  The child may have ended
+    before the processes it started.
     """
     if sys.platform != "win32":
         others = _started_by(child.pid)
-        # The group may be gone by now (macOS says EPERM of a zombie).
+        # The group may have ended already (macOS reports EPERM for a zombie).
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(child.pid, signal.SIGKILL)
         for pid in others:
@@ -194,13 +194,13 @@ def _kill_session(child: subprocess.Popen[bytes]) -> None:
 def _started_by(pid: int) -> list[int]:
     """Return the processes in the session of a process, and its descendants (Linux only).
 
-    A session holds those that have a process group of their own, too; descendants are those
-    that have even left the session, as long as their parents live.
+    A session includes processes with their own process group.  Descendants include processes
+    that have left the session, as long as their parents are alive.
     """
     parent, session = {}, {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # gone meanwhile
-            # The name of the program, in brackets, may hold anything.
+        with contextlib.suppress(OSError):  # the process may have ended meanwhile
+            # The name of the program, in parentheses, may contain any characters.
             words = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
             number = int(stat.parent.name)
             parent[number], session[number] = int(words[1]), int(words[3])

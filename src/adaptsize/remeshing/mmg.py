@@ -1,11 +1,13 @@
 """Mmg, through mmgpy: adapted tetrahedra, triangles in the plane, surfaces.
 
-What is measured of it and handled here: a metric of zero hangs the second call in a
-process, so sizes are checked before; the geometric tolerance is absolute and
-0.01 unless given; boundary faces not passed come back with numbers of
-regions, so all are passed, numbered after the regions; a gradation no steeper than
-the one given leaves the sizes alone, while without any, Mmg's own small sizes
-at curved boundaries end in jumps.
+Observed behaviour that is handled here:
+
+* A metric of zero hangs the second call in a process, so sizes are checked before.
+* The geometric tolerance is absolute, and 0.01 by default.
+* Boundary faces that are not passed come back with numbers of regions.  Therefore all
+  are passed, numbered after the regions.
+* A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
+  Mmg's own small sizes at curved boundaries end in jumps.
 """
 
 from __future__ import annotations
@@ -29,20 +31,21 @@ _ENTITIES = {
     "MmgMesh2D": ("triangles", "edges"),
     "MmgMeshS": ("triangles", "edges"),
 }
-#: Degrees; 20 keeps the area of plane domains; 30 finds the shallow creases of parts, which Mmg's
-#: own 45 rounds off, without taking facets of coarse surfaces for such.
+#: Ridge angle in degrees.  20 keeps the area of plane domains.  30 detects the shallow feature
+#: edges of parts, which Mmg's default of 45 rounds off, and not the facets of coarse surfaces.
 _RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 
-#: Mmg's ``hausd`` over the tolerance.  On CAD parts the distance measured was .6 to 1.1 times
-#: ``hausd``; with 1 it makes edges there shorter than any size asked for.
+#: Mmg's ``hausd`` over the tolerance.  On CAD parts the measured distance was .6 to 1.1 times
+#: ``hausd``.  With a ratio of 1, Mmg makes edges there shorter than any requested size.
 _TOLERANCE_FACTOR = 2.0
-#: Gradation of the sizes Mmg finds itself at curved boundaries, as |grad h|.
+#: Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
 _OWN_GRADIENT = 0.25
-#: No gradation of given sizes is steeper than this; beyond, Mmg's gradation would do nothing.
+#: Upper limit of the gradation passed to Mmg.  A larger one has no effect.
 _STEEPEST = 3.0
-#: Mmg reads sizes at the nodes it is given: on a coarse mesh they are read again on the new one.
-#: It also leaves edges alone that are within sqrt 2 of the wanted length; if that makes the
-#: median wrong, the next turn asks for sizes changed by as much.
+#: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
+#: new mesh.
+#: Mmg does not change edges within sqrt 2 of the requested length.  If this shifts the median,
+#: the next run requests sizes corrected by the same factor.
 _MAX_TURNS = 3
 _GOOD_SHARE = 0.9
 _LARGEST_FACTOR = 1.25
@@ -125,7 +128,7 @@ def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> 
 
 
 def _obedience(size: Size, made: Mapping[str, npt.NDArray[Any]]) -> tuple[float, float]:
-    """Return the share of edges within sqrt 2 of the wanted length, and the median of the ratio."""
+    """Return the share of edges within sqrt 2 of the requested length, and the median ratio."""
     edges, lengths = _edges(made)
     ratio = lengths / size(made["points"][edges].mean(axis=1))
     return float((np.abs(np.log(ratio)) <= 0.5 * np.log(2.0)).mean()), float(np.median(ratio))
@@ -134,7 +137,7 @@ def _obedience(size: Size, made: Mapping[str, npt.NDArray[Any]]) -> tuple[float,
 def adapt(
     arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
 ) -> dict[str, npt.NDArray[Any]]:
-    """Call Mmg; runs in the child process.
+    """Call Mmg.  Runs in the child process.
 
     Parameters
     ----------
@@ -154,7 +157,7 @@ def adapt(
     counts = {cell_name: len(arrays["cells"]), facet_name: len(groups)}
     mesh.set_mesh_size(vertices=len(arrays["points"]), **counts)
     mesh.set_vertices(np.ascontiguousarray(arrays["points"]))
-    # References: regions from 1, then groups of facets.  Mmg gives 0 to what it adds itself.
+    # References: regions from 1, then groups of facets.  Entities that Mmg adds get 0.
     first_group = options["n_regions"] + 1
     set_cells = getattr(mesh, f"set_{cell_name}")
     set_cells(np.ascontiguousarray(arrays["cells"]), _references(arrays["regions"], 1))

@@ -1,4 +1,4 @@
-"""Meshes made fit for a generator: repaired, oriented, facets and regions numbered."""
+"""Preparation of meshes for a generator: repair, orientation, numbers of facets and regions."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from adaptsize.background.topology import unique_rows
 from adaptsize.errors import MeshRepairWarning
 from adaptsize.typing import IntArray
 
-#: Points of a surface closer than this times the diagonal are one point.
+#: Points of a surface closer than this times the diagonal are merged.
 MERGE_DISTANCE = 1e-9
-#: Triangles smaller than this times the squared diagonal have no area.
+#: Triangles smaller than this times the squared diagonal are degenerate.
 SMALLEST_AREA = 1e-16
 
 
 class RepairedMesh(NamedTuple):
-    """A mesh without what generators stumble over."""
+    """A mesh without the defects that generators do not accept."""
 
     mesh: SimplexMesh
     nodes: IntArray
-    """``nodes[i]`` is the node of the given mesh that node i was."""
+    """``nodes[i]`` is the node of the given mesh for node i."""
     node_map: IntArray
-    """``node_map[j]`` is the node that node j of the given mesh became, -1: none."""
+    """``node_map[j]`` is the node for node j of the given mesh, or -1 if it was dropped."""
 
 
 def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
-    """Return the mesh without unused nodes, its full-dimensional cells positive.
+    """Return the mesh without unused nodes and with positive full-dimensional cells.
 
-    In surface triangulations, points that coincide are merged (STL files hold
-    every corner of every triangle) and triangles that are degenerate or given
-    twice dropped.  Other meshes keep both: a slit is made of coinciding points.
+    In surface triangulations, coincident points are merged (STL files hold
+    every corner of every triangle), and degenerate or duplicate triangles are
+    dropped.  Other meshes keep coincident points, because they form slits.
     Point and cell data are dropped.
 
     Warns
@@ -107,25 +107,26 @@ def _warn_of_repairs(
 
 
 class Facets(NamedTuple):
-    """The facets a generator must know, in groups that stay apart."""
+    """The facets that a generator must preserve, in groups that stay separate."""
 
     nodes: IntArray
     """int32[n, cell_dim], rows sorted."""
     groups: IntArray
-    """int32[n]; of one group: same tag, same regions beside them, all or none required."""
+    """int32[n].  Facets of one group have the same tag and adjacent regions, and all or none are
+    required."""
     required: npt.NDArray[np.bool_]
     tag_of_group: npt.NDArray[np.int64]
     """Tag of each group; ``NO_TAG`` for facets without one."""
     has_free: bool
-    """Whether some lie inside one region."""
+    """Whether some facets lie inside one region."""
 
 
-#: No tag was given; outside int32, so no given tag is mistaken for it.
+#: Marks facets without a tag.  It is outside int32, so it cannot equal a tag.
 NO_TAG = np.int64(2) ** 40
 
 
 def number_regions(mesh: SimplexMesh) -> tuple[IntArray, IntArray]:
-    """Return regions 0, 1, ... of the cells and the tag of each region."""
+    """Return the region (0, 1, ...) of each cell and the tag of each region."""
     if mesh.cell_tags is None:
         return np.zeros(mesh.n_cells, np.int32), np.zeros(1, np.int32)
     tags, regions = np.unique(mesh.cell_tags, return_inverse=True)
@@ -140,12 +141,12 @@ def collect_facets(mesh: SimplexMesh, regions: IntArray, required: IntArray | No
     mesh : SimplexMesh
     regions : int32[n_cells]
     required : int32[n, cell_dim] or None
-        Facets to keep, as nodes of ``mesh``.
+        Facets to keep, as node numbers of ``mesh``.
 
     Raises
     ------
     ValueError
-        If a required facet is no facet of the mesh.
+        If a required facet is not a facet of the mesh.
     """
     n = len(mesh.facets)
     lowest = np.full(n, np.iinfo(np.int32).max, np.int64)
@@ -168,7 +169,7 @@ def collect_facets(mesh: SimplexMesh, regions: IntArray, required: IntArray | No
             )
         is_required[number] = True
     matters = between | (tags != NO_TAG) | is_required
-    # Facets with the same tag between other regions make a group of their own.
+    # Facets with the same tag but different adjacent regions form separate groups.
     keys = np.column_stack([tags, lowest, highest, between, is_required])[matters]
     unique, groups = np.unique(keys, axis=0, return_inverse=True)
     return Facets(
@@ -181,7 +182,7 @@ def collect_facets(mesh: SimplexMesh, regions: IntArray, required: IntArray | No
 
 
 def facet_numbers(mesh: SimplexMesh, facets: IntArray) -> npt.NDArray[np.intp]:
-    """Return the row of each given facet in ``mesh.facets``, -1 where it is none."""
+    """Return the row of each given facet in ``mesh.facets``, or -1 if it is not among them."""
     rows = np.concatenate([mesh.facets, facets])
     number = unique_rows(rows, mesh.n_points)[1]
     row_of = np.full(int(number.max()) + 1, -1, np.intp)
@@ -192,7 +193,7 @@ def facet_numbers(mesh: SimplexMesh, facets: IntArray) -> npt.NDArray[np.intp]:
 def as_required(
     value: npt.ArrayLike | None, mesh: SimplexMesh, repaired: RepairedMesh
 ) -> IntArray | None:
-    """Return the facets to keep as nodes of the repaired mesh."""
+    """Return the facets to keep as node numbers of the repaired mesh."""
     if value is None:
         return None
     facets = as_index_array("required_facets", value, mesh.n_points, width=mesh.cell_dim)

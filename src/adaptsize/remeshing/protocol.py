@@ -1,4 +1,4 @@
-"""What a mesh generator is asked for, and what an adapter to one must offer."""
+"""The interface between ``remesh`` and the adapters to mesh generators."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from adaptsize.typing import FloatArray, IntArray
 
-if TYPE_CHECKING:  # the adapters' child processes do without the mesh classes
+if TYPE_CHECKING:  # the child processes do not need the mesh classes
     from adaptsize.background import SimplexMesh
 
-#: What is made of what: a volume from its surface, or the same kind of mesh anew.
+#: The task: fill a surface with tetrahedra, or remesh with the same kind of cells.
 Task: TypeAlias = Literal["surface to tetrahedra", "tetrahedra", "plane triangles", "surface"]
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
@@ -25,13 +25,13 @@ class Runner(Protocol):
     def __call__(
         self, function: str, text: str, arrays: Arrays, options: Mapping[str, Any]
     ) -> dict[str, npt.NDArray[Any]]:
-        """Run ``function`` ("module:name"), report ``text`` meanwhile, return its arrays."""
+        """Run ``function`` ("module:name") and return its arrays.  Report ``text`` meanwhile."""
         ...
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One request to a generator, checked and mended.
+    """One request to a generator, after checks and repairs.
 
     Attributes
     ----------
@@ -39,20 +39,20 @@ class Problem:
     mesh : SimplexMesh
         Every node is used; cells of full dimension have positive measure.
     size : callable or None
-        Wanted edge length at float64[n, dim] points, as float64[n], finite and positive.
-        None: whatever edge length suits the generator (a first mesh to put sizes on).
+        Requested edge length at float64[n, dim] points, as float64[n], finite and positive.
+        None selects the generator's default (for a first mesh that carries the sizes).
     size_nodes : float64[n, dim]
-        Where the size was given as a number; between them it is interpolated.  May be empty.
+        Points between which the size function interpolates.  May be empty.
     tolerance : float
-        How far the new boundary may be from the old one, in the unit of the coordinates.
+        Allowed distance of the new boundary from the old one, in the unit of the coordinates.
     facet_nodes : int32[n, cell_dim]
-        All facets that matter: boundary, between regions, tagged, required.
+        All facets to preserve: boundary, interfaces, tagged, required.
     facet_groups : int32[n]
-        Their groups, 0, 1, ...; facets of different groups stay apart.
+        Their groups, 0, 1, ...; facets of different groups stay separate.
     required : bool[n]
-        Which of these facets must stay as they are.
+        Which of these facets must not change.
     regions : int32[n_cells]
-        Region of each cell, 0, 1, ....
+        Region of each cell, 0, 1, ...
     has_free_facets : bool
         Whether some of these facets lie inside one region.
     """
@@ -71,14 +71,14 @@ class Problem:
 
 @dataclass(frozen=True)
 class RawMesh:
-    """What an adapter returns: arrays that nobody has checked yet.
+    """The result of an adapter: arrays that are not checked yet.
 
     Attributes
     ----------
     points : float64[n_points, dim]
     cells : int32[n_cells, k + 1]
     regions : int32[n_cells] or None
-        As in ``Problem``; None if the generator does not know them.
+        As in ``Problem``.  None if the generator does not preserve them.
     facets, facet_groups : int32[n, k], int32[n], or None
         The same for facets.
     """
@@ -93,14 +93,14 @@ class RawMesh:
 class Backend(Protocol):
     """An adapter to one mesh generator.
 
-    Its generator is switched to no gradation and no sizes of its own, and gets
-    the sizes in the form it obeys.  It works through ``run`` only, in child
-    processes, so nothing a generator does reaches the caller.
+    It disables the generator's gradation and its own sizes, and passes the sizes in the
+    form that the generator follows.  It calls the generator only through ``run``, in child
+    processes, so the generator cannot affect the caller.
     """
 
     @property
     def name(self) -> str:
-        """What ``remesh(backend=...)`` calls it."""
+        """Name for ``remesh(backend=...)``."""
         ...
 
     @property
@@ -115,17 +115,17 @@ class Backend(Protocol):
 
     @property
     def tasks(self) -> frozenset[Task]:
-        """What it can do."""
+        """Supported tasks."""
         ...
 
     @property
     def keeps_required_facets(self) -> bool:
-        """Whether it can leave given facets exactly as they are."""
+        """Whether it can keep given facets unchanged."""
         ...
 
     @property
     def needs_volume(self) -> bool:
-        """Whether it makes a volume of a surface only from a first volume mesh of another."""
+        """Whether it fills a surface only with a first volume mesh from another generator."""
         ...
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:

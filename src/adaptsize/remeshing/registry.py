@@ -1,4 +1,4 @@
-"""Which mesh generators there are, which are installed, which one is chosen."""
+"""Registry of mesh generators: which exist, which are installed, which one is selected."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from adaptsize.remeshing.tetwild import TetWildBackend
 
 _BACKENDS: dict[str, Backend] = {}
 
-#: Who is asked first under ``backend="auto"``; Gmsh never (GPL, and no geometric tolerance).
+#: Order of preference for ``backend="auto"``, without Gmsh (GPL, and no geometric tolerance).
 _PREFERENCE: tuple[str, ...] = ("mmg", "tetwild")
 
 
 class BackendInfo(NamedTuple):
-    """What one mesh generator can do here."""
+    """Capabilities of one mesh generator."""
 
     installed: bool
     tasks: frozenset[Task]
@@ -30,12 +30,12 @@ class BackendInfo(NamedTuple):
 
 
 def register_backend(backend: Backend) -> None:
-    """Make a mesh generator known to ``remesh(backend=backend.name)``.
+    """Register a mesh generator for ``remesh(backend=backend.name)``.
 
     Parameters
     ----------
     backend : Backend
-        Replaces one of the same name.
+        Replaces a generator of the same name.
     """
     _BACKENDS[backend.name] = backend
 
@@ -45,7 +45,7 @@ for _backend in (TetWildBackend(), MmgBackend(), GmshBackend()):
 
 
 def available_backends() -> Mapping[str, BackendInfo]:
-    """Return what each known mesh generator can do, and whether it is installed.
+    """Return the capabilities of each known mesh generator, and whether it is installed.
 
     Returns
     -------
@@ -66,12 +66,12 @@ def available_backends() -> Mapping[str, BackendInfo]:
 
 
 def choose_backend(name: str, task: Task, *, keep_facets: bool) -> Backend:
-    """Return the adapter that is to do ``task``.
+    """Return the adapter for ``task``.
 
     Raises
     ------
     ValueError
-        If there is none of that name, or it cannot do the task.
+        If there is no adapter of that name, or it does not support the task.
     BackendUnavailableError
         If it is not installed.
     """
@@ -109,6 +109,6 @@ def _installed_or_raise(backend: Backend, task: Task) -> Backend:
     if not _is_installed(backend):
         raise BackendUnavailableError(
             f"this mesh (task: {task}) needs {backend.name}, which is not installed; "
-            f"get it with: {backend.install}"
+            f"install it with: {backend.install}"
         )
     return backend

@@ -1,4 +1,4 @@
-"""Meshes of generators checked, and their regions and tags put back."""
+"""Checks of generated meshes, and restoration of their regions and tags."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ def restore(
 ) -> SimplexMesh:
     """Return a checked mesh with the tags of the old one.
 
-    What the generator lost is looked up in the old mesh: the region of a cell
-    where its centroid lies, the tag of a boundary facet at the facet nearest to its centroid.
+    Regions and tags that the generator lost are looked up in the old mesh.  The region of a cell
+    is that at its centroid.  The tag of a boundary facet is that of the facet nearest to its
+    centroid.
 
     Raises
     ------
@@ -51,7 +52,7 @@ def restore(
 
 
 def _checked(raw: RawMesh, backend: str) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return points in use, cells with positive measures, and the map of the nodes."""
+    """Return the used points, cells with positive measures, and the map of the nodes."""
     points, cells = np.asarray(raw.points, np.float64), np.array(raw.cells, np.int32)
     if len(cells) == 0:
         raise BackendError(f"{backend} returned an empty mesh")
@@ -66,7 +67,7 @@ def _checked(raw: RawMesh, backend: str) -> tuple[FloatArray, IntArray, IntArray
     mesh = SimplexMesh(points, cells)
     if mesh.cell_dim == mesh.dim:
         volumes = mesh.signed_measures
-        if volumes.sum() < 0.0:  # generators that count the other way round
+        if volumes.sum() < 0.0:  # some generators use the opposite orientation
             cells[:, :2] = cells[:, 1::-1]
             volumes = -volumes
         if (volumes <= 0.0).any():
@@ -90,7 +91,7 @@ def _regions_there(points: FloatArray, cells: IntArray, problem: Problem) -> Int
 def _tags_there(
     new: SimplexMesh, problem: Problem, facets: Facets
 ) -> tuple[IntArray, npt.NDArray[np.int64]]:
-    """Return the facets on boundary and interfaces, and the tags of the old ones nearest."""
+    """Return the boundary and interface facets with the tags of the nearest old facets."""
     if problem.task == "surface to tetrahedra":
         old, tag_of_old = problem.mesh, np.asarray(problem.mesh.cell_tags, np.int64)
     else:

@@ -1,4 +1,4 @@
-"""The wanted size as generators need it: anywhere in space, or on the nodes of a background."""
+"""The size function in the form that generators need: a callable, or a background mesh."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from adaptsize.typing import FloatArray, IntArray
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 Size: TypeAlias = Callable[[FloatArray], FloatArray]
 
-#: The background handed to a generator may miss the wanted size by this share ...
+#: The background for a generator may deviate from the size function by this share ...
 _SAMPLING_ERROR = 0.05
-#: ... unless it would take more nodes than this.
+#: ... unless it would need more nodes than this.
 _MAX_SAMPLES = 150_000
 #: Rounds of refinement; each about halves the distance between nodes where it is needed.
 _MAX_REFINEMENTS = 4
@@ -28,23 +28,23 @@ _MAX_REFINEMENTS = 4
 def as_size(
     size: SizeLike, mesh: SimplexMesh, *, g: float | None = None, hmax: float = np.inf
 ) -> Size:
-    """Return the wanted size as a function of points that checks what it gives.
+    """Return the size as a function of points that checks its values.
 
     Parameters
     ----------
     size : SizeFunction, callable, array_like of float with one value per node, or float
     mesh : SimplexMesh
-        What nodal values belong to.
+        Mesh of the nodal values.
     g : float, optional
-        How fast sizes on a surface or a line grow off it, if they do not say so themselves.
+        Gradient with which sizes grow off a surface or a line, unless they have their own.
     hmax : float
-        Larger sizes are lowered to this; not checked.
+        Upper limit of the sizes; not checked.
 
     Raises
     ------
     ValueError
-        If a size is not finite and positive, or the shape is wrong; also later,
-        from the function returned.
+        If a size is not finite and positive, or the shape is wrong.  The returned
+        function raises it too.
     """
     if isinstance(size, SizeFunction):
         size = _grown(_beyond_active(size), g, hmax)
@@ -59,7 +59,7 @@ def as_size(
 
 
 def _grown(size: SizeFunction, g: float | None, hmax: float) -> SizeFunction:
-    """Return sizes that grow off a surface in space, if they live on one."""
+    """Return sizes that grow off a surface in space, if they are defined on one."""
     background = size.background
     on_surface = isinstance(background, SimplexMesh) and background.cell_dim < background.dim
     if not on_surface or g is None or size.g is not None:
@@ -68,10 +68,10 @@ def _grown(size: SizeFunction, g: float | None, hmax: float) -> SizeFunction:
 
 
 def known_points(size: SizeLike, dim: int) -> FloatArray:
-    """Return where the size is given as numbers: the nodes of its background, if it has any.
+    """Return the nodes of the background of the size function, if it has one.
 
-    Grids have many nodes that say nothing: only those that are smaller than their neighbours
-    along an axis are returned, where a coarser sampling would lose something.
+    Most nodes of a grid are not needed.  Of a grid, only nodes with a size smaller than that of
+    their neighbours along an axis are returned, because a coarser sampling would miss them.
     """
     background = getattr(size, "background", None)
     if isinstance(size, SizeFunction) and isinstance(background, CartesianGrid):
@@ -83,7 +83,7 @@ def known_points(size: SizeLike, dim: int) -> FloatArray:
 
 
 def _valleys(grid: CartesianGrid, values: FloatArray) -> FloatArray:
-    """Return the active nodes whose value is least of three along some axis, float64[n, dim]."""
+    """Return the active nodes that are a minimum along some axis, float64[n, dim]."""
     valley = np.zeros(grid.shape, np.bool_)
     for d in range(grid.dim):
         h, low = np.moveaxis(values, d, 0), np.moveaxis(valley, d, 0)
@@ -99,9 +99,9 @@ def sample_in_box(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return a background of tetrahedra over the box around ``mesh``, with sizes.
 
-    The box is larger than the mesh, so that a surface moved a little outwards
-    still finds a size.  Nodes are those of the mesh, those in ``known`` and a
-    grid; then nodes are added where linear interpolation misses the size.
+    The box is larger than the mesh, so that the size is defined also where the new surface
+    lies slightly outside the old one.  The nodes are those of the mesh, those in ``known``
+    and a grid.  Nodes are added where linear interpolation is not accurate enough.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def sample_in_box(
         there = size(centers)
         off = np.abs(sizes[cells].mean(axis=1) - there) > _SAMPLING_ERROR * there
         edge = np.linalg.norm(np.ptp(points[cells], axis=1), axis=1)
-        off &= edge > 2.0 * there  # details smaller than the elements cannot be met anyway
+        off &= edge > 2.0 * there  # details smaller than the elements have no effect
         if not off.any() or len(points) + int(off.sum()) > _MAX_SAMPLES:
             break
         points = np.concatenate([points, centers[off]])
@@ -137,9 +137,9 @@ def sample_in_box(
 
 
 def _beyond_active(size: SizeFunction) -> SizeFunction:
-    """Give nodes of a grid that are not active the size of the nearest active one.
+    """Give inactive nodes of a grid the size of the nearest active node.
 
-    Generators ask for sizes beside the part too, where the grid has none.
+    Generators also evaluate sizes outside the part, where the grid has none.
     """
     grid = size.background
     if not isinstance(grid, CartesianGrid) or grid.active is None:

@@ -1,9 +1,11 @@
-"""fTetWild, through pytetwild: tetrahedra from any surface, however dirty.
+"""fTetWild, through pytetwild: tetrahedra from any surface, also with defects.
 
-What is measured of it and handled here: a size field only refines below the
-global edge length, so that is the largest size; outside the field's background
-the global length holds, so the background covers a box around the part; tags
-are lost, so the caller looks them up in the old mesh.
+Observed behaviour that is handled here:
+
+* A sizing field only refines below the global edge length, so this is set to the largest size.
+* Outside the background of the field the global length applies.  Therefore the background
+  covers a box around the part.
+* Tags are lost, so the caller looks them up in the old mesh.
 """
 
 from __future__ import annotations
@@ -17,18 +19,18 @@ import numpy.typing as npt
 
 from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
 
-#: Edge length over the diagonal where no size is given: fTetWild's own default.
+#: Edge length over the diagonal if no size is given: fTetWild's default.
 _FREE_LENGTH = 0.05
 
-#: fTetWild starts with edges up to about this over the diagonal and keeps them, whatever is asked,
-#: unless told to coarsen.  That however may leave the envelope: one part came out 4.5e-3 of
-#: the diagonal off instead of 6e-4.  So it is done only where it is needed.
+#: fTetWild starts with edges up to about this over the diagonal, and makes longer ones only if
+#: coarsening is enabled.  Coarsening may leave the envelope: one part deviated by 4.5e-3 of
+#: the diagonal instead of 6e-4.  Therefore it is enabled only where it is needed.
 _COARSEST_START = 1.0 / 12.0
 
 
 @dataclass(frozen=True)
 class TetWildBackend:
-    """Adapter to pytetwild >= 0.4.2, which takes size fields."""
+    """Adapter to pytetwild >= 0.4.2, which accepts sizing fields."""
 
     name: str = "tetwild"
     package: str = "pytetwild"
@@ -38,7 +40,7 @@ class TetWildBackend:
     keeps_required_facets: bool = False
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
-        """Return tetrahedra; regions and facets are not known to fTetWild."""
+        """Return tetrahedra, without regions and facets."""
         mesh = problem.mesh
         faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facet_nodes
         arrays: dict[str, npt.NDArray[Any]] = {"points": mesh.points, "faces": faces}
@@ -64,7 +66,7 @@ class TetWildBackend:
         raw = RawMesh(made["points"], made["cells"])
         if options["filtered"]:
             return raw
-        # Interfaces spoil the winding number by which fTetWild tells inside from outside.
+        # Interfaces would disturb the winding number that separates inside from outside.
         from adaptsize.remeshing.restoration import inside_only
 
         return inside_only(raw, problem)
@@ -73,7 +75,7 @@ class TetWildBackend:
 def tetrahedralize(
     arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
 ) -> dict[str, npt.NDArray[Any]]:
-    """Call pytetwild; runs in the child process.
+    """Call pytetwild.  Runs in the child process.
 
     Parameters
     ----------

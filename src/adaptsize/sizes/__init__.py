@@ -1,4 +1,4 @@
-"""Upper bounds on the size, one nodal array per cause; inf where nothing is asked."""
+"""Upper bounds on the size, one nodal array per cause; inf where there is no bound."""
 
 from adaptsize.sizes.budget import predicted_elements
 from adaptsize.sizes.combine import minimum

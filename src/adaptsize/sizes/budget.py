@@ -1,4 +1,4 @@
-"""How many elements sizes ask for, and sizes for so many elements."""
+"""Prediction of the number of elements from sizes, and scaling of sizes to a number."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from adaptsize.typing import FloatArray
 #: Elements of edge length 1 per unit of measure: of segments, regular triangles and tetrahedra.
 ELEMENTS_PER_MEASURE = {1: 1.0, 2: 4.0 / math.sqrt(3.0), 3: 6.0 * math.sqrt(2.0)}
 
-#: Cells that generators make per cell predicted, by dimension of the cells: medians of what was
-#: measured (docs/adaptive-loops.md).
+#: Cells that generators make per predicted cell, by dimension of the cells: measured medians
+#: (docs/adaptive-loops.md).
 CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("mmg", 2): 1.00,
     ("mmg", 3): 1.22,
@@ -26,9 +26,9 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
 
 _GAUSS_POINTS = 16
 
-# Logarithm of the scale: a hundredth of a per cent of the size.
+# Tolerance of the logarithm of the scale: a hundredth of a per cent of the size.
 _TOLERANCE = 1e-4
-# Up to which logarithm a scale is sought, and what stands for that of nothing.
+# Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
 _REACH = 40.0
 _NOTHING = -700.0
 
@@ -36,27 +36,28 @@ _NOTHING = -700.0
 def predicted_elements(
     mesh: SimplexMesh, size: npt.ArrayLike, *, backend: str | None = None
 ) -> float:
-    r"""Return how many elements of the given sizes fill a mesh.
+    r"""Return the predicted number of elements of the given sizes in the domain of a mesh.
 
-    The measure of the domain over that of a regular simplex of edge h, h linear in each cell,
+    It is the integral of 1 over the measure of a regular simplex of edge h, linear in each cell,
 
     .. math:: c_d \int h^{-d} \, dx, \qquad c_1 = 1, \; c_2 = 4 / \sqrt 3, \; c_3 = 6 \sqrt 2,
 
-    with d the dimension of the cells.
+    where d is the dimension of the cells.
 
     Parameters
     ----------
     mesh : SimplexMesh
     size : array_like of float, shape (n_points,)
-        Wanted edge lengths at the nodes, positive; cells with ``inf`` at a node count nothing.
+        Requested edge lengths at the nodes, positive.  Cells with ``inf`` at a node are ignored.
     backend : str, optional
-        Times what this mesh generator was measured to make per element so counted (medians).
+        Multiply by the measured number of elements that this mesh generator makes per predicted
+        element (median).
 
     Returns
     -------
     float
-        Without ``backend``: generators make about as many triangles, and more tetrahedra, which
-        cannot all be regular.
+        Without ``backend``, generators make about this number of triangles, but more tetrahedra,
+        because these cannot all be regular.
 
     Raises
     ------
@@ -111,32 +112,32 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
 
 
 def calibration(backend: str | None, cell_dim: int) -> float:
-    """Return how many cells a generator makes per cell predicted; 1 for those not measured."""
+    """Return how many cells a generator makes per predicted cell, 1 for others than measured."""
     return CELLS_PER_PREDICTED.get((backend or "", cell_dim), 1.0)
 
 
 def present_sizes(mesh: SimplexMesh) -> FloatArray:
-    """Return per cell the edge length of the regular simplex of the same measure."""
+    """Return for each cell the edge length of the regular simplex of the same measure."""
     d = mesh.cell_dim
     return np.asarray((ELEMENTS_PER_MEASURE[d] * mesh.measures) ** (1.0 / d))
 
 
 def scale_to(wanted: float, falling: Callable[[float], float], start: float) -> float:
-    """Return where a falling function of a positive number has a value, or comes nearest.
+    """Return where a decreasing function of a positive number has a value, or is nearest to it.
 
     Parameters
     ----------
     wanted : float
         Positive.
     falling : callable
-        Does not rise; need not be strictly falling, and may be bounded on either side.
+        Non-increasing; may be bounded on either side.
     start : float
         Positive, near the result.
 
     Returns
     -------
     float
-        Where ``falling`` leaves its bound if ``wanted`` lies beyond it.
+        The point where ``falling`` leaves its bound if ``wanted`` is beyond it.
     """
 
     def excess(exponent: float) -> float:

@@ -1,4 +1,4 @@
-"""The smallest of several upper bounds."""
+"""The minimum of several upper bounds."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from adaptsize.typing import FloatArray
 
 
 def minimum(*h0: npt.ArrayLike, hmin: float | None = None, hmax: float | None = None) -> FloatArray:
-    """Return the smallest of several upper bounds at each node, held between two limits.
+    """Return the minimum of several upper bounds at each node, clipped to two limits.
 
     Parameters
     ----------
     *h0 : array_like of float
         Upper bounds, one or more arrays of the same shape; positive, ``inf`` where
-        nothing is asked.
+        there is no bound.
     hmin : float, optional
-        No size is to be smaller; positive.  Wins over ``h0``.
+        Smallest size, positive.  Overrides ``h0``.
     hmax : float, optional
-        No size is to be larger; positive, at least ``hmin``.  Nodes without a bound
-        get it too.
+        Largest size, positive, at least ``hmin``.  Also the size at nodes without a
+        bound.
 
     Returns
     -------
@@ -36,8 +36,8 @@ def minimum(*h0: npt.ArrayLike, hmin: float | None = None, hmax: float | None = 
 
     Notes
     -----
-    The gradient limiter comes after this, not before: the smallest of a limited field and
-    another bound is not limited any more.  ``hmin`` holds afterwards as well, since
+    Apply gradient limiting after this, not before: the minimum of a limited field and
+    another bound is not limited any more.  ``hmin`` still holds afterwards, because
     limiting lowers no size below the smallest one.
 
     Examples

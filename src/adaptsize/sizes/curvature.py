@@ -21,10 +21,10 @@ from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import FloatArray, IntArray
 
-# A folded or noisy spot must not ask for more than 10^6 elements along the part.
+# A folded or noisy spot must not require more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
 _SLOPE = 0.25
-# Meshes made to an envelope, as by fTetWild, keep their boundary within this share of the diagonal.
+# Share of the diagonal within which meshers with an envelope, such as fTetWild, keep the boundary.
 _TOLERANCE_SHARE = 1e-3
 
 
@@ -45,38 +45,39 @@ def size_from_curvature(
     .. math:: h_0 = 1 / (K \kappa)
 
     at nodes on the boundary, with K elements per radian, that is :math:`2 \pi K` around
-    a circle, and the larger principal curvature :math:`\kappa` in modulus.  Sharp edges and
-    corners are not curvature; sharp edges that are curved lines add their own.
+    a circle.  :math:`\kappa` is the principal curvature of larger modulus.  Feature edges and
+    corners do not count as curvature, but the curvature of a feature edge along its line does.
 
     Parameters
     ----------
     background : SimplexMesh, CartesianGrid or Octree
-        Tetrahedra or triangles in the plane: their boundary counts.  Triangles in
-        space: they count themselves, and so do their boundary and sharp edges.
-        Segments: they count themselves.  Grids and octrees need ``boundary``.
+        For tetrahedra, or triangles in the plane, the curvature of their boundary is used.  For
+        triangles in space it is that of the surface, its boundary and its feature edges.
+        For segments it is that of the line.  Grids and octrees need ``boundary``.
     boundary : SimplexMesh or array_like of float, optional
-        Triangles in space, or segments in the plane or in space, whose curvature counts
-        instead; nodes of ``background`` that lie on it get the value of the closest point.
-        Nodes of a grid or octree lie beside it; see ``tolerance``.  On a grid also the
-        signed distance phi at its nodes, negative inside: see the notes.
+        Triangles in space, or segments in the plane or in space, whose curvature is used
+        instead.  Nodes of ``background`` on it get the value of the closest point.
+        Nodes of a grid or octree do not lie on it exactly; see ``tolerance``.  On a grid it may
+        also be the signed distance phi at the nodes, negative inside; see the notes.
     elements_per_radian : float, default 4
         K > 0.  In terms of the angle :math:`\theta` that an edge spans,
         :math:`1 / K = 2 \sin(\theta / 2)`.
     crease_angle : float, default 40
-        Edges where the facets, and nodes where a line, turn by more are sharp; degrees.
-        Must exceed the angle between the facets of a tessellated smooth surface.  With
-        distances: kinks, and boundaries that turn by more within one spacing.
+        Angle in degrees between facets above which their edge is a feature edge (crease), and
+        between segments above which their node is a corner.  It must exceed the angle between
+        the facets of a tessellated smooth surface.  With distances it applies to kinks, and to
+        boundaries that turn by more within one spacing.
     smoothing : int, default 0
-        1 or 2 averages the curvature over as many layers of neighbours: for scanned
-        surfaces.  Distances are averaged so often before they are differentiated, see
-        `adaptsize.geometry.level_set_curvature`: 16 or so for images.
+        1 or 2 averages the curvature over this number of layers of neighbours, for scanned
+        surfaces.  Distances are averaged this number of times before they are differentiated, see
+        `adaptsize.geometry.level_set_curvature`: about 16 for images.
     tolerance : float, optional
         Distance up to which a node counts as lying on ``boundary``, in the unit of the
-        coordinates; 0.001 of the diagonal of ``boundary`` by default.  On a grid, the
-        diagonal of a box, of an octree that of its smallest leaf: all corners of the boxes
-        that the boundary passes.  With distances, two of the largest spacings.
+        coordinates.  The default is 0.001 of the diagonal of ``boundary``.  On a grid it is the
+        diagonal of a box, and on an octree that of the smallest leaf, to include all corners of
+        the boxes that the boundary passes.  With distances it is two of the largest spacings.
     g : float, default 0.25
-        With distances only: the gradient limit that is used afterwards, >= 0, no unit.
+        Only with distances: the gradient limit that is used afterwards, >= 0, no unit.
     hmin, hmax : float, optional
         Limits of the size, as in `minimum`.
 
@@ -84,39 +85,40 @@ def size_from_curvature(
     -------
     ndarray of float64, of ``background.nodal_shape``
         Sizes; ``inf`` off the boundary and where it is flat, unless ``hmax`` is given.
-        Never below 1e-6 of the diagonal of the boundary, whatever the curvature.
+        At least 1e-6 of the diagonal of the boundary, for any curvature.
 
     Raises
     ------
     ValueError
         If an option is out of range, the background is 1-D, ``boundary`` is of another
-        kind or missing on a grid or octree, or no node of the background lies on ``boundary``;
-        if distances are given and the background is no grid, or they are no distances.
+        kind or missing on a grid or octree, or no node of the background lies on ``boundary``.
+        Also if the background of distances is not a grid, or they are not signed distances.
 
     See Also
     --------
     adaptsize.geometry.surface_curvature : the estimate of the curvature, and its accuracy.
     adaptsize.geometry.level_set_curvature : the same from distances.
-    limit_gradient : to be called next, so that the sizes grow gradually from the boundary.
+    limit_gradient : the next step, after which the sizes grow gradually from the boundary.
 
     Notes
     -----
-    O(n) without ``boundary``, O(n log n) with it.  The background must carry nodes on the
-    boundary, near enough to each other to see its curvature change.
+    The cost is O(n) without ``boundary``, and O(n log n) with it.  The background must have nodes
+    on the boundary that are close enough to resolve changes of its curvature.
 
-    With distances the nodes on both sides get, with the curvature
-    :math:`\kappa_b = \kappa / (1 - \kappa\phi)` of the boundary closest to them,
+    With distances, the nodes on both sides of the boundary get
 
     .. math:: h_0 = 1 / (K \kappa_b) - s \phi,
 
-    so that what they ask for is :math:`1 / (K \kappa_b)` on the boundary, between them, and
-    not at the nodes.  Inside :math:`s = g`, up to ``tolerance`` deep.  Outside only the corners
-    of the boxes that the boundary passes count, with :math:`s^2 = g^2 - m^2`, where m is the slope
-    of :math:`1 / (K \kappa_b)` along the boundary: with [1]_'s :math:`s = g` the slope
-    of :math:`h_0` is larger than g, and limiting makes sizes too small.  No
-    size outside is less than half of that on the boundary.  A smaller g than used afterwards
-    makes the sizes inside too small by the difference times ``tolerance``; a larger
-    one, those on the boundary by as much times the spacing.
+    where :math:`\kappa_b = \kappa / (1 - \kappa\phi)` is the curvature at the closest point of the
+    boundary.  The size is then :math:`1 / (K \kappa_b)` on the boundary, between the nodes.
+    Inside, :math:`s = g` up to the depth ``tolerance``.  Outside, only the corners of the boxes
+    that the boundary passes are set, with :math:`s^2 = g^2 - m^2`, where m is the slope of
+    :math:`1 / (K \kappa_b)` along the boundary.  With :math:`s = g`, as in [1]_, the slope of
+    :math:`h_0` would be larger than g, and limiting would make the sizes too small.
+
+    No size outside is less than half of that on the boundary.  If g is smaller than the limit used
+    afterwards, the sizes inside are too small by the difference times ``tolerance``.  If it is
+    larger, the sizes on the boundary are too small by the difference times the spacing.
 
     References
     ----------
@@ -191,7 +193,7 @@ def size_from_curvature(
 
 
 def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
-    """Return what of a mesh is curved, and which nodes of the mesh its nodes are."""
+    """Return the part of a mesh whose curvature is used, and its nodes in the mesh."""
     if background.dim == 1:
         raise ValueError(f"background must lie in 2-D or 3-D, got {background!r}")
     if background.cell_dim == background.dim:
@@ -201,7 +203,7 @@ def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
 
 
 def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) -> FloatArray:
-    """Return the curvature at the nodes of a polyline, or of a surface and its creases."""
+    """Return the curvature at the nodes of a polyline, or of a surface and its feature edges."""
     if mesh.cell_dim == 1:
         _refuse_smoothing(mesh, smoothing)
         return polyline_curvature(mesh, crease_angle=crease_angle)
@@ -212,7 +214,7 @@ def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) 
 def _refuse_smoothing(line: SimplexMesh, smoothing: int) -> None:
     if smoothing != 0:
         raise ValueError(
-            f"smoothing must be 0 for segments, whose curvature is not averaged, got {smoothing!r} "
+            f"smoothing must be 0 for segments (curvature is not averaged), got {smoothing!r} "
             f"for {line!r}"
         )
 
@@ -271,12 +273,12 @@ def _curvature_at(
         _refuse_smoothing(boundary, smoothing)
         nodal = polyline_curvature(boundary, crease_angle=crease_angle)
         return np.asarray((weights * nodal[boundary.cells[cells]]).sum(axis=1))
-    # By corner: the middle of a flat cap does not see the curvature of its rim.
+    # By corner: the rim of a flat cap must not affect the middle of the cap.
     corners = corner_curvature(boundary, crease_angle=crease_angle, smoothing=smoothing)
     kappa = (weights * corners[cells]).sum(axis=1)
     edges = crease_edges(boundary, crease_angle=crease_angle)
     if len(edges) > 0:
-        # On a crease the closest triangle is that of either side: the larger value counts.
+        # On a feature edge the closest triangle may be on either side.  Use the larger value.
         nodal = crease_curvature(boundary, crease_angle=crease_angle)
         np.maximum.at(nodal, boundary.cells, corners)
         lines = SimplexMesh(boundary.points, edges)

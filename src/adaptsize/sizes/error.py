@@ -1,4 +1,4 @@
-"""Sizes from what a solver knows: error indicators of cells, or second derivatives of a field."""
+"""Sizes from the results of a solver: error indicators, or second derivatives of a field."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.recovery import as_nodal_field, recovered_hessian
 from adaptsize.typing import FloatArray
 
-#: What becomes of sizes before they are used, as ``lambda h0: limit_gradient(mesh, h0, 0.25)``.
+#: Gradient limiting of sizes, such as ``lambda h0: limit_gradient(mesh, h0, 0.25)``.
 Limiter = Callable[[FloatArray], FloatArray]
 
 
@@ -40,65 +40,68 @@ def size_from_error(
 ) -> FloatArray:
     r"""Return the size that gives all elements of the next mesh the same share of the error.
 
-    With indicators :math:`\eta_K` of an error that goes like :math:`h^p`, cells K of d
-    dimensions and the size :math:`h_K` of the regular simplex of the same measure,
+    The indicators :math:`\eta_K` estimate an error proportional to :math:`h^p` in cells K of
+    dimension d.  :math:`h_K` is the edge of the regular simplex of the same measure.  The size is
 
     .. math:: h = s\, h_K\, \eta_K^{-1 / (p + d/2)},
 
-    which is the mesh of fewest elements for an error, and of the least error for so many
-    elements [1]_.  The number s is found such that the error or the number of elements to be
-    expected is the one asked for, after all limits.
+    which gives the fewest elements for a given error, and the smallest error for a given number
+    of elements [1]_.  The factor s is determined such that the predicted error or number of
+    elements is the requested one, after all limits.
 
     Parameters
     ----------
     mesh : SimplexMesh
         The present mesh: triangles, also in space, tetrahedra or segments.
     indicator : array_like of float, shape (n_cells,)
-        Error of each cell, >= 0; ``sqrt(sum(indicator**2))`` is the error in all, in a norm that is
-        an integral of squares.
+        Error of each cell, >= 0.  The total error is ``sqrt(sum(indicator**2))``, in a norm that
+        is the root of an integral of squares.
     order : float
-        Power p > 0 of the size with which that norm goes where the solution is smooth: the
-        degree of the elements for energy norms, one more for the L2 norm.
+        Order of convergence p > 0 of that norm for smooth solutions: the degree of the
+        elements for energy norms, one more for the L2 norm.
     tolerance : float, optional
-        Error to be reached.  Either this or ``target_elements``.
+        Target for the total error.  Either this or ``target_elements``.
     target_elements : float, optional
-        Number of elements to be reached.
+        Target number of elements.
     max_refine, max_coarsen : float, default 4 and 2
-        No size shrinks or grows by more than these factors, >= 1; ``max_coarsen`` may be inf.
-        Indicators foretell little of much smaller cells at a singular point, and nothing where
-        they are zero.
+        Largest factors by which sizes may shrink or grow, >= 1.  ``max_coarsen`` may be inf.
+        Indicators predict little about much smaller cells at a singular point, and nothing
+        where they are zero.
     hmin, hmax : float, optional
         Limits of the size, as in `minimum`.
     limit : callable, optional
-        Takes sizes and returns those that will be used; see the examples.  ``target_elements`` then
-        means the number after it.  Must not fall where what it takes rises.
+        Takes sizes and returns the sizes that will be used, see the examples.
+        ``target_elements`` is then the number after it.  It must be non-decreasing.
     backend : str, optional
-        ``target_elements`` means what this mesh generator makes ("mmg", "tetwild"), see
-        `adaptsize.sizes.predicted_elements`; else regular simplices.
+        If given, ``target_elements`` is the number that this mesh generator makes ("mmg",
+        "tetwild"), see `adaptsize.sizes.predicted_elements`.  Otherwise it is a number of regular
+        simplices.
 
     Returns
     -------
     ndarray of float64, shape (n_points,)
-        Sizes, with ``limit`` applied if it is given.  ``inf`` at nodes in no cell, or in none with
-        a volume, unless ``hmax`` is given.  What cannot be reached for the limits is approached.
+        Sizes, with ``limit`` applied if it is given.  ``inf`` at nodes in no cell of positive
+        measure, unless ``hmax`` is given.  If the limits do not allow the target, the sizes come
+        as close as possible.
 
     Raises
     ------
     ValueError
-        If the indicators are negative, not finite or of another shape, not exactly one goal is
+        If the indicators are negative, not finite or of another shape, not exactly one target is
         given, or an option is out of range.
 
     See Also
     --------
     zz_indicator : an indicator, if the solver has none.
-    limit_gradient : to be called next, or given as ``limit``.
+    limit_gradient : the next step, or the function to pass as ``limit``.
 
     Notes
     -----
-    From cells to nodes the number of elements per volume is averaged, by volume, so that their
-    sum stays.  Errors are predicted from :math:`\eta_K (h / h_K)^p` in each cell before that
-    and before ``limit``, and so with little meaning where the solution is singular.  O(n) for
-    each of about ten trials of s.
+    Cell values are transferred to nodes by averaging the number of elements per volume, weighted
+    by volume, so that the total number is preserved.  Errors are predicted as
+    :math:`\eta_K (h / h_K)^p` in each cell, before this averaging and before ``limit``.  The
+    prediction is unreliable where the solution is singular.  The cost is O(n) for each of
+    about ten trials of s.
 
     References
     ----------
@@ -107,14 +110,14 @@ def size_from_error(
 
     Examples
     --------
-    Two triangles of a square, one of them with 8 times the error; p = 1 and d = 2, so that the
-    sizes go like the root of it:
+    Two triangles of a square, one with 8 times the error of the other.  With p = 1 and d = 2, the
+    sizes are proportional to the inverse root of the error:
 
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> size_from_error(mesh, [0.8, 0.1], order=1, target_elements=9).round(3)
     array([0.48 , 0.36 , 0.48 , 1.018])
 
-    In a loop, with 5000 elements after limiting::
+    One step of an adaptive loop, with 5000 elements after limiting::
 
         h = ads.size_from_error(
             mesh, eta, order=1, target_elements=5000,
@@ -167,48 +170,48 @@ def size_from_hessian(
 ) -> FloatArray:
     r"""Return the size at which linear elements interpolate a field equally well everywhere.
 
-    With the second derivative :math:`\lambda` of largest modulus in any direction, linear
-    interpolation at the ends of edges h errs by less than :math:`\lambda h^2 / 2`, and in the
-    maximum norm the least error for so many elements, or the fewest for an error
-    :math:`\varepsilon`, comes with
+    Let :math:`\lambda` be the largest modulus of a second derivative in any direction.  The error
+    of linear interpolation with edges h is less than :math:`\lambda h^2 / 2`.  In the
+    maximum norm, the fewest elements for an error :math:`\varepsilon`, and the smallest error
+    for a number of elements, are obtained with
 
     .. math:: h = \sqrt{2 \varepsilon / \lambda};
 
-    in the norm of :math:`L^q` with :math:`h = s\, \lambda^{-q / (2 q + d)}`, d the dimension, which
-    gives less to where the field is steepest [1]_.
+    In the norm of :math:`L^q`, the optimum is :math:`h = s\, \lambda^{-q / (2 q + d)}`, where d is
+    the dimension.  It puts fewer elements where the second derivatives are largest [1]_.
 
     Parameters
     ----------
     mesh : SimplexMesh
         Triangles in the plane or tetrahedra.
     values : array_like of float, shape (n_points,)
-        The field at the nodes, finite: density in a flow, for instance.
+        The field at the nodes, finite, for instance the density in a flow.
     tolerance : float, optional
-        Error to be kept, in the unit of the field; for finite ``norm``, times the area or volume
-        to the power of 1 / norm.  Either this or ``target_elements``.
+        Error bound, in the unit of the field.  For a finite ``norm``, in that unit times the area
+        or volume to the power of 1 / norm.  Either this or ``target_elements``.
     target_elements : float, optional
-        Number of elements to be reached, after all limits.
+        Target number of elements, after all limits.
     norm : float, default inf
         q >= 1.
     hmin, hmax : float, optional
-        Limits of the size, as in `minimum`.  Where the field jumps its derivatives grow as
-        the mesh is refined, and only ``hmin``, or ``target_elements``, holds that up.
+        Limits of the size, as in `minimum`.  Where the field jumps, its derivatives grow as
+        the mesh is refined.  Only ``hmin`` or ``target_elements`` stops this.
     limit : callable, optional
-        Takes sizes and returns those that will be used, as in `size_from_error`.
+        Takes sizes and returns the sizes that will be used, as in `size_from_error`.
     backend : str, optional
         As in `size_from_error`.
 
     Returns
     -------
     ndarray of float64, shape (n_points,)
-        Sizes, with ``limit`` applied if it is given; ``inf`` where the field has no second
-        derivatives, unless ``hmax`` is given.
+        Sizes, with ``limit`` applied if it is given; ``inf`` where the second derivatives of the
+        field are zero, unless ``hmax`` is given.
 
     Raises
     ------
     ValueError
-        If the cells have not the dimension of the space, 2 or 3, the values are not finite or of
-        another shape, not exactly one goal is given, or an option is out of range.
+        If the cells do not have the dimension of the space, 2 or 3, the values are not finite or
+        of another shape, not exactly one target is given, or an option is out of range.
 
     See Also
     --------
@@ -216,11 +219,12 @@ def size_from_hessian(
 
     Notes
     -----
-    The bound is a generous one.  At a point of barycentric coordinates :math:`b_i` the error
+    The bound is conservative.  At a point with barycentric coordinates :math:`b_i` the error
     is at most :math:`\lambda / 2 \sum_{i<j} b_i b_j |x_i - x_j|^2
     \le \lambda h^2 d / (4 (d + 1))` for edges up to h: a third of the tolerance in the plane and
-    3/8 in space.  So edges may be 1.7 or 1.6 times as long as asked for, and generators rarely
-    exceed the root of 2.  ``tolerance`` is for sizes before ``hmin``, ``hmax`` and ``limit``.
+    3/8 in space.  Edges may therefore be 1.7 or 1.6 times as long as requested, and generators
+    rarely exceed the root of 2.  ``tolerance`` applies to sizes before ``hmin``, ``hmax`` and
+    ``limit``.
 
     References
     ----------
@@ -243,7 +247,7 @@ def size_from_hessian(
     q = as_number("norm", norm, lower=1.0, allow_inf=True)
     goal, wanted = as_goal(tolerance, target_elements)
     steepest = np.abs(np.linalg.eigvalsh(recovered_hessian(mesh, nodal))).max(axis=1)
-    # Rounding of values and of coordinates, not derivatives.
+    # Smaller values are rounding errors of values and coordinates.
     noise = 1e-9 * float(np.ptp(nodal)) / mesh.diagonal**2
     steepest[steepest <= noise] = 0.0
     d = mesh.dim
@@ -261,7 +265,7 @@ def size_from_hessian(
         return sizes(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
     if not (steepest > 0.0).any():
         return sizes(1.0)
-    # A start within reach: cells with a free node count nothing until they are limited.
+    # A feasible initial value: cells with an inf node count only after limiting.
     largest = shape[np.isfinite(shape)].max()
     once = predicted_elements(mesh, np.minimum(shape, largest))
     return sizes(
@@ -281,7 +285,7 @@ def _finished(
 
 
 def _nodal_sizes(mesh: SimplexMesh, size: FloatArray) -> FloatArray:
-    """Return nodal sizes of as many elements as sizes of cells: the mean number per volume."""
+    """Return nodal sizes with the same number of elements as cell sizes, averaged by density."""
     d = mesh.cell_dim
     volume = _nodal_measures(mesh)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -291,6 +295,6 @@ def _nodal_sizes(mesh: SimplexMesh, size: FloatArray) -> FloatArray:
 
 
 def _nodal_measures(mesh: SimplexMesh) -> FloatArray:
-    """Return the share of each node in the measures of its cells; their sum is the whole."""
+    """Return the share of each node in the measures of its cells, with the same total."""
     share = np.repeat(mesh.measures / (mesh.cell_dim + 1), mesh.cell_dim + 1)
     return np.bincount(mesh.cells.ravel(), share, mesh.n_points).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Sizes from the local feature size: how wide the domain is."""
+"""Sizes from the local feature size, a measure of the local width of the domain."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Method: TypeAlias = Literal["auto", "spheres", "medial-axis"]
 METHODS = get_args(Method)
 
 _CREASE_ANGLE = 40.0
-# Where sharp edges end in nothing, sizes must not ask for more than 10^6 elements along the part.
+# Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
 _SMALLEST_SHARE = 1e-6
-# Meshes made to an envelope, as by fTetWild, keep their boundary within this share of the diagonal.
+# Share of the diagonal within which meshers with an envelope, such as fTetWild, keep the boundary.
 _TOLERANCE_SHARE = 1e-3
 
 
@@ -41,39 +41,41 @@ def size_from_feature(
     hmax: float | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
-    r"""Return the size that puts so many elements across the domain, however narrow it is.
+    r"""Return the size that puts a given number of elements across narrow regions.
 
     .. math:: h_0(x) = \mathrm{lfs}(x) / R, \qquad R = \mathrm{elements\_across} / 2,
 
-    at nodes inside and on the boundary.  With ``"spheres"`` lfs(x) is the radius of the largest
-    sphere inside that touches the boundary at the point closest to x, with `inscribed_spheres`:
-    half the width of the domain there.  All of the way from that point to the centre of the
-    sphere has the same size therefore, and a node needs to know of no other node.  With
-    ``"medial-axis"`` it is the distance to the boundary plus that to the medial axis, equation
-    (6) of [1]_ (`adaptsize.feature_size`), which is never larger than that radius and
-    the same where the domain is equally wide for a while: where it widens it grows slower.
+    at nodes inside and on the boundary.  With ``"spheres"``, lfs(x) is the radius of the largest
+    inscribed sphere that touches the boundary at the point closest to x (`inscribed_spheres`).
+    It is half the width of the domain there.  The size is therefore constant from that point to
+    the centre of the sphere, and each node is computed independently.  With ``"medial-axis"``,
+    lfs is the distance to the boundary plus the distance to the medial axis, equation (6) of [1]_
+    (`adaptsize.feature_size`).  This is never larger than the radius, and equal to it where the
+    width of the domain is constant.  Where the domain widens, it grows more slowly.
 
     Parameters
     ----------
     background : SimplexMesh, CartesianGrid or Octree
-        A mesh of full dimension; the boundary of a domain itself, triangles in space or
-        segments in the plane; a grid or an octree around a domain.
+        A mesh of full dimension, the boundary of a domain (triangles in space or
+        segments in the plane), or a grid or an octree around a domain.
     boundary : SimplexMesh, callable or array_like of float, optional
-        Triangles in space or segments in the plane, as `inscribed_spheres` takes them.  By
-        default the boundary of the background, or the background.  For the medial axis also
-        the signed distance, negative inside: a function of points, or on a CartesianGrid an array.
+        Triangles in space or segments in the plane, as for `inscribed_spheres`.  By
+        default the boundary of the background, or the background itself.  For the medial axis it
+        may also be the signed distance, negative inside: a function of points, or on a
+        CartesianGrid an array.
     method : {"auto", "spheres", "medial-axis"}
-        What the local feature size is.  By default the medial axis for distances, else spheres.
+        Definition of the local feature size.  By default the medial axis for distances,
+        otherwise spheres.
     elements_across : float, default 4
         Twice R of [1]_, > 0.
     crease_angle, corner_angle : float
         As for `inscribed_spheres`, degrees.  The medial axis on grids has no ``crease_angle``.
     tolerance : float, optional
-        Nodes this far outside ``boundary`` count too, as do, on a background of lower
-        dimension, only those this close to it.  On a grid or an octree by default the diagonal of
-        the largest box beside a node, so that all corners of the boxes that the boundary
-        passes have a size; else 0.001 of the diagonal of the boundary.  Only for spheres, with
-        ``boundary``.
+        Nodes up to this distance outside ``boundary`` get a size too.  On a background of lower
+        dimension, only nodes within this distance of ``boundary`` get one.  On a grid or an
+        octree the default is the diagonal of the largest box at a node, so that all corners of
+        the boxes that the boundary passes have a size.  Otherwise it is 0.001 of the
+        diagonal of the boundary.  Only for spheres, with ``boundary``.
     hmin, hmax : float, optional
         Limits of the size, as in `minimum`.
     progress : callable, bool or None
@@ -82,8 +84,8 @@ def size_from_feature(
     Returns
     -------
     ndarray of float64, of ``background.nodal_shape``
-        Sizes; ``inf`` outside, and where nothing is opposite (open boundaries), unless ``hmax`` is
-        given.  Never below 1e-6 of the diagonal of the boundary.
+        Sizes; ``inf`` outside, and where there is no opposite boundary (open boundaries), unless
+        ``hmax`` is given.  At least 1e-6 of the diagonal of the boundary.
 
     Raises
     ------
@@ -93,18 +95,18 @@ def size_from_feature(
 
     See Also
     --------
-    limit_gradient : to be called next; where the domain widens fast so does the size.
+    limit_gradient : the next step.  Where the domain widens fast, so does the size.
 
     Notes
     -----
-    Every node asks for itself, so what is narrow between the nodes only is not seen: a
-    background must be as fine as narrow places are long, not as they are wide.  A thin plate is
-    seen at its corners alone.  On a surface, sizes that grow from there into the volume give
-    fewer elements across than asked, at least 2 / g log(1 + n g / 2) for n.
+    The size is computed at each node separately, so a region that is narrow only between the nodes
+    is missed.  The background must resolve the length of narrow regions, but not their width.  For
+    a thin plate, nodes at the corners are sufficient.  On a surface, sizes that grow from there
+    into the volume give fewer elements across than requested: at least
+    2 / g log(1 + n g / 2) for n.
 
-    Corners do not drive the size to zero, but the tips of wedges below ``corner_angle`` do.
-
-    O(n log n) time as a rule; see `inscribed_spheres` about its accuracy.
+    The size does not tend to zero at corners, but it does at the tips of wedges below
+    ``corner_angle``.  The cost is usually O(n log n).  See `inscribed_spheres` for the accuracy.
 
     References
     ----------
@@ -113,13 +115,13 @@ def size_from_feature(
 
     Examples
     --------
-    Two triangles that make a plate 10 x 1:
+    A plate of size 10 x 1, made of two triangles:
 
     >>> plate = SimplexMesh([[0, 0], [10, 0], [10, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> size_from_feature(plate, elements_across=5)
     array([0.2, 0.2, 0.2, 0.2])
 
-    The same on a grid that is coarser than the plate is thick:
+    The same on a grid whose spacing exceeds the thickness of the plate:
 
     >>> grid = CartesianGrid([-2, -2], spacing=2.0, shape=(8, 3))
     >>> size_from_feature(grid, plate.boundary().mesh, elements_across=5)[2]
@@ -168,7 +170,7 @@ def _by_medial_axis(
     corner_angle: float,
     report: ProgressCallback,
 ) -> FloatArray:
-    """Return the distance from the boundary and the medial axis together."""
+    """Return the sum of the distances from the boundary and from the medial axis."""
     if boundary is None and not isinstance(background, SimplexMesh):
         raise ValueError(f"boundary must be given, as there is none in {background!r}")
     if isinstance(background, CartesianGrid):
@@ -230,7 +232,7 @@ def _not_outside(
     tolerance: float | None,
     report: ProgressCallback,
 ) -> BoolArray:
-    """Tell which nodes lie in the domain or no farther from it than a tolerance."""
+    """Return which nodes lie in the domain or within a tolerance of it."""
     if boundary.dim != background.dim or boundary.cell_dim != background.dim - 1:
         kind = "segments" if background.dim == 2 else "triangles"
         raise ValueError(f"boundary must consist of {kind} in {background.dim}-D, got {boundary!r}")
@@ -249,7 +251,7 @@ def _not_outside(
 def _reach(
     background: SimplexMesh | CartesianGrid | Octree, boundary: SimplexMesh
 ) -> float | FloatArray:
-    """Return how far outside a node of a cell that the boundary passes may lie."""
+    """Return the largest distance outside of a node of a cell that the boundary passes."""
     if isinstance(background, CartesianGrid):
         return float(np.linalg.norm(background.spacing))
     if isinstance(background, SimplexMesh):

@@ -1,4 +1,4 @@
-"""Derivatives of fields that are known at the nodes of a mesh, and an error estimate from them."""
+"""Recovered derivatives of nodal fields, and an error estimate from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from adaptsize._checks import as_float_array, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray
 
-# Normal matrices of fits of so many pairs of nodes are in memory at once: 80 MB in space.
+# Normal matrices are assembled in parts of this number of node pairs: 80 MB in space.
 _PAIRS_AT_ONCE = 100_000
 # Of normal matrices in coordinates of unit covariance, the smallest eigenvalue over the largest:
 # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
@@ -32,7 +32,7 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     mesh : SimplexMesh
         Triangles in the plane or tetrahedra.
     values : array_like of float, shape (n_points,)
-        Finite; for instance the solution of a finite element method at the nodes.
+        Finite, for instance a finite element solution at the nodes.
 
     Returns
     -------
@@ -47,11 +47,12 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
 
     Notes
     -----
-    Exact for quadratic fields on any mesh whose patches determine a quadratic, hence of second
-    order in the spacing for smooth ones, at the boundary as well.  Patches are the nodes that
-    share an edge with the node; at the boundary, and where these do not determine a quadratic
-    well, the neighbours of these too.  Where not even they do, a linear function is fitted.
-    O(n) time: 10 to 20 microseconds per node in the plane, about 40 in space.
+    The recovery is exact for quadratic fields on any mesh whose patches determine a quadratic.  It
+    is therefore of second order in the spacing for smooth fields, also at the boundary.  A patch
+    consists of the nodes that share an edge with the node.  At the boundary, and where these do
+    not determine a quadratic well, their neighbours are added.  If that is not sufficient, a
+    linear function is fitted.  The cost is O(n): 10 to 20 microseconds per node in the plane,
+    about 40 in space.
 
     References
     ----------
@@ -75,8 +76,8 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
 def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     """Return the second derivatives of a nodal field at the nodes.
 
-    The gradient of the recovered gradient, each by polynomial preserving recovery [1]_
-    (see `recovered_gradient`), and the symmetric part of that.
+    The result is the symmetric part of the recovered gradient of the recovered gradient, both by
+    polynomial preserving recovery [1]_ (see `recovered_gradient`).
 
     Parameters
     ----------
@@ -98,10 +99,10 @@ def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
 
     Notes
     -----
-    Exact for quadratic fields.  For smooth ones of first order in the spacing on irregular
-    meshes, of second order on meshes that look the same from all nodes.  Means of the gradients
-    of cells, taken twice, do not converge on irregular meshes.  Fields must be smooth on the
-    scale of the mesh: noise e becomes e / h^2.  Time as for `recovered_gradient`.
+    The recovery is exact for quadratic fields.  For smooth fields it is of first order in the
+    spacing on irregular meshes, and of second order on translation-invariant meshes.  (Repeated
+    averaging of cell gradients does not converge on irregular meshes.)  Fields must be smooth on
+    the scale of the mesh: noise e becomes e / h^2.  The cost is that of `recovered_gradient`.
 
     References
     ----------
@@ -129,10 +130,10 @@ def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
 
 
 def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
-    r"""Return Zienkiewicz and Zhu's error indicator of a linear finite element solution.
+    r"""Return the Zienkiewicz-Zhu error indicator of a linear finite element solution.
 
-    The distance of its gradient, constant in each cell, from the recovered one G u, linear in
-    each cell [1]_,
+    It is the difference of the gradient, constant in each cell, and the recovered gradient G u,
+    linear in each cell [1]_,
 
     .. math:: \eta_K^2 = \int_K |G u - \nabla u|^2 ,
 
@@ -159,9 +160,9 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
 
     Notes
     -----
-    The estimate over the error tends to 1 under refinement where the solution is smooth and the
-    mesh not too wild.  It is an estimate, no bound.  The gradient is recovered across
-    interfaces of materials too, where the true one jumps.
+    The ratio of estimate and error tends to 1 under refinement where the solution is smooth and
+    the mesh is sufficiently regular.  It is an estimate, not a bound.  The gradient is also
+    recovered across material interfaces, where the true gradient jumps.
 
     References
     ----------
@@ -198,7 +199,7 @@ def _cell_gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
 
 
 def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:
-    """Return matrices that take nodal values to the components of `recovered_gradient`.
+    """Return matrices that map nodal values to the components of `recovered_gradient`.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def _weights_of_fits(
     -------
     weights : float64[n_entries, dim]
     good : bool[m]
-        Where quadratics have been fitted; elsewhere a linear function has been.
+        Where quadratics were fitted.  Elsewhere a linear function was fitted.
     """
     weights = np.empty((len(patches.indices), points.shape[1]))
     good = np.empty(len(nodes), np.bool_)
@@ -286,8 +287,7 @@ def _fit(
 ) -> tuple[FloatArray, BoolArray]:
     """Return the weight of each member of each patch in the gradient of the fit, at its node.
 
-    Coordinates are those in which the patch has unit covariance, so that stretched
-    meshes are fitted as well as others.
+    The fit uses coordinates in which the patch has unit covariance, for stretched meshes.
     """
     dim = points.shape[1]
     patch = np.repeat(np.arange(len(nodes)), np.diff(starts, append=len(members)))
@@ -315,9 +315,9 @@ def _sums_of_products(rows: FloatArray, starts: npt.NDArray[np.int32]) -> FloatA
 
 
 def _slopes_of_fits(normal: FloatArray, dim: int, least: float) -> tuple[FloatArray, BoolArray]:
-    """Return the rows of the linear terms of inverses of normal matrices, and where they are.
+    """Return the rows of the linear terms of inverses of normal matrices, and where they exist.
 
-    Elsewhere they are those of the fit of a linear function, of least norm.
+    Elsewhere they are those of the fit of a linear function of least norm.
     """
     values, vectors = np.linalg.eigh(normal)
     good = values[:, 0] > least * values[:, -1]

@@ -34,12 +34,12 @@ SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 @runtime_checkable
 class Source(Protocol):
-    """Something that asks for sizes at some nodes of a mesh or grid."""
+    """A source that prescribes sizes at some nodes of a mesh or grid."""
 
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
-        """Lower the nodal sizes ``h0`` (In/Out) to what the source asks for.
+        """Lower the nodal sizes ``h0`` (In/Out) to those of the source.
 
-        ``h0`` has the nodal shape of ``mesh``; an octree comes as its mesh.
+        ``h0`` has the nodal shape of ``mesh``.  An octree is passed as its mesh.
         """
 
 
@@ -47,8 +47,8 @@ class Source(Protocol):
 class PointSource:
     """Sizes at points, which need not be nodes.
 
-    The nodes of the cell around a point x get at most ``size + g |x_i - x|``; outside the
-    mesh those of the closest cell do.
+    The nodes of the cell around a point x get at most ``size + g |x_i - x|``.  For a point outside
+    the mesh, the nodes of the closest cell do.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class PointSource:
         _lower_around(mesh, mesh.locator.nearest(points)[0], points, size, g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
-        """Return places and sizes, float64[n, dim] and float64[n], checked."""
+        """Return checked positions and sizes, float64[n, dim] and float64[n]."""
         points = as_points("points", np.atleast_2d(as_float_array("points", self.points)), dim)
         return points, _sizes_per_row(self.size, len(points))
 
@@ -116,7 +116,7 @@ class CurveSource:
         at_points = np.where(along < 1.0, size[a], 0.0) * (1.0 - along)
         at_points += np.where(along > 0.0, size[b], 0.0) * along
         _lower_around(mesh, cells, points, at_points, g, h0)
-        # The samples above are not the closest points of the curve; these are.
+        # The samples above are not the closest points of the curve.  These are.
         nodes = np.unique(mesh.cells[cells])
         at_nearest, distances = curve.locator.interpolate(size, mesh.points[nodes])
         np.minimum.at(h0, nodes, at_nearest + g * distances)
@@ -127,14 +127,14 @@ class BoundarySource:
     """A size on the boundary of the mesh, or on tagged facets.
 
     The boundary of a grid is that of its active part: the active nodes next to the outside
-    or to a node that is not active, diagonally as well.
+    or to an inactive node, including diagonal neighbours.
 
     Parameters
     ----------
     size : float
         Positive.
     tags : int or sequence of int, optional
-        Tags in ``facet_tags``, which grids have not; all of the boundary by default.
+        Tags in ``facet_tags`` (grids have none).  By default the whole boundary.
     """
 
     size: float
@@ -164,7 +164,7 @@ class BoundarySource:
 
 @dataclass(frozen=True, eq=False)
 class RegionSource:
-    """A size in all cells with a tag; not for grids, which have none.
+    """A size in all cells with a tag.  Grids have no tags.
 
     Parameters
     ----------
@@ -192,10 +192,10 @@ class RegionSource:
 
 @dataclass(frozen=True, eq=False)
 class BoxSource:
-    """A size in a box with sides along the axes; a small one acts on the cells that it meets.
+    """A size in an axis-aligned box.  A box smaller than a cell acts on the cells it intersects.
 
-    Nodes inside get at most ``size``, the other nodes of the cells that reach into the box
-    ``size + g d`` with their distance d from it.
+    Nodes inside get at most ``size``.  The other nodes of cells that intersect the box get at most
+    ``size + g d``, where d is their distance from the box.
 
     Parameters
     ----------
@@ -236,10 +236,10 @@ class BoxSource:
 
 @dataclass(frozen=True, eq=False)
 class BallSource:
-    """A size in a ball (a disk in the plane); a small one acts on the cells that it meets.
+    """A size in a ball (a disk in the plane).  A small ball acts on the cells it intersects.
 
-    Nodes inside get at most ``size``, the other nodes of the cells that reach into the ball
-    ``size + g d`` with their distance d from it.
+    Nodes inside get at most ``size``.  The other nodes of cells that intersect the ball get at
+    most ``size + g d``, where d is their distance from the ball.
 
     Parameters
     ----------
@@ -282,14 +282,14 @@ def size_from_sources(
     *,
     g: float = 0.25,
 ) -> FloatArray:
-    r"""Return the smallest of the sizes that sources ask for at each node.
+    r"""Return the smallest of the sizes from several sources at each node.
 
-    A source between the nodes is not lost: with the distance d of a node from the source,
-    the nodes of the cells that it touches get
+    A source between the nodes acts on the nodes of the cells that it touches.  A node at the
+    distance d from the source gets
 
     .. math:: h_0 = \mathrm{size} + g\,d,
 
-    which is what a gradient limit g allows there.
+    which is the size that a gradient limit g allows there.
 
     Parameters
     ----------
@@ -297,38 +297,37 @@ def size_from_sources(
         Cells of a grid are its boxes, those of an octree the simplices of ``octree.mesh``.
     sources : source, callable, or several of them
         `PointSource`, `CurveSource`, `BoundarySource`, `RegionSource`, `BoxSource`, `BallSource`,
-        or functions that take points, float64[n, dim], and give n sizes (``inf``: none).
+        or functions that take points, float64[n, dim], and return n sizes (``inf``: no bound).
     g : float, default 0.25
-        Slope from a source to the nodes around it, 0 to 1e30, no unit.  Give the
-        gradient limit that is used afterwards: a smaller one makes the cells at the source
-        finer than need be, a larger one coarser than asked for.
+        Slope from a source to the nodes around it, 0 to 1e30, no unit.  Use the
+        gradient limit that is used afterwards.  A smaller value makes the cells at the source
+        finer than necessary, a larger one coarser than requested.
 
     Returns
     -------
     ndarray of float64, of ``background.nodal_shape``
-        Sizes; ``inf`` at nodes that no source touches, and at nodes of a grid that are not
-        active.
+        Sizes; ``inf`` at nodes that no source touches, and at inactive nodes of a grid.
 
     Raises
     ------
     ValueError
         If a size is not positive, a point has another dimension than the background, a tag
-        does not occur (the message lists those that do) or is asked of a grid, or ``g`` is
+        does not occur (the message lists those that do), tags are used on a grid, or ``g`` is
         negative.
 
     See Also
     --------
-    limit_gradient : to be called next; it carries the sizes from there into the mesh.
+    limit_gradient : the next step, which propagates the sizes into the mesh.
 
     Notes
     -----
-    Distances are straight, but only nodes of cells that a source touches are set, so that
-    none acts across a gap in the mesh.  O(log n) per point, O(n) per box or ball; a curve
-    costs O(log n) per cell that it passes.  Cells that a curve only clips at a corner may be
-    passed over; their neighbours along the curve are not.
+    Distances are straight, but only nodes of cells that a source touches are set, so no source
+    acts across a gap in the mesh.  The cost is O(log n) per point, O(n) per box or ball, and
+    O(log n) per cell that a curve passes.  Cells that a curve only clips at a corner may be
+    missed, but not their neighbours along the curve.
 
-    On a grid nothing is searched: O(1) per point, per box that a curve passes (of which none
-    is passed over) and per node of a box or ball; functions are called for active nodes
+    On a grid no search is needed.  The cost is O(1) per point, per box that a curve passes
+    (none is missed), and per node of a box or ball.  Functions are called for active nodes
     only, up to a million at a time.  A point or curve where no node is active acts on the
     nearest active node.
 
@@ -387,8 +386,8 @@ def _warn_of_outside(mesh: SimplexMesh | CartesianGrid, points: FloatArray) -> N
         more = int(np.count_nonzero(outside)) - 1
         also = f" (and {more} more)" if more else ""
         warnings.warn(
-            f"the source at ({place}) lies {away[first]:.4g} outside the domain{also}: it acts on "
-            "the nodes of the closest cell only, with its distance from them",
+            f"the source at ({place}) lies {away[first]:.4g} outside the domain{also}: it acts "
+            "only on the nodes of the closest cell, with its distance from them",
             OutsideWarning,
             stacklevel=2,
         )
@@ -449,9 +448,9 @@ def _as_curve(value: SimplexMesh | npt.ArrayLike, dim: int) -> SimplexMesh:
 def _has_tag(
     tags: int | Sequence[int], present: IntArray | None, name: str
 ) -> npt.NDArray[np.bool_]:
-    """Return where ``present`` is one of ``tags``; refuse tags that do not occur."""
+    """Return where ``present`` is one of ``tags``.  Refuse tags that do not occur."""
     if present is None:
-        raise ValueError(f"tags need a mesh with {name}, which this one has not")
+        raise ValueError(f"tags need a mesh with {name}, which this one does not have")
     wanted = np.atleast_1d(as_plain_array("tags", tags))
     missing = wanted[~np.isin(wanted, present)]
     if len(missing) > 0:

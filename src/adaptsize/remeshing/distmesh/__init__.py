@@ -1,1 +1,1 @@
-"""Meshes from distance functions by smoothing, after DistMesh."""
+"""Mesh generation from distance functions by smoothing, after DistMesh."""

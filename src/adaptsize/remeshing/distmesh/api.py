@@ -1,4 +1,4 @@
-"""Meshes from a distance function and a size function, by smoothing: ``mesh_from_distance``."""
+"""Mesh generation from a distance function and a size function: ``mesh_from_distance``."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from adaptsize.remeshing.distmesh.rejection import (
 from adaptsize.remeshing.distmesh.relaxation import relax
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-#: What takes float64[n, dim] points and returns one number for each.
+#: A function of points, float64[n, dim], with one value per point.
 Field: TypeAlias = Callable[[FloatArray], Any]
 
-#: How far a fixed point may lie outside, in sizes.
+#: Allowed distance of a fixed point from the domain, in sizes.
 _FIXED_OUTSIDE = 0.01
-#: How much deeper than this the domain may not be at the faces of the box, in sizes.
+#: Allowed depth of the domain at the faces of the box, in sizes.
 _CUT = 0.5
 
 
@@ -83,34 +83,34 @@ def mesh_from_distance(
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SimplexMesh | tuple[SimplexMesh, SmoothingReport]:
-    """Return a mesh of the domain where a distance function is negative.
+    """Return a mesh of the domain in which a distance function is negative.
 
     Parameters
     ----------
     distance : callable
-        Takes float64[n, dim] points and returns n values, negative inside, finite.
-        Signed distances are best; any function will do that crosses zero at the boundary with
-        a slope (interpolated, blended, ``min`` and ``max`` of several).
+        Takes float64[n, dim] points and returns n finite values, negative inside.
+        Signed distances are best.  Any function works that crosses zero at the boundary with
+        a nonzero slope (interpolated, blended, ``min`` and ``max`` of several).
     size : callable or float
-        Wanted edge length at float64[n, dim] points, finite and positive in the
-        domain; a `SizeFunction` is one.  Limit its gradient first (`limit_gradient`).
+        Requested edge length at float64[n, dim] points, finite and positive in the
+        domain, for instance a `SizeFunction`.  Limit its gradient first (`limit_gradient`).
     lower, upper : array_like of float, shape (dim,)
         Corners of a box around the domain, dim 2 or 3.
     fixed_points : array_like of float, shape (n, dim), optional
-        Nodes that stay where they are, inside or on the boundary: corners, and in space
+        Fixed nodes inside or on the boundary: corners, and in space
         points along edges.  They are the first nodes of the mesh.
     clip : bool
-        Whether the domain may go on beyond the box, and is then cut off there.
+        Whether the domain may extend beyond the box.  It is then cut off there.
     seed : int or numpy.random.Generator
-        Of the random start.  The same seed gives the same mesh on the same machine.
+        Seed of the random initial points.  The same seed gives the same mesh on the same machine.
     max_iter : int
-        Most steps of the nodes, 1 or more.
+        Maximum number of smoothing steps, 1 or more.
     max_elements : float
-        If the sizes ask for more elements than this, no mesh is made.
+        If the sizes require more elements than this, no mesh is made.
     full_output : bool
         Whether to return a report too.
     progress : callable, bool or None
-        Called with a text and the share done; True shows a bar.
+        Called with a text and the share done.  True shows a progress bar.
 
     Returns
     -------
@@ -122,19 +122,19 @@ def mesh_from_distance(
     Raises
     ------
     ValueError
-        If an argument is wrong, distance or size return something else than n finite numbers
-        (n finite positive ones in the domain), the domain is empty or reaches beyond
-        the box, a fixed point is outside, or the sizes are too large for a single cell.
+        If an argument is invalid, ``distance`` does not return n finite numbers, ``size`` does
+        not return n numbers that are finite and positive in the domain, the domain is empty or
+        extends beyond the box, a fixed point is outside, or no cell fits into the domain.
     TooManyElementsError
-        If the sizes ask for more than ``max_elements``.
+        If the sizes require more than ``max_elements`` elements.
 
     Warns
     -----
     ConvergenceWarning
         If nodes still moved by more than 3 % of their size per step after ``max_iter`` steps.
     ResolutionWarning
-        If the mesh misses a part of the domain, its measure differs from that of
-        the domain by more than 10 %, it has slivers, nodes of its boundary are off that of
+        If the mesh misses part of the domain, its measure differs from that of
+        the domain by more than 10 %, it has slivers, its boundary nodes are off the boundary of
         the domain by more than 5 % of their size, or a fixed point is in no cell.
 
     See Also
@@ -144,22 +144,25 @@ def mesh_from_distance(
 
     Notes
     -----
-    The loop of [1]_: random nodes by rejection, Delaunay triangulation, repulsive forces along
-    the edges, nodes that leave the domain put back along the gradient of the distance, by
-    difference quotients.  Nodes are added and removed where edges are far from their size [2]_.
-    In the plane, corners between straight or curved sides are found and fixed; in space,
-    nodes are brought to convex edges.  At the end the worst cells are improved: single nodes are
-    moved, edges and faces of tetrahedra swapped [3]_.
+    The algorithm is that of [1]_.  Initial nodes are random points by rejection.  Each step
+    moves the nodes by repulsive forces along the edges of their Delaunay triangulation.
+    Nodes that leave the domain are projected back along the gradient of the distance, which is
+    computed by finite differences.  Nodes are added and removed where edge lengths are far from
+    the size [2]_.  In the plane, corners between straight or curved sides are detected and fixed.
+    In space, nodes are moved to convex edges.  Finally the worst cells are improved by moving
+    single nodes, and by swapping edges and faces of tetrahedra [3]_.
 
-    Guaranteed: positive cells, each once; nodes all used; fixed points where they are.
-    Not guaranteed, but told in the report: that edges have their sizes (95 % and more within
-    sqrt 2 as a rule, if the sizes are limited and the domain is not narrower than they are),
-    angles (as a rule above 25 degrees in the plane, dihedral ones above 15 in space), boundary
-    nodes within 1e-6 sizes of the boundary (1e-4 along edges in space).
-    Parts narrower than about half of the size, and inner edges in space without fixed points
-    along them, are not met.
+    Guaranteed are positive cells without duplicates, no unused nodes, and the positions of fixed
+    points.  The following is not guaranteed but included in the report.  Usually 95 % or more of
+    the edges are within sqrt 2 of the size, if the sizes are limited and the domain is not
+    narrower than the size.  Angles are usually above 25 degrees in the plane, and dihedral
+    angles above 15 degrees in space.  Boundary nodes are usually within 1e-6 sizes of the
+    boundary (1e-4 along edges in space).
 
-    Time is that of some 20 triangulations and a call of ``distance`` with all nodes in each
+    Regions narrower than about half of the size are not resolved.  In space, neither are
+    concave edges without fixed points along them.
+
+    The cost is about 20 triangulations, and one call of ``distance`` with all nodes in each
     step: about 9 s for 26 000 nodes in the plane, and 18 s for 7 000 in space.
 
     References
@@ -188,12 +191,12 @@ def mesh_from_distance(
     >>> bool(np.abs(distance(mesh.boundary().mesh.points)).max() < 1e-6)
     True
 
-    The size may be a number, and too many elements are refused:
+    The size may be a number.  Too many elements are refused:
 
     >>> mesh_from_distance(distance, 1e-5, [-1.1, -1.1], [1.1, 1.1])
     Traceback (most recent call last):
     ...
-    adaptsize.errors.TooManyElementsError: the sizes ask for ... elements or more, ...
+    adaptsize.errors.TooManyElementsError: the sizes require at least ... elements, ...
     """
     domain = _as_domain(distance, lower, upper)
     wanted = sized(_as_function(size), domain)
@@ -246,7 +249,7 @@ def _as_function(size: Field | float) -> Field:
 
 
 def _refuse_cut(domain: ImplicitDomain, size: Size) -> None:
-    """Raise a ValueError if the domain reaches beyond the box."""
+    """Raise a ValueError if the domain extends beyond the box."""
     extent = domain.upper - domain.lower
     counts = np.maximum(2, np.ceil(40 * extent / extent.max()).astype(int) + 1)
     grid = grid_of(domain.lower, domain.upper, counts).reshape(-1, domain.dim)
@@ -272,21 +275,21 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain, size: Size) 
         return fixed
     depth = domain.depth(domain.phi(fixed))
     h = size(fixed)
-    # On the boundary a size may be unknown; it is then as good as inside.
+    # On the boundary the size may be unknown.  The size inside is used then.
     outside = (depth < 0.0) & ~(depth >= -_FIXED_OUTSIDE * h)
-    refuse_where("fixed_points", outside, depth, "must lie in the domain (depths are told)")
+    refuse_where("fixed_points", outside, depth, "must lie in the domain (depths are given)")
     _, first = np.unique(fixed, axis=0, return_index=True)
     double = np.ones(len(fixed), np.bool_)
     double[first] = False
     if double.any():
         raise ValueError(
-            f"fixed_points must be different, got fixed_points[{int(np.argmax(double))}] twice"
+            f"fixed_points must be distinct, got fixed_points[{int(np.argmax(double))}] twice"
         )
     return fixed
 
 
 def _without_unused(points: FloatArray, cells: IntArray) -> tuple[SimplexMesh, IntArray]:
-    """Return the mesh of the nodes that cells have, and the new number of each node, or -1."""
+    """Return the mesh without unused nodes, and the new number of each node, or -1."""
     used, local = np.unique(cells, return_inverse=True)
     node_map = np.full(len(points), -1, np.int32)
     node_map[used] = np.arange(len(used))

@@ -1,8 +1,8 @@
-"""Corners of the domain and, in space, its edges: found between boundary nodes, and given nodes.
+"""Detection of corners of the domain and, in space, of its edges; nodes are placed there.
 
-Two neighbours on the boundary whose normals differ have a corner between them if the
-tangents meet on the boundary; on a smooth boundary they meet outside.  The tangents are taken
-again nearer to where they meet, so that curved sides do no harm.
+Two boundary neighbours with different normals have a corner between them if their
+tangents meet on the boundary.  On a smooth boundary they meet outside.  The tangents are
+recomputed nearer to the intersection, so the method also works for curved sides.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 _SHARP = 0.77
 #: The tangents meet this near to the boundary, in sizes.
 _MEETING = 0.02
-#: A node this near to a corner is brought there, one still nearer is there, in sizes.
+#: A node this near to a corner is moved there; a node still nearer counts as there, in sizes.
 _BRING, _THERE = 0.5, 1e-4
-#: Tangents are taken again at this share of the way from the corner.
+#: Tangents are recomputed at this share of the distance from the corner.
 _NEARER = 0.2
 _ROUNDS = 3
 
@@ -31,10 +31,11 @@ def with_corners(
     skin_edges: IntArray,
     n_fixed: int,
 ) -> tuple[FloatArray | None, int]:
-    """Return the nodes with some brought to corners, or added there.
+    """Return the nodes with some moved to corners, or added there.
 
-    In the plane these are fixed from then on.  In space they lie on an edge, and may move along it:
-    what drives them out of the domain puts them back onto the edge, if it is convex.
+    In the plane these nodes are fixed afterwards.  In space they lie on an edge and may move
+    along it.  The forces push them out of the domain, and the projection puts them back onto
+    the edge, if it is convex.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def with_corners(
     Returns
     -------
     points : float64[n, dim] or None
-        None if all corners have their nodes.
+        None if all corners have nodes already.
     n_fixed : int
     """
     from scipy.spatial import cKDTree
@@ -96,7 +97,7 @@ def _between(
 def _meeting(
     domain: ImplicitDomain, a: FloatArray, b: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return where the tangents at a and b meet next to the middle, and which do so nearby."""
+    """Return where the tangents at a and b meet, and which of them meet near the midpoint."""
     u, v = _normals(domain, a, size), _normals(domain, b, size)
     middle = 0.5 * (a + b)
     cosine = np.einsum("ij,ij->i", u, v)

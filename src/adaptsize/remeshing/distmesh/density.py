@@ -1,4 +1,4 @@
-"""Nodes added where edges are too long or a part has none, removed where they are too short."""
+"""Insertion of nodes where edges are too long or nodes are missing, removal of surplus nodes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.rejection import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Edges out of these bounds lose a node or get one in the middle, in sizes.
+#: Edges shorter or longer than this lose a node or get one at their midpoint, in sizes.
 _TOO_SHORT, _TOO_LONG = 0.6, 1.55
-#: And those out of these bounds, if edges are too short or too long on the whole.
+#: The same if edges are too short or too long on average.
 _RATHER_SHORT, _RATHER_LONG = 0.85, 1.15
-#: A place in the domain this far from all nodes gets one, in sizes.  In the lattices that
-#: are best no place is further than 0.61.
+#: A point of the domain this far from all nodes gets a node, in sizes.  In the ideal lattices
+#: no point is further away than 0.61.
 _TOO_FAR = 0.85
 #: Edges between boundary nodes run along the boundary if their middle is this near, in lengths.
 _ALONG = 0.2
@@ -35,9 +35,9 @@ class MeshEdges(NamedTuple):
 def adapted(
     domain: ImplicitDomain, size: Size, mesh: MeshEdges, probes: FloatArray, max_nodes: float
 ) -> FloatArray | None:
-    """Return the nodes with some removed and some added at the end; None if all is well.
+    """Return the nodes with some removed and some added at the end, or None without changes.
 
-    None too if they were to become more than ``max_nodes``.
+    None is also returned if there would be more than ``max_nodes`` nodes.
     """
     points, edges, on_boundary, h, n_fixed = mesh
     i, j = edges.T
@@ -66,9 +66,9 @@ def adapted(
 def _short_and_long(
     ratio: FloatArray, n_points: int, dim: int
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return which edges are to lose a node, and which to get one, the worst first.
+    """Return which edges lose a node, and which get one, the worst first.
 
-    If edges are too long on the mean, so many nodes are missing that the longest are taken too.
+    If edges are too long on average, nodes are missing, and the longest edges are split too.
     """
     order = np.argsort(ratio)
     sorted_ratio = ratio[order]
@@ -82,14 +82,14 @@ def _short_and_long(
 
 
 def _chosen(short: IntArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
-    """Return one node of each short edge, no two of them neighbours by such edges."""
+    """Return one node of each short edge, such that no two of them share a short edge."""
     gone: list[int] = []
     touched: set[int] = set()
     for a, b in short.tolist():
         if a in touched or b in touched:
             continue
         touched.update((a, b))
-        # A node inside rather than one on the boundary; the later one, for the first are fixed.
+        # Prefer interior nodes to boundary nodes, and later nodes because the first are fixed.
         first, last = (a, b) if a < b else (b, a)
         node = first if mesh.on_boundary[last] and not mesh.on_boundary[first] else last
         if node >= mesh.n_fixed:
@@ -100,7 +100,7 @@ def _chosen(short: IntArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
 def uncovered(
     domain: ImplicitDomain, size: Size, points: FloatArray, probes: FloatArray
 ) -> FloatArray:
-    """Return the nodes and new ones near places of the domain that are far from all."""
+    """Return the nodes, and new nodes near points of the domain that are far from all nodes."""
     from scipy.spatial import cKDTree
 
     if len(probes) == 0:
@@ -114,7 +114,7 @@ def uncovered(
 
 
 def spread(points: FloatArray, h: FloatArray, factor: float) -> FloatArray:
-    """Return points taken in turn if they are ``factor * h`` away from those taken."""
+    """Return points chosen greedily, at least ``factor * h`` from those already chosen."""
     from scipy.spatial import cKDTree
 
     if len(points) < 2:

@@ -1,4 +1,4 @@
-"""From nodes at rest to a mesh: boundary nodes on the boundary, flat cells mended."""
+"""From converged nodes to a mesh: projection of boundary nodes, repair of flat cells."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from adaptsize.remeshing.distmesh.rejection import Size
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-#: Rounds of triangulation and projection; two are enough as a rule.
+#: Rounds of triangulation and projection.  Two are usually enough.
 _ROUNDS = 8
-#: Cells of lower quality at the boundary are taken away if nothing is lost.
+#: Cells of lower quality at the boundary are removed if nothing is lost.
 _FLAT = 0.25
-#: Cells of lower quality are to be mended.
+#: Cells of lower quality are improved.
 _BAD = {2: 0.6, 3: 0.45}
 _PASSES, _SWEEPS = 12, 10
-#: First length of the steps in which a place for a node is looked for, in sizes.
+#: Initial step length of the search for a better position of a node, in sizes.
 _FIRST_STEP = 0.2
-#: Layers of neighbours that are moved too where nothing else helps.
+#: Layers of neighbours that are moved too if nothing else helps.
 _WIDEST = 3
 #: Cosine of the angle between a facet and the boundary above which a node is at no edge or corner.
 _STRAIGHT = 0.8
-#: Nodes on the boundary are brought as near as this, in sizes.
+#: Tolerance of the projection of boundary nodes, in sizes.
 TOLERANCE = 1e-6
 
 
@@ -37,7 +37,7 @@ def finish(
     n_fixed: int,
     report: ProgressCallback,
 ) -> tuple[FloatArray, IntArray]:
-    """Return a mesh of these nodes, whose boundary nodes lie on the boundary.
+    """Return a mesh of these nodes with its boundary nodes on the boundary of the domain.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def finish(
 def _move_if_good(
     points: FloatArray, cells: IntArray, nodes: npt.NDArray[np.intp], there: FloatArray
 ) -> None:
-    """Move those of the nodes whose cells stay good.  Changes ``points``."""
+    """Move the nodes whose cells keep their quality.  Changes ``points``."""
     old = points.copy()
     points[nodes] = there
     for _ in range(_ROUNDS):  # taking back one move may spoil another
@@ -87,10 +87,10 @@ def _refuse_empty(cells: IntArray) -> None:
 
 
 def without_flat(points: FloatArray, cells: IntArray, n_fixed: int) -> IntArray:
-    """Return the cells without flat ones that have all facets of one side on the boundary.
+    """Return the cells without flat cells that have all facets of one side on the boundary.
 
-    The boundary then passes on their other side.  In the plane these are triangles beside a
-    straight part of the boundary, in space slivers between four nodes of the boundary.
+    The other side then becomes the boundary.  In the plane these cells are triangles at a
+    straight part of the boundary, in space slivers between four boundary nodes.
     """
     for _ in range(10):
         quality = np.empty(len(cells))
@@ -106,7 +106,7 @@ def without_flat(points: FloatArray, cells: IntArray, n_fixed: int) -> IntArray:
 def _one_sided(
     points: FloatArray, cells: IntArray, flat: npt.NDArray[np.intp], n_fixed: int
 ) -> list[int]:
-    """Return those of the flat cells that may go, no two of them with a common node."""
+    """Return the flat cells that can be removed, no two of them with a common node."""
     width = cells.shape[1]
     facets, cell_facets = topology.facets_of(cells, len(points))
     single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
@@ -122,7 +122,9 @@ def _one_sided(
         outer = single[cell_facets[c]]
         if not outer.any() or outer.all() or touched[nodes].any():
             continue
-        hidden = nodes[outer]  # each opposite to a facet on the boundary: they come to light
+        hidden = nodes[
+            outer
+        ]  # each opposite to a facet on the boundary: they become boundary nodes
         if len(hidden) == 1:
             closed = bool(on_boundary[hidden[0]])
         elif len(hidden) == width - 1:  # their common node would be lost
@@ -138,7 +140,7 @@ def _one_sided(
 
 
 def _is_one_side(corners: FloatArray, outer: BoolArray) -> bool:
-    """Tell whether the facets in ``outer`` cover a flat cell from one side."""
+    """Return whether the facets in ``outer`` cover a flat cell from one side."""
     normals = np.stack([_facet_normal(np.delete(corners, v, axis=0)) for v in range(len(corners))])
     centre = corners.mean(axis=0)
     for v in range(len(corners)):
@@ -166,7 +168,7 @@ def improved(
     n_fixed: int,
     report: ProgressCallback,
 ) -> tuple[FloatArray, IntArray]:
-    """Return the mesh with its worst cells made better by swaps and moves of single nodes."""
+    """Return the mesh with its worst cells improved by swaps and moves of single nodes."""
     dim = points.shape[1]
     points, cells = points.copy(), cells.copy()
     best, wider = (-1.0, 0), 0
@@ -185,14 +187,14 @@ def improved(
         if not bad.any() or wider > _WIDEST:
             break
         nodes = np.unique(cells[bad])
-        for _ in range(wider):  # the neighbours are in the way
+        for _ in range(wider):  # the neighbours must move too
             nodes = np.unique(cells[np.isin(cells, nodes).any(axis=1)])
         _move_nodes(domain, points, cells, (1 + wider) * _FIRST_STEP * h, h, nodes, n_fixed)
     return points, cells
 
 
 def _swapped(points: FloatArray, cells: IntArray) -> IntArray:
-    """Return tetrahedra with edges and faces swapped until nothing gets better."""
+    """Return tetrahedra with edges and faces swapped until no swap improves the quality."""
     for _ in range(_SWEEPS):
         quality = np.empty(len(cells))
         fill_quality(points, cells, quality)
@@ -217,7 +219,7 @@ def _move_nodes(
     nodes: npt.NDArray[np.integer],
     n_fixed: int,
 ) -> None:
-    """Move nodes to better places, those of smooth boundaries along it.  Changes ``points``."""
+    """Move nodes to better positions, on smooth boundaries along these.  Changes ``points``."""
     nodes = nodes[nodes >= n_fixed]
     normals = np.zeros_like(points)
     on_boundary = nodes_of(skin_of(cells, len(points)), len(points))
@@ -243,7 +245,7 @@ def _move_nodes(
 
 
 def _worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Return the least quality of the cells around each node."""
+    """Return the smallest quality of the cells around each node."""
     quality = np.empty(len(cells))
     fill_quality(points, cells, quality)
     worst = np.ones(len(points))
@@ -252,7 +254,7 @@ def _worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
 
 
 def _is_crease(points: FloatArray, cells: IntArray, normals: FloatArray) -> BoolArray:
-    """Return at which nodes a facet of the boundary lies askew to the normal of the domain."""
+    """Return at which nodes a boundary facet deviates from the normal of the domain."""
     facets, cell_facets = topology.facets_of(cells, len(points))
     single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
     skin = facets[single]

@@ -14,7 +14,7 @@ from adaptsize.typing import FloatArray
 
 #: Steps of a difference quotient, in sizes: far above rounding, far below any detail.
 _STEP = 1e-4
-#: Gradients shorter than this times the steepest slope say nothing about where the boundary is.
+#: Gradients shorter than this times the steepest slope are not used to locate the boundary.
 _FLAT = 1e-3
 
 
@@ -25,8 +25,8 @@ class ImplicitDomain:
     Attributes
     ----------
     distance : callable
-        Of float64[n, dim], negative inside; any function that changes its sign at the
-        boundary with a slope there.
+        Takes float64[n, dim] points, negative inside.  Any function that changes its sign
+        at the boundary with a nonzero slope.
     lower, upper : float64[dim]
     slope : float
         Bound on the slope of ``distance``, estimated from samples; 1 for distances.
@@ -75,7 +75,7 @@ class ImplicitDomain:
         for d in range(dim):
             moved[d, :, d] += step
         there = self.phi(moved.reshape(-1, dim)).reshape(dim, n)
-        # What is added to a coordinate is not quite the step.
+        # Rounding changes the step that is added to a coordinate.
         rises = np.stack([moved[d, :, d] - points[:, d] for d in range(dim)])
         return np.asarray(((there - phi) / rises).T)
 
@@ -108,7 +108,7 @@ class ImplicitDomain:
         h : float64[n]
             Sizes there.
         tolerance : float
-            Distance from the boundary that is no distance, in sizes.
+            Distance below which a point is on the boundary, in sizes.
         max_steps : int
 
         Returns

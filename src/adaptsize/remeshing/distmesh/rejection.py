@@ -1,10 +1,10 @@
-"""Points spread by rejection: as many per volume as elements of the wanted size have nodes.
+"""Initial points by rejection, with the density that elements of the requested size need.
 
-A tree of boxes goes down to boxes of the wanted size, so that the work is that of the points
-kept, however much the sizes differ.  A box of edge s (in the plane s by sqrt(3) s) holds two
-points: together they are the triangular lattice of spacing s in the plane, the body-centred
-cubic lattice in space, whose Delaunay triangulations are as regular as can be.  A point is kept
-with probability (s / h)^dim, as in [1]_; where h = s, the lattice is left as it is.
+A tree of boxes is refined to boxes of the requested size, so the cost is proportional to the
+number of points kept, for any range of sizes.  A box of edge s (in the plane s by sqrt(3) s)
+holds two points.  Together the points form the triangular lattice of spacing s in the plane and
+the body-centred cubic lattice in space, whose Delaunay triangulations are the most regular.  A
+point is kept with probability (s / h)^dim, as in [1]_.  Where h = s, the lattice is unchanged.
 
 References
 ----------
@@ -35,9 +35,9 @@ _BOX = {
     2: np.array([1.0, math.sqrt(3.0)]),
     3: np.full(3, 7.0 / (3.0 + 2.0 * math.sqrt(3.0))),
 }
-#: Where the two points lie in their box.
+#: Positions of the two points in their box.
 _PLACES = (0.25, 0.75)
-#: Boxes along the longest side at first: narrower parts than that are found by the slope of phi.
+#: Initial boxes along the longest side.  Narrower parts are found by the slope of phi.
 _FIRST = {2: 48, 3: 20}
 #: Sub-samples of a box at the boundary along each axis.
 _SUBSAMPLES = {2: 5, 3: 4}
@@ -48,16 +48,16 @@ _MAX_LEVEL = 40
 
 @dataclass(frozen=True)
 class Sampling:
-    """Where a mesh of the wanted sizes could have its nodes.
+    """Points for the nodes of a mesh of the requested sizes.
 
     Attributes
     ----------
     points : float64[n, dim]
         Inside the domain.
     probes : float64[m, dim]
-        Places inside that the mesh should cover, one in each box.
+        Points inside that the mesh should cover, one in each box.
     measure : float
-        Area or volume of the domain, from the boxes; good to a per cent or so.
+        Area or volume of the domain, estimated from the boxes to about one per cent.
     """
 
     points: FloatArray
@@ -78,9 +78,9 @@ class _Lattice(NamedTuple):
 
 
 def sized(size: Callable[[FloatArray], FloatArray], domain: ImplicitDomain) -> Size:
-    """Return a size function that is checked where the domain is, and NaN where it is not known.
+    """Return a size function that is checked in the domain, and NaN where it is unknown.
 
-    Outside the domain a size may be anything.
+    Outside the domain any value is accepted.
     """
 
     def function(points: FloatArray) -> FloatArray:
@@ -103,7 +103,7 @@ def sized(size: Callable[[FloatArray], FloatArray], domain: ImplicitDomain) -> S
 
 
 def extended(size: Size, probes: FloatArray) -> Size:
-    """Return a size function that is the one of the nearest probe where it is not known."""
+    """Return a size function that takes the value of the nearest probe where it is unknown."""
     from scipy.spatial import cKDTree
 
     known = size(probes)
@@ -134,14 +134,14 @@ def sample(
     *,
     max_elements: float,
 ) -> Sampling:
-    """Return random points, spread by the wanted size.
+    """Return random points with the density of the requested size.
 
     Raises
     ------
     ValueError
-        If no place inside the domain is found, or a size there is not finite and positive.
+        If no point inside the domain is found, or a size there is not finite and positive.
     TooManyElementsError
-        If the sizes ask for more elements than ``max_elements``.
+        If the sizes require more elements than ``max_elements``.
     """
     lattice, index = _root(domain, size)
     limit = max_elements / ELEMENTS_PER_NODE[domain.dim]
@@ -174,7 +174,7 @@ def sample(
 def _root(domain: ImplicitDomain, size: Size) -> tuple[_Lattice, npt.NDArray[np.int64]]:
     """Return the lattice and the boxes of level 0, which cover the domain.
 
-    The smallest size found is a spacing of some level, so that a constant size leaves the lattice.
+    The smallest size found is the spacing of some level, so a constant size gives the lattice.
     """
     extent = domain.upper - domain.lower
     first = float(extent.max()) / _FIRST[domain.dim]
@@ -185,7 +185,7 @@ def _root(domain: ImplicitDomain, size: Size) -> tuple[_Lattice, npt.NDArray[np.
     spacing = math.ldexp(least, max(0, math.floor(math.log2(first / least))))
     box = _BOX[domain.dim]
     shape = np.ceil(extent / (box * spacing) - 1e-9).astype(np.int64)
-    # Centred, so that the lattice does not depend on where the box is.
+    # Centred, so that the lattice does not depend on the position of the box.
     lower = domain.lower - 0.5 * (shape * box * spacing - extent)
     index = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
     return _Lattice(lower, spacing, box), index.reshape(-1, domain.dim)
@@ -200,7 +200,7 @@ def _leaves(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], float]:
     """Return the boxes that may meet the domain, and which of them are small enough.
 
-    The number is a lower bound on how many points will come of the others.
+    The number is a lower bound on the number of points from the other boxes.
     """
     spacing = math.ldexp(lattice.spacing, -level)
     centres = lattice.at(index, level, 0.5)
@@ -210,7 +210,7 @@ def _leaves(
     index, centres, phi = index[near], centres[near], phi[near]
     sizes = np.stack([size(centres), *(size(lattice.at(index, level, place)) for place in _PLACES)])
     known = np.where(np.isnan(sizes), np.inf, sizes).min(axis=0)
-    # Where no size is known, beside the domain: as fine as anywhere on this level.
+    # Where the size is unknown, outside the domain: the smallest size on this level.
     known[np.isinf(known)] = known.min(initial=lattice.spacing)
     is_leaf = spacing <= known * (1.0 + 1e-9)
     whole = ~is_leaf & (phi < -domain.slope * radius)
@@ -226,7 +226,7 @@ def _draw(
     level: int,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, float]:
-    """Return the points that are kept, and how many were to be expected."""
+    """Return the points that are kept, and their expected number."""
     points = np.concatenate([lattice.at(leaves, level, place) for place in _PLACES])
     points = points[domain.phi(points) < 0.0]
     spacing = math.ldexp(lattice.spacing, -level)
@@ -242,7 +242,7 @@ def _probe(
     level: int,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, float]:
-    """Return places inside the domain, and the measure of the domain in these boxes."""
+    """Return points inside the domain, and the measure of the domain in these boxes."""
     edges = lattice.box * math.ldexp(lattice.spacing, -level)
     centres = lattice.at(leaves, level, 0.5)
     phi = domain.phi(centres)
@@ -250,7 +250,7 @@ def _probe(
     n = _SUBSAMPLES[domain.dim]
     offsets = grid_of(-0.5 * edges, 0.5 * edges, [n + 1] * domain.dim)
     offsets = offsets[(slice(0, n),) * domain.dim].reshape(-1, domain.dim) + 0.5 * edges / n
-    # Jittered: a boundary along the boxes would be taken a whole sub-sample too near or too far.
+    # Jittered: a boundary parallel to the boxes could be off by a whole sub-sample otherwise.
     jitter = rng.uniform(-0.5, 0.5, (int(crossed.sum()), *offsets.shape)) * edges / n
     fine = centres[crossed][:, None] + offsets + jitter
     values = domain.phi(fine.reshape(-1, domain.dim)).reshape(fine.shape[:2])
@@ -271,6 +271,6 @@ def _refuse_too_many(nodes: float, limit: float, max_elements: float) -> None:
     if nodes > limit:
         elements = nodes / limit * max_elements
         raise TooManyElementsError(
-            f"the sizes ask for {elements:.3g} elements or more, above "
-            f"max_elements = {max_elements:.3g}; ask for larger sizes or raise max_elements"
+            f"the sizes require at least {elements:.3g} elements, more than "
+            f"max_elements = {max_elements:.3g}; increase the sizes or raise max_elements"
         )

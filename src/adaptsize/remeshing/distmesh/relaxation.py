@@ -1,9 +1,14 @@
-"""Nodes pushed apart until the edges between them have the wanted lengths.
+"""Smoothing: nodes are pushed apart until the edges have the requested lengths.
 
-The loop is that of [1]_: Delaunay triangulation, linear repulsive forces along the edges, nodes
-that left the domain put back to its boundary.  What differs: steps over the number of neighbours,
-so that nodes of many do not swing; the median of length over size as the scale, which a few bad
-cells do not shift; nodes added and removed on the way, as in [2]_; corners; shorter steps late.
+The loop is that of [1]_: Delaunay triangulation, linear repulsive forces along the edges, and
+projection of nodes that left the domain onto its boundary.  The differences are:
+
+* Steps are divided by the number of neighbours, so that nodes with many neighbours do not
+  oscillate.
+* The scale is the median of length over size, which a few bad cells do not shift.
+* Nodes are added and removed during the iteration, as in [2]_.
+* Corners are detected.
+* Late steps are shorter.
 
 References
 ----------
@@ -26,16 +31,16 @@ from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.rejection import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-#: Edges want to be longer than they can by this factor: the pressure drives nodes to the boundary.
+#: Target lengths are scaled up by this factor.  The pressure drives nodes to the boundary.
 _PRESSURE = {2: 1.15, 3: 1.1}
 #: Length of a step, in forces over the number of neighbours: below 2 neighbours that are pushed
 #: against each other along one edge do not pass the place where the force ends.
 _STEP = 1.5
-#: Nodes are connected anew when one of 100 moved further than this since, in sizes.
+#: The triangulation is renewed when 1 % of the nodes have moved further than this, in sizes.
 _STALE = 0.1
 #: No node moves further in one step, in sizes.
 _LONGEST = 0.25
-#: Nodes are added and removed in each tenth of the first steps.
+#: Nodes are added and removed in every tenth of the first steps.
 _ADAPT_EVERY, _ADAPT_UNTIL = 10, 60
 #: A node this near to the boundary is on it, in sizes.
 ON_BOUNDARY = 1e-3
@@ -44,18 +49,18 @@ _INSIDE = 0.05
 #: Steps are shortened by this factor from then on: where several triangulations are as good, nodes
 #: would swing between them for ever.
 _COOLING = 0.985
-#: The mean way of a step at which nodes have come to rest, in sizes.
+#: Mean displacement per step at which the nodes have converged, in sizes.
 _AT_REST = 2.5e-3
-#: Not before all rules had their turn.
+#: Convergence is tested only after this step, when the rules above have been applied.
 _FEWEST = 36
 
 
 class Relaxed(NamedTuple):
-    """Nodes at rest."""
+    """Converged nodes."""
 
     points: FloatArray
     n_fixed: int
-    """The first ones have not moved: those given, and in the plane corners that were found."""
+    """Number of leading nodes that are fixed: given ones, and in the plane detected corners."""
     n_steps: int
     n_triangulations: int
     last_move: float
@@ -98,7 +103,7 @@ def _are_inside(
     unsure = np.flatnonzero(~inside)
     centroids, wanted = corners[unsure].mean(axis=1), h[cells[unsure]].mean(axis=1)
     depth = domain.depth(domain.phi(centroids))
-    # The slope is a bound only: where it says too little, the gradient tells.
+    # The slope is only a bound.  Where it is not sharp enough, the gradient is used.
     near = (depth > 0.0) & (depth <= _INSIDE * wanted)
     depth[near] = domain.depths(centroids[near], wanted[near])
     inside[unsure] = depth > _INSIDE * wanted
@@ -106,7 +111,7 @@ def _are_inside(
 
 
 def skin_of(cells: IntArray, n_points: int) -> IntArray:
-    """Return the facets of one cell only, int32[m, dim]."""
+    """Return the facets that belong to only one cell, int32[m, dim]."""
     facets, cell_facets = topology.facets_of(cells, n_points)
     single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
     return np.asarray(facets[single])
@@ -120,10 +125,10 @@ def nodes_of(facets: IntArray, n_points: int) -> BoolArray:
 
 
 class _Connection(NamedTuple):
-    """How nodes were connected last."""
+    """The last triangulation."""
 
     points: FloatArray
-    """Where they were then."""
+    """Positions of the nodes at that time."""
     edges: IntArray
     skin: IntArray
     """Facets on the boundary."""
@@ -148,7 +153,7 @@ def relax(
     max_nodes: float,
     report: ProgressCallback,
 ) -> Relaxed:
-    """Return the nodes moved, some added and some removed; the first ``n_fixed`` as they are."""
+    """Return the smoothed nodes, some added and some removed.  The first ``n_fixed`` are fixed."""
     points = uncovered(domain, size, points, probes)
     adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
     known: _Connection | None = None
@@ -187,13 +192,13 @@ def _is_stale(points: FloatArray, connected: FloatArray, h: FloatArray) -> bool:
 
 
 def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
-    """Return the steps that the forces along the edges ask for, float64[n, dim]."""
+    """Return the steps from the forces along the edges, float64[n, dim]."""
     n, dim = points.shape
     i, j = edges.T
     edge = points[i] - points[j]
     length = np.linalg.norm(edge, axis=1)
     wanted = 0.5 * (h[i] + h[j])
-    # With as many nodes as there are, edges cannot be shorter or longer on the whole.
+    # The number of nodes determines the mean edge length.
     scale = np.clip(np.median(length / wanted), 0.9, 1.15)
     excess = np.maximum(_PRESSURE[dim] * scale * wanted - length, 0.0)
     force = excess / np.maximum(length, 1e-12 * wanted)
@@ -216,7 +221,7 @@ def _put_back(
     on_boundary: BoolArray,
     n_fixed: int,
 ) -> FloatArray:
-    """Return the nodes with those outside, and those of the boundary, on the boundary."""
+    """Return the nodes, with outside nodes and boundary nodes projected onto the boundary."""
     outside = domain.phi(points) > 0.0
     moving = outside | on_boundary
     moving[:n_fixed] = False
