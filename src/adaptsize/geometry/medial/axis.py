@@ -124,7 +124,7 @@ def medial_axis(
 
     Gradients are one-sided differences on the side with the smaller second difference, since
     the upwind side crosses the axis.  The directions of both fronts are then evaluated again half
-    way to the boundary.  Two pieces form a corner if the boundary follows their tangents up to
+    path to the boundary.  Two pieces form a corner if the boundary follows their tangents up to
     the point where these meet.  Corners are not resolved closer than three spacings to the
     boundary; there, only points between walls that form no corner are accepted.
 

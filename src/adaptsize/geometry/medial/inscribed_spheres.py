@@ -17,7 +17,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.geometry.medial.solid import Probes, Solid, along_curve
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-# A compiled loop cannot be interrupted; one call of it should last about this long.
+# A compiled loop cannot be interrupted; one call should take about this long.
 _SECONDS_PER_CALL = 0.3
 # Two planes meet at an edge if the distance of the edge from their common line is below this
 # share of the distance between the points where the ball touches the planes.
