@@ -308,7 +308,7 @@ def closest_on_cell(points, cells, c, x):
 
 @inner
 def find_inside(points, cells, c, x):
-    """Tell whether x lies in cell c (a triangle in its plane, a tetrahedron); four weights.
+    """Return whether x lies in cell c (a triangle in its plane, a tetrahedron); four weights.
 
     Parameters
     ----------

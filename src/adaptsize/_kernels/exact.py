@@ -1,21 +1,22 @@
-"""The limited size in a convex domain: the least of finitely many cones, found by trees.
+"""The limited size in a convex domain: the minimum of finitely many cones, found by trees.
 
-A node, an edge or a triangle on which the bound h0 is linear is an *entry*.  It allows
+A node, an edge or a triangle on which the bound h0 is linear is an *entry*.  It allows the size
 
     min over its points y of  h0(y) + g |x - y|
 
-at x (closed forms: local.py), and the limited size is the least of these.  Only
+at x (closed forms: local_updates.py), and the limited size is the minimum of these.  Only the
 *survivors* matter, the nodes that keep their bound: if h0_i + g |x_i - x_j| < h0_j, then
 i allows less than j everywhere, by the triangle inequality.  The same holds for an edge or
-triangle all of whose vertices one cone dominates, as a cone is convex and h0 linear there.
+triangle all of whose vertices one cone dominates, since a cone is convex and h0 is linear there.
 
-Points are taken in *blocks* of consecutive ones along a Morton curve.  For each block the tree
-of the entries is descended as long as
+Points are processed in *blocks* of consecutive points along a Morton curve.  For each block, the
+tree of the entries is descended as long as
 
     least value of a box + g (distance of box and block)
 
-is below the largest size in the block; what gets through is tried on all points of the block.
-The result is the minimum of one finite set of numbers, whatever the order of nodes and blocks.
+is below the largest size in the block.  The remaining entries are tested on all points of the
+block.  The result is the minimum of a finite set of numbers and does not depend on the order of
+nodes and blocks.
 """
 
 import math
@@ -29,7 +30,7 @@ from adaptsize._kernels.trees import DEPTH, LEAF, distance_to_box
 #: Points of a block.
 BLOCK = 32
 
-# Bounds are lowered by this share, so that rounding discards nothing that counts.
+# Bounds are lowered by this share, so that rounding discards no relevant entry.
 SLACK = 1.0 - 1e-13
 
 
@@ -37,7 +38,7 @@ class Entries(NamedTuple):
     """Nodes, edges and triangles with linear bounds, sorted along a Morton curve."""
 
     places: np.ndarray
-    """float64[m, dim, dim]: vertices of each; unused rows hold anything."""
+    """float64[m, dim, dim]: vertices of each entry; unused rows are arbitrary."""
     sizes: np.ndarray
     """float64[m, dim]: bounds at the vertices."""
     counts: np.ndarray
@@ -84,9 +85,9 @@ def push_children(entries, axes, b, box, g, worst, stack, bound, size):
 
 @inner
 def reaches(entries, b, axes, x, h, count, g):
-    """Tell whether box b may lower any of the points x[:, :count] of a block, of sizes h.
+    """Return whether box b may lower any of the points x[:, :count] of a block, of sizes h.
 
-    Worth its time near the leaves, where it spares the trial of all entries of a box on all points.
+    The test pays near the leaves, where it avoids testing all entries of a box on all points.
     """
     boxes, dim = entries.boxes, len(axes)
     for i in range(count):
@@ -102,7 +103,7 @@ def reaches(entries, b, axes, x, h, count, g):
 
 @inner
 def least_allowed(entries, k, axes, box, g):
-    """Return a lower bound for what entry k allows in a box."""
+    """Return a lower bound for the size that entry k allows in a box."""
     square = 0.0
     for d in range(len(axes)):
         low = high = entries.places[k, 0, d]
@@ -120,7 +121,7 @@ def least_allowed(entries, k, axes, box, g):
 
 @inner
 def fill_cone(entries, k, x, count, axes, g, values):
-    """Fill what the node k of the entries allows at the points x[:, :count] of a block."""
+    """Fill the sizes that the node k of the entries allows at the points x[:, :count]."""
     base = entries.sizes[k, 0]
     for i in range(count):
         square = 0.0
@@ -131,7 +132,7 @@ def fill_cone(entries, k, x, count, axes, g, values):
 
 @kernel
 def lower_sizes(points, axes, order, first, last, entries, g, sizes, source):
-    """Lower the sizes of points to the least that nodes allow, sight not considered.
+    """Lower the sizes of points to the minimum that nodes allow, without regard to visibility.
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ def lower_sizes(points, axes, order, first, last, entries, g, sizes, source):
     order : int32[n]
         The points along a Morton curve.
     first, last : int
-        The part of ``order`` to work on; ``first`` a multiple of BLOCK.
+        The part of ``order`` to process; ``first`` a multiple of BLOCK.
     entries : Entries
         Nodes only.
     g : float64
@@ -193,7 +194,7 @@ def lower_sizes(points, axes, order, first, last, entries, g, sizes, source):
 
 @kernel
 def find_survivors(points, axes, order, first, last, entries, g, sizes, survives):
-    """Tell which nodes keep their bound: no entry allows less there.
+    """Find the nodes that keep their bound: no entry allows less there.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which nodes, edges and faces of cells may be sources of sizes.
+"""Candidate sources: nodes, edges and faces of cells that may control sizes.
 
 Let h0 be linear on the cells, and y a point of the domain where h0(y) + g |x - y| is least,
 the closest one to x of these.  In the cell T at y in the direction of x, moving y towards x changes
@@ -15,7 +15,7 @@ from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.exact_items import FLAT
 from adaptsize._kernels.local_updates import distance
 
-# A gradient below g by less than this counts as steep: rounding must lose no source.
+# Gradients below g by less than this are treated as steep, so that rounding loses no source.
 _NEARLY = 1.0 - 1e-9
 
 
@@ -29,7 +29,7 @@ _LESS = 1.0 - 1e-11
 
 @inner
 def _is_steep(points, axes, cells, c, h0, g):
-    """Tell whether |grad h0| in a cell may exceed g; all bounds are finite."""
+    """Return whether |grad h0| in a cell may exceed g; all bounds are finite."""
     dim = len(axes)
     o = cells[c, 0]
     a11 = a12 = a22 = a13 = a23 = a33 = 0.0
@@ -60,7 +60,7 @@ def _is_steep(points, axes, cells, c, h0, g):
 
 @kernel
 def have_neighbours(cells, h0):
-    """Tell whether any cell has two nodes with finite bounds."""
+    """Return whether any cell has two nodes with finite bounds."""
     for c in range(cells.shape[0]):
         n_finite = 0
         for v in range(cells.shape[1]):
@@ -73,7 +73,7 @@ def have_neighbours(cells, h0):
 
 @kernel
 def any_edge_exceeds(points, axes, cells, h, g):
-    """Tell whether sizes differ by more than g times its length, and rounding, along any edge."""
+    """Return whether sizes differ by more than g times its length, and rounding, along any edge."""
     for c in range(cells.shape[0]):
         for v in range(cells.shape[1]):
             for w in range(v):
@@ -188,7 +188,7 @@ def _angle_between_faces(points, i, j, p, q):
 
 @inner
 def _angle_to(slope, across):
-    """Return the angle to a face from which on a way may leave an edge; inf if never."""
+    """Return the smallest angle to a face at which a path may leave an edge; inf if never."""
     if slope >= across:
         return 0.0
     return math.inf if slope < -across else math.acos(slope / across)
@@ -200,7 +200,7 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
 
     An edge is out if h0 is as steep as g along it, or if what grows from its ends at their sizes
     h is below h0 all along it: the two cones form a tent with its top where they meet, and h0
-    is linear, so that this place decides.  Such ways run along the edge: no sight is needed.
+    is linear, so that this point decides.  Such paths run along the edge, hence visibly.
 
     A size that grows from inside an edge leaves it at an angle whose cosine is the slope of h0
     along it over g, and across the edge at the rate r = sqrt(g^2 - slope^2).  It cannot be least if

@@ -1,8 +1,9 @@
-"""Sizes at the corners of a plane domain, and the wedges in which paths go on from there.
+"""Sizes at the corners of a plane domain, and the wedges in which paths continue from there.
 
-A path that arrives at a corner in direction d leaves it towards the obstacle only, between d and
-the edge of the obstacle on that side, as it could be shortened otherwise.  This *wedge* is the
-cone of the corner; where the obstacle lies straight ahead, the corner serves nobody.
+A shortest path that arrives at a corner in direction d continues towards the obstacle only,
+between d and the edge of the obstacle on that side; otherwise it could be shortened.  This *wedge*
+is the cone of the corner.  If the obstacle lies straight ahead, no shortest path continues from
+the corner.
 """
 
 import math
@@ -18,35 +19,35 @@ from adaptsize._kernels.heap import pop, push_or_decrease
 from adaptsize._kernels.sight import common_side, in_sectors, is_hidden
 from adaptsize._kernels.trees import DEPTH, LEAF
 
-# A direction counts as along a wall up to this angle.
+# Directions within this angle of a wall are along the wall.
 _AHEAD = 1e-9
 
 
 class Corners(NamedTuple):
-    """Where ways may bend, and what is found out about them."""
+    """Corners, where paths may bend, with their sizes and wedges."""
 
     rows: np.ndarray
     """int32[c]: rows in the sectors."""
     places: np.ndarray
     """float64[c, 2]"""
     edges: np.ndarray
-    """float64[c, 4]: unit vectors along the walls there, the sector from the first to the
-    second, counterclockwise."""
+    """float64[c, 4]: unit vectors along the two walls; the sector extends counterclockwise from
+    the first to the second."""
     free: np.ndarray
-    """bool[c]: ways may leave in all sectors of the node."""
+    """bool[c]: paths may leave in all sectors of the node."""
     sizes: np.ndarray
     """float64[c]: Out."""
     turns: np.ndarray
-    """bool[c, 2]: Out: whether ways go on to the right, to the left."""
+    """bool[c, 2]: Out: whether paths continue to the right, to the left."""
     arrivals: np.ndarray
-    """float64[c, 2, 2]: Out: the direction in which they arrive."""
+    """float64[c, 2, 2]: Out: the direction in which these paths arrive."""
 
 
 @inner
 def _offer(corners, c, value, dx, dy):
-    """Offer a size to corner c by a way that arrives in direction (dx, dy).
+    """Update corner c with the size of a path that arrives in direction (dx, dy).
 
-    Returns whether that changes what the corner allows elsewhere.
+    Returns whether this changes the sizes that the corner allows elsewhere.
     """
     best = corners.sizes[c]
     if not value <= best * (1.0 + TIE):
@@ -75,7 +76,7 @@ def _offer(corners, c, value, dx, dy):
 
 @inner
 def _turn(corners, c, side, dx, dy):
-    """Let ways that arrive in direction (dx, dy) go on to a side; tell whether that is new."""
+    """Let paths arriving in direction (dx, dy) continue to a side; return whether that is new."""
     arrival = corners.arrivals[c, side]
     turn = arrival[0] * dy - arrival[1] * dx
     if corners.turns[c, side] and not (turn > TIE if side == 0 else turn < -TIE):
@@ -87,7 +88,7 @@ def _turn(corners, c, side, dx, dy):
 
 @inner
 def _in_wedge(corners, c, dx, dy, slack):
-    """Tell whether corner c serves the direction (dx, dy)."""
+    """Return whether the direction (dx, dy) is in a wedge of corner c."""
     if corners.free[c]:
         return True
     for side in range(2):
@@ -105,10 +106,10 @@ def _in_wedge(corners, c, dx, dy, slack):
 
 @kernel
 def solve_corners(corners, seen, sight, g, axes):
-    """Lower the sizes at corners and find the wedges that they serve (In/Out: corners).
+    """Lower the sizes at corners and find their wedges (In/Out: corners).
 
-    First from all that each sees; then, in the order of size, each corner that is lowered offers
-    itself to those that it sees in its wedge, as in Dijkstra's algorithm.
+    First, each corner is updated from all sources visible from it.  Then, as in Dijkstra's
+    algorithm, each lowered corner updates the corners visible in its wedge, in order of size.
 
     Parameters
     ----------

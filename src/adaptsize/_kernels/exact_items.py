@@ -1,4 +1,4 @@
-"""What edges and triangles allow on which bounds are linear."""
+"""Sizes allowed by edges and triangles with linear bounds."""
 
 import math
 
@@ -10,7 +10,7 @@ from adaptsize._kernels.local_updates import distance, minimum_on_edge, minimum_
 from adaptsize._kernels.trees import DEPTH, LEAF
 
 #: Cells and faces flatter than this (determinant of the Gram matrix over the product of squared
-#: lengths) count as steep: their gradients are rounding.
+#: lengths) are treated as steep, since their gradients are dominated by rounding.
 FLAT = 1e-14
 
 
@@ -24,10 +24,10 @@ def set_vertices(entries, k, axes, work):
 
 @inner
 def allowed(entries, k, axes, work, g, faces):
-    """Return the size that entry k allows at the point work[0], and the weights of its place.
+    """Return the size that entry k allows at work[0], and the weights of the minimising point.
 
     ``work``: float64[4, dim], rows 1 to 3 the vertices of the entry.  ``faces``: None if there
-    are no triangles, which then need not be compiled.
+    are no triangles; their code is then not compiled.
     """
     zero = 0
     sizes = entries.sizes
@@ -55,20 +55,20 @@ def allowed(entries, k, axes, work, g, faces):
 
 @kernel
 def keep_undominated(points, axes, rows, h0, source, entries, g, faces, keep):
-    """Tell which edges or faces no source of one of their vertices dominates.
+    """Find the edges or faces that no source of one of their vertices dominates.
 
-    What an entry allows is a convex function, and h0 is linear on the edge (face): it is below h0
-    everywhere if it is so at all vertices.  For convex domains.
+    For convex domains.  The size that an entry allows is a convex function, and h0 is linear on
+    the edge (face).  Hence it is below h0 everywhere if it is below h0 at all vertices.
 
     Parameters
     ----------
     points : float64[n, dim]
     axes : tuple of length dim
     rows : int32[m, k]
-        Nodes of the edges or faces, -1 where there are fewer.
+        Nodes of the edges or faces, padded with -1.
     h0 : float64[n]
     source : int32[n]
-        The entry from which the size of each node grows, -1 where there is none.
+        The entry from which the size of each node grows, -1 if there is none.
     entries : Entries
     g : float64
     faces : None or bool
@@ -99,9 +99,10 @@ def keep_undominated(points, axes, rows, h0, source, entries, g, faces, keep):
 
 @inner
 def _fill_edge(entries, k, axes, x, count, g, values):
-    """Fill what the edge k allows at points where it is least between its ends, inf elsewhere.
+    """Fill the sizes that edge k allows at points, inf where the minimum is at an end.
 
-    The closed form of `minimum_on_edge`, for a block: an end is an entry itself, or dominated.
+    This is the closed form of `minimum_on_edge` for a block.  An end is a separate entry, or
+    dominated.
     """
     rise = entries.sizes[k, 1] - entries.sizes[k, 0]
     length2 = 0.0
@@ -130,9 +131,9 @@ def _fill_edge(entries, k, axes, x, count, g, values):
 
 @inner
 def _fill_face(entries, k, x, count, g, values):
-    """Fill what the triangle k allows at points where it is least inside, inf elsewhere.
+    """Fill the sizes that triangle k allows at points, inf where the minimum is not inside.
 
-    The closed form of `minimum_on_triangle`, for a block.
+    This is the closed form of `minimum_on_triangle` for a block.
     """
     for i in range(count):
         values[i] = math.inf
@@ -173,7 +174,7 @@ def _fill_face(entries, k, x, count, g, values):
 
 @kernel
 def lower_by_items(points, axes, order, first, last, entries, g, sizes, source, faces):
-    """Lower the sizes of points to the least that edges or triangles allow.
+    """Lower the sizes of points to the minimum that edges or triangles allow.
 
     Parameters
     ----------

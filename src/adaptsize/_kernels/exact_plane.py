@@ -1,14 +1,14 @@
-"""The limited size in a plane domain that is not convex: the least that is seen.
+"""The limited size in a plane domain that is not convex: the minimum over visible sources.
 
-The shortest way between two points bends only at corners of the boundary where the domain fills
+The shortest path between two points bends only at corners of the boundary where the domain fills
 more than a half plane, so that
 
     h(x) = min over the sources and corners z that x sees of  U(z) + g |x - z|,
 
-U being the bound of a source and the size at a corner.  Every value is that of a way in
-the domain: no size is too small.
+where U is the bound of a source or the size at a corner.  Every value belongs to a path in the
+domain, so that no size is too small.
 
-Corners serve the points in their *wedges* only (see exact_corners.py).
+Corners act only on the points in their *wedges* (see exact_corners.py).
 """
 
 import math
@@ -36,26 +36,26 @@ from adaptsize._kernels.sight import (
 )
 from adaptsize._kernels.trees import DEPTH, LEAF
 
-#: Two ways to a corner are equally short if they differ by less than this share.
+#: Two paths to a corner are equally short if they differ by less than this share.
 TIE = 1e-12
 
 
-# Walls that hide what could dominate a node, before it counts as a survivor.
+# Number of walls that hide dominating entries before a node is accepted as a survivor.
 _PATIENCE = 12
 
-# Entries that won in one block and are tried first in the next.
+# Number of entries that lowered sizes in one block and are tested first in the next.
 _RECENT = 8
 
 
 class Sight(NamedTuple):
-    """What a plane domain lets see."""
+    """Data for visibility in a plane domain."""
 
     walls: Walls
     sectors: Sectors
 
 
 class Seen(NamedTuple):
-    """Entries with the cones that they serve."""
+    """Entries with the cones in which they act."""
 
     entries: Entries
     cones: np.ndarray
@@ -63,16 +63,16 @@ class Seen(NamedTuple):
     kinds: np.ndarray
     """int8[m]"""
     rows: np.ndarray
-    """int32[m]: rows of nodes of the boundary in the sectors, -1 for others."""
+    """int32[m]: row of a boundary node in the sectors, -1 for others."""
     is_corner: np.ndarray
-    """bool[m]: where ways bend; such an entry is no source for the corner itself."""
+    """bool[m]: whether the entry is a bend of paths; it is then no source for the corner itself."""
 
 
 @inner
 def foot_of(entries, k, axes, work, g):
-    """Return what entry k allows at work[0], and from which point.
+    """Return the size that entry k allows at work[0], and the minimising point.
 
-    inf where that is an end of an edge: the node is an entry itself, or dominated.
+    The size is inf if that point is an end of an edge: the node is a separate entry, or dominated.
     """
     value, t, _ = allowed(entries, k, axes, work, g, None)
     fx, fy = work[1, 0], work[1, 1]
@@ -100,7 +100,7 @@ def _sides(seen, k, dx, dy, row, sight):
 
 @inner
 def _may_serve(seen, k, box, g, worst, slack):
-    """Tell whether entry k may lower a size below ``worst`` in a box: near, and in its cone."""
+    """Return whether entry k may lower a size below ``worst`` in a box: near, and in its cone."""
     entries = seen.entries
     if least_allowed(entries, k, (0, 0), box, g) >= worst:
         return False
@@ -117,7 +117,7 @@ def _may_serve(seen, k, box, g, worst, slack):
 
 @inner
 def _fill_values(x, count, work, size, g, h, values):
-    """Fill what a node at work[1] allows at the points of a block; tell if any is below h."""
+    """Fill the sizes a node at work[1] allows in a block; return whether any is below h."""
     sx, sy = work[1, 0], work[1, 1]
     lowers = False
     for i in range(count):
@@ -129,13 +129,13 @@ def _fill_values(x, count, work, size, g, h, values):
 
 @inner
 def _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
-    """Lower the sizes h of the points of a block to what entry k allows where they see it.
+    """Lower the sizes h of the points of a block from which entry k is visible.
 
     ``room``: scratch (values, feet, wanted, sides, boxes, planes, stack, found, work).
     """
     values, feet, wanted, sides, boxes, planes, stack, found, work = room
     entries, slack = seen.entries, sight.walls.slack
-    cones, kinds = seen.cones, seen.kinds  # handing on the tuple would count all of its references
+    cones, kinds = seen.cones, seen.kinds  # passing the tuple would count all of its references
     set_vertices(entries, k, axes, work)
     is_point = entries.counts[k] == 1
     if is_point and not _fill_values(x, count, work, entries.sizes[k, 0], g, h, values):
@@ -205,7 +205,7 @@ def _largest(h, count):
 
 @inner
 def _is_among(numbers, count, k):
-    """Tell whether k is one of the first numbers."""
+    """Return whether k is one of the first numbers."""
     found = False
     for i in range(count):
         found |= numbers[i] == k
@@ -214,7 +214,7 @@ def _is_among(numbers, count, k):
 
 @kernel
 def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, on_wall):
-    """Lower the sizes of points to the least that the entries allow that they see.
+    """Lower the sizes of points to the minimum that the visible entries allow.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
     order : int32[n]
         The points along a Morton curve.
     first, last : int
-        The part of ``order`` to work on; ``first`` a multiple of BLOCK.
+        The part of ``order`` to process; ``first`` a multiple of BLOCK.
     seen : Seen
         Nodes and edges.
     sight : Sight
@@ -233,7 +233,7 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
     source : int32[n]
         In/Out: the entry where a size was lowered.
     on_wall : int32[n]
-        For points that are nodes of the boundary their rows in the sectors, else -1.
+        Row in the sectors for points that are boundary nodes, else -1.
     """
     entries = seen.entries
     m = entries.counts.shape[0]
@@ -295,7 +295,7 @@ def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, 
 
 @inner
 def sees(seen, k, fx, fy, px, py, row, sight, stack):
-    """Tell whether a point, of a row of sectors or -1, sees the point (fx, fy) of entry k."""
+    """Return whether a point, of a row of sectors or -1, sees the point (fx, fy) of entry k."""
     dx, dy = px - fx, py - fy
     if not is_in_cone(seen.cones, seen.kinds, k, dx, dy, sight.walls.slack):
         return False
@@ -305,9 +305,9 @@ def sees(seen, k, fx, fy, px, py, row, sight, stack):
 
 @kernel
 def find_seen_survivors(points, axes, order, first, last, seen, sight, g, sizes, on_wall, survives):
-    """Tell which nodes keep their bound: none that they see allows less there.
+    """Find the nodes that keep their bound: no visible entry allows less there.
 
-    Nodes with many that are hidden keep it untried; that costs time only.
+    If many entries are hidden from a node, it is kept without further tests, which costs time only.
 
     Parameters
     ----------

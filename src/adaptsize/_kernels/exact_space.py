@@ -1,22 +1,22 @@
-"""The limited size in a solid that is not convex: ways over reflex edges of the boundary.
+"""The limited size in a solid that is not convex: paths over reflex edges of the boundary.
 
-Shortest ways in a polyhedral domain are straight but for bends on *reflex* edges, at which the
-domain fills more than a half space, and at nodes of these.  A *way* leads from its *base*, a
+Shortest paths in a polyhedral domain are straight except for bends on *reflex* edges, at which the
+domain fills more than a half space, and at nodes of these.  A *path* leads from its *base*, a
 source or a node of a reflex edge with the size there, over a chain of reflex edges to a point x.
-Turned about the last edge into the half plane opposite to x, the rest of the way is a
+Turned about the last edge into the half plane opposite to x, the rest of the path is a
 straight line: with f and r the place along the edge and the distance from it of the base as
-turned, the *image*, and s and d those of x, the way is not shorter than
+turned, the *image*, and s and d those of x, the path is not shorter than
 
     ((s - f)^2 + (d + r)^2)^(1/2),  and bends at  t = (f d + s r) / (d + r).
 
 The length is this one if all edges of the chain are in one plane pairwise; otherwise the bends
-are improved by Newton's method.  Sizes are taken from the pieces of the way as it is, each of which
-is tested for sight: no size is too small.
+are improved by Newton's method.  Sizes are computed from the actual pieces of the path, each of
+which is tested for visibility; no size is too small.
 
-*Sight*: a triangle of the boundary hides two points from each other if they lie strictly, by more
-than rounding, on either side of it and the line between them meets it, its border
-included.  At nodes of the boundary the direction must lie in a cell besides, at reflex edges on the
-inner side of one of the two faces.
+*Visibility*: a triangle of the boundary hides two points from each other if they lie strictly, by
+more than rounding, on either side of it and the line between them meets it, its border included.
+In addition, the direction must lie in a cell at nodes of the boundary, and on the inner side of one
+of the two faces at reflex edges.
 """
 
 import math
@@ -39,7 +39,7 @@ _END = 1e-12
 
 
 class Bases(NamedTuple):
-    """Sources and nodes of reflex edges, from which ways start."""
+    """Sources and nodes of reflex edges, from which paths start."""
 
     places: np.ndarray
     """float64[b, 3, 3]: vertices of each."""
@@ -48,33 +48,33 @@ class Bases(NamedTuple):
     counts: np.ndarray
     """int8[b]: 1, 2 or 3 vertices."""
     nodes: np.ndarray
-    """int32[b, 3]: their numbers, -1 where there are fewer."""
+    """int32[b, 3]: their numbers, padded with -1."""
 
 
 class Ways(NamedTuple):
-    """Ways without their last piece.  Way b < len(bases.counts) is straight from base b."""
+    """Paths without their last piece.  Path b < len(bases.counts) is straight from base b."""
 
     bases: Bases
     edges: Edges
     base: np.ndarray
     """int32[w]"""
     parent: np.ndarray
-    """int32[w]: the way that is continued over one more edge, -1 for straight ones."""
+    """int32[w]: the path that is extended over one more edge, -1 for straight ones."""
     edge: np.ndarray
     """int32[w]: that edge, -1 for straight ones."""
     image: np.ndarray
     """float64[w, 2]: place along the edge, and distance from it, of the base as turned."""
     offset: np.ndarray
-    """float64[w]: size at the image."""
+    """float64[w]: size at the image of the base."""
     shade: np.ndarray
-    """float64[w, 3, 3]: the way serves points of which the first vector times (x - start of
-    the edge) is not positive, and one of the others not negative."""
+    """float64[w, 3, 3]: the path acts on points x for which the product of the first vector and
+    (x - start of the edge) is not positive, and that of one of the others is not negative."""
     skew: np.ndarray
-    """bool[w]: two edges in succession are not in one plane."""
+    """bool[w]: whether two successive edges are not in one plane."""
 
 
 class Choice(NamedTuple):
-    """Ways to be tried, along a Morton curve."""
+    """Paths to be tested, along a Morton curve."""
 
     ways: np.ndarray
     """int32[c]"""
@@ -83,18 +83,18 @@ class Choice(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Sizes, and from where they come."""
+    """Sizes and the paths that determine them."""
 
     sizes: np.ndarray
     """float64[n]"""
     way: np.ndarray
     """int32[n]: -1 for none."""
     last: np.ndarray
-    """float64[n, 3]: the last place before."""
+    """float64[n, 3]: the previous point of the path."""
 
 
 class Block(NamedTuple):
-    """Points of a block, and ways to them."""
+    """Points of a block, and paths to them."""
 
     box: np.ndarray
     """float64[6]: around the points."""
@@ -103,24 +103,24 @@ class Block(NamedTuple):
     sizes: np.ndarray
     """float64[BLOCK]"""
     way: np.ndarray
-    """int64[BLOCK]: what lowered them, -1 where nothing did."""
+    """int64[BLOCK]: the path that lowered each point, -1 if none."""
     last: np.ndarray
-    """float64[3, BLOCK]: the last place before them."""
+    """float64[3, BLOCK]: the previous point of each path."""
     feet: np.ndarray
-    """float64[LONGEST + 2, 3, BLOCK]: the points, where one way bends before them, and its base."""
+    """float64[LONGEST + 2, 3, BLOCK]: the points, the bends of one path to them, and its base."""
     support: np.ndarray
-    """int64[3, BLOCK]: nodes around the place in the base, -1 where there are fewer."""
+    """int64[3, BLOCK]: nodes around the point in the base, padded with -1."""
     values: np.ndarray
-    """float64[BLOCK]: what that way allows."""
+    """float64[BLOCK]: sizes that the path allows."""
     active: np.ndarray
-    """int64[BLOCK]: points in question."""
+    """int64[BLOCK]: active points."""
     cached: np.ndarray
-    """int64[CACHED]: triangles that have hidden something lately, -1 where there are fewer."""
+    """int64[CACHED]: recently blocking triangles, padded with -1."""
 
 
 @inner
 def _estimate_straight(bases, base, x, count, g, values):
-    """Fill what the node ``base`` allows at the points of a block; -inf if it is no node."""
+    """Fill the sizes that the node ``base`` allows in a block; -inf if it is not a node."""
     if bases.counts[base] > 1:
         values[:count] = -math.inf
         return
@@ -133,7 +133,7 @@ def _estimate_straight(bases, base, x, count, g, values):
 
 @inner
 def _estimate(ways, w, x, count, g, slack, values):
-    """Fill lower bounds of what a way over edges allows, inf at points that it does not serve."""
+    """Fill lower bounds of the sizes that a path over edges allows, inf where it does not act."""
     edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
     sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
     ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
@@ -149,7 +149,7 @@ def _estimate(ways, w, x, count, g, slack, values):
         t = f * d + s * r  # the bend, times d + r
         before, beyond = t <= 0.0, t >= length * (d + r)
         served &= (d > _END * length) & (skew | ~(before | beyond))
-        # Bends before may move a last one inside that is not; its part of the edge is a bound.
+        # Earlier bends may move the last one into the edge; its part of the edge is a bound.
         c = 0.0 if before else length
         short = math.sqrt((s - f) * (s - f) + (d + r) * (d + r))
         clipped = math.sqrt((c - f) * (c - f) + r * r) + math.sqrt((c - s) * (c - s) + d * d)
@@ -159,7 +159,7 @@ def _estimate(ways, w, x, count, g, slack, values):
 
 @inner
 def _put_bends(ways, w, feet, level, active, m):
-    """Put the bends feet[level + 1] on the edge of way w of the ways to feet[level]."""
+    """Set the bends feet[level + 1] of path w, on its edge, for the paths to feet[level]."""
     edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
     sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
     ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
@@ -179,9 +179,9 @@ def _put_bends(ways, w, feet, level, active, m):
 
 @inner
 def _put_base(bases, base, level, m, g, faces, block, starts):
-    """Put the places in a base from which feet[level] are reached, and the sizes there.
+    """Set the points of a base from which feet[level] are reached, and the sizes there.
 
-    For the points that are ``active``.
+    Only the points ``active`` are set.
     """
     feet, support, count = block.feet, block.support, bases.counts[base]
     if faces is None or count == 1:
@@ -216,11 +216,11 @@ def _put_base(bases, base, level, m, g, faces, block, starts):
 
 @inner
 def _lay(ways, w, m, g, faces, stars, block):
-    """Lay a way to the points ``active``, and put what it allows into ``values``.
+    """Construct a path to the points ``active``, and fill ``values`` with the allowed sizes.
 
-    inf if it has no bend inside one of its edges: the way through the node there is another one.
-    Returns the number of its edges, and how many points are left to which it is not plain that it
-    comes from outside.
+    A value is inf if a bend is not inside its edge; the path through the node there is a separate
+    path.  Returns the number of edges, and the number of points left, without those that the path
+    clearly reaches from outside.
     """
     edges, feet, active = ways.edges, block.feet, block.active
     chain, starts = np.empty(LONGEST + 2, np.int64), np.empty(BLOCK)
@@ -259,9 +259,9 @@ def _lay(ways, w, m, g, faces, stars, block):
 
 @inner
 def _without_edge_leaving(edges, e, feet, level, other, active, m):
-    """Take points out of ``active`` where the piece from feet[level], on edge e, starts outside.
+    """Remove points from ``active`` whose piece from feet[level], on edge e, starts outside.
 
-    It leads to feet[other].  Returns how many are left.
+    The piece leads to feet[other].  Returns the number of points left.
     """
     left = 0
     for k in range(m):
@@ -280,9 +280,9 @@ def _without_edge_leaving(edges, e, feet, level, other, active, m):
 
 @inner
 def _without_unseen(ways, w, n, m, sight, block):
-    """Take points out of ``active`` where one of the n + 1 pieces of way w is not seen.
+    """Remove points from ``active`` if one of the n + 1 pieces of path w is hidden.
 
-    Returns how many are left.
+    Returns the number of points left.
     """
     feet, active = block.feet, block.active
     last, zero = w, np.int64(0)
@@ -300,7 +300,7 @@ def _without_unseen(ways, w, n, m, sight, block):
 
 @inner
 def _try_way(ways, w, count, sight, g, faces, block):
-    """Lower the points of a block to what a way allows where all of its pieces are seen."""
+    """Lower the points of a block by a path, where all of its pieces are visible."""
     active, sizes, values, x = block.active, block.sizes, block.values, block.feet[0]
     if ways.edge[w] >= 0:
         _estimate(ways, w, x, count, g, sight.walls.slack, values)
@@ -333,7 +333,7 @@ def _try_way(ways, w, count, sight, g, faces, block):
 
 @inner
 def _in_shade(ways, w, box, slack):
-    """Tell whether a way may serve a point of a box."""
+    """Return whether a path may act on a point of a box."""
     e = ways.edge[w]
     if e < 0:
         return True
@@ -349,10 +349,10 @@ def _in_shade(ways, w, box, slack):
 
 @inner
 def _promise(boxes, b, x, sizes, count, g):
-    """Return at how many points of a block the ways in box b may lower the size.
+    """Return the number of points of a block that the paths in box b may lower.
 
-    Sizes within a block differ by more than ways of one point do, which the box around the block
-    would not tell apart.
+    The test uses the points of the block, since sizes within a block differ by more than the
+    paths to one point do.
     """
     value = boxes[b, 6]
     lx, ly, lz, hx, hy, hz = (
@@ -377,9 +377,9 @@ def _promise(boxes, b, x, sizes, count, g):
 
 @inner
 def _first_tries(order, start, count, hints, recent, queue):
-    """Put into ``queue`` what to try first, each way once: what served the last block, and hints.
+    """Fill ``queue`` with the paths to test first, each once: those of the last block, and hints.
 
-    Returns how many these are; the last one is to be tried first.
+    Returns their number; the last one is to be tested first.
     """
     n = np.int64(0)
     for k in range(recent.shape[0] + count):
@@ -395,28 +395,29 @@ def _first_tries(order, start, count, hints, recent, queue):
 
 @kernel
 def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, field, faces):
-    """Lower the sizes of points to the least that ways allow whose pieces are all seen.
+    """Lower the sizes of points to the minimum over paths whose pieces are all visible.
 
     Parameters
     ----------
     points : float64[n, 3]
     nodes : int32[n]
-        Their numbers in the mesh, -1 for points that are not known to be nodes.
+        Node numbers of the points in the mesh, -1 if not known to be nodes.
     order : int32[k]
-        The points to work on, along a Morton curve.
+        The points to process, along a Morton curve.
     span : tuple of int
-        The part of ``order`` to work on, from where to where, and points of a block, at most BLOCK.
+        First and last index of the part of ``order`` to process, and the points per block, at
+        most BLOCK.
     ways : Ways
     choice : Choice
-        The ways to try; none but the hints if it is empty.
+        The paths to test; if it is empty, only the hints are tested.
     hints : int32[n]
-        A way that is tried first for each point, -1 for none.
+        A path that is tested first for each point, -1 for none.
     sight : Sight
     g : float64
     field : Field
         In/Out.
     faces : None or bool
-        None if all bases are nodes: then edges and triangles need not be compiled.
+        None if all bases are nodes; the code for edges and triangles is then not compiled.
     """
     block = Block(
         np.empty(6),

@@ -1,9 +1,9 @@
 """Label-correcting fast marching on simplices.
 
-A node may be lowered again after it has left the heap; it then comes back.  So no
-angle condition is needed: when the heap is empty every node satisfies every local
-update, whatever the shape of the cells.  A candidate counts only if it is below
-``keep`` times the present size, ``keep`` being 1 minus rounding or a little more.
+A node may be lowered after it has left the heap; it is then inserted again.  Hence no
+angle condition is needed: when the heap is empty, every node satisfies every local
+update, for cells of any shape.  A candidate is accepted only if it is below ``keep``
+times the current size, where ``keep`` is 1 minus rounding or slightly smaller.
 
 The drivers read the mesh as *stars*: for each node, the other vertices of its
 cells in one contiguous block.  ``axes`` and ``others`` are tuples of which only
@@ -205,7 +205,7 @@ def queue_lowered(h, candidate, keep, key, node, place, size):
 
 @inner
 def _is_acute(points, axes, k, j, m):
-    """Tell whether the angle at k between j and m is below 90 degrees."""
+    """Return whether the angle at k between j and m is below 90 degrees."""
     dot = 0.0
     for d in range(len(axes)):
         dot += (points[j, d] - points[k, d]) * (points[m, d] - points[k, d])
@@ -263,9 +263,9 @@ def march(
             for v in range(len(others)):
                 k = star[entry, v]
                 h_k = h[k]
-                # The side opposite to k is j with a and b.  Nodes in the heap are left out:
-                # the side is looked at again when they are accepted.  Parts of it without
-                # j were looked at when their last node was accepted.
+                # The side opposite to k is j with a and b.  Nodes in the heap are omitted:
+                # the side is processed again when they are accepted.  Parts of it without
+                # j were processed when their last node was accepted.
                 a = b = -1
                 for w in range(1, len(others)):
                     i = star[entry, (v + w) % len(others)]

@@ -1,13 +1,13 @@
 """Marching on Cartesian grids.
 
 The grid comes as a *padded* flat array: one more layer of nodes on every side, which
-hold NaN, as inactive nodes do.  Every comparison with NaN is False, so no loop asks for
-the border or for the mask.  ``strides`` (steps in the flat array) and ``weights``
+hold NaN, as inactive nodes do.  Every comparison with NaN is False, so that no loop tests
+for the border or the mask.  ``strides`` (steps in the flat array) and ``weights``
 (1 / spacing^2) are tuples with one entry per axis, which unrolls the loops over axes.
 
 Nodes are accepted bucket by bucket: each bucket holds the nodes whose sizes lie within
 half a rise over one cell, and is emptied in any order.  A node that is lowered after it
-was accepted comes back, so the result is that of a heap at a quarter of its time.
+was accepted is inserted again.  The result is that of a heap, in a quarter of the time.
 """
 
 import math
@@ -308,7 +308,7 @@ def refine_in_order(order, u1, u0, strides, weights, spacing, g, g_step, u):
     order : int32[m]
         Nodes by increasing first-order size.
     u1 : float64[n]
-        First-order sizes; they tell which neighbours are upwind of a node.
+        First-order sizes, which define the upwind neighbours of a node.
     u0 : float64[n]
         Upper bounds.
     strides, weights, spacing : tuples of length dim

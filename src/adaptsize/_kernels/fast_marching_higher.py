@@ -1,6 +1,6 @@
 """Label-correcting marching over triangles with updates of higher order.
 
-As `march`, with more known of a node k than its size:
+Like `march`, with additional data for each node k:
 
 ``gradient[k]`` : of the size, from the update that gave it; zeros where that is not
     known: at sources, and where the ray came from a node which is none.
@@ -137,7 +137,7 @@ def _rays_over(points, axes, twin, heading, gradient, entry, v, k, j, a, length2
 
 @inner
 def _share_cell(star_ptr, star, j, a, z):
-    """Tell whether the nodes j, a, z are those of a cell."""
+    """Return whether the nodes j, a, z are those of a cell."""
     for e in range(star_ptr[j], star_ptr[j + 1]):
         if (star[e, 0] == a and star[e, 1] == z) or (star[e, 0] == z and star[e, 1] == a):
             return True
@@ -146,7 +146,7 @@ def _share_cell(star_ptr, star, j, a, z):
 
 @inner
 def _stands_alone(star_ptr, star, source, h, z):
-    """Tell whether no neighbour of the source z is a source."""
+    """Return whether no neighbour of the source z is a source."""
     for e in range(star_ptr[z], star_ptr[z + 1]):
         for v in range(2):
             i = star[e, v]

@@ -44,7 +44,7 @@ def fill_slabs(points, cells, normals, measures, slabs):
     cells : int32[m, k + 1]
         In the order of the tree.
     normals : float64[m, 3]
-        Unit normals, zero where there is none.
+        Unit normals, zero if there is none.
     measures : float64[m]
         Their weights.
     slabs : float64[2 * n_leaves, 5]
@@ -80,7 +80,7 @@ def fill_slabs(points, cells, normals, measures, slabs):
 
 @inner
 def _is_near(points, cells, boxes, x, within, stack):
-    """Tell whether a segment comes as near to x as ``within``.
+    """Return whether a segment comes as near to x as ``within``.
 
     Parameters
     ----------

@@ -176,7 +176,7 @@ def fill_boxes(points, cells, boxes):
 
 @inner
 def _holds(boxes, node, x):
-    """Tell whether x lies in the closed box of a node."""
+    """Return whether x lies in the closed box of a node."""
     return (
         boxes[node, 0] <= x[0] <= boxes[node, 3]
         and boxes[node, 1] <= x[1] <= boxes[node, 4]

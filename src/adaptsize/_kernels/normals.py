@@ -130,7 +130,7 @@ def _open_frame(points, i, ends, normal, u, v):
 
 @inner
 def is_known(normals, s):
-    """Tell whether sector s has a normal."""
+    """Return whether sector s has a normal."""
     return normals[s, 0] != 0.0 or normals[s, 1] != 0.0 or normals[s, 2] != 0.0
 
 

@@ -185,7 +185,7 @@ def _store(cells, place, p, q, r, apex, flip):
 
 @inner
 def has_halved_edge(keys, numbers, base, a, b, size):
-    """Tell whether the middle of an edge of the square ``base + [0, size]^2`` is a node.
+    """Return whether the middle of an edge of the square ``base + [0, size]^2`` is a node.
 
     ``a`` and ``b`` are the strides of the two axes of the square.
     """

@@ -75,7 +75,7 @@ def _triangles_overlap(old_points, old_cells, k, new_points, new_cells, c, here,
 
 @inner
 def _between(pieces, p, i, j, t, corners, v):
-    """Set row v of ``corners`` to the point at share t of the way from corner i to j of a piece."""
+    """Set row v of ``corners`` to the point at fraction t from corner i to j of a piece."""
     for d in range(3):
         corners[v, d] = pieces[p, i, d] + t * (pieces[p, j, d] - pieces[p, i, d])
 
@@ -206,7 +206,7 @@ def _set_plane(corners, v, normal, origin):
 
 @inner
 def _side_of(normal, origin, corners):
-    """Tell where four corners, float64[4, 3], lie: all behind a plane (or in it), before, both."""
+    """Return if four corners, float64[4, 3], lie all behind a plane (or in it), before, or both."""
     lowest = math.inf
     highest = -math.inf
     for w in range(4):
@@ -293,7 +293,7 @@ def _set_box(points, cells, c, box):
 
 @inner
 def _apart(box, other):
-    """Tell whether two boxes, float64[6], have no point in common."""
+    """Return whether two boxes, float64[6], have no point in common."""
     apart = False
     for d in range(3):
         apart = apart or box[d] > other[3 + d] or box[3 + d] < other[d]

@@ -1,4 +1,4 @@
-"""Sectors of triangulated surfaces in space: fans of triangles around a node between creases."""
+"""Sectors of surfaces: fans of triangles around a node between feature edges (creases)."""
 
 import math
 
@@ -15,7 +15,7 @@ def fill_facet_cells(cell_facets, facet_cells):
     ----------
     cell_facets : int32[m, k]
     facet_cells : int32[n_facets, 2]
-        Out: the first two cells at each facet, -1 where there is none.
+        Out: the first two cells at each facet, -1 if there is none.
     """
     for f in range(facet_cells.shape[0]):
         facet_cells[f, 0] = -1
@@ -75,7 +75,7 @@ def _agreement(cells, c, other, i, j):
 
 @kernel
 def fill_face_normals(points, cells, flat_share, normals, areas):
-    """Fill unit normals and areas of triangles in space, in each one's own orientation.
+    """Fill unit normals and areas of triangles in space, in the orientation of each triangle.
 
     Parameters
     ----------

@@ -1,17 +1,18 @@
-"""What sees what in a plane domain: walls, sectors and shafts.
+"""Visibility in a plane domain: walls, sectors and shafts.
 
-*Walls* are the segments of the boundary.  Two points of the domain see each other unless
+*Walls* are the segments of the boundary.  Two points of the domain are visible from each other
+unless
 
 * the line between them leaves the domain at one of its ends: at a node of the boundary the
   domain fills one or more *sectors*, and the direction must lie in one of these; or
 * a wall separates them: they lie strictly on either side of its line, and it meets
-  theirs.  Meeting at an end of the wall counts: the way that bends there is as long.
+  theirs, possibly at an end of the wall: the path that bends there has the same length.
 
 A point on the line of a wall, so each of its ends, is not hidden by it.  "Strictly" is by more
 than ``slack``, a length: 1e-11 of the diagonal of the domain.
 
-A *cone* tells to which directions an entry is restricted: float64[4], its two unit vectors
-s and e, counterclockwise, and its kind, `ANY`, `NARROW` (up to pi) or `WIDE`.
+A *cone* contains the directions in which an entry acts.  It is given by float64[4], two unit
+vectors s and e, counterclockwise, and by its kind: `ANY`, `NARROW` (up to pi) or `WIDE`.
 """
 
 import math
@@ -28,7 +29,7 @@ ANY, NARROW, WIDE = 0, 1, 2
 #: Sides of a line on which the domain lies.
 LEFT, RIGHT = 1, 2
 
-#: Walls that a shaft may meet before they are looked for point by point.
+#: Largest number of walls in a shaft; if there are more, walls are searched point by point.
 MANY = 192
 
 # Half planes of a shaft: four of its box, up to four along tangents.
@@ -50,7 +51,7 @@ class Sectors(NamedTuple):
     """Sectors of the domain at nodes of the boundary."""
 
     first: np.ndarray
-    """int32[b + 1]: those of the b-th node of the boundary are ``first[b]`` to
+    """int32[b + 1]: the sectors of the b-th boundary node are ``first[b]`` to
     ``first[b + 1] - 1``."""
     cones: np.ndarray
     """float64[k, 4]"""
@@ -60,7 +61,7 @@ class Sectors(NamedTuple):
 
 @inner
 def is_in_cone(cones, kinds, k, dx, dy, slack):
-    """Tell whether the vector (dx, dy) ends in cone k, or beside it by less than ``slack``."""
+    """Return whether the vector (dx, dy) ends in cone k, or beside it by less than ``slack``."""
     if kinds[k] == ANY:
         return True
     after_start = cones[k, 0] * dy - cones[k, 1] * dx >= -slack
@@ -110,7 +111,7 @@ def in_sectors(sectors, i, dx, dy, slack):
 
 @inner
 def common_side(sectors, i, code, j, dx, dy, slack):
-    """Return on which sides a line that begins at node i, as ``code`` tells, ends at j; 0: none.
+    """Return the sides on which a line that begins at node i as in ``code`` ends at j; 0: none.
 
     A line along a slit is in the domain on both of its sides, but these are no neighbours.
     """
@@ -123,7 +124,7 @@ def common_side(sectors, i, code, j, dx, dy, slack):
 
 @inner
 def hides(ends, w, ax, ay, bx, by, side, slack):
-    """Tell whether wall w is between the points a and b.
+    """Return whether wall w is between the points a and b.
 
     Where the line ab runs along a wall, with the domain on one ``side`` of it, another wall hides
     nothing if it only touches the line from the other side.
@@ -230,7 +231,7 @@ def find_walls(walls, source, target, planes, stack, found):
     Returns
     -------
     int
-        Their number; -1 if one wall hides each point from each; MANY + 1 if they are more.
+        Their number; -1 if one wall hides all points from each other; MANY + 1 if there are more.
     """
     n_planes = fill_shaft(source, target, walls.slack, planes)
     boxes = walls.boxes
@@ -269,7 +270,7 @@ def find_walls(walls, source, target, planes, stack, found):
 
 @inner
 def is_hidden(walls, ax, ay, bx, by, side, stack):
-    """Tell whether any wall is between the points a and b; ``stack`` int64[DEPTH] is scratch."""
+    """Return whether any wall is between the points a and b; ``stack`` int64[DEPTH] is scratch."""
     slack = walls.slack
     low_x, high_x = min(ax, bx) - slack, max(ax, bx) + slack
     low_y, high_y = min(ay, by) - slack, max(ay, by) + slack

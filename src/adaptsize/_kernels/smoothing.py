@@ -1,4 +1,4 @@
-"""Cells made better one by one: nodes moved in their stars, tetrahedra swapped.
+"""Local mesh improvement: smoothing of nodes in their stars, and swapping of tetrahedra.
 
 The quality is the volume-length measure: the measure of a cell over that of a regular one with
 the same root mean square edge length; 1 at best, 0 for flat cells, negative for inverted ones.
@@ -17,7 +17,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 
-#: Most cells around an edge that is removed: the triangulations of their ring are all looked at.
+#: Largest number of cells around an edge to remove; all triangulations of the ring are examined.
 MOST_AROUND = 9
 #: A change must gain this much.
 _GAIN = 1e-3
@@ -98,11 +98,11 @@ def _worst_around(points, cells, ring_ptr, ring, i):
 
 @kernel
 def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
-    """Move nodes one after the other so that the worst cell around each gets better.
+    """Move nodes one after the other so that the worst cell around each improves.
 
-    Each node looks from its place along the axes, both ways, and towards the mean of its
-    neighbours, and halves its step where nothing is better (compass search, for the worst
-    of several cells has no gradient).
+    For each node, steps along the axes in both directions and towards the mean of its neighbours
+    are tested; if none improves the worst cell, the step is halved.  This compass search needs
+    no gradient, which the quality of the worst cell does not have.
 
     Parameters
     ----------
@@ -114,9 +114,9 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
     nodes : int64[k]
         The nodes to move, in this order.
     normals : float64[n, dim]
-        Unit normal to which a node keeps at right angles; 0 where it may move freely.
+        Unit normal of the plane in which a node may move; 0 if it may move freely.
     steps : float64[n]
-        First length of a step at each node.
+        Initial length of a step at each node.
     """
     dim = points.shape[1]
     start = np.empty(dim)
@@ -167,11 +167,12 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
 
 @kernel
 def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
-    """Replace cells around bad ones by others on the same nodes, where the worst gets better.
+    """Replace cells around bad ones by others on the same nodes, if the worst quality improves.
 
-    For each bad cell: an edge of it that lies inside is removed, and the ring of nodes around
-    filled with triangles, each joined to both ends of the edge, in the best of all ways
-    (dynamic programming); or a face is replaced by the edge across.  The best of these is done.
+    For each bad cell, two operations are considered.  An interior edge is removed: the ring of
+    nodes around it is filled with triangles, each joined to both ends of the edge, in the optimal
+    triangulation (dynamic programming).  Or a face is replaced by the edge across it.  The best of
+    these operations is applied.
 
     Parameters
     ----------
@@ -180,13 +181,13 @@ def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
         Positive.
     ring_ptr, ring : int32[n + 1], int32[4 * m]
     bad : int64[k]
-        Cells to get rid of, the worst first.
+        Cells to remove, the worst first.
     quality : float64[m]
         Of each cell.
     dead : bool[m]
         In/Out: all False; True for the cells that are replaced.
     made : int32[capacity, 4]
-        Out: new cells; nothing is done any more when it is full.
+        Out: new cells; swapping stops when it is full.
 
     Returns
     -------

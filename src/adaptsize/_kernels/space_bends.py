@@ -1,4 +1,4 @@
-"""Paths over straight edges in space, bent where they are shortest: Newton's method."""
+"""Shortest paths over a chain of straight edges in space, by Newton's method."""
 
 import math
 from typing import NamedTuple
@@ -7,11 +7,11 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inner
 
-#: Most edges of a way.
+#: Largest number of edges of a path.
 LONGEST = 12
 
 
-# Most steps of Newton's method.
+# Largest number of steps of Newton's method.
 _STEPS = 8
 
 
@@ -44,7 +44,7 @@ def length_between(feet, level, i):
 
 @inner
 def length_from(feet, last, i):
-    """Return the length of the way from feet[last] to feet[0]."""
+    """Return the length of the path from feet[last] to feet[0]."""
     total = 0.0
     for level in range(last):
         total += length_between(feet, level, i)
@@ -53,12 +53,12 @@ def length_from(feet, last, i):
 
 @inner
 def _newton_step(edges, chain, feet, work, n, i, longest):
-    """Put a step of Newton's method for the n bends of the way to point i into work[0].
+    """Put a step of Newton's method for the n bends of the path to point i into work[0].
 
-    The Hessian of the length is tridiagonal; work[1] and [2] are its diagonal and what
-    is beside it, work[3] the bends along their edges.
+    The Hessian of the length is tridiagonal.  work[1] and work[2] are its diagonal and
+    off-diagonal; work[3] are the coordinates of the bends along their edges.
 
-    Returns the length; inf if there is no step, or if the way, whose length is convex, remains
+    Returns the length; inf if there is no step, or if the path, whose length is convex, remains
     longer than ``longest`` wherever it bends.
     """
     for level in range(1, n + 1):
@@ -110,9 +110,9 @@ def _newton_step(edges, chain, feet, work, n, i, longest):
 
 @inner
 def straighten(edges, chain, feet, work, n, i, longest):
-    """Move the n bends of the way to point i to where it is shortest.
+    """Move the n bends of the path to point i to where it is shortest.
 
-    Ends when it is clear that it remains longer than ``longest``.
+    Stops early if the path cannot become shorter than ``longest``.
     """
     for _ in range(_STEPS):
         length = _newton_step(edges, chain, feet, work, n, i, longest)

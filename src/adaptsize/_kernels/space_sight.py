@@ -1,8 +1,8 @@
-"""What sees what in a solid: triangles of the boundary, shafts, and cells at its nodes.
+"""Visibility in a solid: triangles of the boundary, shafts, and cells at boundary nodes.
 
 A triangle of the boundary hides two points from each other if they lie strictly, by more
 than rounding, on either side of it and the line between them meets it, its border
-included.  At nodes of the boundary the direction must lie in a cell besides.
+included.  At nodes of the boundary, the direction must also lie in a cell.
 """
 
 import math
@@ -13,11 +13,11 @@ import numpy as np
 from adaptsize._kernels.compiling import inner
 from adaptsize._kernels.trees import DEPTH, LEAF
 
-# Angle by which a direction may be outside.
+# Tolerance for directions outside, as an angle.
 AHEAD = 1e-10
 
 
-# Triangles that have hidden something lately and are tried first.
+# Number of recently blocking triangles, which are tested first.
 CACHED = 8
 
 
@@ -26,12 +26,12 @@ class Walls(NamedTuple):
 
     triangles: np.ndarray
     """float64[f, 14]: a vertex, the unit normal, the gradients of two barycentric coordinates,
-    the distance that counts as none, and the coordinate that counts as 0."""
+    the tolerance for distances, and the tolerance for coordinates."""
     boxes: np.ndarray
     """float64[2 * n_leaves, 7]: the tree over them (see trees.py)."""
     n_leaves: int
     slack: float
-    """Distance that counts as none."""
+    """Tolerance: smaller distances are zero."""
 
 
 class Stars(NamedTuple):
@@ -49,7 +49,7 @@ class Stars(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What a solid lets see."""
+    """Data for visibility in a solid."""
 
     walls: Walls
     stars: Stars
@@ -57,10 +57,9 @@ class Sight(NamedTuple):
 
 @inner
 def _enters(points, star, ring, a, b, c, dx, dy, dz):
-    """Tell whether a direction at a point inside node a, edge ab or face abc enters the domain.
+    """Return whether a direction at a point inside node a, edge ab or face abc enters the domain.
 
-    b and c are -1 where there are fewer nodes; ``ring``: from where to where the cells at a are
-    in ``star``.
+    b and c are -1 for fewer nodes; ``ring`` is the range of the cells at a in ``star``.
     """
     limit = AHEAD * AHEAD * (dx * dx + dy * dy + dz * dz)
     if limit == 0.0:
@@ -90,7 +89,7 @@ def _enters(points, star, ring, a, b, c, dx, dy, dz):
 
 @inner
 def without_leaving(stars, nodes, feet, level, other, active, m):
-    """Take points out of ``active`` where the piece from feet[level] to feet[other] starts outside.
+    """Remove points from ``active`` whose piece from feet[level] to feet[other] starts outside.
 
     ``nodes``: int64[3, BLOCK], those of the node, edge or face on which feet[level] lies.
     Returns how many are left.
@@ -115,7 +114,7 @@ def without_leaving(stars, nodes, feet, level, other, active, m):
 
 @inner
 def _crosses(triangles, t, a, b, i):
-    """Tell whether triangle t separates a[:, i] from b[:, i]."""
+    """Return whether triangle t separates a[:, i] from b[:, i]."""
     at_a = at_b = 0.0
     for d in range(3):
         at_a += triangles[t, 3 + d] * (a[d, i] - triangles[t, d])
@@ -149,7 +148,7 @@ def _set_shaft(shaft, a, b, active, m, slack):
 
 @inner
 def _meets_shaft(boxes, n, shaft):
-    """Tell whether box n meets the hull of the two boxes of a shaft."""
+    """Return whether box n meets the hull of the two boxes of a shaft."""
     begin, end = 0.0, 1.0
     for d in range(3):
         room, change = boxes[n, 3 + d] - shaft[d], shaft[6 + d]
@@ -173,7 +172,7 @@ def _meets_shaft(boxes, n, shaft):
 
 @inner
 def _separates(triangles, t, shaft):
-    """Tell whether the two ends of a shaft have points strictly on either side of a triangle."""
+    """Return whether the two ends of a shaft have points strictly on either side of a triangle."""
     middle_a = middle_b = reach_a = reach_b = 0.0
     for d in range(3):
         n, o = triangles[t, 3 + d], triangles[t, d]
@@ -191,7 +190,7 @@ def _separates(triangles, t, shaft):
 
 @inner
 def _without_crossing(triangles, t, a, b, active, m):
-    """Take points out of ``active`` where triangle t hides a from b; return how many are left."""
+    """Remove points from ``active`` where triangle t hides a from b; return the number left."""
     left = 0
     for k in range(m):
         i = active[k]
@@ -203,7 +202,7 @@ def _without_crossing(triangles, t, a, b, active, m):
 
 @inner
 def without_hidden(walls, a, b, active, m, cached):
-    """Take points out of ``active`` where a is hidden from b; return how many are left."""
+    """Remove points from ``active`` where a is hidden from b; return the number left."""
     for c in range(CACHED):
         if cached[c] < 0 or m == 0:
             break

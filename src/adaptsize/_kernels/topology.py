@@ -37,7 +37,7 @@ def fill_rings(cells, n_points, ring_ptr, ring):
 
 @inner
 def _is_before(rows, a, b):
-    """Tell whether row a comes before row b in lexicographic order, equal rows by index."""
+    """Return whether row a comes before row b in lexicographic order, equal rows by index."""
     for d in range(rows.shape[1]):
         if rows[a, d] != rows[b, d]:
             return rows[a, d] < rows[b, d]

@@ -27,7 +27,7 @@ N_MOMENTS = 34
 
 @kernel
 def fill_moments(points, cells, moments):
-    """Fill what the nodes of a tree over sorted cells count by, seen from afar.
+    """Fill the moments of the nodes of a tree over sorted cells, for the far-field expansion.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def wind(points, cells, moments, far, queries, first, last, numbers):
     moments : float64[2 * n_leaves, 34]
         From `fill_moments`.
     far : float
-        A node of the tree counts as a whole from so many of its radii on.
+        A node of the tree is expanded as a whole beyond this number of its radii.
     queries : float64[n_queries, 3]
     first, last : int
         Only these queries are worked on.

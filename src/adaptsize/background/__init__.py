@@ -1,4 +1,4 @@
-"""Where nodal values live."""
+"""Backgrounds: meshes, grids, octrees and images that carry nodal values."""
 
 from adaptsize.background.grid import CartesianGrid
 from adaptsize.background.image import Image

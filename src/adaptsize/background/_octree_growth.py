@@ -1,7 +1,7 @@
-"""How an octree comes about: refinement level by level, and 2:1 balance.
+"""Construction of an octree: refinement level by level, and 2:1 balance.
 
-Cells are codes here (see `adaptsize._kernels.octree`), sorted, one array per level.  A tree
-is given by the cells that are refined on each level.
+Cells are represented by sorted codes (see `adaptsize._kernels.octree`), one array per level.
+A tree is defined by the refined cells of each level.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def refine(
     max_level: int,
     max_leaves: int,
 ) -> list[CodeArray]:
-    """Return the cells of each level that the criterion wants refined."""
+    """Return the cells of each level that the criterion refines."""
     dim = len(root_shape)
     cells = np.arange(np.prod(root_shape), dtype=np.int64)
     n_leaves = len(cells)
@@ -71,16 +71,15 @@ def refuse_too_many(n_leaves: int, level: int, max_leaves: int) -> None:
 
 
 def balance(refined: list[CodeArray], root_shape: tuple[int, ...]) -> list[CodeArray]:
-    """Return the cells to refine so that leaves that touch differ by one level at most.
+    """Return the refined cells such that the levels of touching leaves differ by at most one.
 
-    From the finest level upward: every neighbour of a refined cell, at faces, edges and
-    corners, must exist, so the parents of its neighbours must be refined.
+    Proceeds from the finest level to coarser ones.  Every neighbour of a refined cell, at
+    faces, edges and corners, must exist; the parents of its neighbours must be refined.
     """
     balanced = list(refined)
     for level in range(len(refined) - 1, 0, -1):
         indices = indices_of(balanced[level], level, root_shape)
-        # The neighbour on the side of its parent on which the cell lies is the one that
-        # may have another parent.
+        # Only the neighbour on the cell's own side of its parent may have another parent.
         toward = np.where(indices % 2 == 0, -1, 1)
         counts = np.array(root_shape) << (level - 1)
         wanted = [balanced[level - 1]]

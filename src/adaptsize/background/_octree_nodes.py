@@ -1,4 +1,4 @@
-"""Nodes of an octree and the cutting of its leaves into simplices: arrays for the kernels."""
+"""Nodes of an octree and the splitting of its leaves into simplices: arrays for the kernels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Lattice(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """What nodes and simplices are made from; fields as in `adaptsize._kernels.octree`."""
+    """Arrays that define nodes and simplices; fields as in `adaptsize._kernels.octree`."""
 
     indices: npt.NDArray[np.int64]
     levels: npt.NDArray[np.int8]
@@ -54,7 +54,7 @@ def lattice_of(levels: npt.NDArray[np.int8], root_shape: tuple[int, ...]) -> Lat
 
 
 def number_nodes(levels: npt.NDArray[np.int8], lattice: Lattice) -> Parts:
-    """Give numbers to corners and centres, and count the simplices."""
+    """Assign numbers to corners and centres, and count the simplices."""
     n_leaves, dim = lattice.indices.shape
     from_finest = (lattice.depth - levels).astype(np.int8)
     leaves = (lattice.indices, from_finest, lattice.strides)
@@ -87,6 +87,6 @@ def cut(parts: Parts) -> IntArray:
 
 
 def _hash_table(n_entries: int) -> tuple[npt.NDArray[np.int64], IntArray]:
-    """Return an empty hash table that n entries fill to two thirds at most."""
+    """Return an empty hash table that n entries fill by at most two thirds."""
     size = 1 << max(3 * n_entries // 2, 1).bit_length()
     return np.full(size, -1, np.int64), np.empty(size, np.int32)

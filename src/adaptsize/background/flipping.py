@@ -1,4 +1,4 @@
-"""Edges of a triangle mesh flipped until it is Delaunay where that is allowed."""
+"""Edge flips of a triangle mesh towards a constrained Delaunay triangulation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Most flips happen in the first rounds; what is left does little harm.
+#: Most flips happen in the first rounds; the remaining ones matter little.
 _MAX_ROUNDS = 12
 #: The opposite angles must exceed 180 degrees by more than rounding (sine of the excess).
 _EXCESS = 1e-9
@@ -24,29 +24,29 @@ class _Quads(NamedTuple):
     cells: npt.NDArray[np.intp]
     """intp[n, 2]."""
     excess: FloatArray
-    """How far the angles at c and d together exceed 180 degrees, as a sine."""
+    """Sine of the excess of the sum of the angles at c and d over 180 degrees."""
 
 
 def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
-    """Return triangles on the same nodes with better angles: Delaunay, but for kept edges.
+    """Return triangles on the same nodes with better angles: Delaunay, except for kept edges.
 
-    An edge pq between the triangles cpq and dqp becomes cd where the angles at c and d
-    exceed 180 degrees together.  Long slivers of flat facets vanish in this way.
+    An edge pq between the triangles cpq and dqp is replaced by cd if the sum of the angles at
+    c and d exceeds 180 degrees.  This removes long slivers in flat facets.
 
     Parameters
     ----------
     mesh : SimplexMesh
-        Triangles.  Data and tags of facets are dropped, those of cells kept.
+        Triangles.  Data and facet tags are dropped; cell tags are kept.
     kept : int32[n, 2], rows sorted
-        Edges that stay, such as those along which a surface bends.  Edges
-        of one cell, of three or more, or between cells of different tags or
-        orientations stay too.
+        Edges that must not be flipped, such as those along which a surface bends.  Edges
+        of one cell, of three or more cells, or between cells of different tags or
+        orientations are not flipped either.
 
     Returns
     -------
     SimplexMesh
-        In the plane the smallest angle does not fall.  Triangles are flipped in rounds of
-        independent pairs, 12 at most.
+        In the plane the smallest angle does not decrease.  Edges are flipped in at most 12
+        rounds of independent pairs of triangles.
 
     Examples
     --------
@@ -69,9 +69,9 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
 
 
 def pairs_of_cells(mesh: SimplexMesh, edges: BoolArray) -> npt.NDArray[np.intp]:
-    """Return for chosen edges of two triangles their places in ``mesh.cells.ravel()``.
+    """Return the corners opposite to chosen edges, each between two triangles, intp[n, 2].
 
-    These are the corners opposite to the edge, intp[n, 2].
+    Corners are positions in ``mesh.cells.ravel()``.
     """
     order = np.argsort(mesh.cell_facets.ravel(), kind="stable")
     start = np.cumsum(mesh.facet_cell_counts) - mesh.facet_cell_counts
@@ -110,7 +110,7 @@ def _angle(u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _independent(quads: _Quads, mesh: SimplexMesh) -> _Quads:
-    """Return pairs of which no two share a triangle or make the same edge; the worst first."""
+    """Return pairs, the worst first, of which no two share a triangle or create the same edge."""
     rank = np.empty(len(quads.excess), np.int64)
     rank[np.argsort(-quads.excess, kind="stable")] = np.arange(len(rank))
     best = np.full(mesh.n_cells, len(rank), np.int64)

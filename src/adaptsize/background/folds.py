@@ -1,4 +1,4 @@
-"""Edges of a surface that are not inside flat facets: bent and sharp ones."""
+"""Edges of a surface that are not inside flat facets: bent edges and feature edges."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class Folds(NamedTuple):
     """Edges that are not inside flat facets, int32[n, 2] each, rows sorted."""
 
     bent: IntArray
-    """Along which the surface is curved: neither flat nor sharp."""
+    """Edges along which the surface is curved, neither flat nor sharp."""
     sharp: IntArray
 
     def split(self, parents: IntArray, n_points: int) -> Folds:
-        """Return the edges after those in ``parents`` were halved.
+        """Return the edges after those in ``parents`` were split in half.
 
-        Row k of ``parents`` has its middle at the node ``n_points + k``.
+        The midpoint of row k of ``parents`` is the node ``n_points + k``.
         """
         return Folds(*(_halved(edges, parents, n_points) for edges in self))
 
@@ -39,7 +39,7 @@ def folds_of(mesh: SimplexMesh, crease_angle: float) -> Folds:
     cosine = np.abs(np.einsum("ij,ij->i", normals[one], normals[other]))
     sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
     angle = np.arctan2(sine, cosine)  # 0 to 90 degrees, whatever the orientation
-    # Coordinates come in single precision: a sliver of that height has no sure normal.
+    # Coordinates may have single precision: the normal of a sliver of that height is uncertain.
     height = np.minimum(twice_area[one], twice_area[other]) / mesh.edge_lengths[paired].clip(1e-300)
     rounding = 4.0 * np.finfo(np.float32).eps * np.abs(mesh.points).max()
     sharp = angle > crease_angle
@@ -49,14 +49,14 @@ def folds_of(mesh: SimplexMesh, crease_angle: float) -> Folds:
 
 
 def are_among(edges: IntArray, others: IntArray) -> BoolArray:
-    """Tell which rows are also rows of ``others``; bool[n]."""
+    """Return which rows are also rows of ``others``, bool[n]."""
     width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
     keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
     return np.isin(keys, known)
 
 
 def _halved(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
-    """Return ``edges``, of those in ``split`` the halves; row k has its middle at n_points + k."""
+    """Return ``edges`` with those in ``split`` halved; row k has the midpoint n_points + k."""
     middle = np.arange(n_points, n_points + len(split), dtype=np.int32)
     affected = are_among(split, edges)
     halves = [np.column_stack([split[affected, end], middle[affected]]) for end in (0, 1)]

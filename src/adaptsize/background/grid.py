@@ -27,30 +27,32 @@ from adaptsize.typing import BoolArray, FloatArray
 
 # Nodes are numbered with 32 bits.
 _MOST_NODES = 2**31 - 1
-# Boxes longer than wanted by less than this share of a cell need no further cell.
+# No cell is added for an excess length below this share of a cell.
 _ROUNDING = 1e-9
-# Functions are asked for so many points at once.
+# Number of points per call of a function.
 _POINTS_AT_ONCE = 1_000_000
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
 class CartesianGrid(ReadOnlyState):
-    """Nodes at equal distances along the axes; a spacing for each axis.
+    """A grid of equidistant nodes along each axis; the spacing may differ between axes.
 
     Nodal arrays have the shape of the grid: ``values[i, j]`` belongs to the node
-    ``origin + spacing * (i, j)``, so that axis 0 is x.
+    ``origin + spacing * (i, j)``.  Axis 0 is x.
 
     Parameters
     ----------
     origin : array_like of float, shape (dim,)
-        The node of the lowest coordinates, ``dim`` 1 to 3.
+        Node with the lowest coordinates; ``dim`` is 1 to 3.
     spacing : float or array_like of float, shape (dim,)
-        Distance of neighbouring nodes, positive; one for all axes or one for each.
+        Distance between neighbouring nodes, positive: one number for all axes, or one for
+        each.
     shape : sequence of int
-        Nodes along each axis, at least 2.
+        Number of nodes along each axis, at least 2.
     active : array_like of bool, of shape ``shape``, optional
-        Nodes inside the domain; the others take no part: sizes do not pass through them and
-        do not count in interpolation.  All nodes by default.  Copied.
+        Nodes inside the domain; all nodes by default.  The other nodes are ignored: sizes do
+        not propagate through them, and they are not used in interpolation.  The array is
+        copied.
 
     Raises
     ------
@@ -118,14 +120,14 @@ class CartesianGrid(ReadOnlyState):
         Returns
         -------
         CartesianGrid
-            Where the box of the points is no multiple of the spacing, what there is too
-            much is the same on both sides.
+            If the box of the points is not a multiple of the spacing, the excess is equal on
+            both sides.
 
         Raises
         ------
         ValueError
-            If there is no point, a number is not finite, a spacing is not positive or the
-            margin negative, or there would be more than 2**31 - 1 nodes.
+            If there is no point, a number is not finite, a spacing is not positive, the
+            margin is negative, or there would be more than 2**31 - 1 nodes.
 
         Examples
         --------
@@ -148,7 +150,7 @@ class CartesianGrid(ReadOnlyState):
         return cls(lower - 0.5 * excess, steps, [int(n) + 1 for n in n_boxes])
 
     def __repr__(self) -> str:
-        """Say how many nodes, and where."""
+        """Return the number of nodes along each axis and the extent of the grid."""
         nodes = " x ".join(str(n) for n in self.shape)
         first, last = (
             ", ".join(f"{float(x):.4g}" for x in corner) for corner in (self.lower, self.upper)
@@ -170,7 +172,7 @@ class CartesianGrid(ReadOnlyState):
 
     @cached_property
     def n_cells(self) -> int:
-        """Number of boxes between the nodes; with ``active``, of those between active ones."""
+        """Number of boxes; with ``active``, of those whose nodes are all active."""
         if self.active is None:
             return math.prod(n - 1 for n in self.shape)
         return int(np.count_nonzero(whole_boxes(self.active)))
@@ -197,7 +199,7 @@ class CartesianGrid(ReadOnlyState):
 
     @cached_property
     def axes(self) -> tuple[FloatArray, ...]:
-        """Coordinates of the nodes along each axis, ``dim`` arrays."""
+        """Coordinates of the nodes along each axis, a tuple of ``dim`` arrays."""
         return tuple(
             _locked(start + step * np.arange(n))
             for start, step, n in zip(self.origin, self.spacing, self.shape, strict=True)
@@ -207,27 +209,27 @@ class CartesianGrid(ReadOnlyState):
     def points(self) -> FloatArray:
         """Nodes, float64[n_points, dim], in the order of ``values.ravel()``.
 
-        Made anew at each use, not kept: of a grid of 256**3 nodes they take 400 MB.
+        The array is not cached: for a grid of 256**3 nodes it takes 400 MB.
         """
         return _points_of(*self.axes)
 
     @cached_property
     def locator(self) -> GridLocator:
-        """Interpolates between the nodes: ``locator.interpolate(values, points)``."""
+        """Interpolation between the nodes; see `GridLocator.interpolate`."""
         return GridLocator(self)
 
     @cached_property
     def mesh(self) -> SimplexMesh:
-        """The same nodes, numbered as ``points``, as a conforming mesh of simplices.
+        """A conforming mesh of simplices on the same nodes, numbered as in ``points``.
 
-        Boxes are cut into 2 triangles or 6 tetrahedra (Kuhn's), mirrored from box to box,
-        positively oriented; with ``active``, only boxes of which all nodes are active.  Kept
-        once made: 100 bytes per node in 3-D.
+        Boxes are split into 2 triangles or 6 tetrahedra (Kuhn simplices), mirrored from box to
+        box and positively oriented.  With ``active``, only boxes whose nodes are all active are
+        split.  The mesh is cached; it takes 100 bytes per node in 3-D.
 
         Raises
         ------
         ValueError
-            If no box has active nodes only.
+            If there is no box whose nodes are all active.
         """
         cells = simplices_of_boxes(self.shape)
         if self.active is not None:
@@ -237,7 +239,7 @@ class CartesianGrid(ReadOnlyState):
         return SimplexMesh(self.points, cells.reshape(-1, self.dim + 1))
 
     def with_active(self, active: npt.ArrayLike | None) -> CartesianGrid:
-        """Return the same grid with other active nodes (None: all)."""
+        """Return the same grid with other active nodes; None makes all nodes active."""
         return CartesianGrid(self.origin, self.spacing, self.shape, active=active)
 
     def sample(self, function: Callable[[FloatArray], npt.ArrayLike]) -> FloatArray:
@@ -246,8 +248,8 @@ class CartesianGrid(ReadOnlyState):
         Parameters
         ----------
         function : callable
-            Takes points, float64[n, dim], and gives n numbers; called for up to a million
-            nodes at a time, so that few points are in memory.
+            Takes points, float64[n, dim], and returns n numbers.  To limit memory, it is called
+            for up to a million nodes at a time.
 
         Returns
         -------
@@ -256,7 +258,7 @@ class CartesianGrid(ReadOnlyState):
         Raises
         ------
         ValueError
-            If the function gives another number of values.
+            If the function returns a wrong number of values.
         """
         values = np.empty(self.shape)
         for slab, points in self.slabs():
@@ -266,14 +268,14 @@ class CartesianGrid(ReadOnlyState):
         return values
 
     def slabs(self) -> Iterator[tuple[slice, FloatArray]]:
-        """Yield the nodes by parts along the first axis, about a million at a time.
+        """Yield the nodes in slabs along the first axis, about a million at a time.
 
         Yields
         ------
         slab : slice
-            ``values[slab]`` are the nodal values of the part.
+            ``values[slab]`` are the nodal values of the slab.
         points : ndarray of float64, shape (n, dim)
-            Its nodes, in the order of ``values[slab].ravel()``.
+            Nodes of the slab, in the order of ``values[slab].ravel()``.
         """
         per_slab = max(1, _POINTS_AT_ONCE // math.prod(self.shape[1:]))
         for first in range(0, self.shape[0], per_slab):
@@ -288,7 +290,7 @@ def _points_of(*axes: FloatArray) -> FloatArray:
 
 
 def _set(grid: CartesianGrid, name: str, value: object) -> None:
-    object.__setattr__(grid, name, value)  # the way in for a frozen dataclass
+    object.__setattr__(grid, name, value)  # needed for a frozen dataclass
 
 
 def _locked(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -319,7 +321,7 @@ def _as_spacing(value: npt.ArrayLike, dim: int) -> FloatArray:
 
 
 def _check_resolution(origin: FloatArray, spacing: FloatArray, shape: tuple[int, ...]) -> None:
-    """Refuse grids whose coordinates overflow or do not tell neighbouring nodes apart."""
+    """Refuse grids whose coordinates overflow or do not resolve the spacing."""
     with np.errstate(over="ignore"):
         upper = origin + spacing * (np.array(shape) - 1)
     refuse_where("spacing", ~np.isfinite(upper), spacing, "must keep the coordinates finite")

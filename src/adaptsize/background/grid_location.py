@@ -21,7 +21,7 @@ _ROUNDINGS = 4.0
 
 
 class GridLocator:
-    """Interpolates between the nodes of a Cartesian grid; ``grid.locator`` keeps one.
+    """Interpolation between the nodes of a Cartesian grid; ``grid.locator`` is cached.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ class GridLocator:
 
     Notes
     -----
-    A few operations per point, whatever the number of nodes: nothing is searched and
-    nothing is built beforehand.
+    A query takes a few operations per point, independent of the number of nodes.  There is no
+    search and no set-up.
 
     Examples
     --------
@@ -62,14 +62,14 @@ class GridLocator:
         values : array_like of float, of the grid's shape
             Nodal values, finite or +inf.
         points : array_like of float, shape (n, dim)
-            Any n, also 0.
+            Query points; n may be 0.
 
         Returns
         -------
         values : ndarray of float64, shape (n,)
-            inf where a corner of positive weight is inf, between the values of the corners
-            of positive weight otherwise.  Corners that are not active are left out; inf
-            where no other corner of positive weight is left.
+            inf if a corner of positive weight is inf, otherwise between the values of the
+            corners of positive weight.  Inactive corners are omitted; the value is inf if no
+            corner of positive weight is left.
         distances : ndarray of float64, shape (n,)
             Distance of each point from the box of the grid.
 
@@ -89,7 +89,7 @@ class GridLocator:
         return result, distances
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the corners of the box that holds (the closest point to) each point.
+        """Return the corners of the box that contains each point, or its closest grid point.
 
         Parameters
         ----------
@@ -98,10 +98,10 @@ class GridLocator:
         Returns
         -------
         nodes : ndarray of int32, shape (n, 2**dim)
-            Numbers of the nodes.
+            Indices of the nodes.
         weights : ndarray of float64, shape (n, 2**dim)
-            Multilinear weights, 0 at inactive nodes; of sum 1 to rounding, or 0 where no
-            corner that counts is active.
+            Multilinear weights, 0 at inactive nodes.  Their sum is 1 to rounding, or 0 if no
+            corner of positive weight is active.
         distances : ndarray of float64, shape (n,)
             Distance of each point from the box of the grid.
         """
@@ -127,14 +127,14 @@ class GridLocator:
 
 
 def _in_space(per_axis: npt.NDArray[Any], missing: float) -> npt.NDArray[Any]:
-    """Return three entries, ``missing`` for the axes that a grid lacks; same type."""
+    """Return three entries of the same type, ``missing`` for the axes that a grid lacks."""
     padded = np.full(3, missing, per_axis.dtype)
     padded[: len(per_axis)] = per_axis
     return padded
 
 
 def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only view; a kernel is compiled once more for arrays that are not."""
+    """Return a read-only view; writable arrays would compile the kernel a second time."""
     view = array.view()
     view.flags.writeable = False
     return view

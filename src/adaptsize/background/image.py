@@ -15,22 +15,23 @@ from adaptsize.typing import FloatArray
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Image(ReadOnlyState):
-    """Values at equal distances along the axes: a picture (2-D) or a volume (3-D).
+    """An image: pixels (2-D) or voxels (3-D) with their spacing.
 
     Parameters
     ----------
     values : array_like, 2-D or 3-D
-        Labels (bool or integers) or intensities (floats); ``values[i, j]`` belongs to the
-        point ``origin + spacing * (i, j)``, so that axis 0 is x.  Copied, read-only.
+        Labels (bool or integers) or intensities (floats).  ``values[i, j]`` belongs to the
+        point ``origin + spacing * (i, j)``; axis 0 is x.  The array is copied and read-only.
     spacing : float or array_like of float, shape (dim,)
-        Distance of neighbouring pixel centres, positive; one for all axes or one for each.
+        Distance between neighbouring pixel centres, positive: one number for all axes, or
+        one for each.
     origin : array_like of float, shape (dim,), optional
         Centre of the first pixel; zeros by default.
 
     Raises
     ------
     ValueError
-        If a shape is wrong, values are no numbers, or a spacing is not positive.
+        If a shape is wrong, the values are not numbers, or a spacing is not positive.
 
     Examples
     --------
@@ -67,11 +68,11 @@ class Image(ReadOnlyState):
             raise ValueError(f"origin must be {pixels.ndim} finite numbers, got {describe(origin)}")
         for name, array in (("values", pixels), ("spacing", steps), ("origin", start.copy())):
             array.flags.writeable = False
-            object.__setattr__(self, name, array)  # the way in for a frozen dataclass
+            object.__setattr__(self, name, array)  # needed for a frozen dataclass
 
     @property
     def dim(self) -> int:
-        """2 for a picture, 3 for a volume."""
+        """2 for pixels, 3 for voxels."""
         return self.values.ndim
 
     @property
@@ -80,7 +81,7 @@ class Image(ReadOnlyState):
         return self.values.shape
 
     def __repr__(self) -> str:
-        """Say how many pixels, of what, and how large."""
+        """Return the number of pixels, their type and their spacing."""
         pixels = " x ".join(str(n) for n in self.shape)
         steps = ", ".join(f"{step:.4g}" for step in self.spacing)
         return f"Image({pixels} pixels of {self.values.dtype}, spacing {steps})"

@@ -1,4 +1,4 @@
-"""Where points lie in a mesh: the cell that contains each, or the closest one."""
+"""Point location in a mesh: the cell that contains a point, or the closest one."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FARTHEST = 1e150
 
 
 class CellTree(NamedTuple):
-    """The tree of a locator, as kernels take it."""
+    """The tree of a locator, as the kernels use it."""
 
     points: FloatArray
     """float64[n, 3], times ``scale``, padded with zeros."""
@@ -42,7 +42,7 @@ class CellTree(NamedTuple):
     boxes: FloatArray
     """float64[2 * n_leaves, 6], see `adaptsize._kernels.interpolate.fill_boxes`."""
     cell_of_place: IntArray
-    """``cell_of_place[i]`` is the cell of the mesh that row i of ``cells`` is."""
+    """``cell_of_place[i]`` is the cell of the mesh in row i of ``cells``."""
     scale: float
     """Power of two."""
 
@@ -50,9 +50,9 @@ class CellTree(NamedTuple):
 class SimplexLocator:
     """Tree of bounding boxes over the cells of a mesh, for point location.
 
-    Works for every kind of mesh: surfaces in space, polylines, several components,
+    It works for every kind of mesh: surfaces in space, polylines, several components,
     holes, cells of any orientation, overlapping or degenerate cells, repeated points.
-    ``mesh.locator`` keeps one per mesh.
+    ``mesh.locator`` is the cached locator of a mesh.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ class SimplexLocator:
 
     Notes
     -----
-    Building costs O(n log n): the cells are halved by number, along the longest side of
-    the box of their centroids, down to four.  A point inside the mesh, or much nearer to
-    it than a cell is long, costs O(log n) where the boxes of few cells overlap, as those
-    of shape-regular cells do.  A point at a distance d from a surface of cells of length
-    a looks at O(d / a) cells more, and one that is equally far from all cells (the centre
-    of a sphere) at all of them.
+    Building the tree takes O(n log n) time.  The set of cells is halved repeatedly, along the
+    longest side of the box of their centroids, until four cells are left.  A query for a point
+    inside the mesh, or much nearer to it than the length of a cell, takes O(log n) time if the
+    boxes of few cells overlap, as for shape-regular cells.  For a point at a distance d from a
+    surface with cells of length a, O(d / a) more cells are visited; for a point at equal
+    distance from all cells, such as the centre of a sphere, all cells are visited.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class SimplexLocator:
         self._lower = points.min(axis=0)
         width = float((points.max(axis=0) - self._lower).max())
         self._width = width if width > 0.0 else 1.0
-        # Points and cells that are near in space come to lie near in memory.
+        # Points and cells that are close in space are stored close in memory.
         along = self._along_curve(points)
         self._points = points[along]
         number = np.zeros(mesh.n_points, np.int32)
@@ -119,7 +119,7 @@ class SimplexLocator:
         return CellTree(self._points, self._cells, self._boxes, self._cell_of_place, self._scale)
 
     def along_curve(self, points: FloatArray) -> npt.NDArray[np.int64]:
-        """Return an order of points in which those that are near each other follow each other."""
+        """Return an order of points along a space-filling curve."""
         return self._along_curve(_in_space(points * self._scale))
 
     def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -128,20 +128,20 @@ class SimplexLocator:
         Parameters
         ----------
         points : array_like of float, shape (n, dim)
-            Any n, also 0.
+            Query points; n may be 0.
 
         Returns
         -------
         cells : ndarray of int32, shape (n,)
-            Where several cells contain a point or are equally close, one of them, always
-            the same for the same point.
+            Cell of each point.  If several cells contain a point or are equally close, one of
+            them is returned, always the same for the same point.
         weights : ndarray of float64, shape (n, cell_dim + 1)
-            Barycentric coordinates of the closest point in that cell, >= 0, of sum 1 to
-            rounding: ``(weights[:, :, None] * mesh.points[mesh.cells[cells]]).sum(axis=1)``
+            Barycentric coordinates of the closest point in that cell, >= 0; their sum is 1 to
+            rounding.  ``(weights[:, :, None] * mesh.points[mesh.cells[cells]]).sum(axis=1)``
             are the closest points.
         distances : ndarray of float64, shape (n,)
-            Distance of the closest point: 0 inside the mesh, up to rounding on the faces of
-            its cells.
+            Distance to the closest point.  It is 0 inside the mesh, on the faces of cells up
+            to rounding.
 
         Raises
         ------
@@ -167,7 +167,7 @@ class SimplexLocator:
         return self._cell_of_place[found], weights, distances / self._scale
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the nodes of the cell that `nearest` finds, their weights, and the distance.
+        """Return the nodes and weights of the cell that `nearest` finds, and the distance.
 
         Parameters
         ----------
@@ -196,8 +196,8 @@ class SimplexLocator:
         Returns
         -------
         values : ndarray of float64, shape (n,)
-            inf where a node of positive weight is inf; between the values of the nodes of
-            positive weight otherwise.
+            inf if a node of positive weight is inf; otherwise between the values of the nodes
+            of positive weight.
         distances : ndarray of float64, shape (n,)
             Distance of each point to the mesh.
         """
@@ -215,7 +215,7 @@ class SimplexLocator:
 
 
 def _in_space(points: FloatArray) -> FloatArray:
-    """Return points with zeros for the coordinates that they lack, float64[n, 3]."""
+    """Return points padded with zero coordinates, float64[n, 3]."""
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points
     return padded

@@ -1,4 +1,4 @@
-"""Points that are nearly the same."""
+"""Identification of points that nearly coincide."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import numpy.typing as npt
 
 from adaptsize.typing import FloatArray
 
-# Coordinates of so many distances are cut off, as their squares would overflow.
+# Larger coordinates, in units of the distance, are clipped, as their squares would overflow.
 _FARTHEST = 1e150
 
 
 def place_numbers(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
-    """Return for each point the number of its place, from 0 on.
+    """Return for each point the number of its place, starting from 0.
 
-    Two points are in the same place if they are ``within`` of each other or if a chain of such
-    points joins them.  Rounding to a lattice would separate neighbours on the two sides of a
-    border between its cells.
+    Two points are in the same place if their distance is at most ``within``, or if a chain of
+    such points joins them.  Rounding to a lattice instead would separate neighbours on the two
+    sides of a lattice cell boundary.
 
     Parameters
     ----------
     points : float64[n, dim]
         Finite.
     within : float
-        >= 0; with 0 only equal points are in the same place.
+        Distance >= 0; with 0, only equal points are in the same place.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def place_numbers(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
     >>> place_numbers(np.array([[0.0], [0.9], [5.0], [1.8], [3.0]]), 1.0)
     array([0, 0, 1, 0, 2])
     """
-    # Equal points first: the pairs of many at one place would be too many.
+    # Merge equal points first: many points at one place would form too many pairs.
     order = np.lexsort(points.T)
     is_new = (np.diff(points[order], axis=0) != 0.0).any(axis=1)
     number = np.empty(len(points), np.intp)
@@ -56,7 +56,7 @@ def first_at_place(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
 
 
 def _joined(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
-    """Return the number of the component of each of several different points."""
+    """Return the component number of each of a set of distinct points."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

@@ -1,4 +1,4 @@
-"""Octrees, which are quadtrees in the plane."""
+"""Octrees in space and quadtrees in the plane."""
 
 from __future__ import annotations
 
@@ -19,31 +19,32 @@ from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
 
-# Edges of the smallest cells must be so many spacings of float64 long.
+# Smallest edge of a cell in spacings of float64.
 _LEAST_STEPS = 64
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
 class Octree(ReadOnlyState):
-    """A box cut into cells that are halved along each axis where smaller ones are wanted.
+    """An octree (in 2-D a quadtree): a box divided into cells that are refined where needed.
 
-    Nodes are the corners of the leaves, hanging ones included, and after them centres of
-    some leaves and faces.  On these nodes ``mesh`` is a mesh of triangles or tetrahedra that
-    fit together, however much neighbouring leaves differ: no balance is needed.  Sizes on
-    the octree are sizes on that mesh, and `limit_gradient` works on it.
+    The nodes are the corners of the leaves, including hanging nodes, followed by the centres
+    of some leaves and faces.  On these nodes, ``mesh`` is a conforming mesh of triangles or
+    tetrahedra.  It exists for any difference of level between neighbouring leaves, so that the
+    octree need not be balanced.  Sizes on the octree are sizes on that mesh, and
+    `limit_gradient` works on it.
 
-    Use `Octree.build` to make one.  The constructor makes one from the levels of its leaves,
-    which, in their order, are all there is to know, one byte per leaf.
+    Use `Octree.build` to refine a box by a criterion.  The constructor takes the levels of the
+    leaves, one byte per leaf; together with their order these define the octree.
 
     Parameters
     ----------
     lower, upper : array_like of float, shape (dim,)
-        Corners of the box, dim 2 or 3, finite, ``lower < upper``.
+        Corners of the box, finite, ``lower < upper``; dim is 2 or 3.
     root_shape : sequence of int, shape (dim,)
         Number of cells of level 0 along each axis.
     levels : array_like of int, shape (n_leaves,)
-        Level of each leaf, in the order of the leaves: cells of level 0 row by row, the last
-        axis fastest, and the parts of a halved cell in the same way.
+        Level of each leaf, in the order of the leaves: the cells of level 0 row by row, the
+        last axis fastest, and the children of a refined cell in the same order.
 
     Raises
     ------
@@ -59,7 +60,7 @@ class Octree(ReadOnlyState):
     >>> tree.leaf_centres[:4].tolist()
     [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.625, 0.625]]
 
-    Two leaves have a hanging node, and a centre as a further node therefore:
+    Two leaves have a hanging node; their centres are therefore nodes, too:
 
     >>> tree.n_points, tree.mesh
     (16, SimplexMesh(16 points in 2-D, 20 triangles))
@@ -90,7 +91,7 @@ class Octree(ReadOnlyState):
         own = given.astype(np.int8)
         _refuse_gaps(own, shape)
         for name, value in (("lower", lower), ("upper", upper), ("levels", own)):
-            object.__setattr__(self, name, _read_only(value))  # the way in: it is frozen
+            object.__setattr__(self, name, _read_only(value))  # needed for a frozen dataclass
         object.__setattr__(self, "root_shape", shape)
 
     @classmethod
@@ -105,29 +106,29 @@ class Octree(ReadOnlyState):
         root_shape: npt.ArrayLike | None = None,
         max_leaves: int = 20_000_000,
     ) -> Octree:
-        """Return an octree that is refined wherever a criterion asks for it.
+        """Return an octree that is refined wherever a criterion requires it.
 
         Parameters
         ----------
         lower, upper : array_like of float, shape (dim,)
-            Corners of the box, dim 2 or 3, finite, ``lower < upper``.
+            Corners of the box, finite, ``lower < upper``; dim is 2 or 3.
         needs_refinement : callable
-            Takes the centres and the edge lengths of the m cells of one level,
-            float64[m, dim] both, and returns bool[m]: which ones to halve along each axis.
-            `refine_at_boundary` and `refine_to_size` make such callables.  It is called
-            once per level, and sees all cells of that level.
+            Takes the centres and the edge lengths of the m cells of one level, both
+            float64[m, dim], and returns bool[m]: the cells to halve along each axis.
+            `refine_at_boundary` and `refine_to_size` return such callables.  It is called
+            once per level, with all cells of that level.
         max_level : int
-            Cells of this level are not refined, >= 0.  At most 20 in 3-D and 31 in 2-D, less
-            with many root cells.
+            Largest level, >= 0; cells of this level are not refined.  It is at most 20 in 3-D
+            and 31 in 2-D, less with many root cells.
         balanced : bool
-            Whether to refine further until leaves that touch, at faces, edges or corners,
-            differ by one level at most.
+            Whether to refine further until the levels of leaves that touch at a face, an edge
+            or a corner differ by at most one.
         root_shape : sequence of int, shape (dim,), optional
-            Number of cells of level 0 along each axis.  By default one along the shortest
-            side, and as many along the others as make cells nearest to cubes.
+            Number of cells of level 0 along each axis.  By default there is one along the
+            shortest side; the others are chosen such that the cells are nearest to cubes.
         max_leaves : int
-            Bound on the number of leaves, so that a criterion that never says no is found
-            out before the memory is full.
+            Bound on the number of leaves.  It stops a criterion that refines everything
+            before memory runs out.
 
         Returns
         -------
@@ -137,17 +138,17 @@ class Octree(ReadOnlyState):
         ------
         ValueError
             If the box is empty, ``max_level`` is out of range or makes cells too small for
-            float64, the criterion returns something else than bool[m], or there are more
-            leaves than ``max_leaves``.
+            float64, the criterion does not return bool[m], or there are more leaves than
+            ``max_leaves``.
 
         Notes
         -----
-        Time and memory are proportional to the number of leaves, and the criterion is asked
-        about little more cells than there are leaves.
+        Time and memory are proportional to the number of leaves.  The criterion is evaluated
+        for only slightly more cells than there are leaves.
 
         Examples
         --------
-        A quadtree that is fine at a point:
+        A quadtree that is refined at a point:
 
         >>> import numpy as np
         >>> def near(centres, sizes):
@@ -175,7 +176,7 @@ class Octree(ReadOnlyState):
         return cls(lower, upper, shape, growth.leaf_levels(refined, shape))
 
     def __repr__(self) -> str:
-        """Say how many leaves of which levels."""
+        """Return the number of leaves and the range of their levels."""
         coarsest, finest = int(self.levels.min()), int(self.levels.max())
         return f"Octree({self.n_leaves} leaves of level {coarsest} to {finest}, {self.dim}-D)"
 
@@ -225,8 +226,8 @@ class Octree(ReadOnlyState):
     def leaf_corners(self) -> IntArray:
         """Nodes at the corners of each leaf, int32[n_leaves, 2**dim].
 
-        Corner j lies at the upper end of axis d where bit ``dim - 1 - d`` of j is 1: the
-        corners stand row by row, the last axis fastest.
+        Corner j lies at the upper end of axis d if bit ``dim - 1 - d`` of j is 1.  The corners
+        are thus ordered row by row, the last axis fastest.
         """
         return _read_only(self._parts.corners)
 
@@ -245,23 +246,24 @@ class Octree(ReadOnlyState):
 
     @cached_property
     def mesh(self) -> SimplexMesh:
-        """Triangles or tetrahedra that fit together, on the same nodes in the same order.
+        """A conforming mesh of triangles or tetrahedra on the same nodes in the same order.
 
-        A leaf whose only nodes are its corners is cut along diagonals, into 2 triangles or 6
-        tetrahedra; their direction alternates from cell to cell.  Any other leaf is cut into
-        triangles, or tetrahedra, between its centre and the pieces of its boundary.  A face
-        is cut in the same manner, by its own nodes alone, so that neighbours agree.
+        A leaf whose only nodes are its corners is split along diagonals into 2 triangles or 6
+        tetrahedra.  The direction of the diagonals alternates from cell to cell.  Any other
+        leaf is split into triangles or tetrahedra between its centre and the pieces of its
+        boundary.  A face is split in the same manner by its own nodes only, so that the two
+        leaves at the face agree.
 
         Cells are in the order of the leaves and positively oriented.  If the leaves are cubes
-        and balanced, triangles have angles of 45 and 90 degrees only, and tetrahedra have
-        dihedral angles from 45 to 120.  If they are not balanced, flat cells stand on small
-        pieces of the boundary of large leaves.
+        and balanced, the angles of triangles are 45 and 90 degrees, and the dihedral angles of
+        tetrahedra are 45 to 120 degrees.  If they are not balanced, there are flat cells at
+        small pieces of the boundary of large leaves.
         """
         return SimplexMesh(self.points, _read_only(cut(self._parts)))
 
     @cached_property
     def locator(self) -> OctreeLocator:
-        """Finds leaves and interpolates: ``locator.interpolate(values, points)``."""
+        """Point location and interpolation; see `OctreeLocator.interpolate`."""
         return OctreeLocator(self)
 
     @cached_property
@@ -278,9 +280,9 @@ class Octree(ReadOnlyState):
         return _read_only(np.stack(columns, axis=1))
 
     def _coordinates(self, index: npt.NDArray[Any], d: int) -> FloatArray:
-        """Return coordinates of lattice planes: exactly those of the box at its ends.
+        """Return the coordinates of lattice planes, at the ends exactly those of the box.
 
-        The locator finds nodes by the same operations.
+        The locator uses the same operations to find nodes.
         """
         share = index / self._lattice.counts[d]
         coordinates: FloatArray = self.lower[d] * (1.0 - share) + self.upper[d] * share
@@ -288,14 +290,14 @@ class Octree(ReadOnlyState):
 
 
 def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only view; kernels are compiled for arrays that may be written into."""
+    """Return a read-only view; kernels are compiled for writable arrays."""
     view = array.view()
     view.flags.writeable = False
     return view
 
 
 def _as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of a box as arrays of their own, after a look at them."""
+    """Return checked copies of the corners of a box."""
     low, high = as_float_array("lower", lower).copy(), as_float_array("upper", upper).copy()
     if low.shape not in {(2,), (3,)}:
         raise ValueError(f"lower must have shape (2,) or (3,), got {low.shape}")
@@ -316,7 +318,7 @@ def _as_int(name: str, value: Any, least: int) -> int:
 
 
 def _as_root_shape(value: npt.ArrayLike, lower: FloatArray, upper: FloatArray) -> tuple[int, ...]:
-    """Return the number of root cells along each axis, after a look at it."""
+    """Return the checked number of root cells along each axis."""
     shape = as_float_array("root_shape", value, lower.shape)
     refuse_where(
         "root_shape", ~((shape >= 1.0) & (shape == np.floor(shape))), shape, "must be integers >= 1"
@@ -347,11 +349,11 @@ def _refuse_level(
 
 
 def _refuse_gaps(levels: npt.NDArray[np.int8], root_shape: tuple[int, ...]) -> None:
-    """Raise a ValueError if leaves of these levels do not fill the box one after the other."""
+    """Raise a ValueError if consecutive leaves of these levels do not fill the box."""
     dim, depth = len(root_shape), int(levels.max())
     sizes = np.int64(1) << (dim * (depth - levels.astype(np.int64)))
     ends = np.cumsum(sizes)
-    # A sum that overflows shows as an end that is negative.
+    # An overflow of the sum makes an end negative.
     astray = (((ends - sizes) & (sizes - 1)) != 0) | (ends < sizes)
     refuse_where("levels", astray, levels, "must be those of leaves along the Z curve")
     whole = math.prod(root_shape) << (dim * depth)

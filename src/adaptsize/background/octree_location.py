@@ -1,4 +1,4 @@
-"""Where points lie in an octree, and linear interpolation there."""
+"""Point location and linear interpolation in an octree."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _T = TypeVar("_T", bound=np.generic)
 
 
 class OctreeLocator:
-    """Finds points in an octree; ``octree.locator`` keeps one per octree.
+    """Point location in an octree; ``octree.locator`` is the cached locator of an octree.
 
-    Interpolation is that of ``octree.mesh``, so it is continuous, but it needs no mesh to
-    be built: the leaf is found by bisection among the leaves along the Z curve, and the
-    simplex in it by going down through its face.
+    Interpolation is that of ``octree.mesh`` and hence continuous, but the mesh is not built.
+    The leaf is found by bisection among the leaves along the Z curve, and the simplex in it
+    by descending through its face.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class OctreeLocator:
 
     Notes
     -----
-    A point costs O(log n) in any tree.
+    A query takes O(log n) time per point in any tree.
 
     Examples
     --------
@@ -50,17 +50,17 @@ class OctreeLocator:
         self._octree = octree
 
     def leaf(self, points: npt.ArrayLike) -> IntArray:
-        """Return the leaf that holds (the closest point of the box to) each point.
+        """Return the leaf that contains each point; outside, that of the closest point of the box.
 
         Parameters
         ----------
         points : array_like of float, shape (n, dim)
-            Any n, also 0.
+            Query points; n may be 0.
 
         Returns
         -------
         ndarray of int32, shape (n,)
-            Of the leaves that share a face, points on it belong to the upper one.
+            Points on a face that two leaves share belong to the upper leaf.
 
         Raises
         ------
@@ -71,20 +71,20 @@ class OctreeLocator:
         return _put_back(order, leaves)
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the nodes of the simplex that holds each point, and the weight of each.
+        """Return the nodes of the simplex that contains each point, and their weights.
 
         Parameters
         ----------
         points : array_like of float, shape (n, dim)
-            Any n, also 0.
+            Query points; n may be 0.
 
         Returns
         -------
         nodes : ndarray of int32, shape (n, dim + 1)
-            Of a cell of ``octree.mesh``; where the weight is 0, any node.
+            Nodes of a cell of ``octree.mesh``; arbitrary nodes where the weight is 0.
         weights : ndarray of float64, shape (n, dim + 1)
-            Barycentric coordinates of the closest point of the box, >= 0, of sum 1 to
-            rounding.  At a node of the octree its weight is 1, exactly.
+            Barycentric coordinates of the closest point of the box, >= 0; their sum is 1 to
+            rounding.  At a node of the octree, the weight of that node is exactly 1.
         distances : ndarray of float64, shape (n,)
             Distance of each point to the box, 0 inside.
 
@@ -106,13 +106,13 @@ class OctreeLocator:
         values : array_like of float, shape (n_points,)
             Nodal values, finite or +inf.
         points : array_like of float, shape (n, dim)
-            Any n, also 0.
+            Query points; n may be 0.
 
         Returns
         -------
         values : ndarray of float64, shape (n,)
-            inf where a node of positive weight is inf; between the values of the nodes of
-            positive weight otherwise.
+            inf if a node of positive weight is inf; otherwise between the values of the nodes
+            of positive weight.
         distances : ndarray of float64, shape (n,)
             Distance of each point to the box, 0 inside.
 
@@ -130,11 +130,11 @@ class OctreeLocator:
     def _find(self, points: npt.ArrayLike) -> tuple[_Order, FloatArray, IntArray, FloatArray]:
         """Return points as lattice coordinates, their leaves, and their distances.
 
-        Coordinates and leaves are in the order that is returned first, along the Z curve,
-        so that what is near in space is near in memory; the distances are not.
+        Coordinates and leaves are in the order along the Z curve that is returned first, so
+        that points close in space are close in memory.  The distances are in the given order.
         """
         tree, lattice = self._octree, self._octree._lattice
-        # A copy that may be written into: kernels are compiled for one kind of array only.
+        # A writable copy, since kernels are compiled for one kind of array only.
         queries = as_points("points", points, tree.dim).copy()
         places = np.empty_like(queries)
         distances = np.empty(len(queries))
@@ -146,7 +146,7 @@ class OctreeLocator:
         return order, places[order], leaves.astype(np.int32), distances
 
     def _weigh(self, points: npt.ArrayLike) -> tuple[_Order, IntArray, FloatArray, FloatArray]:
-        """Return what `weights` does, but nodes and weights in the order returned first."""
+        """Return the result of `weights`, with nodes and weights in the order returned first."""
         parts = self._octree._parts
         order, places, leaves, distances = self._find(points)
         nodes = np.empty((len(leaves), self._octree.dim + 1), np.int32)
@@ -159,7 +159,7 @@ class OctreeLocator:
 
 
 def _put_back(order: _Order, values: npt.NDArray[_T]) -> npt.NDArray[_T]:
-    """Return rows in the order from before they were sorted."""
+    """Return rows in their order before sorting."""
     result = np.empty_like(values)
     result[order] = values
     return result

@@ -1,4 +1,4 @@
-"""Grids as their kernels take them: flat arrays with a border, and a queue of buckets."""
+"""Arrays for grid kernels: flat arrays with a border, and a queue of buckets."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid
 
-# Width of a bucket in rises over the shortest spacing.  Narrower ones repeat fewer nodes (5 %
-# at one half, 7 % at 1 in 2-D, 11 and 34 % in 3-D), wider ones search less: 1 is quickest in both.
+# Width of a bucket in rises over the shortest spacing.  Narrower buckets repeat fewer nodes (5 %
+# at one half, 7 % at 1 in 2-D, 11 and 34 % in 3-D), wider ones need less search: 1 is fastest in
+# both.
 _WIDTH = 1.0
 
 # Buckets that the sizes of waiting nodes may spread over.
@@ -21,7 +22,7 @@ _BUCKETS = 4096
 
 
 class Buckets(NamedTuple):
-    """An empty queue; what each member means: see `march_grid` in `_kernels`."""
+    """An empty queue; see `march_grid` in `_kernels` for the meaning of each field."""
 
     seeds: IntArray
     origin: float
@@ -34,7 +35,7 @@ class Buckets(NamedTuple):
 
 
 def buckets_for(u: FloatArray, seeds: IntArray, least_rise: float, most_rise: float) -> Buckets:
-    """Return a queue for padded sizes of which the seeds are lowered already.
+    """Return a queue for padded sizes in which the seeds are lowered already.
 
     Parameters
     ----------
@@ -43,8 +44,8 @@ def buckets_for(u: FloatArray, seeds: IntArray, least_rise: float, most_rise: fl
     seeds : int32[s]
         At least one, in any order.
     least_rise, most_rise : float
-        Rise over the shortest spacing at the least g above 0, and the most that an update may
-        lie above the node it comes from.
+        Rise over the shortest spacing at the smallest g above 0, and the largest rise of an
+        update above the node that it comes from.
     """
     seeds = seeds[np.argsort(u[seeds], kind="stable")]
     lowest, highest = float(u[seeds[0]]), float(u[seeds[-1]])
@@ -73,7 +74,7 @@ def pad(
 ) -> FloatArray:
     """Return nodal values as a flat array with a border, NaN there and outside ``where``.
 
-    ``where`` are the active nodes if not given.
+    The default of ``where`` are the active nodes.
     """
     where = grid.active if where is None else where
     padded = np.full([n + 2 * width for n in grid.shape], np.nan)

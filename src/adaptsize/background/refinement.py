@@ -1,4 +1,4 @@
-"""Which cells of an octree to refine: ready answers for `Octree.build`."""
+"""Refinement criteria for `Octree.build`."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ PointFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 def refine_at_boundary(
     signed_distance: PointFunction, spacing: float | None = None
 ) -> NeedsRefinement:
-    """Return a criterion that wants small cells wherever the boundary may pass through.
+    """Return a criterion that refines cells that the boundary may intersect.
 
     A cell is refined if its longest edge is longer than ``spacing`` and the boundary is no
-    farther from its centre than its corners are, so that it may cut the cell.  The number
-    of leaves then grows like the boundary, not like the volume, as ``spacing`` shrinks.
+    farther from its centre than its corners are, so that the boundary may intersect the cell.
+    As ``spacing`` decreases, the number of leaves grows like the number of boundary cells, not
+    like the number of cells in the volume.
 
     Parameters
     ----------
     signed_distance : callable
         Takes points, float64[m, dim], and returns the signed distance of each to the
-        boundary; the sign does not matter.
+        boundary; the sign is ignored.
     spacing : float, optional
-        Longest edge that is allowed for cells at the boundary, > 0.  Without it, cells are
+        Longest edge allowed for cells at the boundary, > 0.  If it is omitted, cells are
         refined down to ``max_level``.
 
     Returns
@@ -43,14 +44,14 @@ def refine_at_boundary(
     Raises
     ------
     ValueError
-        If ``spacing`` is not positive; when the criterion is asked, if the function does
+        If ``spacing`` is not positive.  The criterion raises a ValueError if the function does
         not return one number per point, or returns nan.
 
     Notes
     -----
-    No cell that the boundary cuts is missed, provided that the function changes by no more
-    than the distance between two points.  A signed distance does so, and so does any
-    function whose gradient is at most 1, but such a function may refine more cells.
+    No cell that the boundary intersects is missed, provided that the function changes by no
+    more than the distance between two points.  This holds for a signed distance and for any
+    function whose gradient is at most 1; such a function may refine more cells.
 
     Examples
     --------
@@ -76,22 +77,21 @@ def refine_at_boundary(
 def refine_to_size(
     size: PointFunction, *, factor: float = 1.0, g: float | None = None
 ) -> NeedsRefinement:
-    """Return a criterion that wants no cell larger than a multiple of the size in it.
+    """Return a criterion that refines cells larger than a multiple of the size in them.
 
     Parameters
     ----------
     size : callable
-        Takes points, float64[m, dim], and returns positive sizes, inf where nothing is
-        asked: a `SizeFunction`, for one.
+        Takes points, float64[m, dim], and returns positive sizes, inf where there is no
+        request; for example a `SizeFunction`.
     factor : float
-        No leaf has an edge longer than ``factor`` times the smallest size in it (but for
-        ``max_level``), > 0.
+        Factor > 0: no leaf has an edge longer than ``factor`` times the smallest size in it,
+        unless ``max_level`` is reached.
     g : float, optional
-        Bound on the gradient of the size.  Then the size is asked for at the centre of each
-        cell only, and ``size - g * diagonal / 2`` is a bound for the whole cell, so that no
-        small size is overlooked, however far it lies between the samples.  Without it, the
-        size is asked for at the centre and at the corners, and one that is small somewhere
-        between them only is overlooked.
+        Bound on the gradient of the size.  If it is given, the size is evaluated at the centre
+        of each cell only, and ``size - g * diagonal / 2`` is a lower bound in the whole cell;
+        no small size is missed.  If it is omitted, the size is evaluated at the centre and at
+        the corners, and a small size between these points is missed.
 
     Returns
     -------
@@ -101,15 +101,15 @@ def refine_to_size(
     Raises
     ------
     ValueError
-        If ``factor`` is not positive or ``g`` is negative; when the criterion is asked, if
-        ``size`` does not return one number per point, or returns one that is not positive.
+        If ``factor`` is not positive or ``g`` is negative.  The criterion raises a ValueError
+        if ``size`` does not return one number per point, or returns one that is not positive.
 
     Notes
     -----
-    With ``g`` leaves may come out smaller than need be, for the size is taken to fall from
-    the centre to a corner as fast as it may: a cube is refined if its edge is longer than
-    ``factor * size / (1 + factor * g * sqrt(dim) / 2)``, size at its centre.  The gradient
-    of a `SizeFunction` may exceed the limit that its nodal values obey, in some cells.
+    With ``g``, leaves may be smaller than necessary, because the criterion assumes the steepest
+    decrease from the centre to a corner.  A cube is refined if its edge is longer than
+    ``factor * size / (1 + factor * g * sqrt(dim) / 2)``, with the size at its centre.  In some
+    cells, the gradient of a `SizeFunction` may exceed the limit that its nodal values satisfy.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def refine_to_size(
 def _ask(
     name: str, function: PointFunction, points: FloatArray, *, positive: bool = False
 ) -> FloatArray:
-    """Return the values of a function at points, after a look at them."""
+    """Return the checked values of a function at points."""
     values = as_float_array(f"{name}(points)", function(points), (len(points),))
     bad, wanted = (~(values > 0.0), "positive") if positive else (np.isnan(values), "a number")
     refuse_where(f"{name}(points)", bad, values, f"must be {wanted}")

@@ -33,41 +33,42 @@ _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
 class Boundary(NamedTuple):
-    """The boundary of a mesh and where it lies in that mesh."""
+    """The boundary of a mesh and its relation to that mesh."""
 
     mesh: SimplexMesh
-    """The boundary facets as a mesh of their own, normals outward."""
+    """The boundary facets as a separate mesh, normals outward."""
     nodes: IntArray
-    """``nodes[i]`` is the node of the whole mesh that boundary node i is."""
+    """``nodes[i]`` is the node of the whole mesh at boundary node i."""
     cells: IntArray
-    """``cells[f]`` is the cell of the whole mesh that boundary facet f belongs to."""
+    """``cells[f]`` is the cell of the whole mesh that owns boundary facet f."""
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
 class SimplexMesh(ReadOnlyState):
     """Simplices of one kind: triangles (in the plane or in space), tetrahedra or segments.
 
-    Cells may be given in any orientation, may be degenerate, and need not form a
-    manifold; nodes may belong to no cell.  Arrays that the caller could still write
-    into are copied, and all are read-only afterwards.  Topology is worked out on
-    first use and kept.
+    Cells may have any orientation, may be degenerate, and need not form a manifold.  Nodes
+    may belong to no cell.  Arrays that the caller could still modify are copied; all arrays
+    are read-only afterwards.  Topology is computed on first use and cached.
 
     Parameters
     ----------
     points : array_like of float, shape (n_points, dim)
-        Coordinates, ``dim`` 1 to 3, finite, in any unit of length.
+        Finite coordinates in any unit of length; ``dim`` is 1 to 3.
     cells : array_like of int, shape (n_cells, k + 1)
-        Point indices of the simplices of dimension ``k <= dim``; at least one cell.
+        Point indices of the simplices of dimension ``k <= dim``.  There must be at least one
+        cell.
     cell_tags : array_like of int, shape (n_cells,), optional
         Region of each cell.
     tagged_facets : array_like of int, shape (n_tagged, k), optional
-        Facets (edges of triangles, triangles of tetrahedra) that carry a tag:
-        boundary conditions, interfaces, creases.
+        Facets (edges of triangles, triangles of tetrahedra) that carry a tag, for example
+        for boundary conditions, interfaces or feature edges.
     facet_tags : array_like of int, shape (n_tagged,), optional
-        Their tags.
+        Tags of these facets.
     tag_names : mapping of (int, int) to str, optional
-        Names of tags, by dimension and tag: ``{(3, 1): "fluid", (2, 7): "inlet"}`` of a mesh of
-        tetrahedra names the cell tag 1 and the facet tag 7.  Gmsh's physical groups.
+        Names of tags by dimension and tag.  On a mesh of tetrahedra,
+        ``{(3, 1): "fluid", (2, 7): "inlet"}`` names the cell tag 1 and the facet tag 7.
+        These are the physical groups of Gmsh.
     point_data : mapping of str to array_like, optional
         Fields with one row per node.
     cell_data : mapping of str to array_like, optional
@@ -76,8 +77,8 @@ class SimplexMesh(ReadOnlyState):
     Raises
     ------
     ValueError
-        If a shape is wrong, a coordinate is not finite, an index is out of range,
-        a cell names a node twice, there is no cell, or a tag is not an integer of 32 bits.
+        If a shape is wrong, a coordinate is not finite, an index is out of range, a cell
+        contains a node twice, there is no cell, or a tag is not a 32-bit integer.
 
     Examples
     --------
@@ -134,7 +135,7 @@ class SimplexMesh(ReadOnlyState):
         _set(self, "cell_data", _as_fields("cell_data", cell_data, n_cells))
 
     def __repr__(self) -> str:
-        """Say how many points and cells of which kind."""
+        """Return the numbers of points and cells and the kind of cells."""
         kind = _CELL_NAMES[self.cell_dim]
         return f"SimplexMesh({self.n_points} points in {self.dim}-D, {self.n_cells} {kind})"
 
@@ -155,7 +156,7 @@ class SimplexMesh(ReadOnlyState):
 
     @property
     def cell_dim(self) -> int:
-        """Dimension of the cells: 1 segments, 2 triangles, 3 tetrahedra."""
+        """Dimension of the cells: 1 for segments, 2 for triangles, 3 for tetrahedra."""
         return int(self.cells.shape[1]) - 1
 
     @property
@@ -180,7 +181,7 @@ class SimplexMesh(ReadOnlyState):
 
     @cached_property
     def signed_measures(self) -> FloatArray:
-        """Measure of each cell, negative where the cell is inverted; needs ``cell_dim == dim``."""
+        """Measure of each cell, negative if the cell is inverted; needs ``cell_dim == dim``."""
         if self.cell_dim != self.dim:
             raise ValueError(f"signed_measures needs cells of full dimension, got {self!r}")
         corners = self.points[self.cells]
@@ -189,12 +190,12 @@ class SimplexMesh(ReadOnlyState):
 
     @cached_property
     def edges(self) -> IntArray:
-        """Different edges, int32[n_edges, 2], ``i < j``, in lexicographic order."""
+        """Unique edges, int32[n_edges, 2], ``i < j``, in lexicographic order."""
         return _read_only(topology.edges_of(self.cells, self.n_points))
 
     @cached_property
     def edge_lengths(self) -> FloatArray:
-        """Length of each of ``edges``, float64[n_edges]."""
+        """Length of each edge in ``edges``, float64[n_edges]."""
         i, j = self.edges.T
         return _read_only(np.linalg.norm(self.points[i] - self.points[j], axis=1))
 
@@ -205,7 +206,7 @@ class SimplexMesh(ReadOnlyState):
 
     @property
     def facets(self) -> IntArray:
-        """Different facets, int32[n_facets, cell_dim], sorted indices, lexicographic."""
+        """Unique facets, int32[n_facets, cell_dim], sorted indices, in lexicographic order."""
         return self._facets[0]
 
     @property
@@ -221,31 +222,34 @@ class SimplexMesh(ReadOnlyState):
 
     @cached_property
     def rings(self) -> tuple[IntArray, IntArray]:
-        """Cells around each node, ``(ring_ptr, ring)``: compressed rows, cells ascending."""
+        """Cells around each node as compressed rows ``(ring_ptr, ring)``, cells ascending."""
         ring_ptr, ring = topology.rings(self.cells, self.n_points)
         return _read_only(ring_ptr), _read_only(ring)
 
     @cached_property
     def locator(self) -> SimplexLocator:
-        """Finds the cell of a point, or the closest one: ``locator.nearest(points)``."""
+        """Search tree for the cell that contains, or is closest to, each point.
+
+        See `SimplexLocator.nearest`.
+        """
         return SimplexLocator(self)
 
     @property
     def is_closed(self) -> bool:
-        """Whether no facet belongs to one cell only (a watertight surface)."""
+        """Whether every facet belongs to more than one cell, as for a watertight surface."""
         return not bool((self.facet_cell_counts == 1).any())
 
     def boundary(self) -> Boundary:
-        """Return the facets that belong to one cell only, as a mesh with the way back.
+        """Return the facets that belong to one cell only, as a mesh with indices into this one.
 
         Returns
         -------
         Boundary
-            ``mesh`` (same ``dim``, normals outward, the domain to the left of
-            2-D segments; orientation as in the owning cell if ``cell_dim < dim``),
-            ``nodes`` (its nodes in this mesh) and ``cells`` (the owners).  Tags of
-            ``tagged_facets`` that lie on the boundary become its ``cell_tags`` (0: none),
-            and keep their names.
+            ``mesh`` has the same ``dim``.  Normals point outward; in 2-D the domain lies to
+            the left of the segments.  If ``cell_dim < dim``, the orientation is that of the
+            owning cell.  ``nodes`` are the nodes in this mesh, and ``cells`` the owning cells.
+            Tags of ``tagged_facets`` on the boundary become the ``cell_tags`` of ``mesh``, 0
+            for facets without a tag, and keep their names.
 
         Raises
         ------
@@ -304,20 +308,20 @@ class SimplexMesh(ReadOnlyState):
         mesh : meshio.Mesh
             Not changed.
         kind, flatten
-            Which cells to take, and whether z = 0 is dropped: as for `read`.
+            Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
 
         Returns
         -------
         SimplexMesh
-            As `read` makes it of a file: cells of the highest dimension, others than simplices
-            split; tags from the cell data of a known name (``"cell_tags"``,
-            ``"gmsh:physical"``, ...), names of tags from ``field_data``.  Cell sets are not
-            taken.
+            The mesh that `read` returns for a file with the same contents.  It has the cells
+            of the highest dimension; cells that are not simplices are split.  Tags come from
+            cell data of a known name (``"cell_tags"``, ``"gmsh:physical"``, ...), their names
+            from ``field_data``.  Cell sets are ignored.
 
         Raises
         ------
         ValueError
-            If it is no ``meshio.Mesh`` or holds no such cells.
+            If the argument is not a ``meshio.Mesh`` or has no such cells.
 
         Warns
         -----
@@ -341,20 +345,21 @@ class SimplexMesh(ReadOnlyState):
         Parameters
         ----------
         tag_name : str, default "cell_tags"
-            The cell data that get the tags.  ``"gmsh:physical"`` for files of Gmsh, which meshio
-            writes with groups as ``file_format="gmsh22"`` (its version 4.1 leaves them out):
-            cells without a tag are a group of their own then, as for `write`.
+            Name of the cell data for the tags.  Use ``"gmsh:physical"`` for files of Gmsh.
+            meshio writes these with groups as ``file_format="gmsh22"``; in version 4.1 of the
+            format it omits them.  Cells without a tag then form a separate group, as for
+            `write`.
 
         Returns
         -------
         meshio.Mesh
-            Tagged facets are a second block of cells, on which other cell data are NaN (integers:
-            0).  Names of tags are in ``field_data``, as those of Gmsh's groups.
+            Tagged facets form a second block of cells.  Other cell data are NaN there, or 0
+            for integers.  Names of tags are in ``field_data``, like those of Gmsh's groups.
 
         Raises
         ------
         ValueError
-            If two tags have the same name, or a field is not of numbers.
+            If two tags have the same name, or a field is not numeric.
         """
         from adaptsize._formats import conversion
 
@@ -369,19 +374,21 @@ class SimplexMesh(ReadOnlyState):
         Parameters
         ----------
         mesh : pyvista.DataSet
-            An ``UnstructuredGrid``, ``PolyData`` or any other.  Not changed.
+            An ``UnstructuredGrid``, ``PolyData`` or any other data set.  Not changed.
         kind, flatten
-            Which cells to take, and whether z = 0 is dropped: as for `read`.
+            Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
 
         Returns
         -------
         SimplexMesh
-            As `read` makes it of a file; names of tags are those that `to_pyvista` writes.
+            The mesh that `read` returns for a file with the same contents.  Names of tags are
+            those that `to_pyvista` writes.
 
         Raises
         ------
         ValueError
-            If it is no data set, holds no such cells, or polygons of more than four corners.
+            If the argument is not a data set, has no such cells, or has polygons of more than
+            four corners.
 
         Warns
         -----
@@ -398,9 +405,9 @@ class SimplexMesh(ReadOnlyState):
         Returns
         -------
         pyvista.UnstructuredGrid
-            Tags are the cell data ``"cell_tags"``.  Tagged facets are further cells, on which other
-            cell data are NaN (integers: 0).  Names of tags are texts in the field data
-            ``"tag_names"``.  Points of plane meshes get z = 0.
+            Tags are the cell data ``"cell_tags"``.  Tagged facets are additional cells, on which
+            other cell data are NaN, or 0 for integers.  Names of tags are strings in the field
+            data ``"tag_names"``.  Points of plane meshes get z = 0.
         """
         from adaptsize._formats import conversion
 
@@ -418,17 +425,17 @@ class SimplexMesh(ReadOnlyState):
             point_data={**self.point_data, **_as_arrays("point_data", point_data)},
             cell_data={**self.cell_data, **_as_arrays("cell_data", cell_data)},
         )
-        for name, value in self.__dict__.items():  # what cached_property has stored
+        for name, value in self.__dict__.items():  # values of cached properties
             new.__dict__.setdefault(name, value)
         return new
 
 
 def _set(mesh: SimplexMesh, name: str, value: object) -> None:
-    object.__setattr__(mesh, name, value)  # the way in for a frozen dataclass
+    object.__setattr__(mesh, name, value)  # needed for a frozen dataclass
 
 
 def _own(array: npt.NDArray[Any], given: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Return ``array`` read-only, copied if the caller could still write into it."""
+    """Return ``array`` read-only, copied if the caller could still modify it."""
     theirs = isinstance(given, np.ndarray) and np.may_share_memory(array, given)
     if theirs and given.flags.writeable:  # type: ignore[union-attr]
         array = array.copy()

@@ -12,10 +12,10 @@ from adaptsize.typing import IntArray
 
 
 class SplitMesh(NamedTuple):
-    """A mesh some edges of which were split."""
+    """A mesh in which some edges were split."""
 
     mesh: SimplexMesh
-    """Old nodes first, then one new node per split edge; without data and tags of facets."""
+    """The old nodes, then one new node per split edge; without data and facet tags."""
     split_edges: npt.NDArray[np.intp]
     """New node k lies in the middle of edge ``split_edges[k]`` of the old mesh."""
 
@@ -23,8 +23,8 @@ class SplitMesh(NamedTuple):
 def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     """Return triangles with a new node in the middle of each chosen edge.
 
-    A triangle is cut into 2, 3 or 4 according to how many of its edges are
-    chosen; its tag goes to the parts, which keep its orientation.
+    A triangle is split into 2, 3 or 4 triangles, depending on the number of chosen edges.
+    They keep its tag and orientation.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     parts, owners = [mesh.cells[count == 0]], [np.flatnonzero(count == 0)]
     for n, cut in ((1, _into_two), (2, _into_three), (3, _into_four)):
         rows = np.flatnonzero(count == n)
-        # Turn each triangle so that the edge that differs from the others is opposite to 0.
+        # Rotate each triangle so that the edge that differs from the others is opposite to 0.
         odd = (middles[rows] >= 0) if n == 1 else (middles[rows] < 0)
         turn = (np.argmax(odd, axis=1)[:, None] + np.arange(3)) % 3
         corners = np.take_along_axis(mesh.cells[rows], turn, axis=1)

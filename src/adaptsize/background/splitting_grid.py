@@ -1,4 +1,4 @@
-"""Boxes of a Cartesian grid cut into simplices."""
+"""Splitting of the boxes of a Cartesian grid into simplices."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from adaptsize.typing import BoolArray, IntArray
 
 
 def simplices_of_boxes(shape: tuple[int, ...]) -> IntArray:
-    """Cut each box of a grid into its Kuhn simplices, mirrored from box to box.
+    """Return the Kuhn simplices of each box of a grid, mirrored from box to box.
 
     A Kuhn simplex follows the axes, in one of the ``dim!`` orders, from one corner of the
-    box to the opposite one.  The first corner is the one of even indices, so that
-    neighbouring boxes are mirror images and cut the face between them alike.
+    box to the opposite one.  The first corner is the one with even indices.  Neighbouring boxes
+    are therefore mirror images and split the face between them in the same way.
 
     Parameters
     ----------
@@ -45,15 +45,16 @@ def simplices_of_boxes(shape: tuple[int, ...]) -> IntArray:
 
 
 def both_ways(finite: BoolArray, active: BoolArray | None) -> IntArray:
-    """Return the triangles into which both diagonals cut the whole boxes of a plane grid.
+    """Return the triangles into which both diagonals split the whole boxes of a plane grid.
 
-    Where data are finite at three corners, only those of the diagonal to the fourth: the other
-    would be a short cut for data along lines that turn a corner there.
+    If data are finite at exactly three corners, only the triangles of the diagonal to the fourth
+    corner are returned.  The other diagonal would be a short cut for data along a line that
+    turns a corner there.
 
     Parameters
     ----------
     finite : bool[shape]
-        Where there are data.
+        Nodes with data.
     active : bool[shape], optional
         Active nodes; all by default.
 

@@ -30,7 +30,7 @@ def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
 
 
 def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, IntArray]:
-    """Return the different rows, each sorted, in lexicographic order, and each row's number.
+    """Return the unique sorted rows in lexicographic order, and the number of each row.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, I
 
 
 def edges_of(cells: IntArray, n_points: int) -> IntArray:
-    """Return the different edges of simplices, int32[n_edges, 2], ``i < j``, lexicographic."""
+    """Return the unique edges of simplices, int32[n_edges, 2], ``i < j``, lexicographic."""
     pairs = [cells[:, pair] for pair in combinations(range(cells.shape[1]), 2)]
     return unique_rows(np.concatenate(pairs), n_points)[0]
 
 
 def facets_of(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
-    """Return the different facets of simplices and the facets of each cell.
+    """Return the unique facets of simplices and the facets of each cell.
 
     Returns
     -------

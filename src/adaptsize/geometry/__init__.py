@@ -1,4 +1,4 @@
-"""What the domain looks like; knows nothing of sizes."""
+"""Geometry of the domain, independent of sizes."""
 
 from adaptsize.geometry.curvature import (
     corner_curvature,

@@ -1,15 +1,15 @@
-"""The boundary of a flat domain, decided once for all that looks along straight lines.
+"""The boundary of a flat domain, shared by all methods that use lines of sight.
 
-Which facets of a mesh are *walls*:
+The *walls* are defined as follows:
 
-* a facet of one cell is a wall, and so are both faces of a crack or slit;
-* a facet of several cells is one if all of them lie on the same side of it (a fold);
-* cells listed twice change nothing;
-* cells without measure are taken away as long as one of their facets has no other cell,
-  as flat cells on the hull; what then remains of them joins the cells on both sides, as between
-  an edge and the two halves that it should have;
-* where the nodes of two sides of a line do not match and no such cell fills it, there is a crack,
-  with passages at the nodes that both sides share.
+* A facet of one cell is a wall, and so are both faces of a crack or slit.
+* A facet of several cells is a wall if all of them lie on the same side of it (a fold).
+* Duplicate cells have no effect.
+* Cells without measure are removed as long as one of their facets has no other cell, such as flat
+  cells on the hull.  The remaining ones join the cells on both sides, for example between an edge
+  and the two halves that it should have.
+* Where the nodes on the two sides of a line do not match and no such cell fills the gap, there is
+  a crack, with passages at the nodes that both sides share.
 
 Nodes in no cell are not in the domain.
 """
@@ -31,16 +31,16 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-#: The boundary may turn inwards by so much (radians) in a domain that counts as convex.
+#: Largest angle (radians) by which the boundary of a convex domain may turn inwards.
 FLAT = 1e-9
 
 # Facets that close up to less than this angle (radians) may lie on each other.
 _FOLDED = 1e-6
 
-# Fewer cells are not worth a second thread.
+# Smallest number of cells for a second thread.
 _MANY_CELLS = 100_000
 
-# Share of the diagonal that counts as no distance between a point and a line.
+# Distances between a point and a line below this share of the diagonal are zero.
 _SLACK = 1e-11
 
 
@@ -50,12 +50,11 @@ class FlatBoundary(NamedTuple):
     facets: IntArray
     """int32[f, dim], the domain to the left (2-D), normals outward (3-D)."""
     cells: IntArray
-    """int32[f]: a cell with measure at each."""
+    """int32[f]: a cell with measure at each facet."""
     is_simple: bool
     """Whether no wall is shared by several cells."""
     alias: IntArray | None = None
-    """int32[n_points]: for each node the one that stands for it here, where cells join nodes at
-    the same place."""
+    """int32[n_points]: representative of each node, if cells join coincident nodes."""
 
 
 class PlaneBoundary(NamedTuple):
@@ -67,11 +66,11 @@ class PlaneBoundary(NamedTuple):
     """int32[n_points]: row of each node in ``sectors``, -1 inside."""
     sectors: Sectors
     corners: IntArray
-    """int32[c]: nodes at which shortest ways may bend."""
+    """int32[c]: nodes at which shortest paths may bend."""
     free: BoolArray
-    """bool[c]: at these a way may go from one sector into another."""
+    """bool[c]: whether a path may go from one sector of the corner into another."""
     slack: float
-    """Distance from a line that counts as on it."""
+    """Distance from a line below which a point is on the line."""
 
 
 def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
@@ -99,7 +98,7 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
             break
         room = count
     rows, side, cell = rows[:count], side[:count], cell[:count]
-    if count == 0:  # nothing but folds upon folds
+    if count == 0:  # only folds
         return FlatBoundary(rows, cell, False)
     unique, group = unique_rows(rows, n)
     if (side == 0).any():
@@ -118,7 +117,7 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
 
 
 def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], bool]:
-    """Return what `kernels.sum_facets` adds up, and whether a cell has no measure at all."""
+    """Return the sums of `kernels.sum_facets`, and whether any cell has no measure."""
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
     if threads == 1 or m < _MANY_CELLS:
@@ -143,7 +142,7 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
 
 
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray | None]:
-    """Return the cells when nodes of one cell at the same place are one, and that one for each."""
+    """Return the cells with coincident nodes of a cell merged, and the representatives."""
     parent = np.arange(len(points), dtype=np.int32)
     pairs = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
     short = [rows[(points[rows[:, 0]] == points[rows[:, 1]]).all(axis=1)] for rows in pairs]
@@ -161,7 +160,7 @@ def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray,
 def _without_flat_cells(
     group: IntArray, side: npt.NDArray[np.int8], cell: IntArray, n_groups: int
 ) -> BoolArray:
-    """Return which rows are left when flat cells with a free facet are taken away, in turn."""
+    """Return which rows are left after flat cells with a free facet are removed repeatedly."""
     kept = np.ones(len(group), bool)
     while True:
         times = np.bincount(group[kept], minlength=n_groups)
@@ -172,10 +171,10 @@ def _without_flat_cells(
 
 
 def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
-    """Tell whether the domain within a boundary is convex, to 1e-9 radians.
+    """Return whether the domain within a boundary is convex, to 1e-9 radians.
 
-    Rigorous: folds, cracks, holes and several components are all found.  The domain can
-    only end at a wall; and a closed boundary that nowhere turns inwards and winds around once
+    The test is rigorous: folds, cracks, holes and several components are all detected.  The domain
+    can only end at a wall, and a closed boundary that never turns inwards and winds around once
     is that of a convex domain.
     """
     if not boundary.is_simple or len(boundary.facets) == 0:
@@ -223,7 +222,7 @@ def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, Floa
 
 
 class Turns(NamedTuple):
-    """How the boundary of a solid turns at its edges."""
+    """Turning angles of the boundary of a solid at its edges."""
 
     ridges: IntArray
     """int32[r, 2]"""
@@ -256,7 +255,7 @@ def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
     cosine = np.einsum("ij,ij->i", normal, other)
     angles = np.arctan2(sine, cosine)
     angles = np.where(rise > 0.0, -angles, angles)
-    # Two facets on each other: the end of a crack, which turns inwards, or a cell without volume.
+    # Coincident facets: the end of a crack, which turns inwards, or a cell without volume.
     bad = (
         ~regular
         | ((cosine < 0.0) & (sine < _FOLDED))
@@ -269,8 +268,8 @@ def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
 def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     """Return walls, sectors and corners of a mesh of triangles in the plane.
 
-    At a node where one wall enters and one leaves there is one sector between them; at others
-    the cells are followed from wall to wall.
+    At a node where one wall enters and one leaves, there is one sector between them.  At other
+    nodes the cells are traversed from wall to wall.
     """
     points, (start, end) = mesh.points, boundary.facets.T
     n = mesh.n_points
@@ -314,7 +313,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 def _sectors(
     n: int, nodes: IntArray, owner: IntArray, cones: FloatArray
 ) -> tuple[IntArray, Sectors, FloatArray]:
-    """Return rows of nodes, their sectors, and the angles of these, 0 to 2 pi."""
+    """Return the rows of nodes, their sectors, and the angles of the sectors, 0 to 2 pi."""
     order = np.argsort(owner, kind="stable")
     owner, cones = owner[order], cones[order]
     rows = np.full(n, -1, np.int32)
@@ -334,9 +333,9 @@ def _fans(
 ) -> tuple[IntArray, FloatArray]:
     """Return the sectors at nodes with several walls: their nodes and cones.
 
-    A fan of cells begins at a wall and goes on through edges that are no walls to the
-    next wall.  Where cells are folded this need not come out: then all directions are allowed,
-    which the walls restrict enough.
+    A fan of cells begins at a wall and continues through edges that are not walls to the next
+    wall.  With folded cells this may fail.  Then all directions are allowed; the walls restrict
+    them sufficiently.
     """
     marked = np.zeros(mesh.n_points, np.bool_)
     marked[nodes] = True
@@ -369,7 +368,7 @@ def _fans(
 def _sectors_at(
     i: int, after: dict[int, int], walls: set[tuple[int, int]]
 ) -> list[tuple[int, int]]:
-    """Return the first and the last neighbour of each fan around node i; none if they are odd."""
+    """Return the first and last neighbour of each fan around node i; none if inconsistent."""
     pairs = []
     for p, next_to_p in after.items():
         if (min(i, p), max(i, p)) not in walls:

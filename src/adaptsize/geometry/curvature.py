@@ -14,14 +14,14 @@ from adaptsize._kernels import sectors as sector_kernels
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Averages that never end are refused: a value is spread over as many layers of neighbours.
+#: Largest number of averages; each spreads a value by one layer of neighbours.
 MOST_TURNS = 1000
 # A triangle whose area is below this share of its longest edge squared has no normal.
 _FLAT_SHARE = 1e-12
 
 
 class _Faces(NamedTuple):
-    normals: FloatArray  # unit, each triangle's own orientation; lent where degenerate
+    normals: FloatArray  # unit, in the orientation of each triangle; borrowed where degenerate
     areas: FloatArray  # zero where degenerate
     facet_cells: IntArray
 
@@ -37,26 +37,26 @@ class _Sectors(NamedTuple):
 def surface_curvature(
     surface: SimplexMesh, *, crease_angle: float = 40.0, smoothing: int = 0
 ) -> FloatArray:
-    r"""Return the larger principal curvature, in modulus, at the nodes of a surface.
+    r"""Return the principal curvature of larger absolute value at the nodes of a surface.
 
-    Each triangle gets the symmetric tensor that takes its edges to the differences
-    of the normals at its corners [1]_, each node the mean of these tensors by area.
-    Where creases meet a node, every sector between them has its own normal [2]_ and
-    its own tensor, and the largest curvature counts; creases themselves are no
-    curvature of the surface (see `crease_curvature` for that of the crease lines),
-    and neither are the tips of cones.
+    Each triangle gets the symmetric tensor that maps its edges to the differences of the
+    normals at its corners [1]_.  Each node gets the area-weighted mean of these tensors.
+    At a node on feature edges (creases), every sector between them has its own normal [2]_ and
+    its own tensor, and the largest curvature is returned.  Neither feature edges nor tips of
+    cones count as curvature of the surface; see `crease_curvature` for the curvature of the
+    feature edges as curves.
 
     Parameters
     ----------
     surface : SimplexMesh
-        Triangles in space, in any orientation; open, non-manifold or non-orientable
+        Triangles in space, in any orientation.  Open, non-manifold or non-orientable
         surfaces and degenerate triangles are allowed.
     crease_angle : float, default 40
-        Edges where the normals of the two triangles differ by more, in degrees, from 0 to
-        180, are creases; so are edges of one, three or more triangles.  Must exceed
-        the angle between the facets of a tessellated smooth surface.
+        Edges where the normals of the two triangles differ by more than this angle are feature
+        edges; so are edges of one, three or more triangles.  In degrees, from 0 to 180.  The
+        angle must exceed that between the facets of a tessellated smooth surface.
     smoothing : int, default 0
-        How often the tensors are averaged over the triangles of each node; 1 or 2 for
+        How often the tensors are averaged over the triangles of each node.  Use 1 or 2 for
         scanned, noisy surfaces.
 
     Returns
@@ -71,11 +71,11 @@ def surface_curvature(
 
     Notes
     -----
-    O(n) time and memory.  Exact to rounding on spheres and on circular cylinders cut
-    into strips, however long and thin.  On other irregular triangulations it is accurate to
-    some per cent; on those that are images of regular ones it is of second order.
-    Where a smooth blend ends in a flat facet the node on the seam, and the next in
-    part, sees a mean of the curvatures on both sides.
+    Time and memory are O(n).  The result is exact to rounding on spheres and on circular
+    cylinders cut into strips of any aspect ratio.  On other irregular triangulations it is
+    accurate to a few per cent; on images of regular triangulations it is of second order.
+    Where a smooth blend ends in a flat facet, the node on the seam gets a mean of the
+    curvatures on both sides; the next node is affected in part.
 
     References
     ----------
@@ -104,10 +104,10 @@ def surface_curvature(
 def corner_curvature(
     surface: SimplexMesh, *, crease_angle: float = 40.0, smoothing: int = 0
 ) -> FloatArray:
-    """Return the larger principal curvature, in modulus, at each corner of each triangle.
+    """Return the principal curvature of larger absolute value at each corner of each triangle.
 
-    The corners of a node differ only across creases: at the rim of a cylinder those of
-    the flat cap have none.
+    The corners at a node differ only across feature edges.  At the rim of a cylinder, for
+    example, the corners of the flat cap have curvature 0.
 
     Parameters
     ----------
@@ -147,14 +147,14 @@ def corner_curvature(
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArray:
-    """Return the edges of a surface that are boundary, non-manifold or sharp.
+    """Return the feature edges of a surface: boundary, non-manifold and sharp edges.
 
     Parameters
     ----------
     surface : SimplexMesh
         Triangles in space, in any orientation.
     crease_angle : float, default 40
-        Edges with a larger angle between the two normals are sharp; degrees.
+        Edges with a larger angle between the two normals are sharp; in degrees.
 
     Returns
     -------
@@ -181,20 +181,20 @@ def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArra
 
 
 def crease_curvature(surface: SimplexMesh, *, crease_angle: float = 40.0) -> FloatArray:
-    """Return the curvature of the crease lines of a surface at its nodes.
+    """Return the curvature of the feature edges of a surface, as curves, at its nodes.
 
     Parameters
     ----------
     surface : SimplexMesh
         Triangles in space, in any orientation.
     crease_angle : float, default 40
-        As for `crease_edges`, and for the corners of the crease lines.
+        As for `crease_edges`; also used for the corners of the curves.
 
     Returns
     -------
     ndarray of float64, shape (n_points,)
-        Curvature, 1 / length, >= 0; 0 off the creases and where `polyline_curvature`
-        has none.
+        Curvature, 1 / length, >= 0.  It is 0 at nodes on no feature edge and where
+        `polyline_curvature` is 0.
 
     Raises
     ------
@@ -210,26 +210,27 @@ def crease_curvature(surface: SimplexMesh, *, crease_angle: float = 40.0) -> Flo
 def polyline_curvature(line: SimplexMesh, *, crease_angle: float = 40.0) -> FloatArray:
     r"""Return the curvature of polylines at their nodes.
 
-    That of the circle through a node and its two neighbours [1]_,
+    This is the curvature of the circle through a node and its two neighbours [1]_,
 
     .. math:: \kappa = 2 \sin\theta / |a - c|,
 
-    with the turning angle :math:`\theta` at the node and its neighbours a and c.  It
-    is exact for circles whatever the spacing, where turning angle over mean length
-    is too large by the square of the spacing.
+    with the turning angle :math:`\theta` at the node and its neighbours a and c.  It is exact
+    for circles with any spacing.  The turning angle divided by the mean length would have an
+    error of second order in the spacing.
 
     Parameters
     ----------
     line : SimplexMesh
         Segments in the plane or in space, in any orientation.
     crease_angle : float, default 40
-        Nodes where the line turns by more, in degrees, from 0 to 180, are corners.
+        Nodes where the line turns by more than this angle are corners.  In degrees, from 0 to
+        180.
 
     Returns
     -------
     ndarray of float64, shape (n_points,)
-        Curvature, 1 / length, >= 0; 0 at corners, at ends, where three or more
-        segments meet, beside a segment of length zero, and at nodes in no segment.
+        Curvature, 1 / length, >= 0.  It is 0 at corners, at ends, where three or more segments
+        meet, next to a segment of length zero, and at nodes in no segment.
 
     Raises
     ------
@@ -280,7 +281,7 @@ def _twice_area(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
-    """Return curvatures with those of radius above 10^7 diagonals, which are noise, at zero."""
+    """Set curvatures of radius above 10^7 diagonals, which are noise, to zero (In/Out)."""
     kappa[kappa * mesh.diagonal < 1e-7] = 0.0
     return kappa
 
@@ -333,9 +334,9 @@ def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: f
     normal_kernels.fill_fan_angles(
         surface.points, surface.cells, sectors.fan, sectors.fan_ptr, angles
     )
-    # Facets of a smooth surface turn by less than the crease angle, and the normal of a
-    # fan is off by no more than half of that.  Fans at corners and along creases lean on
-    # each other, hence in turns.
+    # Facets of a smooth surface turn by less than the crease angle, and the error of the
+    # normal of a fan is at most half of that.  Fans at corners and along feature edges depend
+    # on each other; hence they are corrected alternately.
     limit = math.tan(0.5 * min(angle, 0.5 * math.pi))
     for corners in (True, False, True, False):
         corrected = normals.copy()

@@ -13,25 +13,25 @@ from adaptsize.geometry.curvature import crease_edges
 
 
 def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
-    """Return a surface with a tag for each of its faces, which feature edges separate.
+    """Return a surface with a tag for each face; faces are separated by feature edges.
 
-    A file such as STL has triangles, but no faces.  Their tags are kept by `remesh`, take sizes by
-    `RegionSource` and boundary conditions in a solver.
+    A file such as STL contains triangles but no faces.  The tags are kept by `remesh`.  They can
+    be used to prescribe sizes with `RegionSource`, and boundary conditions in a solver.
 
     Parameters
     ----------
     surface : SimplexMesh
         Triangles in space, in any orientation.
     angle : float, default 40
-        Edges with a larger angle between the normals of their two triangles, in degrees, from 0
-        to 180, are feature edges; so are edges of one, three or more triangles.
+        Edges with a larger angle between the normals of their two triangles are feature edges;
+        so are edges of one, three or more triangles.  In degrees, from 0 to 180.
 
     Returns
     -------
     SimplexMesh
-        The same mesh with ``cell_tags`` 1 to n, in place of those it had: triangles have the same
-        tag if a path through other edges connects them.  Faces are numbered in the order of their
-        first triangles.
+        The same mesh with ``cell_tags`` 1 to n instead of the given ones.  Triangles have the
+        same tag if they are connected by a path that crosses no feature edge.  Faces are numbered
+        in the order of their first triangles.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
 
     Notes
     -----
-    O(n) time and memory.  A feature edge that ends inside a face does not divide it.
+    Time and memory are O(n).  A feature edge that ends inside a face does not divide it.
 
     Examples
     --------

@@ -18,9 +18,9 @@ _Nodes = npt.NDArray[np.int64]
 
 # A kink by 90 degrees leaves a gradient of 0.71; a circle of a radius of one spacing, 0.75.
 _TOLERANCE = 0.25
-# Of averages: the rest is rounding.
+# Smaller weights of averages are below rounding.
 _LEAST_WEIGHT = 1e-12
-# Indices of so many nodes are made at once.
+# Number of nodes per batch.
 _NODES_AT_ONCE = 1_000_000
 
 
@@ -34,53 +34,55 @@ def level_set_curvature(
     smoothing: int = 0,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
-    r"""Return the principal curvatures of the boundary that a distance function describes.
+    r"""Return the principal curvatures of the boundary given by a distance function.
 
-    In the plane, with the derivatives of phi at the node by central differences [1]_,
+    Derivatives of phi at the nodes are central differences.  In the plane, the curvature is [1]_
 
     .. math:: \kappa = \nabla \cdot \frac{\nabla\phi}{|\nabla\phi|}
         = \frac{\phi_{xx} \phi_y^2 - 2 \phi_x \phi_y \phi_{xy} + \phi_{yy} \phi_x^2}
-        {|\nabla\phi|^3};
+        {|\nabla\phi|^3}.
 
-    in space the two values :math:`H \pm \sqrt{H^2 - G}` of the mean and the Gaussian
-    curvature H and G [2]_.  That is the curvature of the level set through the node, whose radius
-    differs from that of the boundary by the distance phi.  Going back,
+    In space, the principal curvatures are :math:`H \pm \sqrt{H^2 - G}` with the mean and Gaussian
+    curvature H and G [2]_.  These are curvatures of the level set through the node, whose radius
+    differs from that of the boundary by the distance phi.  The curvature of the boundary is
 
     .. math:: \kappa_b = \kappa / (1 - \kappa \phi)
 
-    for each principal curvature, which is exact for circles, spheres, cylinders, lines and planes.
-    (Formula (3) of [1]_ has a plus there, which does not fit phi < 0 inside.)
+    for each principal curvature.  This is exact for circles, spheres, cylinders, lines and planes.
+    (Formula (3) of [1]_ has a plus sign, which does not agree with phi < 0 inside.)
 
     Parameters
     ----------
     grid : CartesianGrid
-        In the plane or in space; a spacing for each axis is fine.
+        Grid in the plane or in space.  The spacing may differ between axes.
     phi : array_like of float, of ``grid.shape``
-        Signed distance to the boundary, negative inside.  NaN and inf are nodes where it is not
-        known: no value at them nor at their neighbours.  Nodes that are not active have no
-        value, but differences at their neighbours use theirs.
+        Signed distance to the boundary, negative inside.  NaN and inf mark nodes where it is not
+        known; these nodes and their neighbours get no value.  Inactive nodes get no value either,
+        but differences at their neighbours use their phi.
     at_boundary : bool, default True
-        Curvature of the boundary at the closest point; False: of the level set of the node.
+        True: curvature of the boundary at the closest point.  False: curvature of the level set
+        through the node.
     band : float, default inf
-        No values at nodes with ``abs(phi)`` above so many of the largest spacing.
+        Nodes with ``abs(phi)`` above this number of largest spacings get no value.
     gradient_tolerance : float, default 0.25
-        No values where the differences give a gradient whose length is off 1 by more.  It is
-        :math:`\cos(\theta / 2)` at nodes on a kink where phi turns by :math:`\theta`, and
-        1 - h^2 / (4 r^2) at worst on a circle of radius r with the spacing h.
+        Nodes where the length of the discrete gradient differs from 1 by more get no value.  The
+        length is :math:`\cos(\theta / 2)` at nodes on a kink where phi turns by :math:`\theta`,
+        and at worst 1 - h^2 / (4 r^2) on a circle of radius r with the spacing h.
     smoothing : int, default 0
         How often phi is averaged, with weights 1/4, 1/2, 1/4 along each axis, before it is
-        differentiated twice: over sqrt(smoothing / 2) spacings, in standard deviations.  1 or 2 for
-        noise, some 20 for distances from images; kinks of phi are smeared as far.
+        differentiated twice.  The standard deviation of the filter is sqrt(smoothing / 2)
+        spacings, by which kinks of phi are smeared, too.  Use 1 or 2 for noise and about 20 for
+        distances from images.
     progress : callable or bool, optional
-        Called with a text and the share done; True draws a bar.
+        Called with a text and the fraction completed; True shows a progress bar.
 
     Returns
     -------
     ndarray of float64, of ``grid.shape`` and ``dim - 1``
-        1 / length, positive where the inside is convex (a disc has 1 / r), the larger one first.
-        NaN where there is no honest value: on the border of the grid, at nodes that are not active
-        or outside the band, next to unknown phi, at kinks, and with ``at_boundary`` where
-        the closest point is not unique: :math:`1 - \kappa \phi \le 0`.
+        Curvatures, 1 / length, the larger one first; positive where the inside is convex (1 / r
+        for a disc).  NaN where no reliable value exists: on the border of the grid, at inactive
+        nodes, outside the band, next to unknown phi, at kinks, and with ``at_boundary`` where
+        the closest point is not unique, :math:`1 - \kappa \phi \le 0`.
 
     Raises
     ------
@@ -89,16 +91,16 @@ def level_set_curvature(
 
     See Also
     --------
-    adaptsize.geometry.surface_curvature : the same from triangles.
-    adaptsize.size_from_curvature : takes phi, too.
+    adaptsize.geometry.surface_curvature : Curvature of triangulated surfaces.
+    adaptsize.size_from_curvature : Size from the curvature; also accepts phi.
 
     Notes
     -----
-    O(n) time, 8 (dim - 1) bytes per node of memory.  Second order in the spacing where the
-    boundary is smooth: on a circle of radius r the relative error is up to h^2 / (4 r^2).
-    Errors e of the distance itself enter as e / h^2.  Corners are no kinks for nodes on their
-    round side, where phi is the distance to a point: the curvature found there is
-    large, of the order of 1 / h or above.
+    The time is O(n), and memory is 8 (dim - 1) bytes per node.  The error is of second order in
+    the spacing where the boundary is smooth; on a circle of radius r the relative error is at
+    most h^2 / (4 r^2).  An error e of the distance itself contributes e / h^2.  For nodes on the
+    convex side of a corner, phi is the distance to a point and has no kink; the curvature there
+    is large, of the order of 1 / h or above.
 
     References
     ----------
@@ -109,7 +111,7 @@ def level_set_curvature(
 
     Examples
     --------
-    A disc of radius 0.5, from nodes inside and outside, with the correction and without:
+    A disc of radius 0.5, at nodes inside and outside, with and without the correction:
 
     >>> import numpy as np
     >>> from adaptsize import CartesianGrid
@@ -155,7 +157,7 @@ def curvature_at_nodes(
     Returns
     -------
     ndarray of float64, shape (m, dim - 1)
-        The larger one first, NaN where there is no honest value.
+        The larger one first; NaN where no reliable value exists.
     """
     smooth = _smoothed(phi, smoothing)
     return _curvature_at(grid, smooth, phi, nodes, gradient_tolerance, True)
@@ -169,7 +171,7 @@ def as_level_set(name: str, value: npt.ArrayLike, grid: CartesianGrid) -> FloatA
 
 
 def _nodes_within(grid: CartesianGrid, phi: FloatArray, width: float, start: int) -> _Nodes:
-    """Return those of a part of the nodes that are active and not farther from phi = 0."""
+    """Return the active nodes of a batch with ``abs(phi) <= width``."""
     part = slice(start, start + _NODES_AT_ONCE)
     wanted = np.abs(phi.ravel()[part]) <= width
     if grid.active is not None:
@@ -196,7 +198,7 @@ def _curvature_at(
 
 
 def _smoothed(phi: FloatArray, times: int) -> FloatArray:
-    """Return values averaged with their neighbours along each axis, some times."""
+    """Return values averaged with their neighbours along each axis, several times."""
     turns = as_whole_number("smoothing", times, lower=0, upper=MOST_TURNS)
     if turns == 0:
         return phi

@@ -1,4 +1,4 @@
-"""What `limit_gradient` hands to the schemes of a kind of background."""
+"""The input of the limiting schemes."""
 
 from __future__ import annotations
 
@@ -34,5 +34,5 @@ class Problem:
     threads: int | None
     point_sources: PointBounds | None
     residual: bool
-    """Whether to measure the residual."""
+    """Whether to compute the residual."""
     report: ProgressCallback

@@ -60,7 +60,7 @@ def refuse_others(
     then, now = info.record.transform, transform
     same = then is now or (then is not None and now is not None and then.is_same_limit(now))
     if not (same and _equal(before.slope.values, problem.slope.values)):
-        raise ValueError("initial must come from a call with the same g, but g is another one now")
+        raise ValueError("initial must come from a call with the same g, got a different g")
     for name in ("order", "face_sources", "floor"):
         then, now = getattr(before, name), getattr(problem, name)
         if then != now:

@@ -42,39 +42,42 @@ def signed_distance(
 ) -> FloatArray:
     r"""Return the distance of each node to a boundary, negative inside.
 
-    Distances are straight ones in the plane or in space, whatever lies between.
+    Distances are Euclidean: they are measured along straight lines, also across the boundary.
 
     Parameters
     ----------
     background : SimplexMesh, CartesianGrid or Octree
-        Where the nodes are; meshes with triangles in the plane or tetrahedra.  The inactive
-        nodes of a grid have distances as well.
+        Mesh, grid or octree with the nodes.  A mesh must consist of triangles in the plane or
+        of tetrahedra.  Inactive nodes of a grid get distances as well.
     boundary : SimplexMesh, callable or array_like, optional
-        *SimplexMesh*: triangles in space, segments in the plane.  They may be dirty: holes,
-        slivers, cracks, repeated nodes, facets that overlap or cross.
+        *SimplexMesh*: triangles in space or segments in the plane.  The mesh may be defective:
+        holes, slivers, cracks, repeated nodes, and facets that overlap or intersect are
+        allowed.
 
-        *callable*: takes points, float64[n, dim], and gives n finite numbers, negative
-        inside.  It need not be a distance, but change its sign at the boundary, and have a
-        gradient there; it is asked for points a little off the background, too.
+        *callable*: takes points, float64[n, dim], and returns n finite numbers, negative
+        inside.  It need not be a distance, but it must change sign at the boundary and have a
+        gradient there.  It is also evaluated slightly outside the background.
 
-        *array of bool*, of the shape of a CartesianGrid: an image whose pixels have the nodes
-        as centres, True inside.  An object that reaches the border of the image goes on there.
+        *array of bool*, of the shape of a CartesianGrid: an image whose pixels are centred at
+        the nodes, True inside.  An object that reaches the border of the image is assumed to
+        continue beyond it.
 
         *array of float*, of the shape of a CartesianGrid: nodal values of such a function,
-        between which a cubic spline is put.
+        which are interpolated by a cubic spline.
 
-        *None*, for a SimplexMesh: its own boundary.  Its nodes have distance 0, all others are
-        inside.
+        *None*, for a SimplexMesh: its own boundary.  Its nodes have distance 0, and all others
+        are inside.
     band : float, default 3
-        In spacings, at least 1; inf allowed.  Nodes up to that distance are treated with most
-        care (see Notes): exactly for surfaces, by projection for functions and images.
+        Width in spacings, at least 1; inf is allowed.  Nodes within this distance are computed
+        most accurately (see Notes): exactly for surfaces, by projection for functions and
+        images.
     method : {"projection", "reinitialization"}
-        For functions and images: how the distances in the band are found.  Reinitialization
-        needs a CartesianGrid, and values of the function at its nodes only.
+        For functions and images: the method in the band.  Reinitialization needs a
+        CartesianGrid; it uses the values of the function at the nodes only.
     smoothing : float, default 1.5
         For boolean images: standard deviation of the low-pass filter, in pixels, >= 0.
     progress : callable or bool, optional
-        Called as ``progress(text, share)``; True: a bar on the terminal.
+        Called as ``progress(text, share)``; True shows a progress bar on a terminal.
 
     Returns
     -------
@@ -92,45 +95,46 @@ def signed_distance(
 
     Notes
     -----
-    *Surfaces.*  On grids distances in the band are exact to rounding: every facet is compared
-    with all nodes around it.  Beyond, nodes hand on their nearest facet to their neighbours,
-    which walk on from it to the nearest one around.  The result is the distance of a facet,
-    so never too small; it is too large, by a few hundredths of a spacing, where many facets
-    are equally near, at the centre of a sphere say.  With ``band=inf``, and on other
-    backgrounds, all distances are exact, at 25 times the time.
+    *Surfaces.*  On grids, distances in the band are exact to rounding: every facet is compared
+    with all nodes around it.  Beyond the band, nodes propagate their nearest facet to their
+    neighbours, which search from there for the nearest facet nearby.  The result is the
+    distance to some facet and hence never too small.  It is too large by a few hundredths of a
+    spacing where many facets are equally near, for example at the centre of a sphere.  With
+    ``band=inf``, and on other backgrounds, all distances are exact, at 25 times the cost.
 
-    The sign is that of the winding number [1]_, summed by a tree [2]_: inside are the nodes
-    around which the surface winds by more than a half, either way.  So all facets may be
-    oriented inward, and what is enclosed twice is inside, but a cavity must be oriented
-    against what is around it.  Facets that contradict their neighbours are turned.
-    At a hole the sign changes across the surface on which the hole takes half of all
-    directions, bulging a little from the hole, and the distance jumps from ``-d`` to ``d``
-    there, d up to the radius of the hole.  An open sheet encloses nothing: distances are
-    positive on both sides.
+    The sign follows from the winding number [1]_, summed over a tree [2]_.  A node is inside if
+    the absolute value of the winding number exceeds one half.  Hence all facets may be oriented
+    inward, and regions that are enclosed twice are inside, but a cavity must be oriented
+    opposite to the surface around it.  Facets whose orientation contradicts that of their
+    neighbours are flipped.  At a hole, the sign changes across the surface from which the hole
+    covers half of all directions; it bulges slightly from the hole.  The distance jumps from
+    ``-d`` to ``d`` there, where d is at most the radius of the hole.  An open sheet encloses
+    nothing: distances are positive on both sides.
 
-    *Functions.*  A node i in the band has the distance of the point y that solves
+    *Functions.*  A node i in the band has the distance to the point y that solves
 
     .. math:: f(y) = 0, \qquad x_i - y \parallel \nabla f(y)
 
-    by Newton's method [3]_, with derivatives by differences: for smooth f the error
-    is around 1e-9 spacings.  It starts from the foot of a neighbour, or beside the zero level
-    from where that crosses an edge, so that f is never used far from its zero level.  Farther
-    nodes take the nearest of the feet of nodes beside the zero level, and the paraboloid
-    around it: second order, and in practice a thousandth of a spacing.
-    Parts of the zero level between two neighbouring nodes of one sign are not seen.
+    by Newton's method [3]_, with finite differences as derivatives.  For smooth f the error is
+    around 1e-9 spacings.  The iteration starts from the foot of a neighbour, or next to the
+    zero level from the point where the zero level crosses an edge.  Hence f is never evaluated
+    far from its zero level.  Nodes beyond the band use the nearest foot of the nodes next to
+    the zero level, and the paraboloid around it.  This is of second order; in practice the
+    error is a thousandth of a spacing.  Parts of the zero level between two neighbouring nodes
+    of the same sign are not detected.
 
     *Reinitialization* solves :math:`\phi_t + \mathrm{sign}(f) (|\nabla \phi| - 1) = 0` to a steady
-    state [4]_, with one-sided differences of second order up to the zero level
-    [5]_; second order in the spacing and better.
+    state [4]_, with one-sided differences of second order up to the zero level [5]_.  The result
+    is at least of second order in the spacing.
 
     *Images.*  The distance to the nearest pixel of the other kind is smoothed by a filter that
-    does not shrink convex objects; after each of four rounds every pixel centre is put back to
-    its side, so that nothing is lost that has a pixel.  Mean error on discs of radius 5 to
-    80: 0.09 pixels.  To remove specks and noise, smooth before, and give the result less its
-    threshold as floats.
+    does not shrink convex objects.  After each of four passes, every pixel centre is moved back
+    to its side, so that no object of at least one pixel is lost.  The mean error on discs of
+    radius 5 to 80 is 0.09 pixels.  To remove specks and noise, smooth the image first and pass
+    the result minus its threshold as an array of floats.
 
-    Memory is 35 bytes per node of a grid for surfaces, 80 for functions and images, with the
-    result; time, 2 to 6 microseconds per node and 10 per facet.
+    Memory, including the result, is 35 bytes per node of a grid for surfaces and 80 for
+    functions and images.  The time is 2 to 6 microseconds per node and 10 per facet.
 
     References
     ----------
@@ -147,7 +151,7 @@ def signed_distance(
 
     Examples
     --------
-    The unit circle from a function with other slopes than 1:
+    The unit circle, from a function whose gradient is not 1:
 
     >>> import numpy as np
     >>> from adaptsize import CartesianGrid, signed_distance

@@ -1,4 +1,4 @@
-"""Exact closest points of a boundary, wherever they are asked for."""
+"""Exact closest points of a boundary for arbitrary points."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 #: Takes points, float64[n, dim]; returns the signed distance of each.
 DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
-# Points between two reports: about 0.2 s.
+# Points between two progress reports: about 0.2 s.
 _CHUNK = 20_000
-# Differences of a distance function are taken over this share of the extent: what they lose to
-# rounding, 1e-16 / 1e-6, is as little as what a kink nearby takes.
+# Step of finite differences, as a share of the extent.  The rounding error, 1e-16 / 1e-6, is as
+# small as the error due to a kink nearby.
 _STEP_SHARE = 1e-6
-# Gradients of a distance have length 1 to that, or differences of several fronts are mixed.
+# If the length of a gradient differs from 1 by more, the difference mixes several fronts.
 _MIXED = 1e-3
-# Where to look then, in steps: in a direction in which few kinks run.
+# The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
-# A foot must be this much closer to the boundary than where it was looked for, and ...
+# The distance of a foot from the boundary must be below this share of that of the node, and ...
 _FOOT_SHARE = 0.01
-# ... so many of the nodes must have one: all but those at the medial axis.
+# ... at least this share of the nodes must have a foot: all except those at the medial axis.
 _LEAST_FEET = 0.5
 
 
 class Depths(NamedTuple):
-    """What a boundary looks like from points."""
+    """Depths of points and directions to the boundary."""
 
     depth: FloatArray
     """Distance from the boundary, negative outside, float64[n]."""
     outward: FloatArray
-    """Gradient of the signed distance, float64[n, dim]: inside, to the closest point; 0 on it."""
+    """Gradient of the signed distance, float64[n, dim]; inside, it points to the closest point."""
 
     def feet(self, points: FloatArray) -> FloatArray:
         """Return the closest points of the boundary, float64[n, dim]."""
@@ -49,23 +49,23 @@ class Depths(NamedTuple):
 
 
 class Boundary(Protocol):
-    """Something that has a closest point for every point."""
+    """A boundary that provides the closest point for every point."""
 
     @property
     def vertices(self) -> FloatArray:
-        """Where three or more sharp edges meet, float64[n, dim]; as far as known."""
+        """Points where three or more sharp edges meet, float64[n, dim], as far as known."""
         ...
 
     def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
-        """Return what nodes see."""
+        """Return the depths of the nodes."""
         ...
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return distances without sign, for points of any shape [..., dim]."""
+        """Return unsigned distances, for points of any shape [..., dim]."""
         ...
 
     def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
-        """Return what points see; inside or not is found out unless it is told."""
+        """Return the depths of points; ``is_inside`` is computed if it is not given."""
         ...
 
 
@@ -75,7 +75,7 @@ class SurfaceBoundary:
     Parameters
     ----------
     surface : SimplexMesh
-        Dirty ones are allowed.
+        May be defective.
     """
 
     def __init__(self, surface: SimplexMesh) -> None:
@@ -111,7 +111,7 @@ class SurfaceBoundary:
 
     @cached_property
     def vertices(self) -> FloatArray:
-        """Where three or more sharp edges meet."""
+        """Points where three or more sharp edges meet."""
         if self.surface.dim == 2:
             return np.empty((0, 2))
         merged = oriented(self.surface)[0]
@@ -125,7 +125,7 @@ class SurfaceBoundary:
 
 
 class OwnBoundary(SurfaceBoundary):
-    """The boundary of the background, a mesh of full dimension, itself."""
+    """The boundary of the background itself, a mesh of full dimension."""
 
     def __init__(self, mesh: SimplexMesh) -> None:
         super().__init__(mesh.boundary().mesh)
@@ -152,8 +152,8 @@ class FunctionBoundary:
     Raises
     ------
     ValueError
-        When it is asked, if the function does not return one finite number per point; if it is
-        no distance.
+        On evaluation, if the function does not return one finite number per point, or is not a
+        distance.
     """
 
     vertices = np.empty((0, 3))
@@ -165,14 +165,14 @@ class FunctionBoundary:
     def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
         """Return what the nodes see."""
         seen = self.seen_from(background.points)
-        # Distances of less than that are differences of rounding.
+        # Smaller distances are dominated by rounding.
         away = np.abs(seen.depth) > 100.0 * self._step
         left = self.distance(seen.feet(background.points)[away])
         good = left <= _FOOT_SHARE * np.abs(seen.depth[away]) + self._step
         if away.any() and good.mean() < _LEAST_FEET:
             raise ValueError(
-                "boundary must be a signed distance: one such step along its gradient leads to "
-                f"where it is zero, got that from {good.sum()} of {away.sum()} nodes only"
+                "boundary must be a signed distance, for which a step of that length along the "
+                f"gradient ends at its zero level; this holds at {good.sum()} of {away.sum()} nodes"
             )
         report("distance", 1.0)
         return seen
@@ -185,7 +185,7 @@ class FunctionBoundary:
         """Return what points see."""
         gradient = self._gradient(points)
         length = np.linalg.norm(gradient, axis=1)
-        # Differences across a kink mix two fronts; one of them is met beside it.
+        # Differences across a kink mix two fronts; next to the kink there is only one.
         mixed = np.flatnonzero(np.abs(length - 1.0) > _MIXED)
         if len(mixed):
             beside = self._step * _BESIDE[: points.shape[1]]

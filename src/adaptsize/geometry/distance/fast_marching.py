@@ -14,14 +14,14 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid, SimplexMesh
 
-# Nodes accepted between two reports, which also let Ctrl-C through: about 0.1 s.
+# Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
 _CHUNK = 500_000
 
 # Likewise on meshes.
 _CHUNK_OF_MESH = 50_000
 
-# Nodes accepted per node of a mesh, after which changes must be larger than that to count:
-# among flat cells nodes may depend on each other in circles.
+# Acceptances per node of a mesh after which changes must be larger: among flat cells,
+# dependencies between nodes may be cyclic.
 _PATIENCE = 8
 _KEEP_ROUGHLY = 1.0 - 1e-3
 
@@ -41,17 +41,17 @@ def march_distance(
 
     .. math:: \sum_a \max\left(\frac{d - v_a}{\Delta x_a}, 0\right)^2 = 1, \qquad d \le d_0,
 
-    with the smaller neighbour :math:`v_a` along each axis: first order [1]_.
+    with the smaller neighbour :math:`v_a` along each axis.  The scheme is of first order [1]_.
 
     Parameters
     ----------
     grid : CartesianGrid
-        ``active`` does not count; give it as ``where``.
+        ``active`` is ignored; pass it as ``where``.
     seeds : float64[shape]
-        Known distances, >= 0; inf elsewhere, no NaN.  They are lowered only if another
-        seed asks for that.
+        Known distances, >= 0; inf elsewhere, no NaN.  A seed is lowered only if another seed
+        requires it.
     where : bool[shape], optional
-        Nodes that take part; distances are those of ways through them.  All by default.
+        Nodes that paths may pass through; all by default.
     report : callable
         Called with ``text`` and the share done.
     text : str, optional
@@ -97,8 +97,8 @@ def march_through_mesh(
 ) -> FloatArray:
     """Return the largest distances up to the seeds that the local updates allow.
 
-    Each node has the least of its seed and, over its cells, of the distance from the
-    side opposite to it with distances linear there: first order [1]_.
+    Each node has the minimum of its seed and of the local updates from the opposite sides of its
+    cells, on which distances are linear.  The scheme is of first order [1]_.
 
     Parameters
     ----------

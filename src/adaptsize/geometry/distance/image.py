@@ -8,13 +8,14 @@ from scipy import ndimage
 from adaptsize.background import CartesianGrid
 from adaptsize.typing import BoolArray, FloatArray
 
-# Rounds of smoothing; after each every pixel centre is put back to its side,
+# Number of smoothing passes; after each, every pixel centre is moved back to its side,
 _ROUNDS = 4
-# so far, in pixels,
+# by this distance from the zero level, in pixels.
 _ASIDE = 1e-3
-# or to where it was: if it went farther than that to the other side, as at corners,
+# The initial value is restored if a centre moved farther than this to the other side, as at
+# corners,
 _LOST = 0.25
-# and where the object, or the gap, is at most two pixels wide, if it comes nearer than that.
+# and, where the object or the gap is at most two pixels wide, if it comes nearer than this.
 _THIN = 0.25
 
 
@@ -29,9 +30,9 @@ def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
 
     Notes
     -----
-    Starts from the distance to the nearest pixel of the other kind, in pixels, less a half.
-    The filter is ``2 G - G G`` with a Gaussian G: its second moments are zero, whereas a
-    Gaussian of deviation s draws the boundary of a disc of radius r inwards by s^2 / (2 r).
+    The initial value is the distance to the nearest pixel of the other kind, in pixels, minus one
+    half.  The filter is ``2 G - G G`` with a Gaussian G.  Its second moments are zero, whereas a
+    Gaussian of deviation s moves the boundary of a disc of radius r inwards by s^2 / (2 r).
     """
     to_outside, to_inside = (ndimage.distance_transform_edt(part) for part in (mask, ~mask))
     start: FloatArray = np.where(mask, 0.5 - to_outside, to_inside - 0.5)
@@ -51,8 +52,8 @@ def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
 def _thin_parts(mask: BoolArray) -> BoolArray:
     """Return the pixels that lie in no box of three pixels along each axis within the mask.
 
-    Groups of few such pixels are left out: where a round object is flat in the direction of an
-    axis, a row of one or two pixels stands out of it.
+    Small groups of such pixels are omitted: where a round object is flat in the direction of an
+    axis, a row of one or two pixels protrudes from it.
     """
     box = np.ones((3,) * mask.ndim, np.bool_)
     padded = np.pad(mask, 3, mode="edge")

@@ -23,7 +23,7 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 #: f(points[n, dim]) -> float64[n], checked.
 Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
 
-# Nodes that are projected at once: the function is asked for several points around each.
+# Nodes per batch of the projection; the function is evaluated at several points around each.
 _NODES_AT_ONCE = 100_000
 # Steps of the search for zeros on edges.
 _CUTS = 4
@@ -228,7 +228,7 @@ def _project_part(
     """Project points that have a point near the closest one of the zero level to start from.
 
     Solves  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
-    the normal and in the tangent plane, there with the curvature along the way to x.  Where
+    the normal and in the tangent plane, there with the curvature along the path to x.  Where
     that does not settle, at kinks of f, the best iterate counts.
     """
     y = start.copy()

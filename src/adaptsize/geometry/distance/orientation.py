@@ -1,4 +1,4 @@
-"""Boundaries mended so that all facets have the domain on the same side."""
+"""Repair of the orientation of boundaries: all facets have the domain on the same side."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
 _MERGE_SHARE = 1e-9
-# A piece is a sheet, not a closed surface with holes, if its normals add up to more of its area.
+# A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals times
+# areas is above this share of its area.
 _SHEET_SHARE = 0.1
 
 
 def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
-    """Return a boundary whose normals point outward, as far as that can be told.
+    """Return a boundary whose normals point outward, as far as this can be determined.
 
-    Nodes at one place become one.  Where neighbouring facets contradict each other, the
-    fewer (by area) are turned, and then the whole piece, if it encloses a negative volume.
-    Pieces without contradictions are taken as they are, so that cavities stay cavities; if
-    all pieces together enclose a negative volume, all are turned.  Holes do not matter.
+    Coincident nodes are merged.  If the orientations of neighbouring facets are inconsistent, the
+    minority (by area) is flipped; then the whole piece is flipped if it encloses a negative
+    volume.  Consistent pieces are not changed, so that cavities remain cavities.  If all pieces
+    together enclose a negative volume, all are flipped.  Holes are allowed.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     SimplexMesh
         Nodes and cells keep their numbers; nodes that were merged into others are unused.
     int64[n_points]
-        Which node each was merged into.
+        Node into which each node was merged.
     """
     target = first_at_place(boundary.points, _MERGE_SHARE * boundary.diagonal)
     cells = _merged(boundary.cells, target)
@@ -59,7 +60,7 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
 
 
 def _merged(cells: IntArray, target: npt.NDArray[np.intp]) -> IntArray:
-    """Return the cells with merged nodes; those that would vanish keep their own."""
+    """Return the cells with merged nodes; cells that would degenerate keep their nodes."""
     new = target[cells].astype(np.int32)
     ordered = np.sort(new, axis=1)
     vanished = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
@@ -70,10 +71,10 @@ def _merged(cells: IntArray, target: npt.NDArray[np.intp]) -> IntArray:
 def _consistent(
     mesh: SimplexMesh,
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Return which cells to turn, the piece that each belongs to, and where it contradicts.
+    """Return which cells to flip, the piece of each cell, and which cells are inconsistent.
 
-    Each cell stands twice in a graph, once turned and once not; neighbours are joined in the
-    states that fit.  A piece that can be oriented falls into two components then.
+    Each cell is in a graph twice, flipped and not flipped.  Neighbours are joined in consistent
+    states.  An orientable piece then has two components.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -88,7 +89,7 @@ def _consistent(
     label = connected_components(graph, directed=False)[1]
     as_is, reversed_ = label[:n], label[n:]
     _, piece = np.unique(np.minimum(as_is, reversed_), return_inverse=True)
-    # Of the two components of a piece, that in which more of it stays as it is.
+    # Of the two components of a piece, take the one in which less area is flipped.
     kept = np.bincount(as_is, mesh.measures, 2 * n)
     turned = kept[reversed_] > kept[as_is]
     ties = (kept[reversed_] == kept[as_is]) & (reversed_ < as_is)
@@ -98,7 +99,7 @@ def _consistent(
 def _neighbours(
     mesh: SimplexMesh,
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Return pairs of cells with a facet of no other, and whether their orientations agree."""
+    """Return the pairs of cells at facets of two cells, and whether their orientations agree."""
     width = mesh.cells.shape[1]
     order = np.argsort(mesh.cell_facets, axis=None, kind="stable")
     facet = mesh.cell_facets.ravel()[order]
@@ -111,7 +112,7 @@ def _neighbours(
 def _runs_forward(
     mesh: SimplexMesh, corner: npt.NDArray[np.intp], width: int
 ) -> npt.NDArray[np.bool_]:
-    """Tell on which side of its cell the facet opposite to a corner lies, or which way it runs."""
+    """Return the direction of the facet opposite to a corner: its end, or if its nodes ascend."""
     cell, v = np.divmod(corner, width)
     if width == 2:
         return np.asarray(v == 0)
@@ -119,7 +120,7 @@ def _runs_forward(
 
 
 def _volumes(mesh: SimplexMesh, piece: npt.NDArray[np.intp]) -> FloatArray:
-    """Return the share of each cell in what its piece encloses, reckoned from its middle."""
+    """Return the contribution of each cell to the volume of its piece, relative to the centre."""
     corners = mesh.points[mesh.cells]
     count = np.bincount(piece)
     middle = np.stack(
@@ -131,7 +132,7 @@ def _volumes(mesh: SimplexMesh, piece: npt.NDArray[np.intp]) -> FloatArray:
 def _are_sheets(
     mesh: SimplexMesh, sign: FloatArray, piece: npt.NDArray[np.intp]
 ) -> npt.NDArray[np.bool_]:
-    """Tell which pieces enclose nothing: of a closed one the normals, times areas, cancel."""
+    """Return which pieces enclose nothing; for closed ones, normals times areas sum to zero."""
     edges = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
     if mesh.cell_dim == 1:
         normals = edges[:, 0, ::-1] * [1.0, -1.0]

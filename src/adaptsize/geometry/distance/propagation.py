@@ -1,4 +1,4 @@
-"""Features of a boundary handed from node to node: every node finds the nearest one."""
+"""Propagation of boundary features from node to node, so that each node finds the nearest one."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 Nodes: TypeAlias = npt.NDArray[np.int64]
 AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 
-# Accepted nodes between two reports: about 0.3 s.
+# Nodes accepted between two progress reports: about 0.3 s.
 _NODES_AT_ONCE = 200_000
 _BUCKETS = 64
 
 
 class GridFrame(NamedTuple):
-    """A grid as the kernels take it, with three axes."""
+    """A grid with three axes, as the kernels use it."""
 
     lower: FloatArray
     spacing: FloatArray
@@ -30,7 +30,7 @@ class GridFrame(NamedTuple):
 
 
 def frame_of(grid: CartesianGrid) -> GridFrame:
-    """Return a grid with axes of one node for those that it lacks."""
+    """Return a grid in which missing axes have one node."""
     missing = 3 - grid.dim
     return GridFrame(
         np.append(grid.origin, [0.0] * missing),
@@ -40,7 +40,7 @@ def frame_of(grid: CartesianGrid) -> GridFrame:
 
 
 class Features(NamedTuple):
-    """What distances are measured to; the members as `hand_on_facets` takes them."""
+    """Features to which distances are measured; fields as for `hand_on_facets`."""
 
     points: FloatArray
     facets: IntArray
@@ -56,7 +56,7 @@ def hand_on(
     nearest: IntArray,
     report: ProgressCallback,
 ) -> None:
-    """Fill distances (In/Out, inf: unknown) by what is nearest to the neighbours (In/Out)."""
+    """Fill unknown distances (In/Out, inf) from the nearest features of neighbours (In/Out)."""
     first = np.full(_BUCKETS, -1, np.int32)
     following = np.full(distance.size, -2, np.int32)
     state = np.array([-1, 0], np.int64)
@@ -70,7 +70,7 @@ def hand_on(
 
 
 def places_of(background: AnyBackground) -> Callable[[Nodes], FloatArray]:
-    """Return what gives the coordinates of nodes, float64[n, dim], by their numbers."""
+    """Return a function that maps node numbers to coordinates, float64[n, dim]."""
     if not isinstance(background, CartesianGrid):
         return lambda nodes: background.points[nodes]
     origin, spacing, shape = background.origin, background.spacing, background.shape

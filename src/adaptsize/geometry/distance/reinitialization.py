@@ -1,4 +1,4 @@
-"""The reinitialization equation: a distance near the zero level of any level set function."""
+"""Reinitialization: a distance function near the zero level of any level set function."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from adaptsize.background import CartesianGrid
 from adaptsize.geometry.distance.propagation import frame_of
 from adaptsize.typing import FloatArray, ProgressCallback
 
-# Nodes are followed so many spacings beyond the band: differences reach over two.
+# Width of the margin beyond the band in spacings; difference stencils extend over two.
 _MARGIN = 3
 # Time step over the largest stable one.
 _COURANT = 0.9
-# Iterations end when no value moves by more, in spacings.
+# The iteration stops when no value changes by more, in spacings.
 _SETTLED = 1e-5
-# A node nearer to the zero level, in spacings, stays where it is: its time step would vanish.
+# A node closer to the zero level, in spacings, is not updated: its time step would vanish.
 _ON_LEVEL = 1e-9
-# Largest number of iterations: so many, and so many per spacing that the distance must travel.
+# Largest number of iterations: a constant plus a number per spacing of the width.
 _MOST, _MOST_PER_SPACING = 20, 4
 
 
@@ -42,15 +42,15 @@ def reinitialize(
     ----------
     grid : CartesianGrid
     values : float64[shape]
-        Any positive multiple of them gives the same.
+        Level set function; a positive factor does not change the result.
     band : float
-        How far, in spacings; inf: everywhere.
+        Width of the band in spacings; inf: everywhere.
     report : callable
 
     Returns
     -------
     float64[shape]
-        Distances up to ``band`` spacings, farther on the same value with the sign.
+        Distances up to ``band`` spacings; beyond, a constant with the sign of the values.
     """
     frame = frame_of(grid)
     positive = values > 0.0
@@ -81,7 +81,7 @@ def _settle(
     spacing: float,
     report: ProgressCallback,
 ) -> FloatArray:
-    """Return phi after as many of Heun's steps as it takes."""
+    """Return phi after Heun steps until convergence."""
     nodes, most = rest[1], int(_MOST + _MOST_PER_SPACING * farthest / spacing)
     first, second = np.empty(len(nodes)), np.empty(len(nodes))
     for iteration in range(most):
@@ -98,7 +98,7 @@ def _settle(
 
 
 def _scale_of(grid: CartesianGrid, values: FloatArray) -> float:
-    """Return what makes the slope of values 1 in the middle of all edges across the zero level."""
+    """Return the factor that makes the median slope of edges across the zero level 1."""
     slopes = []
     for axis in range(grid.dim):
         change = np.diff(values > 0.0, axis=axis)

@@ -26,10 +26,10 @@ from adaptsize.geometry.distance.propagation import (
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle, same_places
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-# Facets are cut for the scan until they are so many spacings long: boxes around long
-# slanting ones would hold many nodes that are far from them.
+# Facets are split for the scan down to this length in spacings: boxes around long oblique facets
+# would contain many nodes far from them.
 _LONGEST = 6.0
-# Facets, and nodes, between two reports: about 0.2 s.
+# Facets, and nodes, between two progress reports: about 0.2 s.
 _FACETS_AT_ONCE = 20_000
 _POINTS_AT_ONCE = 20_000
 
@@ -40,11 +40,11 @@ def surface_distance(
     band: float,
     report: ProgressCallback,
 ) -> FloatArray:
-    """Return the distance of each node to a surface, without sign, of ``nodal_shape``.
+    """Return the unsigned distance of each node to a surface, of ``nodal_shape``.
 
-    On grids distances up to ``band`` spacings are exact.  Farther nodes have the distance of
-    the nearest among the facets that are nearest to their neighbours, which is exact with
-    rare exceptions.  On other backgrounds all are exact.
+    On grids, distances up to ``band`` spacings are exact.  Nodes farther away get the distance to
+    the nearest of the facets propagated by their neighbours, which is exact with rare exceptions.
+    On other backgrounds all distances are exact.
     """
     if isinstance(background, CartesianGrid) and math.isfinite(band):
         return _on_grid(background, surface, band * float(background.spacing.max()), report)
@@ -62,7 +62,7 @@ def _on_grid(
 ) -> FloatArray:
     frame = frame_of(grid)
     points, facets = _in_space(surface.points), np.array(surface.cells)
-    reach *= 1.0 + 1e-9  # nodes just within count
+    reach *= 1.0 + 1e-9  # include nodes at exactly this distance
     distance = np.full(grid.n_points, reach)
     nearest = np.full(grid.n_points, -1, np.int32)
     pieces = _short_facets(points, facets, grid, reach)
@@ -88,7 +88,7 @@ def _on_grid(
 
 
 class _Pieces:
-    """Parts of facets, none longer than wanted."""
+    """Parts of facets of limited length."""
 
     def __init__(self, points: FloatArray, facets: IntArray, owner: IntArray) -> None:
         self.points = points
@@ -99,7 +99,7 @@ class _Pieces:
 def _short_facets(
     points: FloatArray, facets: IntArray, grid: CartesianGrid, reach: float
 ) -> _Pieces:
-    """Halve facets along their longest edge until they are short; leave out far ones."""
+    """Bisect facets at their longest edge until they are short; omit distant ones."""
     longest = _LONGEST * float(grid.spacing.max())
     lower, upper = _in_space(grid.lower[None])[0] - reach, _in_space(grid.upper[None])[0] + reach
     corners, owner = points[facets], np.arange(len(facets), dtype=np.int32)
@@ -126,9 +126,9 @@ def _short_facets(
 def _seed_hull(
     grid: CartesianGrid, surface: SimplexMesh, distance: FloatArray, nearest: IntArray
 ) -> None:
-    """Give the nodes on the sides of the grid their distances, if facets may lie beyond.
+    """Set the distances of nodes on the sides of the grid, if facets may lie outside.
 
-    The way from a node to its closest point leaves the grid near one of them.
+    The segment from a node to its closest point leaves the grid near one of these nodes.
     """
     used = surface.points[np.unique(surface.cells)]
     if (used >= grid.lower).all() and (used <= grid.upper).all():
@@ -149,10 +149,11 @@ def inside_surface(
 ) -> BoolArray:
     """Return which nodes lie inside a surface, given their distances to it.
 
-    Nodes that no facet can part are asked about once, if winding numbers are whole.
+    If winding numbers are integers, they are evaluated once per group of nodes that no facet can
+    separate.
     """
     is_whole = is_cycle(surface)
-    if not is_whole:  # facets that contradict their neighbours may be all there is to mend
+    if not is_whole:  # inconsistent orientations may be the only defect
         surface = oriented(surface)[0]
         is_whole = is_cycle(surface)
     winding = WindingNumber(surface)
@@ -166,10 +167,10 @@ def inside_surface(
 
 
 def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
-    """Return for each node the number of its group, from 0 on.
+    """Return for each node the number of its group, from 0.
 
-    Neighbours whose distances to the surface add up to more than the distance between
-    them have no facet between them.
+    If the sum of the distances of two neighbours to the surface exceeds the distance between them,
+    there is no facet between them.
     """
     if isinstance(background, CartesianGrid):
         apart = distance > 0.5 * float(background.spacing.max()) * (1.0 + 1e-9)
@@ -198,7 +199,7 @@ def _nodes_of(background: AnyBackground) -> Iterator[FloatArray]:
 
 
 def _in_space(points: npt.NDArray[Any]) -> FloatArray:
-    """Return points with zeros for the coordinates that they lack, float64[n, 3]."""
+    """Return points padded with zero coordinates, float64[n, 3]."""
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points
     return padded

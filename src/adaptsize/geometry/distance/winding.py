@@ -1,4 +1,4 @@
-"""Which points lie inside a surface that may be dirty: the generalised winding number."""
+"""Inside test for surfaces that may be defective, by the generalised winding number."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from adaptsize.background.merging import place_numbers
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 _CELLS_PER_LEAF = 4
-# Parts of the surface count as a whole from so many of their radii on.
+# Parts of the surface are expanded as a whole beyond this number of their radii.
 _FAR = 1.5
-# What the expansion may be wrong by: beside an open sheet the number comes near to 1/2.
+# Tolerance for the error of the expansion: next to an open sheet the number is close to 1/2.
 _DOUBT = 0.05
-# Points between two reports: about 0.2 s.
+# Points between two progress reports: about 0.2 s.
 _CHUNK = 50_000
-# Corners nearer to each other, in diagonals of the mesh, are one when edges are matched.
+# Corners closer to each other, in diagonals of the mesh, coincide when edges are matched.
 _SAME = 1e-9
 
 
 class WindingNumber:
-    """Number of times that a surface winds around points, by a tree of dipoles.
+    """Winding number of a surface around points, by a tree of dipoles.
 
     Parameters
     ----------
@@ -31,10 +31,10 @@ class WindingNumber:
 
     Notes
     -----
-    The generalised winding number of Jacobson et al. [1]_, summed over a tree as Barill et
-    al. [2]_ do.  It is harmonic away from the surface, whole where the surface is closed, and
-    passes smoothly from one whole number to the next through holes, which is why holes,
-    slivers, cracks and repeated or overlapping facets do no harm.
+    This is the generalised winding number of Jacobson et al. [1]_, summed over a tree as by
+    Barill et al. [2]_.  It is harmonic away from the surface, an integer if the surface is
+    closed, and varies smoothly from one integer to the next through holes.  Therefore holes,
+    slivers, cracks and duplicate or overlapping facets are harmless.
 
     References
     ----------
@@ -74,14 +74,14 @@ class WindingNumber:
         return numbers
 
     def contains(self, points: FloatArray, report: ProgressCallback | None = None) -> BoolArray:
-        """Return which points the surface winds around by more than a half, either way."""
+        """Return whether the absolute winding number of each point exceeds one half."""
         return np.asarray(np.abs(self(points, report)) > 0.5 + _DOUBT)
 
 
 def is_cycle(surface: SimplexMesh) -> bool:
-    """Whether the facets, with their orientation, leave no edge over: whole winding numbers.
+    """Return whether the oriented facets have no boundary, so that winding numbers are integers.
 
-    Nodes at the same place count as one.
+    Coincident nodes are identified.
     """
     same = same_places(surface.points, surface.cells)
     cells = same[surface.cells]
@@ -101,9 +101,9 @@ def is_cycle(surface: SimplexMesh) -> bool:
 
 
 def same_places(points: FloatArray, cells: IntArray) -> IntArray:
-    """Return for each point the number of its place, from 0 on; those of equal points agree.
+    """Return for each point the number of its place, from 0; coincident points have the same.
 
-    Equal is what differs by rounding, measured by the extent of the points of cells.
+    Points coincide if they differ by rounding relative to the extent of the points of cells.
     """
     used = points[cells]
     extent = float(np.linalg.norm(used.max(axis=(0, 1)) - used.min(axis=(0, 1))))
@@ -111,7 +111,7 @@ def same_places(points: FloatArray, cells: IntArray) -> IntArray:
 
 
 def _in_space(points: FloatArray) -> FloatArray:
-    """Return points with zeros for the coordinates that they lack, float64[n, 3]."""
+    """Return points padded with zero coordinates, float64[n, 3]."""
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points
     return padded

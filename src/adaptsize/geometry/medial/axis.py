@@ -36,101 +36,105 @@ def medial_axis(
     patches: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> MedialAxis:
-    r"""Return where the fronts of a distance function meet inside the domain.
+    r"""Return points of the medial axis, where the fronts of a distance function meet.
 
-    *On a CartesianGrid* Algorithm 1 of [1]_.  Along each edge of the grid one parabola is laid
-    through the distance at three nodes on either side; a point is where they cross, if the
-    second one is steeper throughout, and the gradients on both sides differ by more than the
-    curvature of the fronts explains,
+    *On a CartesianGrid* this is Algorithm 1 of [1]_.  For each edge of the grid, one parabola is
+    fitted to the distance at three nodes on either side.  The point where the parabolas cross is
+    accepted if the second one is steeper throughout, and if the gradients on both sides differ by
+    more than the curvature of the fronts explains,
 
     .. math:: \nabla\phi_i \cdot \nabla\phi_{i+1}
               < 1 - \tfrac12 \gamma^2 \max(\kappa_{i-1}, \kappa_{i+2}, \kappa_{tol})^2 \Delta x^2 .
 
-    *On an Octree or a SimplexMesh* there is no such stencil, but the boundary tells for any point
-    where the closest one on it is.  Edges of the mesh (of the conforming one of the octree) whose
-    ends see it in directions that differ by the separation angle are halved eight times; where
-    the directions still do, they jump, and the point is where both fronts are equally
-    far.  Where they only turn fast, around a curve or a point of the axis, it is looked for on the
-    way inward from there; and the rim of the axis on the way inward from corners.
+    *On an Octree or a SimplexMesh* there is no such stencil, but the closest boundary point of
+    any point is available.  Consider the edges of the mesh (of the conforming mesh of the octree)
+    whose ends have directions to the boundary that differ by the separation angle.  They are
+    bisected eight times.  If the directions still differ, they jump, and the point of the axis is
+    where both fronts are equally far.  If they only turn rapidly, around a curve or a point of
+    the axis, the point is searched for in the inward direction from there.  The rim of the axis
+    is searched for in the inward direction from corners.
 
-    Points between two pieces of the boundary that meet at a corner are left out: there the
-    medial axis reaches the boundary, and a feature size from it would vanish.
+    Points between two pieces of the boundary that meet at a corner are omitted.  The medial axis
+    reaches the boundary there, and the feature size would vanish.
 
     Parameters
     ----------
     background : CartesianGrid, Octree or SimplexMesh
-        Inactive nodes of a grid count as missing.  Meshes of triangles in the plane or
-        tetrahedra.
+        Inactive nodes of a grid are treated as missing.  Meshes must consist of triangles in the
+        plane or of tetrahedra.
     boundary : SimplexMesh, callable or array_like of float
-        *SimplexMesh*: triangles in space, segments in the plane, as `signed_distance` takes them.
+        *SimplexMesh*: triangles in space or segments in the plane, as for `signed_distance`.
 
-        *array of float*, on a CartesianGrid only: signed distance at the nodes, negative inside;
-        exact to well below a spacing at three nodes on either side of the medial axis.
+        *array of float*, on a CartesianGrid only: signed distance at the nodes, negative inside.
+        Its error must be well below a spacing at three nodes on either side of the medial axis.
 
-        *callable*: takes points, float64[n, dim], and gives n signed distances, negative inside;
-        on octrees and meshes exact ones, asked for anywhere; on grids as for `signed_distance`.
+        *callable*: takes points, float64[n, dim], and returns n signed distances, negative
+        inside.  On octrees and meshes they must be exact, and points may lie anywhere.  On grids
+        the requirements are those of `signed_distance`.
 
         *None*, for a SimplexMesh: its own boundary.
     corner_angle : float, optional
-        Least angle between two pieces inside the domain, in degrees, 0 to 180, from which on
-        they form a corner; a smaller one is a narrow place.
+        Smallest angle inside the domain between two pieces that form a corner, in degrees, 0 to
+        180.  Two pieces at a smaller angle form a narrow region.
     separation_angle : float, optional
-        On octrees and meshes: least angle between the directions to the boundary at a point,
-        degrees, above 0, at most 180; 40 by default.  What turns by less is curved, or
-        noise, or facets of a curved boundary.
+        On octrees and meshes: smallest angle between the directions to the boundary at a point of
+        the axis, in degrees, above 0, at most 180; the default is 40.  Smaller angles are
+        attributed to curvature, noise, or the facets of a curved boundary.
     curvature_tolerance : float, optional
-        On grids: smallest curvature that is resolved, 1 / length, >= 0.  Flatter angles between
-        fronts than ``gamma * curvature_tolerance * spacing`` (in radians) are not
-        found.  By default 4 over the diameter of the part.
+        On grids: smallest curvature that is resolved, 1 / length, >= 0.  Angles between fronts
+        smaller than ``gamma * curvature_tolerance * spacing`` (in radians) are not detected.  The
+        default is 4 over the diameter of the part.
     gamma : float, optional
-        On grids: factor on curvatures, > 0, 2 by default, which makes up for their being taken a
-        node away, and for one-sided gradients being as of nodes two spacings apart; below 2
-        smooth fronts are taken for crossings, above it more points are missing.
+        On grids: factor on curvatures, > 0; the default is 2.  It compensates for the curvatures
+        being evaluated one node away, and for the one-sided gradients corresponding to nodes two
+        spacings apart.  Below 2, smooth fronts are mistaken for crossings; above 2, more points
+        are missed.
     patches : array_like of int, of the shape of the grid, optional
-        On grids: which smooth piece of the boundary is next to each node.  Only pieces that meet
-        have corners then, and they may be rounded off by more.  Without it corners are found
-        from the distance alone.
+        On grids: number of the smooth piece of the boundary next to each node.  Corners are then
+        only searched for between pieces that meet, and they may be rounded off more.  Without it,
+        corners are detected from the distance alone.
     progress : callable or bool, optional
-        Called with a text and the share done; True shows a bar on a terminal.
-        Raising in it (or Ctrl-C) stops the work.
+        Called with a text and the fraction completed; True shows a progress bar on a terminal.
+        An exception raised in it (or Ctrl-C) stops the computation.
 
     Returns
     -------
     MedialAxis
-        Points, normals, radii and angles; and the distances at the nodes next to them.
+        Points, normals, radii and angles, and the distances at the nodes next to them.
 
     Raises
     ------
     ValueError
-        If a shape is wrong, a distance is not finite at an active node or nowhere negative, an
-        option is out of its range or for another background, or the boundary is none for the
-        background: nodal distances do not tell an octree where fronts come from.
+        If a shape is wrong; if a distance is not finite at an active node, or nowhere negative; if
+        an option is out of range or does not apply to the background; or if the boundary is not
+        supported on the background.  Nodal distances are not enough on an octree.
 
     See Also
     --------
-    feature_size : the local feature size from it.
-    adaptsize.geometry.inscribed_spheres : without a background.
+    feature_size : Local feature size from the medial axis.
+    adaptsize.geometry.inscribed_spheres : Local feature size without a background.
 
     Notes
     -----
     *On grids* points lie within 0.001 to 0.3 spacings of surfaces of the medial axis (third order
-    between smooth fronts), within 1.2 of curves in space and points in the plane.  Some are
-    missing, most of all where two surfaces of the axis meet, at its rim, and where it is as steep
-    as an edge is long; no attempt is made to link them up.  The centre of a ball, a single
-    point, may fall between the edges; `feature_size` knows it by its depth.
+    between smooth fronts), and within 1.2 spacings of curves in space and points in the plane.
+    Some points are missing, mostly where two surfaces of the axis meet, at its rim, and where it
+    is as steep as an edge is long; the points are not connected to each other.  The centre of a
+    ball is a single point and may lie between the edges; `feature_size` detects it by its depth.
 
-    Gradients are one-sided differences, on the side with the smaller second difference, since
-    the upwind side crosses the axis.  The directions of both fronts are then looked up again half
-    way to the boundary.  Two pieces form a corner if the boundary follows their tangents up to
-    where these meet.  Less than three spacings from the boundary no corner is resolved: there
-    points count only between walls that form no corner at all.
+    Gradients are one-sided differences on the side with the smaller second difference, since
+    the upwind side crosses the axis.  The directions of both fronts are then evaluated again half
+    path to the boundary.  Two pieces form a corner if the boundary follows their tangents up to
+    the point where these meet.  Corners are not resolved closer than three spacings to the
+    boundary; there, only points between walls that form no corner are accepted.
 
-    O(n) time: two seconds for 256^3 nodes; 16 bytes per node besides phi.
+    The time is O(n), two seconds for 256^3 nodes.  Memory is 16 bytes per node besides phi.
 
     *On octrees and meshes* points on surfaces of the axis are exact to rounding between plane
-    pieces, else to 1/256 of an edge, squared, over the radius.  One edge across a narrow place is
-    enough, even if both of its ends are outside.  O(n log n) time, most of it for closest points:
-    one for each node and ten to thirty for each edge that may carry a point.
+    pieces.  Otherwise their error is the square of 1/256 of an edge over the radius.  One edge
+    across a narrow region is sufficient, even if both of its ends are outside.  The time is
+    O(n log n), mostly for closest points: one per node, and ten to thirty per edge that may
+    contain a point.
 
     References
     ----------

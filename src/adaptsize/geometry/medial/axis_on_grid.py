@@ -40,7 +40,7 @@ _WITNESS = 12.0
 # Nodes that the parabolas reach beyond an edge.
 _BORDER = 3
 
-# Crossings listed between two reports, which also let Ctrl-C through.
+# Crossings listed between two reports, at which Ctrl-C takes effect.
 _CROSSINGS_AT_ONCE = 2**18
 
 

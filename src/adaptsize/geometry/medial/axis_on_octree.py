@@ -39,7 +39,7 @@ _FARTHEST = 2.0
 # An end of an edge this close to the normal of a point, as the sine of the angle, is as far from
 # the medial axis as from the point; ...
 _ASIDE = 0.02
-# ... from others the axis is looked for at their foot, up to this share of the way to it aside.
+# ... from others the axis is looked for at their foot, up to this share of the path to it aside.
 _ACROSS = 0.125
 # Directions at the ends of the last part of an edge are those of a point if its radius is this
 # share of the edge at least, sixteen times that part.
@@ -271,7 +271,7 @@ def _on_the_way(
     seen: Depths,
     least: float,
 ) -> Meetings:
-    """Return where another front is met first on ways from points that see one."""
+    """Return where another front is met first on paths from points that see one."""
     # In the ball around a point inside everything is.
     far = boundary.seen_from(start + way, np.linalg.norm(way, axis=1) < seen.depth)
     depth = np.column_stack([seen.depth, far.depth])
@@ -314,7 +314,7 @@ def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: f
 def _at_vertex(
     points: FloatArray, boundary: Boundary, found: Meetings, corner_angle: float
 ) -> BoolArray:
-    """Tell which meetings are of edges that run into one vertex, too small to tell, or outside.
+    """Return which meetings are of edges that run into one vertex, too small to tell, or outside.
 
     Where reentrant edges meet, as at the corners of a rib that stands on a plate, fronts come
     from edges, which tangent planes say nothing of.

@@ -37,36 +37,36 @@ def feature_size(
 
     .. math:: lfs(x) = |\phi(x)| + |\phi_{MA}(x)|,
 
-    the distance from the boundary and the distance from the medial axis, equation (6) of [1]_.
+    the sum of the distances from the boundary and from the medial axis, equation (6) of [1]_.
     The latter is marched from the points of the medial axis through the domain, so that thin
-    walls beyond a gap do not count.  ``lfs / R`` asks for 2 R elements across.
+    walls beyond a gap have no effect.  A size of ``lfs / R`` gives 2 R elements across.
 
     Parameters
     ----------
     background : CartesianGrid, Octree or SimplexMesh
         Inactive nodes of a grid are outside.
     boundary : SimplexMesh, callable or array_like of float
-        As for `medial_axis`: triangles or segments, or signed distances, at the nodes of a grid or
-        as a function.
+        Boundary as for `medial_axis`: triangles, segments, signed distances at the nodes of a
+        grid, or a function that returns them.
     medial : MedialAxis, optional
-        What `medial_axis` found, if its options should differ from the defaults.
+        Result of `medial_axis`, for other options than its defaults.
     edges : bool, optional
-        In the plane: whether the size is at most the length of a boundary edge between two
-        corners, and larger away from it by the distance.  On octrees and meshes only with a
-        boundary of segments.
+        In the plane: whether the size at a boundary edge between two corners is at most the length
+        of the edge; away from the edge, the bound grows with the distance.  On octrees and meshes
+        this needs a boundary of segments.
     crease_angle : float, optional
-        On octrees and meshes: nodes of the boundary where it turns by more are corners, degrees.
+        On octrees and meshes: nodes where the boundary turns by more are corners, in degrees.
     progress : callable or bool, optional
-        Called with a text and the share done; True shows a bar on a terminal.
-        Raising in it (or Ctrl-C) stops the work.
+        Called with a text and the fraction completed; True shows a progress bar on a terminal.
+        An exception raised in it (or Ctrl-C) stops the computation.
 
     Returns
     -------
     ndarray of float64, of the nodal shape
-        inf outside and at inactive nodes.  Finite at all others: each part of the domain has a
-        deepest node, which counts as a point of the medial axis if no other is near.  On octrees
-        and meshes also at nodes outside of cells that reach into the domain: the feature size of
-        the boundary next to them.
+        inf outside and at inactive nodes, finite at all others: each component of the domain has
+        a deepest node, which is used as a point of the medial axis if no other point is near.  On
+        octrees and meshes, nodes outside the domain have a finite size if their cells reach into
+        the domain: the feature size of the boundary next to them.
 
     Raises
     ------
@@ -75,20 +75,20 @@ def feature_size(
 
     Notes
     -----
-    Between parallel walls half their distance; on the boundary of a smooth part the distance
-    from the medial axis; at corners not zero but the distance from the first place
-    that is narrow for another reason, see `medial_axis`.  In space edges between corners are not
-    looked for.
+    Between parallel walls, the feature size is half their distance.  On the boundary of a smooth
+    part it is the distance from the medial axis.  At corners it is not zero, but the distance from
+    the nearest region that is narrow for another reason; see `medial_axis`.  In space, edges
+    between corners are not taken into account.
 
-    *On grids* the error is that of the medial axis (up to a spacing) and of marching at first
-    order.  O(n) time: 4 seconds for 256^3 nodes, of which half are inside; 50 bytes per node
-    besides phi.
+    *On grids* the error is that of the medial axis (up to a spacing) plus that of marching at
+    first order.  The time is O(n), 4 seconds for 256^3 nodes of which half are inside.  Memory is
+    50 bytes per node besides phi.
 
-    *On octrees and meshes* half the distance of parallel walls is exact, however many leaves lie
-    between them; elsewhere the size is too large by up to what the nearest point of the axis is
-    farther away than the axis, whose points are about an edge apart.  Refine by the size, and ask
-    again, where that is too much.  Where two nodes outside have a narrow place between them only,
-    these know of it, and no others.
+    *On octrees and meshes* half the distance of parallel walls is exact for any number of leaves
+    between them.  Elsewhere the size is too large by at most the difference between the distances
+    to the nearest point of the axis and to the axis itself; the points are about an edge apart.
+    If the error is too large, refine by the size and compute the feature size again.  A narrow
+    region that lies between two outside nodes only affects these two nodes.
 
     References
     ----------
@@ -97,7 +97,8 @@ def feature_size(
 
     Examples
     --------
-    A strip of width 1 and length 3: half its width in the middle, more at the corners.
+    A strip of width 1 and length 3.  The feature size is half the width in the middle, and more at
+    the corners:
 
     >>> import numpy as np
     >>> grid = CartesianGrid(origin=[-0.2, -0.2], spacing=0.05, shape=(69, 29))
@@ -110,7 +111,7 @@ def feature_size(
     >>> float(size[4, 4].round(1))  # at the corner
     0.7
 
-    Known on an octree whose nodes all lie outside:
+    On an octree whose nodes all lie outside:
 
     >>> from adaptsize import Octree
     >>> tree = Octree([-2.0, -2.0], [6.0, 6.0], (4, 4), [0] * 16)
@@ -145,9 +146,9 @@ def feature_size_with(
     corner_angle: float = 30.0,
     report: ProgressCallback,
 ) -> FloatArray:
-    """Do what `feature_size` says on an octree or a mesh, looking at its nodes once only.
+    """Return the `feature_size` on an octree or a mesh, with closest points found only once.
 
-    ``crease_angle=None``: edges do not count.
+    With ``crease_angle=None``, edges are ignored.
     """
     mesh, asked = boundary_on(background, boundary)
     nodes = asked.from_nodes(background, report)
@@ -194,7 +195,7 @@ def _on_grid(
 
 
 def _reach_diagonally(grid: CartesianGrid, inside: BoolArray, distances: FloatArray) -> None:
-    """Fill distances (In/Out) at nodes that hang on by a diagonal only, as at sharp tips."""
+    """Fill distances (In/Out) at nodes that are connected by a diagonal only, as at sharp tips."""
     nodes = np.argwhere(inside & np.isinf(distances))
     last = np.array(grid.shape) - 1
     while len(nodes):
@@ -212,7 +213,7 @@ def _reach_diagonally(grid: CartesianGrid, inside: BoolArray, distances: FloatAr
 def _deepest(
     grid: CartesianGrid, phi: FloatArray, inside: BoolArray, distances: FloatArray
 ) -> tuple[npt.NDArray[np.int64], ...]:
-    """Return nodes inside that are deeper than all around, where no crossing is near.
+    """Return the inside nodes that are deeper than all neighbours, with no crossing nearby.
 
     Each is next to the centre of a ball that touches the boundary on all sides.
     """

@@ -18,7 +18,7 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 # Nodes this close to the boundary count as on it, in diagonals of the background.
 _ON_BOUNDARY = 1e-12
 # Balls around a node and around a point of the medial axis, the latter larger by this factor, must
-# overlap for the straight way between them to be in the domain.
+# overlap for the straight path between them to be in the domain.
 _OVERLAP = 1.2
 # At nodes outside the feature size is at least this share of that of their neighbours inside.
 _OUTSIDE_SHARE = 0.5
@@ -91,7 +91,7 @@ def _correct(
 ) -> None:
     """Lower marched distances (In/Out) to those of the nearest points of the medial axis.
 
-    Marching bends the ways through large cells.  Points count that are as near as they are only
+    Marching bends the paths through large cells.  Points count that are as near as they are only
     within the domain: the balls around node and point must nearly overlap.
     """
     from scipy.spatial import cKDTree
@@ -117,7 +117,7 @@ def _bound_outside(inner: _Inner, size: FloatArray) -> None:
 
 
 def _inner_cells(mesh: SimplexMesh, inside: BoolArray) -> _Inner:
-    """Return the cells with a node inside, so that no way leads through nodes outside.
+    """Return the cells with a node inside, so that no path leads through nodes outside.
 
     A node outside is copied for each group of its cells that have nodes inside in common: on
     both sides of a gap it has another one.

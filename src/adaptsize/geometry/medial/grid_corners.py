@@ -22,7 +22,7 @@ _INTERPOLATED = 0.5
 _ALONG = (0.25, 0.5)
 
 # How far the point where a front comes from may be from the boundary, in spacings and as a share
-# of the way: farther if the gradient mixes several fronts.
+# of the path: farther if the gradient mixes several fronts.
 _FOOT_SPACINGS = 0.5
 _FOOT_SHARE = 0.05
 
@@ -76,9 +76,9 @@ def look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Front
     """Return fronts with directions found half way to the boundary.
 
     Where three fronts come close to each other differences next to a crossing mix them.  The
-    gradient of a distance is the same all along the way to the boundary, and half way it is
+    gradient of a distance is the same all along the path to the boundary, and half way it is
     clear of the crossing; looking there again converges, the level sets being less curved there
-    than twice the reciprocal of the way.
+    than twice the reciprocal of the path.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Front
         half_way = fronts._replace(directions=directions).feet(0.5)
         found = _gradients(grid, phi, half_way)
         length = np.linalg.norm(found, axis=2)
-        # Where the way is short, or half way another kink is met, nothing is learnt.
+        # Where the path is short, or half way another kink is met, nothing is learnt.
         clear = (length > 0.9) & (fronts.radii >= RESOLVED * grid.spacing.max())[:, None]
         found /= np.where(clear, length, 1.0)[:, :, None]
         directions = np.where(clear[:, :, None], found, directions)
@@ -151,7 +151,7 @@ def meet_at_corner(
     From a point at distance r of two pieces, in the directions u and v, the tangent planes
     at their closest points meet at ``r (u + v) / (1 + u.v)``, the apex.  The pieces meet at a
     corner if the boundary follows the tangents up to there: the distance is zero at the apex,
-    half way and a quarter of the way from it to either side.  Corners of a few spacings are not
+    half way and a quarter of the path from it to either side.  Corners of a few spacings are not
     resolved: all are left out.
     """
     cosine = fronts.cosine

@@ -17,7 +17,7 @@ _SAME_CORNER = 1.5
 _LEAST_WITNESSES = 2
 # Nodes up to here from the boundary are on it, in spacings.
 _ON_BOUNDARY = 1.0
-# A way along nodes is longer than a straight edge by up to 8 per cent, and by its ends.
+# A path along nodes is longer than a straight edge by up to 8 per cent, and by its ends.
 _STRAIGHT = 1.15
 
 
@@ -51,7 +51,7 @@ def edge_lengths(grid: CartesianGrid, phi: FloatArray, corners: FloatArray) -> F
 
     Notes
     -----
-    Ways along nodes close to the boundary lead from all corners at once (Dijkstra); an
+    Paths along nodes close to the boundary lead from all corners at once (Dijkstra); an
     edge lies where two of them meet.
     """
     from scipy.sparse.csgraph import dijkstra
@@ -115,7 +115,7 @@ def _nearest(
 def _meetings(
     links: Any, way: FloatArray, owner: npt.NDArray[np.int32]
 ) -> list[tuple[int, int, float]]:
-    """Return where ways from two corners meet, the shortest for each pair, and their length."""
+    """Return where paths from two corners meet, the shortest for each pair, and their length."""
     table = links.tocoo()
     a, b = table.row, table.col
     differ = (owner[a] != owner[b]) & np.isfinite(way[a]) & np.isfinite(way[b])

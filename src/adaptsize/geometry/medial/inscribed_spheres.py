@@ -17,34 +17,34 @@ from adaptsize.background import SimplexMesh
 from adaptsize.geometry.medial.solid import Probes, Solid, along_curve
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-# A compiled loop cannot be interrupted; one call of it should last about this long.
+# A compiled loop cannot be interrupted; one call should take about this long.
 _SECONDS_PER_CALL = 0.3
-# Two planes meet at an edge if it comes as near to their line as this, over the distance of
-# the points where the ball touches them.
+# Two planes meet at an edge if the distance of the edge from their common line is below this
+# share of the distance between the points where the ball touches the planes.
 _AT_EDGE = 0.5
-# Likewise for tips, over what a cone as sharp as the corner angle has.
+# Likewise for tips, relative to a cone whose opening is the corner angle.
 _AT_TIP = 1.1
 
 
 @dataclass(frozen=True, eq=False)
 class InscribedSpheres:
-    """Spheres that touch a boundary from inside, as large as they can be."""
+    """Largest spheres that touch a boundary from inside."""
 
     points: FloatArray
-    """Where each touches the boundary, float64[n, dim]."""
+    """Points where the spheres touch the boundary, float64[n, dim]."""
     normals: FloatArray
-    """Unit normals there, into the domain, float64[n, dim]."""
+    """Unit normals at these points, into the domain, float64[n, dim]."""
     radii: FloatArray
-    """float64[n]; inf where nothing is opposite."""
+    """Radii, float64[n]; inf if there is no opposite boundary."""
     contacts: FloatArray
-    """Where each touches the boundary again, float64[n, dim]; nan where it does not."""
+    """Second contact points with the boundary, float64[n, dim]; nan if there is none."""
     owners: IntArray
-    """Node of the boundary, or number of the given point, int32[n]; may repeat at creases."""
+    """Boundary node, or number of the given point, int32[n]; may repeat at feature edges."""
     n_owners: int
     """Number of nodes, or of given points."""
 
     def __repr__(self) -> str:
-        """Say how many of which radii."""
+        """Return the number of spheres and the range of their radii."""
         finite = self.radii[np.isfinite(self.radii)]
         radii = f", radii {finite.min():.4g} to {finite.max():.4g}" if len(finite) else ""
         return f"InscribedSpheres({len(self.radii)} spheres at {self.n_owners} points{radii})"
@@ -73,44 +73,47 @@ def inscribed_spheres(
 ) -> InscribedSpheres:
     r"""Return the largest spheres inside a boundary that touch it at given points.
 
-    Of the spheres on the inner side that are tangent to the boundary at a point p with
-    inward normal n, the one through another point q has the radius
+    Consider the spheres on the inner side that are tangent to the boundary at a point p with
+    inward normal n.  The sphere through another point q has the radius
 
-    .. math:: r(q) = |q - p|^2 / (2 n \cdot (q - p)),
+    .. math:: r(q) = |q - p|^2 / (2 n \cdot (q - p)).
 
-    and the least one holds nothing of the boundary.  Its centre is a point of the medial axis, its
-    radius the local feature size at p; the ball is shrunk [1]_ in one descent of a tree of boxes.
+    The smallest of these spheres contains no part of the boundary.  Its centre is a point of the
+    medial axis, and its radius is the local feature size at p.  The ball is shrunk [1]_ in one
+    descent of a tree of boxes.
 
     Parameters
     ----------
     boundary : SimplexMesh
-        Triangles in space or segments in the plane.  Nodes at one place, contradicting
-        orientations, small holes, degenerate and doubled cells are allowed.  Which side is the
-        inner one is told by the orientation, mended where neighbours contradict each other;
-        if the whole encloses a negative volume it is turned.
+        Triangles in space or segments in the plane.  Coincident nodes, inconsistent
+        orientations, small holes, and degenerate or duplicate cells are allowed.  The orientation
+        defines the inner side; it is repaired where neighbours contradict each other.  If the
+        boundary encloses a negative volume, all of it is flipped.
     points : array_like of float, shape (n, dim), optional
-        Spheres at the points of the boundary that are closest to these.  By default spheres at
-        the nodes of the boundary.
+        Points near the boundary; spheres are returned at the closest points of the boundary.  By
+        default, spheres are returned at the nodes of the boundary.
     crease_angle : float, default 40
-        Edges where the facets, and nodes where a line, turn by more are sharp; degrees.
-        Each side of a crease gets its own sphere.
+        Edges where the facets turn by more, and nodes where a line turns by more, are feature
+        edges (creases); in degrees.  Each side of a feature edge gets its own sphere.
     separation_angle : float, default 40
-        A point q counts if p and q are seen from the centre under a larger angle, in
-        degrees, from 0 to 180: what turns by less is not narrow but curved, or noise.  At
-        creases, whose sides have a normal each, the angle is 120 degrees.
+        A point q is considered if the angle between p and q, seen from the centre, is larger;
+        in degrees, from 0 to 180.  Smaller angles are attributed to curvature or noise.  At
+        feature edges, whose sides have separate normals, the angle is 120 degrees.
     corner_angle : float, default 30
-        Two facets that meet at a crease are a corner if the angle inside is larger, degrees,
-        and a narrow place otherwise.  In a corner the facet across the crease does not bound
-        the sphere, unless there are such facets on all sides: the radius does not go to
-        zero at a corner, and is not larger than a face or an edge between corners is wide.
+        Two facets that meet at a feature edge form a corner if the angle inside is larger, in
+        degrees, and a narrow region otherwise.  In a corner, the facet across the feature edge
+        does not bound the sphere, unless there are such facets on all sides.  Hence the radius
+        does not tend to zero at a corner, and is not larger than the width of a face or of an
+        edge between corners.
     progress : callable, bool or None
         As in `limit_gradient`.
 
     Returns
     -------
     InscribedSpheres
-        Of `points`, one where the boundary is smooth, on creases one for each side; none
-        where facets without area are all there is.  Radii are inf where nothing is opposite.
+        For each of `points`, one sphere where the boundary is smooth, one for each side on feature
+        edges, and none if all facets there have zero area.  Radii are inf where there is no
+        opposite boundary.
 
     Raises
     ------
@@ -120,21 +123,22 @@ def inscribed_spheres(
 
     See Also
     --------
-    adaptsize.size_from_feature : sizes from the radii, on every background.
+    adaptsize.size_from_feature : Sizes from the radii, on every background.
 
     Notes
     -----
-    Distances to facets are exact, and radii no more than 1 % larger than the least one.  Facets
-    of a curved boundary lie inside it, by s, say: radii are too small by
-    :math:`s / (2 \sin^2(\sigma / 2))`, 4.3 s with a separation angle :math:`\sigma` of 40, a
-    few per cent where facets turn by 10 degrees.  Where the end of a body is sharper than
-    :math:`\sigma` shows, as at the tip of an ellipse of 2:1, radii are up to 10 % too large.
+    Distances to facets are exact, and radii are at most 1 % larger than the smallest one.  If the
+    facets of a curved boundary lie inside it by a distance s, radii are too small by
+    :math:`s / (2 \sin^2(\sigma / 2))`.  This is 4.3 s with a separation angle :math:`\sigma` of 40,
+    and a few per cent where facets turn by 10 degrees.  Where the end of a body is too sharp to be
+    resolved with :math:`\sigma`, as at the tip of an ellipse of 2:1, radii are up to 10 % too
+    large.
 
-    Random displacements of the nodes by 5 % of an edge make the radius 6 % smaller in the mean
-    and less than half as large at one node in two hundred; from 20 % on the bumps themselves are
-    the features.
+    Random displacements of the nodes by 5 % of an edge reduce the radius by 6 % in the mean, and
+    by more than half at one node in two hundred.  From 20 % on, the bumps themselves are the
+    features.
 
-    O(n log n) time, but where the boundary is a sphere, which is touched everywhere.
+    The time is O(n log n), except if the boundary is a sphere, which the ball touches everywhere.
 
     References
     ----------
@@ -143,7 +147,7 @@ def inscribed_spheres(
 
     Examples
     --------
-    A plate 10 x 1 in the plane, its nodes at the corners:
+    A plate 10 x 1 in the plane with nodes at the corners:
 
     >>> plate = SimplexMesh([[0, 0], [10, 0], [10, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> inscribed_spheres(plate).smallest()
@@ -162,7 +166,7 @@ def inscribed_spheres(
 
 
 class SphereFinder:
-    """A boundary prepared for `inscribed_spheres`, to be asked several times.
+    """A boundary prepared for repeated computations of `inscribed_spheres`.
 
     Parameters
     ----------
@@ -202,7 +206,7 @@ class SphereFinder:
         self._solid = Solid.of(boundary, self._crease)
 
     def at_nodes(self, progress: ProgressCallback | bool | None = None) -> InscribedSpheres:
-        """Return the spheres at the nodes of the boundary: one for each side of a crease."""
+        """Return the spheres at the nodes of the boundary, one for each side of a feature edge."""
         return self._spheres(self._solid.probes_at_nodes(), self._boundary.n_points, progress)
 
     def near(
@@ -239,7 +243,7 @@ def _shrink(
     crease: float,
     report: ProgressCallback,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the radius at each probe, and where the sphere touches the boundary again."""
+    """Return the radius at each probe, and the second contact point of the sphere."""
     n = len(probes.points)
     order = along_curve(probes.points)
     sine = max(math.sin(0.5 * math.radians(separation)), 0.01)
@@ -249,7 +253,7 @@ def _shrink(
         math.pi + opening + 1e-6, math.cos(math.radians(crease)),
     ])  # fmt: skip
     tree, bends = solid.tree, solid.bends
-    # No point is farther than the diagonal, nor lower over the tangent plane than the angle.
+    # Distances are at most the diagonal; the angle bounds the height above the tangent plane.
     largest = 1.01 * solid.boundary.diagonal / (2.0 * sine)
     cells = (tree.points, tree.cells, solid.inward, tree.boxes, solid.slabs)
     corners = (bends.points, bends.cells, bends.boxes, solid.tips)

@@ -1,4 +1,4 @@
-"""What is found of a medial axis."""
+"""`MedialAxis`: points of a medial axis."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ class MedialAxis(ReadOnlyState):
     Parameters
     ----------
     points : float64[n, dim]
-        Where two fronts meet: on an edge, or, on octrees and meshes around curves of the axis and
-        at its rim, off it by up to two of its lengths.
+        Points where two fronts meet.  They lie on an edge; on octrees and meshes, points around
+        curves of the axis and at its rim may be off the edge by up to twice its length.
     normals : float64[n, dim]
-        Unit normals of the medial axis there, of either sign.  Where the axis is a curve in space
-        (or a point in the plane) one of the directions across it.
+        Unit normals of the medial axis at these points, of either sign.  Where the axis is a curve
+        in space (or a point in the plane), one of the directions across it.
     radii : float64[n]
         Distance of each point from the boundary.
     angles : float64[n]
-        Angle in degrees between the ways to the two nearest points of the boundary: 180 between
-        parallel walls.
+        Angle in degrees between the directions to the two nearest points of the boundary; 180
+        between parallel walls.
     distances : float64 of the nodal shape
         Distance from the medial axis at the ends of these edges, inf at all other nodes.
     corners : float64[m, dim]
-        Where the boundary has corners of which crossings close to it come, one for each of these
-        crossings: many for one corner, and in space points of sharp edges.
+        Corners of the boundary, one for each crossing close to the boundary that they cause.  One
+        corner may appear many times.  In space these are points of sharp edges.
     """
 
     points: FloatArray
@@ -44,5 +44,5 @@ class MedialAxis(ReadOnlyState):
             getattr(self, name).flags.writeable = False
 
     def __repr__(self) -> str:
-        """Say how many points."""
+        """Return the number of points."""
         return f"MedialAxis({len(self.points)} points)"

@@ -20,7 +20,7 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 _CELLS_PER_LEAF = 4
 # A point is on an edge of its cell if its weight is below this.
 _ON_EDGE = 1e-9
-# Probes on creases are moved off by this share of the way to the centroid of the cell: from
+# Probes on creases are moved off by this share of the path to the centroid of the cell: from
 # there the facet on the other side of the crease is a wall, and not in the tangent plane.
 _ASIDE = 1e-3
 
@@ -283,7 +283,7 @@ def _turns(line: SimplexMesh, along: FloatArray) -> FloatArray:
 def _mean_ways(
     points: FloatArray, cells: IntArray, sector: npt.NDArray[np.integer], n_sectors: int
 ) -> FloatArray:
-    """Return the mean of the ways from the node of each sector to the centroids of its cells."""
+    """Return the mean of the paths from the node of each sector to the centroids of its cells."""
     ways = np.repeat(points[cells].mean(axis=1), cells.shape[1], axis=0) - points[cells.ravel()]
     mean = np.zeros((n_sectors, 3))
     np.add.at(mean, sector, ways)
@@ -302,7 +302,7 @@ def along_curve(places: FloatArray) -> npt.NDArray[np.intp]:
 
 
 def in_space(points: FloatArray) -> FloatArray:
-    """Return points with zeros for the coordinates that they lack, float64[n, 3]."""
+    """Return points padded with zero coordinates, float64[n, 3]."""
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points
     return padded

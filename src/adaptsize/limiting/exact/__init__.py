@@ -1,4 +1,4 @@
-"""Exact limiting: the size at each node straight from the bounds that it sees."""
+"""Exact limiting: the size at each node directly from the visible bounds."""
 
 from adaptsize.limiting.exact.api import ExactSolution, solve_exact, solve_exact_again
 

@@ -14,15 +14,15 @@ from adaptsize.typing import BoolArray
 def solve_again(problem: Problem, before: Found) -> Found | None:
     """Solve a problem that differs from an earlier one by its bounds.
 
-    A size stays the least of the entries that were there before; only those that are new need
-    be tried.  Nodes whose own bound changed, or whose source is gone, are begun anew.  The
-    result is that of `solve_on_mesh`, bit by bit: the minimum of the same numbers.
+    A size remains the minimum over the entries that existed before; only new entries need to be
+    tested.  Nodes whose own bound changed, or whose source was removed, are recomputed.  The
+    result is the minimum of the same numbers as in `solve_on_mesh`, and equal bit for bit.
 
     Returns
     -------
     Found or None
-        None where bounds meet in cells, in solids that are not convex, and around folds: these
-        are solved from nothing.
+        None if bounds meet in cells, in solids that are not convex, and around folds.  These
+        cases are solved from scratch.
     """
     if before.points is None or len(before.field.waves) != 1 or before.proved is not None:
         return None
@@ -54,7 +54,7 @@ def solve_again(problem: Problem, before: Found) -> Found | None:
 
 
 def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:
-    """Return the numbers that the entries of a wave have in another one, -1 where they are not."""
+    """Return the number of each entry of a wave in another wave, -1 if it is not there."""
     rows = [_rows(old), _rows(new)]
     _, number = np.unique(np.concatenate(rows), return_inverse=True)
     number = number.ravel()
@@ -65,7 +65,7 @@ def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:
 
 
 def _rows(wave: Wave) -> npt.NDArray[np.void]:
-    """Return all that tells an entry from others, as one value each."""
+    """Return one value for each entry that identifies it."""
     seen = wave.seen
     columns = [wave.nodes, seen.entries.sizes[:, :1], seen.kinds, seen.is_corner]
     if len(seen.cones):

@@ -48,23 +48,23 @@ _UNFINISHED = (
 
 
 class Part(NamedTuple):
-    """A component of the domain, and what was found there."""
+    """A component of the domain and its solution."""
 
     nodes: IntArray | None
-    """Its nodes in the background; None if they are all nodes."""
+    """Its nodes in the background; None for all nodes."""
     found: Found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactSolution(Solution):
-    """Limited sizes, where they come from, and how far they are proved."""
+    """Limited sizes, their sources, and which sizes are proved exact."""
 
     parts: list[Part] = field(default_factory=list)
     """Components with a bound."""
     n_proved: int
-    """Number of nodes whose size is proved to be the exact one."""
+    """Number of nodes whose size is proved exact."""
     largest_gap: float
-    """Largest difference of a size that is not proved and its lower bound."""
+    """Largest difference between a size that is not proved exact and its lower bound."""
 
 
 def solve_exact(
@@ -77,27 +77,28 @@ def solve_exact(
     report: ProgressCallback,
     point_sources: PointBounds | None = None,
 ) -> ExactSolution:
-    r"""Return :math:`\min_y h_0(y) + g\, d(x, y)`, d being lengths of ways in the domain.
+    r"""Return :math:`\min_y h_0(y) + g\, d(x, y)` with the length d of paths in the domain.
 
-    Convex domains, and domains in the plane: to rounding.  In space where the minimum is at a
-    point that x sees; elsewhere the length of a way over reflex edges, hence never too small.
+    In convex domains and in the plane, d is the length of the shortest path and the result is
+    exact to rounding.  In solids this holds at each x from which the minimising point is visible.
+    Elsewhere d is the length of a path over reflex edges, so that no size is too small.
 
     Parameters
     ----------
     background : SimplexMesh or CartesianGrid
-        ``cell_dim == dim``.  The domain of a grid with inactive nodes is the cubical complex of
-        the active ones.
+        Must have ``cell_dim == dim``.  The domain of a grid with inactive nodes is the cubical
+        complex of the active nodes.
     h0 : float64, of the nodal shape
         Finite at one node at least.
     slope : Slope
         One number.
     face_sources : bool
-        Whether ``h0`` counts as linear on the cells (of ``grid.mesh``), or as given at nodes only.
+        Whether ``h0`` is linear on the cells (of ``grid.mesh``), or given at the nodes only.
     threads : int or None
-        None: as many as numba uses.  The result is the same for any number, bit by bit.
+        Number of threads; None is that of numba.  The result does not depend on it, bit for bit.
     report : callable
     point_sources : PointBounds, optional
-        Bounds at points between the nodes; those outside the domain do not act.
+        Bounds at points between the nodes.  Points outside the domain have no effect.
 
     Raises
     ------
@@ -132,9 +133,9 @@ def solve_exact(
 
 
 def _prepared(problem: Problem) -> tuple[Problem, FlatBoundary, bool]:
-    """Return a problem with its order and neighbours, the boundary, and if all nodes are in cells.
+    """Return the problem with order and neighbours, the boundary, and if all nodes are in cells.
 
-    On several threads the boundary is looked for at the same time.
+    With several threads, the boundary is computed at the same time.
     """
     mesh = problem.mesh
     with ThreadPoolExecutor(1) as beside:
@@ -158,9 +159,9 @@ def solve_exact_again(
     threads: int | None,
     report: ProgressCallback,
 ) -> ExactSolution | None:
-    """Solve as `solve_exact` from the solution for other bounds; None if that is no use.
+    """Solve like `solve_exact`, from the solution for other bounds; None if not supported.
 
-    Only for meshes all of whose nodes are in one component.
+    Supported are meshes all of whose nodes are in one component.
     """
     if len(earlier.parts) != 1 or earlier.parts[0].nodes is not None:
         return None
@@ -195,14 +196,14 @@ def _by_components(
     parts = []
     bound = h0.ravel().copy()
     beside = np.empty(0, np.int32)
-    if extra is not None:  # a component is one of theirs if a node of the cell around them is
+    if extra is not None:  # each belongs to the component of the cell around it
         beside = mesh.cells[mesh.locator.nearest(extra.points)[0], 0]
     for nodes, component in _components(mesh, bound, beside):
         own = bound if nodes is None else bound[nodes]
         some = extra
         if extra is not None and nodes is not None:
             here = np.isin(beside, nodes)
-            # Numbers follow those of the nodes, in a component as in the whole.
+            # Their numbers follow those of the nodes, in a component as in the whole mesh.
             numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
             some = Extra(extra.points[here], extra.sizes[here], numbers)
         if mesh.dim == 1:  # an interval; folds change nothing
@@ -222,7 +223,7 @@ def _by_components(
 
 
 def _as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
-    """Return the solution made of those of the components; elsewhere bounds are kept."""
+    """Return the solution composed of those of the components; elsewhere bounds are kept."""
     flat = h0.ravel().copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
     finished = all(found.finished for _, found in parts)
@@ -246,21 +247,21 @@ def _as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
 
 
 def _roots(mesh: SimplexMesh) -> IntArray:
-    """Return for each node the least node of its component."""
+    """Return for each node the smallest node of its component."""
     parent = np.arange(mesh.n_points, dtype=np.int32)
     join_cells(mesh.cells, parent)
     return parent
 
 
 def _is_connected(mesh: SimplexMesh) -> bool:
-    """Tell whether all nodes are in one component."""
+    """Return whether all nodes are in one component."""
     return not _roots(mesh).any()
 
 
 def _components(
     mesh: SimplexMesh, h0: FloatArray, beside: IntArray
 ) -> Iterator[tuple[IntArray | None, SimplexMesh]]:
-    """Yield the components of a mesh with a bound, or one of some nodes, with their nodes."""
+    """Yield the components with a bound, or with one of the nodes ``beside``, and their nodes."""
     parent = _roots(mesh)
     if not parent.any():
         yield None, mesh
@@ -283,7 +284,7 @@ def _on_convex_nodes(
     given: tuple[float, bool, int, ProgressCallback],
     extra: Extra | None,
 ) -> Found:
-    """Solve for bounds at the nodes of a convex domain, its points or a grid."""
+    """Solve for bounds at the nodes of a convex domain, given by its points or as a grid."""
     g, _, threads, report = given
     nodes = np.flatnonzero(np.isfinite(h0)).astype(np.int32)
     if isinstance(domain, CartesianGrid):
@@ -308,7 +309,7 @@ def _on_convex_nodes(
 
 
 def _slabs(domain: FloatArray | CartesianGrid) -> Iterator[tuple[int, Points]]:
-    """Yield the nodes in blocks: all those of a line, those of a grid a million at a time."""
+    """Yield the nodes in blocks: all nodes of a line, a million at a time of a grid."""
     none = np.empty(0, np.int32)
     if not isinstance(domain, CartesianGrid):
         yield 0, Points(domain, np.argsort(domain[:, 0], kind="stable").astype(np.int32), none)
@@ -329,16 +330,17 @@ def _on_grid_mesh(
     given: tuple[float, bool, int, ProgressCallback],
     extra: Extra | None,
 ) -> ExactSolution:
-    """Solve on the whole boxes of a grid, cut into simplices on which h0 counts as linear.
+    """Solve on the whole boxes of a grid, split into simplices on which h0 is linear.
 
-    In the plane each box is cut both ways, and the lower of both counts: no diagonal is preferred.
+    In the plane each box is split along both diagonals, and the lower size is used; no diagonal is
+    preferred.
     """
     linear = both_ways(np.isfinite(h0), grid.active) if grid.dim == 2 else None
     return _by_components(grid.mesh, h0, given, extra, linear)
 
 
 def _meet(h0: FloatArray) -> bool:
-    """Tell whether two corners of any box of a grid have bounds."""
+    """Return whether two corners of any box of a grid have bounds."""
     finite = np.isfinite(h0)
     if not finite.any():
         return False
@@ -357,8 +359,8 @@ def _on_active(
 ) -> ExactSolution:
     """Solve on the active nodes of a grid.
 
-    Whole boxes are the domain of the exact method; what is left are edges on which sizes go
-    from node to node.  Both take turns until neither lowers the other.
+    The exact method is used on the whole boxes.  On the remaining edges, sizes propagate from node
+    to node.  The two alternate until neither lowers a size.
     """
     g, _, threads, report = given
     assert grid.active is not None  # else the box is convex

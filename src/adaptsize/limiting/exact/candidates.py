@@ -1,4 +1,4 @@
-"""Which nodes, edges and faces may be sources, and which of these another one dominates."""
+"""Candidate sources: nodes, edges and faces, without those that another source dominates."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def _undominated(
 ) -> IntArray:
     """Return edges and faces without those that a source of one of their nodes dominates.
 
-    First the nodes are such sources; then, of what is left, the edges and faces with a
-    node that keeps its bound: where h0 has just become too steep, they dominate most others.
+    First the nodes are tested as such sources.  Then the remaining edges and faces with a node
+    that keeps its bound are tested: where h0 has just become too steep, they dominate most others.
     """
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     axes = (0,) * mesh.dim
@@ -93,7 +93,7 @@ def _undominated(
 
 
 def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-def]
-    """Return the edges or faces that a kernel lists and that all cells allow to be sources."""
+    """Return the edges or faces that a kernel lists and that may be sources in all their cells."""
     room = 0
     while True:
         rows = np.empty((room, 5), np.int32)

@@ -1,4 +1,4 @@
-"""The limited size as a function: sources, corners and walls, which give it at any point."""
+"""The limited size as a function: sources, corners and walls determine it at any point."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 class Wave(NamedTuple):
-    """Entries that are tried together, and what they are."""
+    """Entries that are processed together, and their nodes."""
 
     seen: Seen
     nodes: IntArray
-    """int32[m, dim]: nodes of each entry, -1 where there are fewer."""
+    """int32[m, dim]: nodes of each entry, padded with -1."""
 
     @property
     def n_entries(self) -> int:
@@ -35,29 +35,29 @@ class Wave(NamedTuple):
 
 
 def wave_of(entries: Entries, nodes: IntArray) -> Wave:
-    """Return a wave of sources that serve all directions."""
+    """Return a wave of sources that act in all directions."""
     m, dim = len(entries.counts), entries.places.shape[2]
     cones, kinds = np.zeros((m if dim == 2 else 0, 4)), np.full(m, ANY, np.int8)
     return Wave(Seen(entries, cones, kinds, np.full(m, -1, np.int32), np.zeros(m, np.bool_)), nodes)
 
 
 class Points(NamedTuple):
-    """Where sizes are wanted."""
+    """Points at which sizes are computed."""
 
     places: FloatArray
     """float64[n, dim]"""
     order: IntArray
-    """int32[k]: those to work on, along a Morton curve."""
+    """int32[k]: the points to process, along a Morton curve."""
     on_wall: IntArray
-    """int32[n]: rows of nodes of the boundary in the sectors, -1 for others; no rows in a
-    convex domain."""
+    """int32[n]: row of each boundary node in the sectors, -1 for other points; empty in a convex
+    domain."""
 
 
 @dataclass(eq=False)
 class ExactField:
-    """What decides the size at any point of a domain.
+    """The sources that determine the size at any point of a domain.
 
-    The entries of the waves are numbered through; ``source`` arrays hold these numbers.
+    The entries of all waves are numbered consecutively; ``source`` arrays hold these numbers.
     """
 
     g: float
@@ -65,7 +65,7 @@ class ExactField:
     """None in a convex domain."""
     waves: list[Wave] = field(default_factory=list)
     network: Network | None = None
-    """Ways over reflex edges, in a solid that is not convex."""
+    """Paths over reflex edges, in a solid that is not convex."""
 
     def add(self, wave: Wave) -> None:
         """Add entries."""
@@ -97,7 +97,7 @@ class ExactField:
         threads: int,
         report: ProgressCallback,
     ) -> None:
-        """Lower sizes as `lower_by_last` by some of the entries of a single wave."""
+        """Lower sizes like `lower_by_last`, by some of the entries of a single wave."""
         seen = self.waves[-1].seen
         numbers = np.flatnonzero(which).astype(np.int32)
         entries = with_tree(*(rows[which] for rows in seen.entries[:3]))
@@ -109,7 +109,7 @@ class ExactField:
         source[found >= 0] = numbers[found[found >= 0]]
 
     def evaluate(self, places: FloatArray, bound: FloatArray, threads: int = 1) -> FloatArray:
-        """Return the least of ``bound`` and what is allowed at points of the domain."""
+        """Return the minimum of ``bound`` and the allowed sizes at points of the domain."""
         sizes = bound.copy()
         if len(places) == 0:
             return sizes
@@ -154,10 +154,10 @@ class ExactField:
 
 
 def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: float) -> ExactField:
-    """Return what sizes that are linear on segments or triangles allow around them.
+    """Return the sizes allowed around segments or triangles with linear sizes.
 
-    The least over all points y of the cells of h(y) + g |x - y|: what lies between is not
-    looked at.  Nodes whose size is inf allow nothing, nor do cells with such a node.
+    This is the minimum over all points y of the cells of h(y) + g |x - y|; obstacles in between
+    are ignored.  Nodes whose size is inf, and cells with such a node, have no effect.
     """
     finite = np.isfinite(sizes)
     cells = cells[finite[cells].all(axis=1)]
@@ -176,10 +176,10 @@ def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: fl
 
 
 def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
-    """Return nodes, edges or triangles as sources, given by their nodes, -1 where there are fewer.
+    """Return nodes, edges or triangles, given by their nodes padded with -1, as sources.
 
-    Edges and triangles only stand for their interior: their nodes, and the edges of triangles, are
-    sources of their own.
+    Edges and triangles represent their interior only.  Their nodes, and the edges of triangles,
+    are separate sources.
     """
     used = named >= 0
     places = np.where(used[:, :, None], points[named], 0.0)
@@ -189,4 +189,4 @@ def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
 
 
 def _silent(text: str, share: float | None) -> None:
-    """Take a report and do nothing."""
+    """Ignore a progress report."""

@@ -1,4 +1,4 @@
-"""Paths over reflex edges of a solid, made one edge longer at a time."""
+"""Paths over reflex edges of a solid, extended by one edge at a time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIZE = 32
 
 @dataclass(eq=False)
 class Network:
-    """Sources, nodes of reflex edges, and ways over these edges."""
+    """Sources, nodes of reflex edges, and paths over these edges."""
 
     g: float
     sight: Sight
@@ -29,9 +29,9 @@ class Network:
     ways: Ways
     n_sources: int
     depth: IntArray
-    """int32[w]: number of edges of each way."""
+    """int32[w]: number of edges of each path."""
     used: Choice | None = None
-    """All but the straight ways from sources, in the end."""
+    """All paths in use at the end, except the straight paths from sources."""
 
     @property
     def faces(self) -> bool | None:
@@ -39,7 +39,7 @@ class Network:
         return True if bool((self.ways.bases.counts > 1).any()) else None
 
     def choice(self, which: IntArray) -> Choice:
-        """Return some of the ways, with a tree over them."""
+        """Return some of the paths, with a tree over them."""
         ways, edges, bases = self.ways, self.ways.edges, self.ways.bases
         base, edge = ways.base[which], ways.edge[which]
         bent = edge >= 0
@@ -60,7 +60,7 @@ class Network:
         return Choice(which[order].astype(np.int32), boxes, n_leaves)
 
     def sources(self) -> Choice:
-        """Return the straight ways from the sources."""
+        """Return the straight paths from the sources."""
         return self.choice(np.arange(self.n_sources, dtype=np.int32))
 
     def lower(
@@ -76,7 +76,7 @@ class Network:
         threads: int = 1,
         report: ProgressCallback | None = None,
     ) -> None:
-        """Lower sizes (In/Out: field) at the points ``order`` by a choice of ways."""
+        """Lower sizes (In/Out: field) at the points ``order`` by a choice of paths."""
         tried = np.full(len(points), -1, np.int32) if hints is None else hints
         faces = self.faces
         size = size or (BLOCK if hints is not None else SIZE)
@@ -95,9 +95,9 @@ class Network:
         self.ways.offset[moves] = self.ways.bases.sizes[self.ways.base[moves], 0]
 
     def extend(self, changed: IntArray, field: Field) -> IntArray:
-        """Continue the ways to nodes of reflex edges over these edges and those next to them.
+        """Extend the paths to nodes of reflex edges over these edges and adjacent ones.
 
-        Returns the ways that are new or start from a node that may have been lowered.
+        Returns the paths that are new or start from a node that may have been lowered.
         """
         ways = self.ways
         edge, parent, source, node = self.candidates(changed, field)
@@ -113,7 +113,7 @@ class Network:
     def candidates(
         self, changed: IntArray, field: Field
     ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-        """Return edges, the ways to continue, and the nodes to which these ways lead and may go."""
+        """Return edges, the paths to extend, the nodes where these end, and the next nodes."""
         knots = self.knots
         marked = np.zeros(len(knots.nodes), bool)
         marked[changed] = True
@@ -135,7 +135,7 @@ class Network:
         node: IntArray,
         field: Field,
     ) -> None:
-        """Add ways to ``source`` that go on over edges at ``node``, if they may be shortest."""
+        """Add paths to ``source`` that continue over edges at ``node``, if they may be shortest."""
         ways, edges, points = self.ways, self.knots.edges, self.sight.stars.points
         straight = ways.edge[parent] < 0
         away = np.linalg.norm(points[source] - field.last[source], axis=1)
@@ -154,7 +154,7 @@ class Network:
         place = np.einsum("ra,ra->r", points[node] - edges.start[edge], along)
         away = np.linalg.norm(piece - rise[:, None] * along, axis=1)
         image = np.column_stack([place - rise, away])
-        # The last piece before comes from one place, or from between the ends of an edge.
+        # The previous piece starts at one point, or at any point between the ends of an edge.
         before = edges.start[ways.edge[parent]]
         after = before + (edges.length[:, None] * edges.along)[ways.edge[parent]]
         ends = np.where(straight[:, None], field.last[source], np.stack([before, after]))
@@ -165,7 +165,7 @@ class Network:
         nil = size <= 10.0 * self.sight.walls.slack
         ahead = np.where(nil[:, :, None], ahead[::-1], ahead)
         over = np.einsum("rfa,sra->srf", normals, ahead)
-        # Straight ahead is the outside: a bend there would be no shortest way.
+        # If the outside lies straight ahead, a path that bends here is not shortest.
         ok = (over.min(axis=2) <= GRAZING).any(axis=0) & ~nil.all(axis=0)
         side = over.argmin(axis=2)
         shade = np.empty((len(node), 3, 3))
@@ -190,7 +190,7 @@ class Network:
         )
 
     def _turned(self, way: IntArray, x: FloatArray) -> FloatArray:
-        """Return the bases of ways turned about their last edges to opposite points x."""
+        """Return the bases of paths, rotated about their last edges to opposite points x."""
         e = self.ways.edge[way]
         start, along = self.ways.edges.start[e], self.ways.edges.along[e]
         across = x - start
@@ -202,16 +202,16 @@ class Network:
 
 
 def key_of(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
-    """Return one number for an edge and a way that is continued over it."""
+    """Return one number for an edge and a path that is extended over it."""
     return edge.astype(np.int64) << 32 | parent
 
 
 def _silent(text: str, share: float | None) -> None:
-    """Take a report and do nothing."""
+    """Ignore a progress report."""
 
 
 def network_of(entries: Entries, nodes: IntArray, g: float, sight: Sight, knots: Knots) -> Network:
-    """Return a network of straight ways; the sizes at the nodes of reflex edges are inf."""
+    """Return a network of straight paths; the sizes at the nodes of reflex edges are inf."""
     m, k = len(entries.counts), len(knots.nodes)
     places, sizes = np.zeros((m + k, 3, 3)), np.full((m + k, 3), np.inf)
     places[:m], sizes[:m] = entries.places, entries.sizes

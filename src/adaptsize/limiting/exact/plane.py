@@ -17,14 +17,14 @@ from adaptsize.typing import FloatArray, IntArray
 
 
 class Plane(NamedTuple):
-    """A plane domain as the kernels take it."""
+    """A plane domain, as the kernels use it."""
 
     boundary: PlaneBoundary
     sight: Sight
     corners: Corners
 
     def without_sizes(self) -> Plane:
-        """Return the same domain with corners at which nothing is known."""
+        """Return the same domain with reset corners."""
         n = len(self.corners.rows)
         turns, arrivals = np.zeros((n, 2), np.bool_), np.zeros((n, 2, 2))
         corners = self.corners._replace(sizes=np.full(n, np.inf), turns=turns, arrivals=arrivals)
@@ -54,7 +54,7 @@ def plane_of(points: FloatArray, boundary: PlaneBoundary) -> Plane:
 
 
 def at_nodes(wave: Wave, plane: Plane) -> Wave:
-    """Return sources at nodes that serve the sectors of these: one entry for each sector."""
+    """Return sources at nodes, with one entry for each sector of the node."""
     rows, sectors = plane.boundary.rows, plane.sight.sectors
     node = wave.nodes[:, 0]
     row = np.where(node < len(rows), rows[np.minimum(node, len(rows) - 1)], -1)
@@ -74,7 +74,7 @@ def at_nodes(wave: Wave, plane: Plane) -> Wave:
 
 
 def along_walls(wave: Wave, points: FloatArray, facets: IntArray) -> Wave:
-    """Return sources on edges of which those that are walls serve the domain's side only."""
+    """Return sources on edges; those on walls act on the side of the domain only."""
     sides = {(min(a, b), max(a, b)): a < b for a, b in facets.tolist()}
     cones, kinds = wave.seen.cones.copy(), wave.seen.kinds.copy()
     for k, (a, b) in enumerate(wave.nodes.tolist()):
@@ -88,7 +88,7 @@ def along_walls(wave: Wave, points: FloatArray, facets: IntArray) -> Wave:
 
 
 def solve_corners(g: float, plane: Plane, wave: Wave) -> Wave | None:
-    """Return the corners that are lowered by the sources of a wave, as sources themselves."""
+    """Return the corners that the sources of a wave lower, as new sources."""
     corners = plane.corners
     if len(corners.rows) == 0:
         return None
@@ -101,7 +101,7 @@ def solve_corners(g: float, plane: Plane, wave: Wave) -> Wave | None:
 
 
 def _as_sources(plane: Plane, which: IntArray) -> Wave | None:
-    """Return corners as sources for their wedges or, where ways are free, their sectors."""
+    """Return corners as sources for their wedges or, where paths are free, their sectors."""
     corners, sectors = plane.corners, plane.sight.sectors
     number, cones, kinds = [], [], []
     for side in range(2):
@@ -138,7 +138,7 @@ def _as_sources(plane: Plane, which: IntArray) -> Wave | None:
 
 
 def joined(first: Wave, second: Wave | None) -> Wave:
-    """Return the entries of two waves as those of one."""
+    """Return one wave with the entries of two."""
     if second is None:
         return first
     a, b = first.seen.entries, second.seen.entries

@@ -1,4 +1,4 @@
-"""A mesh with bounds, as the exact method takes it."""
+"""The input of the exact method: a mesh with bounds."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class Problem(NamedTuple):
     report: ProgressCallback
     extra: Extra | None = None
     linear: IntArray | None = None
-    """int32[m, dim + 1]: simplices on which h0 counts as linear, if not the cells."""
+    """int32[m, dim + 1]: simplices on which h0 is linear, if not the cells."""
 
     order: IntArray | None = None
-    """int32[n_points]: the nodes along a Morton curve, if that is known."""
+    """int32[n_points]: the nodes along a Morton curve, if known."""
     meet: bool | None = None
-    """Whether two nodes of any simplex have bounds, if that is known."""
+    """Whether two nodes of any simplex have bounds, if known."""
 
     @property
     def cells(self) -> IntArray:
-        """Simplices on which h0 counts as linear."""
+        """Simplices on which h0 is linear."""
         return self.mesh.cells if self.linear is None else self.linear

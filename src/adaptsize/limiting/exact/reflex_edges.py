@@ -1,4 +1,4 @@
-"""The reflex edges of a solid, straight chains merged, and their nodes."""
+"""The reflex edges of a solid, with straight chains merged, and their nodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from adaptsize.limiting.exact.space_sight import NO_VOLUME, heights_of, scales_o
 from adaptsize.limiting.exact.work import along_curve
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-# Angle between a way and the faces of an edge that counts as none.
+# Angles between a path and the faces of an edge below this are zero.
 GRAZING = 1e-9
 
 
@@ -27,12 +27,12 @@ class _Ridges(NamedTuple):
     normals: FloatArray
     """float64[r, 2, 3]: unit normals of the two facets there."""
     inner: FloatArray
-    """float64[r, 3]: from a reflex edge into the outside."""
+    """float64[r, 3]: direction from a reflex edge to the outside."""
     is_reflex: BoolArray
     is_sharp: BoolArray
-    """Whether the two facets are not in one plane, or not two."""
+    """Whether the number of facets is not two, or the two facets are not in one plane."""
     is_odd: BoolArray
-    """Whether there are not two facets with an area."""
+    """Whether the number of facets with an area is not two."""
 
 
 class Knots(NamedTuple):
@@ -42,16 +42,16 @@ class Knots(NamedTuple):
     """int32[k]: nodes of reflex and odd edges, along a Morton curve."""
     edges: Edges
     obstacles: FloatArray
-    """float64[e, 3]: from each edge into the outside."""
+    """float64[e, 3]: direction from each edge to the outside."""
     knot: IntArray
-    """int32[p], with ``edge``: the pairs of a node and an edge it lies on."""
+    """int32[p], with ``edge``: pairs of a node and an edge on which it lies."""
     edge: IntArray
     beside: csr_array
-    """(e, e): the node of two edges, numbers in ``nodes`` from 1 on."""
+    """(e, e): the common node of two edges, as an index in ``nodes`` plus 1."""
 
 
 def _ridges_of(points: FloatArray, facets: IntArray) -> _Ridges:
-    """Return the edges of a boundary and how it turns there."""
+    """Return the edges of a boundary and the turn of the boundary at each."""
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
@@ -90,7 +90,7 @@ def _ridges_of(points: FloatArray, facets: IntArray) -> _Ridges:
 def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     """Return for each reflex edge the number of the straight chain that it belongs to.
 
-    A chain goes on at nodes with no other edge between facets of different planes.
+    A chain continues through nodes that have no other edge between facets of different planes.
     """
     ends = ridges.ends[ridges.is_reflex]
     n = len(points)
@@ -107,7 +107,7 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     pairs = pairs[turn < GRAZING]
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(ends), len(ends)))
     chain = connected_components(graph, directed=False)[1]
-    # What is not straight after all falls apart.
+    # Chains that are not straight are split into their edges.
     first = np.zeros(chain.max(initial=-1) + 1, np.int64)
     first[chain[::-1]] = np.arange(len(ends))[::-1]
     rep = first[chain]
@@ -121,7 +121,7 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
 
 
 def find_knots(points: FloatArray, boundary: FlatBoundary, slack: float) -> Knots:
-    """Return the reflex edges of a boundary, straight chains merged, and their nodes."""
+    """Return the reflex edges of a boundary, with straight chains merged, and their nodes."""
     ridges = _ridges_of(points, boundary.facets)
     chain = _chains_of(points, ridges, slack)
     ends = ridges.ends[ridges.is_reflex]

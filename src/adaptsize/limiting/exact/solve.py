@@ -1,4 +1,4 @@
-"""Exact limiting on meshes: which nodes, edges, faces and corners decide, and what they allow."""
+"""Exact limiting on meshes: sources at nodes, edges, faces and corners, and allowed sizes."""
 
 from __future__ import annotations
 
@@ -39,27 +39,27 @@ _EQUAL = 1e-12
 
 @dataclass(eq=False)
 class Found:
-    """Sizes and where they come from."""
+    """Sizes and their sources."""
 
     h: FloatArray
     source: IntArray
-    """int32[n]: number of the entry in ``field``; -1 where the bound is kept."""
+    """int32[n]: number of the entry in ``field``; -1 if the bound is kept."""
     field: ExactField
     bend: FloatArray | None = None
-    """float64[n, dim]: last place where the way bends, nan where there is none; None if ``field``
-    tells it."""
+    """float64[n, dim]: last bend of the path, nan if there is none; None if it follows from
+    ``field``."""
     proved: BoolArray | None = None
     """bool[n]: nodes whose size is proved exact; None if all are."""
     lower: FloatArray | None = None
     """float64[n]: lower bounds, if not all nodes are proved."""
     plane: Plane | None = None
     points: Points | None = None
-    """What `solve_again` starts from."""
+    """Points for `solve_again`."""
     finished: bool = True
-    """Whether the search for ways around reflex edges came to its end."""
+    """Whether the search for paths around reflex edges was completed."""
 
     def bends(self) -> FloatArray:
-        """Return where the way to each node bends last, nan where nowhere; no rows if convex."""
+        """Return the last bend of the path to each node, nan if none; no rows if convex."""
         if self.bend is not None:
             return self.bend
         places = np.concatenate([wave.seen.entries.places[:, 0] for wave in self.field.waves])
@@ -74,7 +74,7 @@ class Found:
 
 
 def solve_on_mesh(problem: Problem, boundary: FlatBoundary, convex: bool) -> Found:
-    """Solve on triangles in the plane or on tetrahedra, of one component."""
+    """Solve on one component of triangles in the plane or of tetrahedra."""
     mesh = problem.mesh
     if len(boundary.facets) == 0:
         return _along_edges(problem)
@@ -90,7 +90,7 @@ def solve_on_mesh(problem: Problem, boundary: FlatBoundary, convex: bool) -> Fou
 
 
 def rises_too_fast(problem: Problem, h: FloatArray) -> bool:
-    """Tell whether sizes grow faster than g along any edge, as they may where cells overlap."""
+    """Return whether sizes grow faster than g along any edge, as they may if cells overlap."""
     mesh = problem.mesh
     axes = (0,) * mesh.dim
     return bool(candidates.any_edge_exceeds(mesh.points, axes, mesh.cells, h, problem.g))
@@ -136,7 +136,7 @@ def _with_corners(wave: Wave, g: float, plane: Plane | None) -> Wave:
 
 
 def _survivors(problem: Problem, nodes: IntArray, plane: Plane | None, meet: bool) -> IntArray:
-    """Return those of the nodes that keep their bound; all of few in the plane."""
+    """Return the nodes that keep their bound; in the plane, all nodes if no bounds meet."""
     if plane is None:
         places = np.ascontiguousarray(problem.mesh.points[nodes])
         sizes, threads = problem.h0[nodes], problem.threads
@@ -170,7 +170,7 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
         waves[0].seen.entries.n_leaves,
     )
     named = np.concatenate([wave.nodes for wave in waves])
-    named[named >= mesh.n_points] = -1  # no node's cells are around it
+    named[named >= mesh.n_points] = -1  # a point source is not a node and has no cells
     result = solve_in_space(
         mesh,
         h0,
@@ -197,7 +197,7 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
 
 
 def _along_edges(problem: Problem) -> Found:
-    """Solve where no cell has a measure: sizes go along edges, and nothing is proved."""
+    """Solve if no cell has a measure: sizes propagate along edges, and nothing is proved."""
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     nowhere = np.empty((0, mesh.dim))
     field = ExactField(g, None, [node_wave(nowhere, np.empty(0), np.empty(0, np.int32))])
@@ -207,10 +207,10 @@ def _along_edges(problem: Problem) -> Found:
 
 
 def _keep_edges(problem: Problem, found: Found) -> None:
-    """Lower what exceeds a neighbour by more than g allows (In/Out: found).
+    """Lower sizes that exceed a neighbour by more than g allows (In/Out: found).
 
-    Around folds lines of sight end where ways along edges do not; nothing is proved there but
-    what is as small as it could be if nothing hid anything.
+    Around folds, lines of sight end where paths along edges continue.  There, a size is proved
+    exact only if it equals the size that would result if all sources were visible.
     """
     mesh, g = problem.mesh, problem.g
     slope = Slope(np.array([g]))
@@ -233,7 +233,7 @@ def _keep_edges(problem: Problem, found: Found) -> None:
 def survivors_among(
     places: FloatArray, sizes: FloatArray, g: float, threads: int, report: ProgressCallback
 ) -> BoolArray:
-    """Tell which nodes of a convex domain keep their bound under those of the others."""
+    """Return which nodes of a convex domain keep their bound, given the bounds of the others."""
     survives = np.empty(len(places), np.bool_)
     if len(places) == 0:
         return survives
@@ -248,7 +248,7 @@ def survivors_among(
 
 
 def _seen_survivors(problem: Problem, nodes: IntArray, plane: Plane) -> BoolArray:
-    """Tell which nodes keep their bound under those that they see."""
+    """Return which nodes keep their bound, given the bounds visible from them."""
     places = np.ascontiguousarray(problem.mesh.points[nodes])
     sizes, rows = problem.h0[nodes], plane.boundary.rows[nodes]
     survives = np.empty(len(nodes), np.bool_)
@@ -275,7 +275,7 @@ def _seen_survivors(problem: Problem, nodes: IntArray, plane: Plane) -> BoolArra
 
 
 def _at_nodes(problem: Problem, nodes: IntArray, plane: Plane | None) -> Wave:
-    """Return nodes, and sources between them, as sources."""
+    """Return nodes, and sources between nodes, as a wave."""
     mesh, extra = problem.mesh, problem.extra
     places, sizes, names = mesh.points[nodes], problem.h0[nodes], nodes
     if extra is not None:
@@ -286,7 +286,7 @@ def _at_nodes(problem: Problem, nodes: IntArray, plane: Plane | None) -> Wave:
 
 
 def node_wave(places: FloatArray, sizes: FloatArray, names: IntArray) -> Wave:
-    """Return points as sources."""
+    """Return points as a wave of sources."""
     entries, order = entries_of(places[:, None], sizes[:, None])
     named = np.full(places.shape, -1, np.int32)
     named[:, 0] = names[order]

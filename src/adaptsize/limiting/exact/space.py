@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 # Sizes that differ by less than this share are equal.
 _EQUAL = 1e-12
 
-# Share by which ways may be longer than those along edges of the mesh.
+# Share by which paths may be longer than those along edges of the mesh.
 _TIE = 1e-10
 
 
-# Rounds in which ways may get one more bend each.
+# Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
 
 
 class _Options(TypedDict):
-    """How to run kernels."""
+    """Options for running kernels."""
 
     threads: int
     report: ProgressCallback
@@ -46,17 +46,17 @@ class SpaceResult(NamedTuple):
     h: FloatArray
     """float64[n]"""
     entry: IntArray
-    """int32[n]: the source at the origin of the way, -1 where there is none."""
+    """int32[n]: the source at the origin of the path, -1 if there is none."""
     bend: FloatArray
-    """float64[n, 3]: last place where the way bends, nan where it is straight."""
+    """float64[n, 3]: last bend of the path, nan if it is straight."""
     proved: BoolArray
-    """bool[n]: nothing can be smaller, as ``h`` is ``lower``."""
+    """bool[n]: the size is exact, since ``h`` equals ``lower``."""
     lower: FloatArray
-    """float64[n]: the least that all sources allow, sight left out."""
+    """float64[n]: the smallest size that the sources allow, without regard to visibility."""
     network: Network | None
-    """All that decides the size at any point; None if every node sees what limits it."""
+    """Paths that determine the size at any point; None if each node sees its source."""
     finished: bool
-    """Whether sizes had stopped falling along reflex edges after so many rounds."""
+    """Whether sizes along reflex edges converged within the largest number of iterations."""
 
 
 def solve_in_space(
@@ -84,13 +84,13 @@ def solve_in_space(
     entries : Entries
         Survivors.
     nodes : int32[m, 3]
-        Nodes of each, -1 where there are fewer.
+        Nodes of each entry, padded with -1.
     lower, nearest : float64[n], int32[n]
-        The least that the entries allow, sight left out, and by which of them.
+        The smallest size that the entries allow, without regard to visibility, and the entry.
     boundary : FlatBoundary
     report : callable
     sight : Sight, optional
-        If it has been built before.
+        Visibility data, if already built.
     threads : int, optional
     """
     n = mesh.n_points
@@ -106,8 +106,8 @@ def solve_in_space(
     network.lower(mesh.points, everyone, order, none, field, hints=nearest, **with_)
     proved = (field.way >= 0) | (h0 <= lower)
     upper = _spread(mesh, np.where(proved, lower, h0), g, report)
-    proved |= np.isinf(upper)  # nothing comes there
-    # Ways as short as those along edges of the mesh count, too: they may go on over other edges.
+    proved |= np.isinf(upper)  # not reached by any source
+    # Keep paths as short as those along edges of the mesh: they may continue over other edges.
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), upper + _TIE * np.abs(upper))
     hidden = order[~proved[order]]
     finished = True
@@ -119,9 +119,9 @@ def solve_in_space(
 def _solve_hidden(
     network: Network, field: Field, hidden: IntArray, everyone: IntArray, with_: _Options
 ) -> bool:
-    """Lower nodes (In/Out: field) that do not see what allows least at them.
+    """Lower nodes (In/Out: field) from which their smallest source is not visible.
 
-    Returns whether this came to its end within _ROUNDS rounds.
+    Returns whether the iteration converged within _ROUNDS iterations.
     """
     points, knots = network.sight.stars.points, network.knots.nodes
     network.lower(points, everyone, hidden, network.sources(), field, **with_)
@@ -133,7 +133,7 @@ def _solve_hidden(
             break
         network.set_knots(field.sizes[knots])
         fresh = np.concatenate([network.n_sources + changed, network.extend(changed, field)])
-        if len(order) == 0:  # the ways are made, and no node of an edge waits for them
+        if len(order) == 0:  # all paths are built, and no node of an edge is left
             changed = order
             break
         before = field.sizes[knots]
@@ -148,7 +148,7 @@ def _solve_hidden(
 
 
 def _in_use(network: Network, field: Field) -> IntArray:
-    """Return the ways from nodes of reflex edges, and those over edges that reach such a node."""
+    """Return the paths from nodes of reflex edges, and those over edges that reach such a node."""
     ways, knots = network.ways, network.knots
     bent = np.flatnonzero(ways.edge >= 0)
     edge, way, _, _ = network.candidates(np.arange(len(knots.nodes), dtype=np.int32), field)
@@ -158,7 +158,7 @@ def _in_use(network: Network, field: Field) -> IntArray:
 
 
 def _spread(mesh: SimplexMesh, h: FloatArray, g: float, report: ProgressCallback) -> FloatArray:
-    """Return what is left of sizes when none exceeds that of a neighbour by more than g allows."""
+    """Return sizes lowered so that none exceeds a neighbour by more than g allows."""
     return solve_edge_based(mesh, h, Slope(np.array([g])), residual=False, report=report).h
 
 
@@ -171,7 +171,7 @@ def _result(
     finished: bool,
     report: ProgressCallback,
 ) -> SpaceResult:
-    """Return sizes that keep to g along all edges, and their origins."""
+    """Return sizes that satisfy the limit g along all edges, and their sources."""
     ways = network.ways
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = _spread(mesh, sizes, network.g, report)

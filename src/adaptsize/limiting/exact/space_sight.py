@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from adaptsize.geometry.boundary import FlatBoundary
 
 
-# Share of the diagonal that counts as no distance.
+# Distances below this share of the diagonal are zero.
 _SLACK = 1e-11
 
 
-# Cells of less volume over the cube of their longest edge count as without any.
+# Cells with a smaller ratio of volume to the cube of the longest edge have no volume.
 NO_VOLUME = 1e-12
 
 
@@ -42,7 +42,7 @@ def build_sight(mesh: SimplexMesh, boundary: FlatBoundary) -> Sight:
     rows[:, 6:9] = np.cross(e2[order], normal[order]) / square
     rows[:, 9:12] = np.cross(normal[order], e1[order]) / square
     slack = _SLACK * diagonal
-    # The normal of a sliver is uncertain, and so is on which side of it a far point lies.
+    # The normal of a sliver is uncertain, and so is the side on which a distant point lies.
     rows[:, 12] = np.maximum(slack, 4.0 * rounding * diagonal / height[order])
     rows[:, 13] = np.minimum(slack / height[order], 1e-3)
     boxes, n_leaves = boxes_over(
@@ -59,7 +59,7 @@ def scales_of(points: FloatArray, facets: IntArray) -> tuple[float, float]:
 
 
 def heights_of(corners: FloatArray, area: FloatArray) -> FloatArray:
-    """Return the least heights of triangles, given twice their areas."""
+    """Return the smallest heights of triangles, given twice their areas."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     heights = np.zeros_like(area)
     np.divide(area, longest, out=heights, where=longest > 0.0)
@@ -67,7 +67,7 @@ def heights_of(corners: FloatArray, area: FloatArray) -> FloatArray:
 
 
 def _stars_at(mesh: SimplexMesh, nodes: IntArray) -> Stars:
-    """Return the cells with volume at nodes of the boundary."""
+    """Return the cells with a volume at boundary nodes."""
     rows = np.full(mesh.n_points, -1, np.int32)
     rows[nodes] = np.arange(len(nodes))
     cells = mesh.cells[(rows[mesh.cells] >= 0).any(axis=1)]
@@ -78,7 +78,7 @@ def _stars_at(mesh: SimplexMesh, nodes: IntArray) -> Stars:
     turned = volume < 0.0
     cells[turned, 2:] = cells[turned, 3:1:-1]
     cells = cells[~flat]
-    # Even permutations: the three others are right-handed, seen from the first.
+    # Even permutations: seen from the first vertex, the three others are right-handed.
     around = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 0, 1, 3], [3, 0, 2, 1]]
     star = np.concatenate([cells[:, order] for order in around])
     star = star[rows[star[:, 0]] >= 0]

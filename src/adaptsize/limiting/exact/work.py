@@ -1,4 +1,4 @@
-"""Points along a Morton curve, and work on them chunk by chunk, on one or several threads."""
+"""Points along a Morton curve, and their processing in chunks on one or several threads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from adaptsize._kernels.exact import BLOCK, Entries
 from adaptsize._kernels.trees import LEAF, fill_boxes, fill_extent, fill_keys, sort_by_keys
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-# Points of a chunk: some milliseconds, between which Ctrl-C gets through.
+# Points per chunk, some milliseconds; Ctrl-C takes effect between chunks.
 _CHUNK = 512 * BLOCK
 
 # Bits per axis of a Morton key.
@@ -23,7 +23,7 @@ _BITS = 21
 def along_curve(points: FloatArray) -> IntArray:
     """Return the numbers of points in the order of a Morton curve, int32[n].
 
-    30 ns per point; equal points may come in any order, but always in the same one.
+    The time is 30 ns per point.  The order of equal points is arbitrary but deterministic.
     """
     n, dim = points.shape
     axes = (0,) * dim
@@ -46,9 +46,9 @@ def entries_of(
     Parameters
     ----------
     places : float64[m, v, dim]
-        Vertices of each entry, at most 1, 2 or 3.
+        Vertices of each entry; v is 1, 2 or 3.
     sizes : float64[m, v]
-        Bounds at the vertices, inf where there are fewer.
+        Bounds at the vertices, padded with inf.
     counts : int8[m], optional
         Numbers of vertices; v by default.
 
@@ -67,7 +67,7 @@ def entries_of(
 
 
 def with_tree(places: FloatArray, sizes: FloatArray, counts: npt.NDArray[np.int8]) -> Entries:
-    """Return entries, sorted already, with a tree over them."""
+    """Return entries that are already sorted, with a tree over them."""
     lower, upper = places[:, 0].copy(), places[:, 0].copy()
     for v in range(1, places.shape[1]):
         used = counts > v
@@ -91,10 +91,10 @@ def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> tuple
 def in_chunks(
     task: Callable[[int, int], object], n: int, threads: int, report: ProgressCallback
 ) -> None:
-    """Run ``task(first, last)`` on chunks of 0..n - 1, on several threads if asked.
+    """Run ``task(first, last)`` on chunks of 0..n - 1, on several threads if requested.
 
-    Tasks release the interpreter and write where no other does.  An exception, that of
-    ``report`` included, stops the work after the chunks that have begun.
+    Tasks release the interpreter lock and write to disjoint memory.  An exception, also one in
+    ``report``, stops the work after the chunks that have begun.
     """
     chunks = [(first, min(first + _CHUNK, n)) for first in range(0, n, _CHUNK)]
     text = "limiting the gradient"
@@ -115,14 +115,14 @@ def in_chunks(
 
 
 def number_of_threads(threads: int | None) -> int:
-    """Return the number of threads: as given, or that of numba."""
+    """Return the given number of threads, or that of numba."""
     return int(numba.get_num_threads()) if threads is None else threads
 
 
 def part_of(report: ProgressCallback, first: float, last: float) -> ProgressCallback:
-    """Return a callback for a part of the work, from one share of the whole to another."""
+    """Return a callback for a part of the work, between two fractions of the whole."""
 
-    def told(text: str, share: float | None) -> None:
+    def report_part(text: str, share: float | None) -> None:
         report(text, None if share is None else first + (last - first) * share)
 
-    return told
+    return report_part
