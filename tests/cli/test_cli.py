@@ -268,6 +268,14 @@ def test_remesh_is_read_size_function_and_remesh(tmp_path):
     np.testing.assert_array_equal(written.point_data["h"], size(new.points))
 
 
+@pytest.mark.parametrize("words", [["--backend", "frob"], ["--target", "frob"]])
+def test_a_bad_backend_or_target_is_refused_before_sizes_are_computed(capsys, tmp_path, words):
+    assert call("remesh", DATA / "bracket.stl", "-o", tmp_path / "b.vtu", *words) == 1
+    err = capsys.readouterr().err
+    assert "frob" in err
+    assert "sizes:" not in err
+
+
 def test_remesh_reports_the_mesh_and_warns_of_what_is_out_of_bounds(capsys, tmp_path):
     pytest.importorskip("mmgpy")
     command = ["remesh", DATA / "shell.vtu", "-o", tmp_path / "new.vtu", "--target", "triangles"]

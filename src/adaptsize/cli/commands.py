@@ -159,9 +159,11 @@ def remesh(
     """
     from adaptsize import remeshing
     from adaptsize.io import read, write
+    from adaptsize.remeshing.driver import check_backend
 
     check_outputs(output, plot)
     mesh = read(file)
+    check_backend(mesh, target, backend)  # type: ignore[arg-type]
     found, report = size_of_mesh(
         mesh,
         field,

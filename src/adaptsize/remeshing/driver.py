@@ -181,6 +181,15 @@ def remesh(
     return frame.restored(new, repaired.mesh)
 
 
+def check_backend(mesh: SimplexMesh, target: Target = "auto", backend: str = "auto") -> None:
+    """Raise at once what `remesh` would raise for a target or a backend that cannot be used.
+
+    For callers that spend time on the sizes first.
+    """
+    task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
+    choose_backend(backend, task, keep_facets=False)
+
+
 @dataclass(frozen=True)
 class _Part:
     """A meshing problem, and the tags for its numbers of regions and groups."""
