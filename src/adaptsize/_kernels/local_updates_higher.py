@@ -26,7 +26,7 @@ _MOST_STEPS = 6
 # After a step as short as this the next one is near rounding.
 _SHORT_STEP = 1e-3
 _NO_STEP = 1e-12
-# Mean slopes may leave the range of g by as much before a source is disbelieved.
+# Tolerance for mean slopes outside the range of g; beyond it, a source is rejected.
 _SLACK = 0.01
 _ROUNDING = 1e-9
 
