@@ -13,8 +13,8 @@ a path adds.  They differ in w:
   the cubic Hermite interpolant G of the mean slopes (h - h_z) / |y - z|.  A cubic
   meets a cone badly near its tip; its mean slope is constant.
 
-What is known of a triangle (k, a, b) is passed as numbers in its own plane: so the
-same update serves the plane and surfaces.  ``axes`` as in local.py.
+The data of a triangle (k, a, b) are passed as numbers in its own plane, so that the
+same update serves the plane and surfaces.  ``axes`` as in local_updates.py.
 """
 
 import math

@@ -88,7 +88,7 @@ def medial_axis_on_grid(
     step = float(grid.spacing.max())
     distance = distance_on_grid(grid, phi)
     at_corner, apex = meet_at_corner(distance, step, fronts, corner_angle, rounded)
-    # At larger distances or smaller turns, a smooth boundary cannot be told from a corner.
+    # At larger distances or smaller turns, a smooth boundary is indistinguishable from a corner.
     sharp = at_corner & (fronts.cosine < np.cos(np.radians(_SHARP)))
     steps = fronts.radii / grid.spacing.max()
     sharp &= (steps >= RESOLVED) & (steps <= _WITNESS)

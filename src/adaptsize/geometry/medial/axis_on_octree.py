@@ -298,16 +298,16 @@ def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: f
     along = away - across[:, :, None] * normals
     distances = np.linalg.norm(away, axis=2)
     aside = np.linalg.norm(along, axis=2)
-    asked = np.nonzero(aside > _ASIDE * distances)
-    foot = (found.fronts.points[:, None, :] + along)[asked]
-    off = _ACROSS * aside[asked][:, None] * normals[asked[0], 0]
-    is_inside = (1.0 + _ACROSS) * aside[asked] < found.fronts.radii[asked[0]]
+    oblique = np.nonzero(aside > _ASIDE * distances)
+    foot = (found.fronts.points[:, None, :] + along)[oblique]
+    off = _ACROSS * aside[oblique][:, None] * normals[oblique[0], 0]
+    is_inside = (1.0 + _ACROSS) * aside[oblique] < found.fronts.radii[oblique[0]]
     sides = [boundary.seen_from(foot + sign * off, is_inside) for sign in (-1.0, 1.0)]
     turn = sides[1].outward - sides[0].outward
     goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= least
     goes_on &= (turn * off).sum(axis=1) > 0.0
     goes_on &= (sides[0].depth > 0.0) & (sides[1].depth > 0.0)
-    distances[asked] = np.where(goes_on, np.abs(across[asked]), distances[asked])
+    distances[oblique] = np.where(goes_on, np.abs(across[oblique]), distances[oblique])
     return np.asarray(distances)
 
 
