@@ -18,7 +18,7 @@ _A = np.uint64(0x9E3779B97F4A7C15)
 _B = np.uint64(0x6A09E667F3BCC909)
 _SHIFT = np.uint64(32)
 
-# Cells of less measure over the power of their longest edge count as without any.
+# Cells with a smaller ratio of measure to the power of the longest edge have no measure.
 _NO_MEASURE = 1e-12
 
 
@@ -80,8 +80,8 @@ def signed_measure(points, axes, cells, c):
 def sum_facets(points, axes, cells, first, last, sums):
     """Add up, at each node, signed random numbers of the facets there.
 
-    A facet is told from the node by its other nodes: by r_b in the plane, and by the
-    antisymmetric r_b s_c - r_c s_b in space, r and s being random numbers of the nodes.
+    At a node, a facet is identified by its other nodes: by r_b in the plane, and by the
+    antisymmetric r_b s_c - r_c s_b in space, where r and s are random numbers of the nodes.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def merge_walls(points, start, end, after, begins, is_end, slack, ends):
     is_end : bool[n]
         In/Out: nodes at which walls end; those where a line leaves another are added.
     slack : float64
-        Distance from a line that counts as on it.
+        Distance from a line below which a point is on it.
     ends : float64[w, 4]
         Out: start and end of the merged walls.
 

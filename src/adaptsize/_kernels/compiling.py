@@ -1,4 +1,4 @@
-"""How kernels are compiled, and when compiled ones are out of date.
+"""Compilation of kernels, and invalidation of the compilation cache.
 
 numba makes two wrappers of a function, for calls from Python and through pointers, which are
 compiled and optimised with all that the function calls: a quarter of the time of compiling.

@@ -7,7 +7,7 @@ times the current size, where ``keep`` is 1 minus rounding or slightly smaller.
 
 The drivers read the mesh as *stars*: for each node, the other vertices of its
 cells in one contiguous block.  ``axes`` and ``others`` are tuples of which only
-the length counts (embedding dimension; vertices of a star entry), see local.py.
+the length counts (embedding dimension; vertices of a star entry), see local_updates.py.
 """
 
 import math
@@ -39,7 +39,7 @@ def fill_stars(cells, star_ptr, star, owner):
             star_ptr[cells[c, v] + 1] += 1
     for i in range(n):
         star_ptr[i + 1] += star_ptr[i]
-    # star_ptr[i] serves as the next free place of node i, and is put back afterwards.
+    # star_ptr[i] is the next free place of node i, and is restored afterwards.
     for c in range(cells.shape[0]):
         for v in range(k):
             i = cells[c, v]

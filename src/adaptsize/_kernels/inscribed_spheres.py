@@ -305,7 +305,7 @@ def shrink_balls(
     order : int64[n_probes]
         Neighbours should follow each other: what one touches is the first guess for the next.
     first, last : int
-        Only ``order[first:last]`` is worked on.
+        Only ``order[first:last]`` is processed.
     radii : float64[n_probes]
         Out: inf where no cell is met.  Between opposite walls that of a ball beside the probe.
     contacts : float64[n_probes, 3]

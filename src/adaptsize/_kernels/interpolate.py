@@ -316,9 +316,9 @@ def locate(points, cells, boxes, full, queries, order, first, last, found, weigh
         Whether the cells have the dimension of the space, so that they contain points.
     queries : float64[n_queries, 3]
     order : int64[n_queries]
-        Order to work in; neighbours should be near each other, for the cache.
+        Order of processing; neighbours should be near each other, for the cache.
     first, last : int
-        Only ``order[first:last]`` is worked on.
+        Only ``order[first:last]`` is processed.
     found : int32[n_queries]
         Out: cell, as numbered in ``cells``.
     weights : float64[n_queries, k + 1]

@@ -32,7 +32,7 @@ def interpolate_grid(
         Empty if all nodes are active.
     queries : float64[n_queries, dim]
     first, last : int
-        Only ``queries[first:last]`` are worked on.
+        Only ``queries[first:last]`` are processed.
     result : float64[n_queries]
         Out: inf where no active corner counts.
     distances : float64[n_queries]

@@ -10,7 +10,7 @@ and any embedding dimension.
 
 ``axes`` is a tuple of which only the length counts, the embedding dimension: its
 length is known when a kernel is compiled, so that the loops over it are unrolled.
-With the star layout of march.py this halved the time of marching.
+With the star layout of fast_marching.py this halved the time of marching.
 
 References
 ----------

@@ -13,8 +13,8 @@ a path adds.  They differ in w:
   the cubic Hermite interpolant G of the mean slopes (h - h_z) / |y - z|.  A cubic
   meets a cone badly near its tip; its mean slope is constant.
 
-What is known of a triangle (k, a, b) is passed as numbers in its own plane: so the
-same update serves the plane and surfaces.  ``axes`` as in local.py.
+The data of a triangle (k, a, b) are passed as numbers in its own plane, so that the
+same update serves the plane and surfaces.  ``axes`` as in local_updates.py.
 """
 
 import math
@@ -26,7 +26,7 @@ _MOST_STEPS = 6
 # After a step as short as this the next one is near rounding.
 _SHORT_STEP = 1e-3
 _NO_STEP = 1e-12
-# Mean slopes may leave the range of g by as much before a source is disbelieved.
+# Tolerance for mean slopes outside the range of g; beyond it, a source is rejected.
 _SLACK = 0.01
 _ROUNDING = 1e-9
 

@@ -128,7 +128,7 @@ def gradient_of_front(phi, k, a, step, away, strides, spacing):
         Step in the flat array away from the edge.
     away : float
         Distance of the node from the crossing, in spacings: at the medial axis
-        differences to either side may be of either front, and the node is not asked.
+        differences to either side may be of either front, and the node is not used.
     strides, spacing : tuples of length 3
 
     Returns

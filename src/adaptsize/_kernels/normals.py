@@ -188,9 +188,9 @@ def correct_open_normals(
 ):
     """Correct the normals of open fans, which lean towards the side where the faces are.
 
-    A fan at a crease knows the surface on one side only, and its mean normal is that
-    of a place half an edge away: the curvature across the crease would come out at
-    half its value.  The chord condition with the neighbours puts the normal right.
+    A fan at a feature edge contains the surface on one side only.  Its mean normal is that of a
+    point half an edge away, so that the curvature across the feature edge would have half its
+    value.  The chord condition with the neighbours corrects the normal.
     Fans of less than 150 degrees are one-sided in both directions, others across
     the crease only.
 

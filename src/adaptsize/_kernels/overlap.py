@@ -317,9 +317,9 @@ def fill_overlaps(
     new_points : float64[n_new, 3]
     new_cells : int32[m_new, k + 1]
     order : int64[m_new]
-        Order to work in.
+        Order of processing.
     first, last : int
-        Only ``order[first:last]`` is worked on, and less if ``found`` is full.
+        Only ``order[first:last]`` is processed, and less if ``found`` is full.
     counts : int64[m_new]
         Out: number of old cells that overlap each new cell.
     found : int32[room]

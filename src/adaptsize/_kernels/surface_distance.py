@@ -1,4 +1,4 @@
-"""Distances to facets on a grid: exact in a band around each facet, then handed on.
+"""Distances to facets on a grid: exact in a band around each facet, propagated beyond.
 
 A facet is a point, a segment or a triangle.  Grids have three axes here, of one node where
 there are fewer, and nodes are numbered row by row, the last axis fastest.
@@ -37,13 +37,13 @@ def scan_facets(
     ----------
     points : float64[n, 3]
     facets : int32[m, k]
-        k = 1, 2 or 3.  Short ones cost least: all nodes of a box around each are looked at.
+        k = 1, 2 or 3.  Short facets are cheapest: all nodes of a box around each are tested.
     first, last : int
         Only ``facets[first:last]`` are scanned.
     lower, spacing : float64[3]
     shape : int64[3]
     reach : float
-        How far to look.
+        Largest distance.
     exact : bool
         Whether to find the closest point of each facet, or to take its centroid.
     distance : float64[n_nodes]
@@ -204,11 +204,11 @@ def hand_on_facets(
     state,
     most,
 ):
-    """Give every node the nearest facet that it finds by its neighbours.
+    """Propagate the nearest facets from node to node.
 
-    A node that is accepted, roughly by distance, walks on from the facet that it was
-    handed to the nearest one around, and hands that to its neighbours along the axes.  It
-    comes back when a nearer facet reaches it.
+    Nodes are accepted roughly in order of distance.  An accepted node searches from the facet
+    that it received for the nearest facet around it, and passes that to its neighbours along the
+    axes.  It is inserted again if a nearer facet reaches it later.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def hand_on_facets(
     n_buckets = first.shape[0]
     here, waiting = state
     strides = (n1 * n2, n2, 1)
-    if here < 0:  # all nodes with a neighbour that knows nothing
+    if here < 0:  # insert all nodes with a neighbour without a facet
         here = 0
         for node in range(distance.shape[0]):
             if nearest[node] < 0:

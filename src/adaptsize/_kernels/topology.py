@@ -24,7 +24,7 @@ def fill_rings(cells, n_points, ring_ptr, ring):
             ring_ptr[cells[c, v] + 1] += 1
     for i in range(n_points):
         ring_ptr[i + 1] += ring_ptr[i]
-    # ring_ptr[i] serves as the next free place of row i, and is put back afterwards.
+    # ring_ptr[i] is the next free place of row i, and is restored afterwards.
     for c in range(cells.shape[0]):
         for v in range(cells.shape[1]):
             i = cells[c, v]

@@ -151,7 +151,7 @@ def wind(points, cells, moments, far, queries, first, last, numbers):
         A node of the tree is expanded as a whole beyond this number of its radii.
     queries : float64[n_queries, 3]
     first, last : int
-        Only these queries are worked on.
+        Only these queries are processed.
     numbers : float64[n_queries]
         Out.
     """

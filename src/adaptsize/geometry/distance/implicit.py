@@ -30,17 +30,17 @@ _CUTS = 4
 # Steps of differences, in spacings: first derivatives and curvatures.
 _STEP = 1e-3
 _STEP_OF_CURVATURE = 3e-2
-# Smooth functions need 3 to 5 iterations; at kinks there is no end.
+# Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
 _MOST_ITERATIONS = 15
-# An iterate has arrived when it moves by less, in spacings.
+# An iterate has converged when it moves by less, in spacings.
 _ARRIVED = 1e-9
-# Iterates farther than that from the zero level, in spacings and in steps along it, return first.
+# Iterates farther from the zero level, in spacings and in steps along it, first return to it.
 _OFF_LEVEL = 0.05
-# What a distance estimated from outside the zero level must be worth: iterates on it win.
+# Penalty on the distance of an iterate from the zero level, so that iterates on it are preferred.
 _PENALTY = 2.0
-# A foot further from the foot of a neighbour, in spacings, is no business of its parabola.
+# The parabola at a foot is used only for feet up to this distance from it, in spacings, ...
 _WITHIN = 1.5
-# Nor are places near to, or beyond, its focus.
+# ... and not near or beyond its focus.
 _OFF_FOCUS = 0.25
 
 
@@ -71,9 +71,9 @@ def implicit_distance(
     background
     function : callable
     values : float64[nodal_shape]
-        Those of the function at the nodes.
+        Values of the function at the nodes.
     band : float
-        Nodes up to so many spacings away are projected; inf: all.
+        Nodes up to this number of spacings away are projected; inf: all.
     report : callable
     """
     crossings, layer, spacing = _crossings(background, function, values)
@@ -225,11 +225,11 @@ def _project(
 def _project_part(
     function: Implicit, x: FloatArray, start: FloatArray, spacing: float
 ) -> FloatArray:
-    """Project points that have a point near the closest one of the zero level to start from.
+    """Project points to the zero level, from start points near the closest points.
 
     Solves  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
-    the normal and in the tangent plane, there with the curvature along the path to x.  Where
-    that does not settle, at kinks of f, the best iterate counts.
+    the normal and in the tangent plane, there with the curvature in the direction of x.  If this
+    does not converge, at kinks of f, the best iterate is returned.
     """
     y = start.copy()
     best, feet = np.full(len(x), np.inf), start.copy()
@@ -248,7 +248,7 @@ def _project_part(
         height = ((to - at) * normal).sum(axis=1)
         sideways = to - at - height[:, None] * normal
         bend = _curvature_along(function, at, f, sideways, spacing) * per_steep
-        # Beyond the focus of a bend Newton's method would go the wrong way.
+        # Beyond the centre of curvature Newton's method would step in the wrong direction.
         step = sideways / np.maximum(1.0 + height * bend, _OFF_FOCUS)[:, None]
         length = np.linalg.norm(step, axis=1)
         step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]

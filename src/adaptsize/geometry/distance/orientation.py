@@ -46,9 +46,9 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     volumes = sign * _volumes(merged, piece)
     of_piece = np.bincount(piece, volumes, n_pieces)
     is_sheet = _are_sheets(merged, sign, piece)
-    mended = np.zeros(n_pieces, np.bool_)
-    mended[piece[contradicts]] = True
-    wrong = mended & ~is_sheet & (of_piece < 0.0)
+    repaired = np.zeros(n_pieces, np.bool_)
+    repaired[piece[contradicts]] = True
+    wrong = repaired & ~is_sheet & (of_piece < 0.0)
     turned ^= wrong[piece]
     if np.where(wrong, -of_piece, of_piece)[~is_sheet].sum() < 0.0:
         turned = ~turned

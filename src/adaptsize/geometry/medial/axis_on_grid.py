@@ -25,16 +25,16 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 # Smallest curvature that is resolved, times the diameter of the part.
 _CURVATURE_TIMES_DIAMETER = 4.0
 
-# A gradient shorter than that, where a distance has one of length 1, has no direction.
+# Gradients shorter than this (those of a distance have length 1) have no direction.
 _DIRECTED = 0.5
 
 # Directions must differ by this much, in radians, to have a normal between them.
 _LEAST_TURN = 1e-3
 
-# Turn of the boundary at a corner, in degrees, from which on its place is told.
+# Smallest turn of the boundary, in degrees, at a corner that is reported.
 _SHARP = 20.0
 
-# Crossings up to here from the boundary tell where corners are, in spacings.
+# Crossings up to this distance from the boundary, in spacings, are used to locate corners.
 _WITNESS = 12.0
 
 # Nodes that the parabolas reach beyond an edge.
@@ -46,7 +46,7 @@ _CROSSINGS_AT_ONCE = 2**18
 
 @dataclass(frozen=True)
 class _Crossings:
-    """What `find_crossings` fills, one entry for each crossing."""
+    """Output of `find_crossings`, one entry for each crossing."""
 
     node: npt.NDArray[np.int64]
     axis: npt.NDArray[np.int64]
@@ -69,7 +69,7 @@ def medial_axis_on_grid(
     corner_angle: float,
     report: ProgressCallback,
 ) -> MedialAxis:
-    """Do what `adaptsize.medial_axis` says, after the checks."""
+    """Return the medial axis as `adaptsize.medial_axis`, for checked arguments."""
     if tolerance is None:
         tolerance = _CURVATURE_TIMES_DIAMETER / _diameter_inside(grid, phi)
     found = _find(grid, phi, tolerance, gamma, report)
@@ -88,7 +88,7 @@ def medial_axis_on_grid(
     step = float(grid.spacing.max())
     distance = distance_on_grid(grid, phi)
     at_corner, apex = meet_at_corner(distance, step, fronts, corner_angle, rounded)
-    # Seen from farther away, or flatter, a smooth boundary may look like a corner.
+    # At larger distances or smaller turns, a smooth boundary is indistinguishable from a corner.
     sharp = at_corner & (fronts.cosine < np.cos(np.radians(_SHARP)))
     steps = fronts.radii / grid.spacing.max()
     sharp &= (steps >= RESOLVED) & (steps <= _WITNESS)
@@ -174,7 +174,7 @@ def _is_steepest(grid: CartesianGrid, found: _Crossings) -> BoolArray:
     for apart in range(1, 2 * _BORDER + 1):
         a, b = slice(None, -apart), slice(apart, None)
         same = (axis[a] == axis[b]) & (line[a] == line[b])
-        # Of two as steep, those of a crossing at a node, the first stays.
+        # Of two equally steep ones, as for a crossing at a node, the first is kept.
         steepest[b] &= ~(same & (place[a] >= here[b] - 2) & (rise[a] >= rise[b]))
         steepest[a] &= ~(same & (place[b] <= here[a] + 3) & (rise[b] > rise[a]))
     result = np.empty_like(steepest)
@@ -183,14 +183,14 @@ def _is_steepest(grid: CartesianGrid, found: _Crossings) -> BoolArray:
 
 
 def _steps(grid: CartesianGrid) -> npt.NDArray[np.int64]:
-    """Return how much the number of a node grows along each axis."""
+    """Return the stride of node numbers along each axis."""
     return np.array([int(np.prod(grid.shape[a + 1 :])) for a in range(grid.dim)])
 
 
 def _nodes_beside(
     grid: CartesianGrid, found: _Crossings
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the nodes one off the edges of crossings, which lie clearly on either side."""
+    """Return the nodes next to the edges of crossings, which lie clearly on either side."""
     along = np.stack(np.unravel_index(found.node, grid.shape), axis=-1)
     here = along[np.arange(len(found.node)), found.axis]
     step, n = _steps(grid)[found.axis], np.array(grid.shape)[found.axis]
@@ -207,7 +207,7 @@ def _positions(grid: CartesianGrid, found: _Crossings) -> FloatArray:
 
 
 def _diameter_inside(grid: CartesianGrid, phi: FloatArray) -> float:
-    """Return the diagonal of the box of the nodes inside the domain, a cell added."""
+    """Return the diagonal of the box of the inside nodes, enlarged by a cell."""
     inside = phi < 0.0
     if grid.active is not None:
         inside = inside & grid.active

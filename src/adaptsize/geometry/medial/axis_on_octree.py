@@ -21,40 +21,40 @@ from adaptsize.geometry.medial.grid_corners import Fronts, meet_at_corner
 from adaptsize.geometry.medial.points import MedialAxis
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
-# Least angle, in degrees, between the directions to the boundary unless another one is given.
+# Default of the smallest angle, in degrees, between the directions to the boundary.
 SEPARATION_ANGLE = 40.0
 
-# Edges looked at between two reports.
+# Edges processed between two progress reports.
 _EDGES_AT_ONCE = 200_000
-# So often the part of an edge on which fronts meet is halved.
+# Number of bisections of the part of an edge on which fronts meet.
 _HALVINGS = 8
-# Ends of edges closer to the boundary than that, in lengths of the edge, have no direction; ...
+# Ends of edges closer to the boundary, in lengths of the edge, have no direction; ...
 _ON_BOUNDARY = 1e-6
-# ... there it is looked for this far along the edge.
+# ... it is evaluated at this offset along the edge instead.
 _OFF_BOUNDARY = 1.0 / 64.0
-# Rates at which depths change along an edge differ by more.
+# Smallest relative difference between the rates of two depths along an edge.
 _ROUNDING = 1e-12
-# How far inward from an edge on which directions turn fast points are looked for, in its lengths.
+# Range of the inward search from an edge on which directions turn rapidly, in edge lengths.
 _FARTHEST = 2.0
-# An end of an edge this close to the normal of a point, as the sine of the angle, is as far from
-# the medial axis as from the point; ...
+# If the sine of the angle between an end of an edge and the normal of a point is smaller, the
+# distance of the end from the medial axis is that from the point; ...
 _ASIDE = 0.02
-# ... from others the axis is looked for at their foot, up to this share of the path to it aside.
+# ... for other ends the axis is searched for at their foot, with this relative offset.
 _ACROSS = 0.125
 # Directions at the ends of the last part of an edge are those of a point if its radius is this
 # share of the edge at least, sixteen times that part.
 _RESOLVED = 1.0 / 16.0
-# Feet that are at most so many radii away from a vertex, both of them, are on its edges; those of a
-# vertex and a wall are farther from each other by the root of 2.
+# If both feet are at most this number of radii away from a vertex, they are on its edges; the feet
+# on a vertex and a wall are farther apart by a factor of the square root of 2.
 _BESIDE = 1.2
 
 
 class Meetings(NamedTuple):
-    """Where fronts meet, one entry for each point."""
+    """Points where fronts meet."""
 
     fronts: Fronts
     ends: npt.NDArray[np.int64]
-    """Nodes of the edge that led there, int64[n, 2]."""
+    """Nodes of the edge from which each point was found, int64[n, 2]."""
 
     def taken(self, which: BoolArray) -> Meetings:
         """Return some of the points."""
@@ -69,16 +69,16 @@ class Meetings(NamedTuple):
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Parts of edges, at the ends of which the boundary looks different."""
+    """Parts of edges whose ends have different directions to the boundary."""
 
     ends: npt.NDArray[np.int64]
     """Nodes of the edge, int64[n, 2]."""
     start: FloatArray
     """float64[n, dim]."""
     way: FloatArray
-    """From one end of the edge to the other, float64[n, dim]."""
+    """Vector from one end of the edge to the other, float64[n, dim]."""
     at: FloatArray
-    """Where the part begins and ends, 0 to 1, float64[n, 2]."""
+    """Start and end of the part, 0 to 1, float64[n, 2]."""
     depth: FloatArray
     """float64[n, 2]."""
     outward: FloatArray
@@ -104,7 +104,7 @@ def find_meetings(
     separation: float,
     report: ProgressCallback,
 ) -> Meetings:
-    """Return where fronts from different parts of a boundary meet, inside.
+    """Return the points inside where fronts from different parts of a boundary meet.
 
     Parameters
     ----------
@@ -112,15 +112,15 @@ def find_meetings(
         Triangles in the plane or tetrahedra.
     boundary : Boundary
     nodes : Depths
-        What the nodes of the mesh see.
+        Depths of the nodes of the mesh.
     separation : float
-        Least angle between the directions to the boundary, in radians.
+        Smallest angle between the directions to the boundary, in radians.
     report : callable
 
     Returns
     -------
     Meetings
-        Where the directions jump, on the edge; where they only turn fast, off it.
+        Points on edges where the directions jump, and off edges where they only turn rapidly.
     """
     least = float(np.cos(separation))
     edges = mesh.edges
@@ -148,12 +148,12 @@ def _candidates(
     edges: npt.NDArray[np.int64],
     least: float,
 ) -> _Stretch:
-    """Return the edges on which a ridge of the depth may lie inside."""
+    """Return the edges on which the depth may have a ridge inside."""
     start = mesh.points[edges[:, 0]]
     way = mesh.points[edges[:, 1]] - start
     length = np.linalg.norm(way, axis=1)
     depth = nodes.depth[edges]
-    # Nothing inside is reached from both ends.
+    # Discard edges on which both ends reach no inside point.
     reaches = (depth > 0.0).any(axis=1) | (-depth.sum(axis=1) <= length)
     edges, start, way, length, depth = (
         array[reaches] for array in (edges, start, way, length, depth)
@@ -168,13 +168,13 @@ def _candidates(
             stretch.depth[blind, side], stretch.outward[blind, side] = seen
     directed = (np.abs(stretch.depth) > _ON_BOUNDARY * length[:, None]).all(axis=1)
     turn = stretch.outward[:, 1] - stretch.outward[:, 0]
-    # Outward at both ends: the depth has a ridge.  Inward: that of the outside has.
+    # Outward at both ends: the depth has a ridge.  Inward: the outside has one.
     ridge = (turn * way).sum(axis=1) > 0.0
     return stretch.taken(directed & ridge & (stretch.cosine <= least))
 
 
 def _narrowed(boundary: Boundary, stretch: _Stretch, least: float) -> _Stretch:
-    """Halve the parts of edges (In/Out) as long as the directions at their ends differ enough."""
+    """Bisect the parts of edges (In/Out) while the directions at their ends differ enough."""
     going = np.arange(len(stretch.ends))
     for _ in range(_HALVINGS):
         part = stretch.taken(going)
@@ -183,7 +183,7 @@ def _narrowed(boundary: Boundary, stretch: _Stretch, least: float) -> _Stretch:
         seen = boundary.seen_from(part.points(middle), is_inside)
         near = _ON_BOUNDARY * np.linalg.norm(part.way, axis=1)
         blind = np.flatnonzero(np.abs(seen.depth) <= near)
-        if len(blind):  # on the boundary; not so beside it
+        if len(blind):  # on the boundary there is no direction; move off it
             middle[blind] += _OFF_BOUNDARY * np.diff(part.at[blind], axis=1)[:, 0]
             beside = boundary.seen_from(part.points(middle)[blind])
             seen.depth[blind], seen.outward[blind] = beside
@@ -199,13 +199,13 @@ def _narrowed(boundary: Boundary, stretch: _Stretch, least: float) -> _Stretch:
 
 
 def _crossings(stretch: _Stretch) -> Meetings:
-    """Return where two fronts are equally far from the boundary."""
-    # Depths fall in the direction outward.
+    """Return the points where the depths of two fronts are equal."""
+    # Depths decrease in the outward direction.
     slopes = -(stretch.outward * stretch.way[:, None, :]).sum(axis=2)
     low, high = stretch.at.T
     gap = stretch.depth[:, 1] - stretch.depth[:, 0] - slopes[:, 1] * (high - low)
     bend = slopes[:, 0] - slopes[:, 1]
-    # An edge that runs along the axis meets it anywhere.
+    # An edge along the axis meets it everywhere; take the midpoint.
     on_axis = bend <= _ROUNDING * np.abs(slopes).max(axis=1, initial=0.0)
     at = np.clip(low + gap / np.where(on_axis, 1.0, bend), low, high)
     at[on_axis] = 0.5 * (low + high)[on_axis]
@@ -216,11 +216,10 @@ def _crossings(stretch: _Stretch) -> Meetings:
 
 
 def _beside(boundary: Boundary, stretch: _Stretch, least: float) -> Meetings:
-    """Return where fronts meet on the way inward from where directions turn fast.
+    """Return points where fronts meet, inward from where directions turn rapidly.
 
-    The normal of the boundary leads to the centre of curvature, which is as far as the turn is
-    fast: one length of the edge if the directions turn by one radian on it.  The medial axis
-    lies on the way to it.
+    The normal of the boundary leads to the centre of curvature.  Its distance is one length of the
+    edge if the directions turn by one radian on the edge.  The medial axis lies between.
     """
     middle = stretch.points(stretch.at.mean(axis=1))
     seen = boundary.seen_from(middle)
@@ -240,10 +239,10 @@ def _beside(boundary: Boundary, stretch: _Stretch, least: float) -> Meetings:
 def _beyond_corners(
     points: FloatArray, boundary: Boundary, corners: Meetings, least: float
 ) -> Meetings:
-    """Return where the two fronts of a corner meet a third one: on the rim of the medial axis.
+    """Return points where the two fronts of a corner meet a third: the rim of the medial axis.
 
-    The rim lies on the way from a meeting at a corner away from it, which is gone a little to
-    either side, where only one of the two fronts is the nearest.
+    The rim lies on the ray from the corner through a meeting point.  The ray is followed slightly
+    to either side, where only one of the two fronts is the nearest.
     """
     fronts, normals = corners.fronts, corners.normals
     length = np.linalg.norm(np.diff(points[corners.ends], axis=1)[:, 0], axis=1)
@@ -254,7 +253,7 @@ def _beyond_corners(
         aside = (1.0 - 2.0 * side) * _OFF_BOUNDARY * length
         start = fronts.points + aside[:, None] * normals
         outward = fronts.directions[:, side]
-        # On its own side the depth below a plane front grows by that, less the step aside.
+        # On its own side, the depth below a plane front changes by the sideways step.
         depth = fronts.radii - aside * (normals * outward).sum(axis=1)
         way = _FARTHEST * length[:, None] * inward
         good = depth > 0.0
@@ -271,8 +270,8 @@ def _on_the_way(
     seen: Depths,
     least: float,
 ) -> Meetings:
-    """Return where another front is met first on paths from points that see one."""
-    # In the ball around a point inside everything is.
+    """Return the first points on rays, from points with one front, where another front is met."""
+    # The ball around an inside point is inside.
     far = boundary.seen_from(start + way, np.linalg.norm(way, axis=1) < seen.depth)
     depth = np.column_stack([seen.depth, far.depth])
     outward = np.stack([seen.outward, far.outward], axis=1)
@@ -282,15 +281,16 @@ def _on_the_way(
 
 
 def _has_jump(stretch: _Stretch) -> BoolArray:
-    """Return where the directions differ however close the points are."""
+    """Return on which parts the directions still differ after all bisections."""
     return np.asarray(np.diff(stretch.at, axis=1)[:, 0] < 1.5 * 0.5**_HALVINGS)
 
 
 def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: float) -> FloatArray:
-    """Return how far the medial axis is from the ends of the edges, float64[n, 2].
+    """Return the distances of the ends of the edges from the medial axis, float64[n, 2].
 
-    That is the distance from the plane tangent to it, if the axis goes on in that plane up to the
-    foot of the end: if directions jump there as well.  Else it is the distance from the point.
+    This is the distance from the tangent plane of the axis if the axis continues in that plane up
+    to the foot of the end, that is, if directions jump there as well.  Otherwise it is the
+    distance from the point.
     """
     normals = found.normals[:, None, :]
     away = points[found.ends] - found.fronts.points[:, None, :]
@@ -298,26 +298,26 @@ def _distances(points: FloatArray, boundary: Boundary, found: Meetings, least: f
     along = away - across[:, :, None] * normals
     distances = np.linalg.norm(away, axis=2)
     aside = np.linalg.norm(along, axis=2)
-    asked = np.nonzero(aside > _ASIDE * distances)
-    foot = (found.fronts.points[:, None, :] + along)[asked]
-    off = _ACROSS * aside[asked][:, None] * normals[asked[0], 0]
-    is_inside = (1.0 + _ACROSS) * aside[asked] < found.fronts.radii[asked[0]]
+    oblique = np.nonzero(aside > _ASIDE * distances)
+    foot = (found.fronts.points[:, None, :] + along)[oblique]
+    off = _ACROSS * aside[oblique][:, None] * normals[oblique[0], 0]
+    is_inside = (1.0 + _ACROSS) * aside[oblique] < found.fronts.radii[oblique[0]]
     sides = [boundary.seen_from(foot + sign * off, is_inside) for sign in (-1.0, 1.0)]
     turn = sides[1].outward - sides[0].outward
     goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= least
     goes_on &= (turn * off).sum(axis=1) > 0.0
     goes_on &= (sides[0].depth > 0.0) & (sides[1].depth > 0.0)
-    distances[asked] = np.where(goes_on, np.abs(across[asked]), distances[asked])
+    distances[oblique] = np.where(goes_on, np.abs(across[oblique]), distances[oblique])
     return np.asarray(distances)
 
 
 def _at_vertex(
     points: FloatArray, boundary: Boundary, found: Meetings, corner_angle: float
 ) -> BoolArray:
-    """Return which meetings are of edges that run into one vertex, too small to tell, or outside.
+    """Return which points to drop: at edges that meet in a vertex, unresolved, or outside.
 
-    Where reentrant edges meet, as at the corners of a rib that stands on a plate, fronts come
-    from edges, which tangent planes say nothing of.
+    Where reentrant edges meet, as at the corners of a rib on a plate, fronts come from edges;
+    tangent planes do not detect these corners.
     """
     from scipy.spatial import cKDTree
 
@@ -329,7 +329,7 @@ def _at_vertex(
         away = np.linalg.norm(fronts.feet() - vertex[:, None, :], axis=2)
         dropped |= (away <= _BESIDE * fronts.radii[:, None]).all(axis=1)
     dropped &= fronts.cosine > -np.cos(np.radians(corner_angle))
-    # An edge that leaves the domain between two points inside turns round at the boundary.
+    # If an edge leaves the domain between two inside points, directions reverse at the boundary.
     small = np.flatnonzero(fronts.radii < _RESOLVED * edge)
     for side in range(2):
         half_way = fronts.feet(0.5)[small, side]
@@ -345,7 +345,7 @@ def medial_axis_on_mesh(
     corner_angle: float,
     report: ProgressCallback,
 ) -> MedialAxis:
-    """Return the medial axis from what the nodes of a mesh see; angles in degrees."""
+    """Return the medial axis, given the depths of the nodes of a mesh; angles in degrees."""
     found = find_meetings(mesh, boundary, nodes, np.radians(separation_angle), report)
     if len(found.ends) == 0 and not (nodes.depth > 0.0).any():
         raise ValueError("boundary must have a node or an edge of the background in it, got none")
@@ -370,9 +370,9 @@ def medial_axis_on_mesh(
 
 
 def boundary_on(background: object, boundary: object) -> tuple[SimplexMesh, Boundary]:
-    """Return the mesh of an octree or a mesh, and a boundary to be asked, after a look at both."""
+    """Return the mesh of an octree or a mesh, and the boundary, both checked."""
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
-    assert isinstance(background, SimplexMesh | Octree)  # grids go another way
+    assert isinstance(background, SimplexMesh | Octree)  # grids are handled elsewhere
     mesh = background.mesh if isinstance(background, Octree) else background
     if mesh.cell_dim < mesh.dim or mesh.dim == 1:
         raise ValueError(

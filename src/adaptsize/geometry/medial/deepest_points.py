@@ -1,4 +1,4 @@
-"""Points inside a boundary that are deeper than all around them."""
+"""Local maxima of the depth inside a boundary."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy.typing as npt
 from adaptsize.geometry.distance.closest_points import Boundary
 from adaptsize.typing import BoolArray, FloatArray
 
-# Most steps, and the smallest, as a share of the first.
+# Largest number of steps, and smallest step as a share of the first.
 _STEPS = 100
 _SMALLEST = 1e-5
-# The directions to the boundary around a point surround it if a mean of them is as short as that.
+# A point is surrounded by the boundary if a mean of the directions around it is shorter than this.
 _SURROUNDED = 0.1
-# What the sum of the weights of a mean counts in comparison with its length.
+# Weight of the constraint on the sum of the weights of a mean, relative to its length.
 _WEIGHT = 1e3
 
 
@@ -24,15 +24,15 @@ def climb(
 ) -> tuple[FloatArray, BoolArray]:
     """Return the centres of balls that the boundary touches on all sides.
 
-    Each step leads away from all directions to the boundary around a point: against their mean
-    of least length, the steepest ascent where several fronts meet [1]_.  Where that
-    vanishes, or the depth does not grow, the next steps are half as long.
+    Each step leads away from the boundary, against the shortest mean of the directions to the
+    boundary around a point.  This is the steepest ascent where several fronts meet [1]_.  If the
+    mean vanishes, or the depth does not increase, the step is halved.
 
     Parameters
     ----------
     boundary : Boundary
     points : float64[n, dim]
-        Where to begin, inside.
+        Start points inside.
     reach : float64[n]
         Length of the first steps.
 
@@ -40,7 +40,7 @@ def climb(
     -------
     centres : float64[m, dim]
     reached : bool[n]
-        From which points a centre was found.
+        Whether a centre was found from each point.
 
     References
     ----------

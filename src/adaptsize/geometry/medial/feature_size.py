@@ -150,12 +150,12 @@ def feature_size_with(
 
     With ``crease_angle=None``, edges are ignored.
     """
-    mesh, asked = boundary_on(background, boundary)
-    nodes = asked.from_nodes(background, report)
+    mesh, closest = boundary_on(background, boundary)
+    nodes = closest.from_nodes(background, report)
     if medial is None:
-        medial = medial_axis_on_mesh(mesh, asked, nodes, SEPARATION_ANGLE, corner_angle, report)
+        medial = medial_axis_on_mesh(mesh, closest, nodes, SEPARATION_ANGLE, corner_angle, report)
     _refuse_other(medial, (mesh.n_points,))
-    return feature_size_on_mesh(mesh, asked, nodes, medial, crease_angle, report)
+    return feature_size_on_mesh(mesh, closest, nodes, medial, crease_angle, report)
 
 
 def _refuse_other(medial: MedialAxis, shape: tuple[int, ...]) -> None:

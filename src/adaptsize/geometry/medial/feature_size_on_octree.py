@@ -15,12 +15,12 @@ from adaptsize.geometry.medial.deepest_points import climb
 from adaptsize.geometry.medial.points import MedialAxis
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-# Nodes this close to the boundary count as on it, in diagonals of the background.
+# Nodes closer to the boundary, in diagonals of the background, are on it.
 _ON_BOUNDARY = 1e-12
-# Balls around a node and around a point of the medial axis, the latter larger by this factor, must
-# overlap for the straight path between them to be in the domain.
+# The segment between a node and a point of the medial axis is assumed to be in the domain if the
+# balls around them, the latter enlarged by this factor, overlap.
 _OVERLAP = 1.2
-# At nodes outside the feature size is at least this share of that of their neighbours inside.
+# At outside nodes, the feature size is at least this share of that of their inside neighbours.
 _OUTSIDE_SHARE = 0.5
 
 
@@ -29,7 +29,7 @@ class _Inner(NamedTuple):
 
     mesh: SimplexMesh
     nodes: npt.NDArray[np.int64]
-    """Of which node of the background each node is a copy."""
+    """Node of the background of which each node is a copy."""
     inside: BoolArray
 
 
@@ -41,17 +41,17 @@ def feature_size_on_mesh(
     crease_angle: float | None,
     report: ProgressCallback,
 ) -> FloatArray:
-    """Return what `adaptsize.feature_size` says, after the checks.
+    """Return the feature size as `adaptsize.feature_size`, for checked arguments.
 
     Parameters
     ----------
     mesh : SimplexMesh
     boundary : Boundary
     nodes : Depths
-        What the nodes see.
+        Depths of the nodes.
     medial : MedialAxis
     crease_angle : float or None
-        From which on a boundary in the plane has corners, degrees; None: edges do not count.
+        Smallest turn at a corner of a plane boundary, in degrees; None: edges are ignored.
     report : callable
     """
     inside = nodes.depth >= -_ON_BOUNDARY * mesh.diagonal
@@ -91,8 +91,8 @@ def _correct(
 ) -> None:
     """Lower marched distances (In/Out) to those of the nearest points of the medial axis.
 
-    Marching bends the paths through large cells.  Points count that are as near as they are only
-    within the domain: the balls around node and point must nearly overlap.
+    Paths of marching bend in large cells.  A point is used if its straight distance is one within
+    the domain: the balls around the node and the point must nearly overlap.
     """
     from scipy.spatial import cKDTree
 
@@ -106,7 +106,7 @@ def _correct(
 
 
 def _bound_outside(inner: _Inner, size: FloatArray) -> None:
-    """Keep sizes (In/Out) at nodes outside, where distances are differences, from vanishing."""
+    """Bound sizes (In/Out) from below at outside nodes, where distances are differences."""
     edges = inner.mesh.edges
     least = np.full(len(size), np.inf)
     for a, b in ((0, 1), (1, 0)):
@@ -117,10 +117,10 @@ def _bound_outside(inner: _Inner, size: FloatArray) -> None:
 
 
 def _inner_cells(mesh: SimplexMesh, inside: BoolArray) -> _Inner:
-    """Return the cells with a node inside, so that no path leads through nodes outside.
+    """Return the cells with an inside node, so that no path leads through outside nodes.
 
-    A node outside is copied for each group of its cells that have nodes inside in common: on
-    both sides of a gap it has another one.
+    An outside node is copied for each group of its cells that share inside nodes.  On the two
+    sides of a gap there are different copies.
     """
     cells = mesh.cells[inside[mesh.cells].any(axis=1)].astype(np.int64)
     numbers = cells.copy()
@@ -140,7 +140,7 @@ def _inner_cells(mesh: SimplexMesh, inside: BoolArray) -> _Inner:
 def _copies(
     cells: npt.NDArray[np.int64], inside: BoolArray
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return which corners of cells are outside (flat numbers), and the copy for each."""
+    """Return the outside corners of cells (flat numbers), and the number of the copy for each."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -173,9 +173,8 @@ def _add_deepest(
 ) -> FloatArray:
     """Lower distances (In/Out) around the centres of balls that touch on all sides.
 
-    Returns the centres.
-
-    They are next to nodes that are deeper than all around, where no point of the axis is near.
+    Returns the centres.  They are next to nodes that are deeper than all neighbours, where no
+    point of the axis is near.
     """
     edges = mesh.edges
     highest = np.full(mesh.n_points, -np.inf)
@@ -211,7 +210,7 @@ def edge_lengths(line: SimplexMesh, crease_angle: float) -> FloatArray:
     line : SimplexMesh
         Segments in the plane.
     crease_angle : float
-        Nodes where the line turns by more are corners, degrees; so are ends and branchings.
+        Nodes where the line turns by more are corners, in degrees; so are ends and branch points.
 
     Returns
     -------
@@ -239,7 +238,7 @@ def edge_lengths(line: SimplexMesh, crease_angle: float) -> FloatArray:
 def _passages(
     line: SimplexMesh,
 ) -> tuple[npt.NDArray[np.intp], IntArray, IntArray, FloatArray]:
-    """Return the nodes where two segments meet, these segments, and by how much it turns there."""
+    """Return the nodes where two segments meet, these segments, and the turning angles."""
     ring_ptr, ring = line.rings
     nodes = np.flatnonzero(np.diff(ring_ptr) == 2)
     one, other = (ring[ring_ptr[nodes] + k] for k in range(2))

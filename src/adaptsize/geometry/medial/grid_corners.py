@@ -1,4 +1,4 @@
-"""Fronts that meet, and whether they come from two sides of a corner of the boundary."""
+"""Fronts that meet, and the test whether they come from two sides of a boundary corner."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy.typing as npt
 from adaptsize.background import CartesianGrid
 from adaptsize.typing import BoolArray, FloatArray
 
-# How far a corner may be rounded off: by a radius of this share of the distance from it, ...
+# Largest radius of a rounded corner, as a share of the distance from it, ...
 _ROUNDED = 0.25
-# ... or this one if the pieces of the boundary are known to meet; ...
+# ... and if the pieces of the boundary are known to meet.
 _ROUNDED_PATCHES = 0.5
-# ... and how far it may be off because the distance is interpolated, in spacings.
+# Tolerance for the interpolation of the distance, in spacings.
 _INTERPOLATED = 0.5
 
-# Where the boundary is looked for between the corner and a closest point, from the corner.
+# Positions between the corner (0) and a closest point (1) at which the boundary is tested.
 _ALONG = (0.25, 0.5)
 
 # How far the point where a front comes from may be from the boundary, in spacings and as a share
@@ -26,13 +26,13 @@ _ALONG = (0.25, 0.5)
 _FOOT_SPACINGS = 0.5
 _FOOT_SHARE = 0.05
 
-# Closer to the boundary than that, in spacings, no half way is clear of corners and crossings.
+# Closer to the boundary, in spacings, the midpoint is not clear of corners and crossings.
 RESOLVED = 3.0
 
-# Nodes up to here from the boundary, in spacings, tell which pieces of it meet.
+# Nodes up to this distance from the boundary, in spacings, determine which pieces meet.
 _NEAR = 1.5
 
-# Looks half way to the boundary for the direction of a front.
+# Number of evaluations of the direction of a front half way to the boundary.
 _LOOKS = 2
 
 
@@ -75,10 +75,10 @@ class Fronts(NamedTuple):
 def look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Fronts:
     """Return fronts with directions found half way to the boundary.
 
-    Where three fronts come close to each other differences next to a crossing mix them.  The
-    gradient of a distance is the same all along the path to the boundary, and half way it is
-    clear of the crossing; looking there again converges, the level sets being less curved there
-    than twice the reciprocal of the path.
+    Where three fronts are close to each other, differences next to a crossing mix them.  The
+    gradient of a distance is constant along the segment to the boundary, and at its midpoint it is
+    clear of the crossing.  Repeated evaluation there converges, since the curvature of the level
+    sets there is less than twice the reciprocal of the length.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Front
         half_way = fronts._replace(directions=directions).feet(0.5)
         found = _gradients(grid, phi, half_way)
         length = np.linalg.norm(found, axis=2)
-        # Where the path is short, or half way another kink is met, nothing is learnt.
+        # If the segment is short, or there is another kink at its midpoint, keep the direction.
         clear = (length > 0.9) & (fronts.radii >= RESOLVED * grid.spacing.max())[:, None]
         found /= np.where(clear, length, 1.0)[:, :, None]
         directions = np.where(clear[:, :, None], found, directions)
@@ -101,7 +101,7 @@ def look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Front
 def come_from_boundary(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> BoolArray:
     """Return at which points both directions lead to the boundary at the right distance.
 
-    Those that lead out of the grid are believed.
+    Directions that lead out of the grid are accepted.
 
     Parameters
     ----------
@@ -150,9 +150,9 @@ def meet_at_corner(
     -----
     From a point at distance r of two pieces, in the directions u and v, the tangent planes
     at their closest points meet at ``r (u + v) / (1 + u.v)``, the apex.  The pieces meet at a
-    corner if the boundary follows the tangents up to there: the distance is zero at the apex,
-    half way and a quarter of the path from it to either side.  Corners of a few spacings are not
-    resolved: all are left out.
+    corner if the boundary follows the tangents up to the apex: the distance is zero at the apex,
+    and at a half and a quarter of the segments to either side.  Points within a few spacings
+    of the boundary are not resolved; all of them are treated as at a corner.
     """
     cosine = fronts.cosine
     # Between the pieces the angle is 180 degrees less that between the directions to them.
@@ -211,7 +211,7 @@ def rounding_of_patches(
 
 
 def _pair(a: npt.NDArray[np.int64], b: npt.NDArray[np.int64], n: int) -> npt.NDArray[np.int64]:
-    """Return a number for each pair, whichever of the two comes first."""
+    """Return a number for each unordered pair."""
     return np.asarray(np.minimum(a, b) * n + np.maximum(a, b))
 
 

@@ -11,18 +11,18 @@ from adaptsize.background import CartesianGrid
 from adaptsize.background.merging import place_numbers
 from adaptsize.typing import FloatArray
 
-# Places of one corner as different crossings tell them, in spacings from one to the next.
+# Corner positions from different crossings are merged up to this distance, in spacings.
 _SAME_CORNER = 1.5
-# So many crossings must tell of a corner.
+# Smallest number of crossings that indicate a corner.
 _LEAST_WITNESSES = 2
-# Nodes up to here from the boundary are on it, in spacings.
+# Nodes up to this distance from the boundary, in spacings, are on it.
 _ON_BOUNDARY = 1.0
-# A path along nodes is longer than a straight edge by up to 8 per cent, and by its ends.
+# A path along nodes is longer than a straight edge by up to 8 per cent, plus its ends.
 _STRAIGHT = 1.15
 
 
 def corner_points(grid: CartesianGrid, witnesses: FloatArray) -> FloatArray:
-    """Return corners, float64[m, dim], of what crossings tell of them, float64[n, dim]."""
+    """Return corners, float64[m, dim], from the positions that crossings give, float64[n, dim]."""
     if len(witnesses) == 0:
         return witnesses
     group = place_numbers(witnesses, _SAME_CORNER * float(grid.spacing.max()))
@@ -47,11 +47,11 @@ def edge_lengths(grid: CartesianGrid, phi: FloatArray, corners: FloatArray) -> F
     -------
     float64[shape]
         Length of the shortest edge at a node, inf away from edges.  Of several edges between two
-        corners only the shortest is told.
+        corners, only the shortest is found.
 
     Notes
     -----
-    Paths along nodes close to the boundary lead from all corners at once (Dijkstra); an
+    Shortest paths along nodes close to the boundary start from all corners at once (Dijkstra).  An
     edge lies where two of them meet.
     """
     from scipy.sparse.csgraph import dijkstra
@@ -115,7 +115,7 @@ def _nearest(
 def _meetings(
     links: Any, way: FloatArray, owner: npt.NDArray[np.int32]
 ) -> list[tuple[int, int, float]]:
-    """Return where paths from two corners meet, the shortest for each pair, and their length."""
+    """Return the links where paths from two corners meet, the shortest per pair, and lengths."""
     table = links.tocoo()
     a, b = table.row, table.col
     differ = (owner[a] != owner[b]) & np.isfinite(way[a]) & np.isfinite(way[b])

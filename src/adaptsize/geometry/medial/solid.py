@@ -1,4 +1,4 @@
-"""A boundary prepared for spheres inside it: oriented facets, sectors, creases, and trees."""
+"""A boundary prepared for inscribed spheres: oriented facets, sectors, feature edges, trees."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 _CELLS_PER_LEAF = 4
 # A point is on an edge of its cell if its weight is below this.
 _ON_EDGE = 1e-9
-# Probes on creases are moved off by this share of the path to the centroid of the cell: from
-# there the facet on the other side of the crease is a wall, and not in the tangent plane.
+# Probes on feature edges are moved by this share towards the centroid of the cell.  From there,
+# the facet on the other side of the edge is a wall and not in the tangent plane.
 _ASIDE = 1e-3
 
 
@@ -31,13 +31,13 @@ class Probes(NamedTuple):
     points: FloatArray
     """float64[n, 3]."""
     starts: FloatArray
-    """The same, but moved off creases, float64[n, 3]."""
+    """The same points, moved off feature edges, float64[n, 3]."""
     normals: FloatArray
     """Into the domain, unit, float64[n, 3]."""
     owners: npt.NDArray[np.intp]
-    """What each stands for."""
+    """Owner of each point."""
     cells: IntArray
-    """In which cell each lies, int32[n], in the order of the tree; -1 at nodes."""
+    """Cell that contains each point, int32[n], in the order of the tree; -1 at nodes."""
 
 
 class Tree(NamedTuple):
@@ -47,7 +47,7 @@ class Tree(NamedTuple):
     cells: IntArray
     boxes: FloatArray
     order: npt.NDArray[np.intp]
-    """Numbers of the cells before."""
+    """Original numbers of the cells."""
 
     @classmethod
     def over(cls, points: FloatArray, cells: IntArray) -> Tree:
@@ -69,7 +69,7 @@ class Tree(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """What spheres are tried on."""
+    """The boundary data used to find inscribed spheres."""
 
     boundary: SimplexMesh
     """Oriented: normals outward."""
@@ -82,13 +82,13 @@ class Solid:
     sectors: Probes
     """One for each fan of facets around a node between creases; the owners are nodes."""
     is_sharp: BoolArray
-    """Which facets of the boundary (edges; in the plane nodes) are creases."""
+    """Whether each facet of the boundary (edge; in the plane node) is a feature edge."""
     bends: Tree
-    """Edges, in the plane nodes, where the boundary bends; perhaps none."""
+    """Edges (in the plane nodes) where the boundary bends; may be empty."""
     tips: FloatArray
     """Tips of cones, float64[n, 3]."""
     targets: npt.NDArray[np.intp]
-    """Which node of the boundary each node was merged into."""
+    """Boundary node into which each node was merged."""
 
     @classmethod
     def of(cls, boundary: SimplexMesh, crease_angle: float) -> Solid:
@@ -103,7 +103,7 @@ class Solid:
         lost: BoolArray = ~np.any(parts.sector_normals, axis=1)
         at_corners = parts.sector_normals[parts.sector] * parts.sign[:, None]
         width = mesh.cells.shape[1]
-        # Tips have no normal: the facet's own stands in there.
+        # Tips have no normal; use that of the facet.
         at_corners = np.where(
             lost[parts.sector][:, None], np.repeat(parts.face_normals, width, axis=0), at_corners
         )
@@ -140,8 +140,8 @@ class Solid:
     def probes_near(self, points: FloatArray) -> Probes:
         """Return probes at the closest points of the boundary.
 
-        The normal is interpolated in the facet.  A point on a crease gets one probe for
-        each side, one at a node those of its sectors.
+        The normal is interpolated in the facet.  A point on a feature edge gets one probe for
+        each side; a point at a node gets those of the sectors of the node.
         """
         cells, weights, _ = self.boundary.locator.nearest(points)
         nodes = self.boundary.cells[cells, weights.argmax(axis=1)].astype(np.intp)
@@ -198,7 +198,7 @@ class Solid:
         weights: FloatArray,
         owners: npt.NDArray[np.intp],
     ) -> Probes:
-        """Return the probes of points on creases for the cell on the other side."""
+        """Return the probes of points on feature edges for the cell on the other side."""
         mesh = self.boundary
         paired = mesh.facet_cell_counts[facet] == 2
         facet, cells, weights, owners = (a[paired] for a in (facet, cells, weights, owners))
@@ -264,14 +264,14 @@ def _parts_of_line(line: SimplexMesh, crease_angle: float) -> _Parts:
 
 
 def _turns(line: SimplexMesh, along: FloatArray) -> FloatArray:
-    """Return by how much the line turns at each node, inf where not two segments meet."""
+    """Return the turning angle of the line at each node, inf unless two segments meet."""
     turn = np.full(line.n_points, np.inf)
     turn[np.bincount(line.cells.ravel(), minlength=line.n_points) == 0] = 0.0
     ring_ptr, ring = line.rings
     passed = np.flatnonzero(np.diff(ring_ptr) == 2)
     one, other = (ring[ring_ptr[passed] + k] for k in range(2))
     a, b = along[one], along[other]
-    # Oriented lines run through a node; others turn there, and back.
+    # Consistently oriented segments run through a node; flip the second one of others.
     through = line.cells[one, 0] != line.cells[other, 0]
     through &= line.cells[one, 1] != line.cells[other, 1]
     b = np.where(through[:, None], b, -b)
@@ -283,7 +283,7 @@ def _turns(line: SimplexMesh, along: FloatArray) -> FloatArray:
 def _mean_ways(
     points: FloatArray, cells: IntArray, sector: npt.NDArray[np.integer], n_sectors: int
 ) -> FloatArray:
-    """Return the mean of the paths from the node of each sector to the centroids of its cells."""
+    """Return the mean vector from the node of each sector to the centroids of its cells."""
     ways = np.repeat(points[cells].mean(axis=1), cells.shape[1], axis=0) - points[cells.ravel()]
     mean = np.zeros((n_sectors, 3))
     np.add.at(mean, sector, ways)
