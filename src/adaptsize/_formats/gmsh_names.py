@@ -1,6 +1,7 @@
-"""Names of physical groups in Gmsh's files.
+"""Names of physical groups in Gmsh files.
 
-Not through meshio, which keeps one group of each name: a volume and its surface may share one.
+meshio is not used because it keeps only one group per name.  A volume and its surface may share
+a name.
 """
 
 from __future__ import annotations

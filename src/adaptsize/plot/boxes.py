@@ -1,4 +1,4 @@
-"""What a picture of a grid or an octree shows: its boxes, or the outer faces of those left."""
+"""The visible faces of a grid or an octree: boxes in 2-D, outer faces in 3-D."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _AROUND = [0, 2, 3, 1]
 def scene_of_grid(
     grid: CartesianGrid, values: FloatArray, *, label: str, clip: str | None
 ) -> Scene:
-    """Return what is seen of a grid: the boxes whose nodes are all active, after the clip."""
+    """Return the visible faces of a grid after the clip: of boxes whose nodes are all active."""
     clip = clip_axis(clip, grid.dim, grid.upper - grid.lower, solid=grid.dim == 3)
     shown = [_some_of(n, _MOST_NODES[grid.dim]) for n in grid.shape]
     axes = [axis[i] for axis, i in zip(grid.axes, shown, strict=True)]
@@ -52,7 +52,7 @@ def scene_of_grid(
 
 
 def scene_of_octree(tree: Octree, values: FloatArray, *, label: str, clip: str | None) -> Scene:
-    """Return what is seen of an octree: its leaves, after the clip."""
+    """Return the visible faces of the leaves of an octree after the clip."""
     clip = clip_axis(clip, tree.dim, np.subtract(tree.upper, tree.lower), solid=tree.dim == 3)
     corners = tree.leaf_corners
     if clip is not None:
