@@ -193,7 +193,7 @@ def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[n
 def _facets(
     raw: RawMesh, simplices: Simplices, notes: list[str]
 ) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None, str | None]:
-    """Return the tagged cells of one dimension less that are facets, and the field of their tags."""
+    """Return the tagged cells of one dimension less that are facets, and their tag field."""
     dim = simplices.cells.shape[1] - 1
     if not any(dimension_of(t) == dim - 1 and len(c) for t, c in raw.blocks) or dim == 1:
         return None, None, None

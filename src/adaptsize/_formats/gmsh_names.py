@@ -18,7 +18,7 @@ _STEP = 1_000_000
 
 
 def read(path: Path) -> dict[tuple[int, int], str]:
-    """Return the names in a ``.msh`` file by dimension and tag; none of other files."""
+    """Return the names in a ``.msh`` file by dimension and tag.  Other files have none."""
     if path.suffix.lower() != ".msh":
         return {}
     content = b""

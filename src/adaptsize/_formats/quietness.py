@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from typing import Any
 
-#: What is said goes here while a block of `quiet` runs in this thread.
+#: Receives the output while a block of `quiet` runs in this thread.
 _HEARD: ContextVar[io.StringIO | None] = ContextVar("adaptsize_heard", default=None)
-#: Loggers that write to the terminal by handlers of their own.
+#: Loggers that write to the terminal by their own handlers.
 _LOUD_LOGGERS = ("nibabel.global",)
 # Filters of warnings belong to the process: blocks that overlap would leave those of each other.
 _FILTERS = threading.RLock()
@@ -59,7 +59,7 @@ class _Console:
 
 
 def _print(*values: object, **options: Any) -> None:
-    """Replaces ``print`` in meshio's function that tries several readers."""
+    """Print in place of ``print`` in meshio's function that tries several readers."""
     heard = _HEARD.get()
     if heard is None:
         builtins.print(*values, **options)

@@ -178,7 +178,7 @@ def clip_axis(clip: str | None, dim: int, extents: FloatArray, *, solid: bool) -
         return clip
     if not solid:
         return None
-    # Not across the longest side, to show a long section; of equal sides rather y than z.
+    # Not along the longest side, to show a long section.  Of equal sides, prefer y to z.
     return _AXES[int(np.argsort(extents * (1.0, 1.0 + 1e-6, 1.0 - 1e-6))[1])]
 
 

@@ -65,7 +65,7 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
 
 
 def _color_map(scene: Scene) -> ScalarMappable:
-    """Return the colours of values, of places in ``scene.names`` for classes."""
+    """Return the colours of values, or of positions in ``scene.names`` for classes."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, LogNorm, Normalize
 
