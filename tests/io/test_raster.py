@@ -214,7 +214,7 @@ def test_missing_files_and_other_kinds_are_told(tmp_path):
     with pytest.raises(MeshFileError, match="No such file"):
         read_image(tmp_path / "no.png")
     (tmp_path / "part.stl").write_bytes(b"solid")
-    with pytest.raises(MeshFileError, match=r"no kind of image that can be read.*\.nrrd"):
+    with pytest.raises(MeshFileError, match=r"not an image format that can be read.*\.nrrd"):
         read_image(tmp_path / "part.stl")
     assert is_image_file("a/b.NII.GZ")
     assert is_image_file("mask.v2.png")
