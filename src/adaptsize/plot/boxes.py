@@ -14,7 +14,7 @@ from adaptsize.background.topology import unique_rows
 from adaptsize.plot.scene import Scene, behind_the_cut, clip_axis, scene_of_cells
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Finer grids are drawn at so many nodes along an axis: no more can be told apart.
+#: Finer grids are drawn with this number of nodes along an axis.  More cannot be distinguished.
 _MOST_NODES = {2: 512, 3: 256}
 # Corners of a box are numbered row by row, the last axis fastest; these go round a square.
 _AROUND = [0, 2, 3, 1]
