@@ -1,11 +1,11 @@
-"""An adaptive finite element loop: arrays in, arrays out, whatever the solver.
+"""An adaptive finite element loop for any solver.
 
-Section 7.1 of Persson's paper, on the L-shape (data/lshape.vtu), four times: solve, estimate,
-`adaptsize.adapt`.  The solver is a few lines of numpy and scipy for the Laplace equation
-with piecewise linear elements; put your own in its place, all it gives and takes are
-``points`` and ``cells``.  The solution r^(2/3) sin(2 t / 3) has infinite derivatives at the inner
-corner, so that uniform meshes of n nodes have an energy error of about n^(-1/3); adapted ones
-reach n^(-1/2).
+Section 7.1 of Persson's paper, on the L-shape (data/lshape.vtu).  The loop runs four times: solve,
+estimate, `adaptsize.adapt`.  The solver is a few lines of numpy and scipy for the Laplace
+equation with piecewise linear elements.  You can replace it by your own, because it exchanges only
+the arrays ``points`` and ``cells``.  The solution r^(2/3) sin(2 t / 3) has infinite derivatives at
+the reentrant corner.  Uniform meshes of n nodes have an energy error of about n^(-1/3).  Adapted
+meshes reach n^(-1/2).
 
 Needs Mmg.
 

@@ -1,4 +1,4 @@
-"""From the STL file of a CAD part to graded tetrahedra, and how well they obey.
+"""From the STL file of a CAD part to graded tetrahedra, and their conformity with the sizes.
 
 The way of Figures 9 and 10 of Persson's paper, from curvature and width: data/bracket.stl,
 an L-bracket in millimetres with bores, a fillet and a thin rib.  Sizes are put on its

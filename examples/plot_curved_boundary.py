@@ -1,9 +1,9 @@
-"""Sizes from the curvature of the boundary, limited, and the mesh they give.
+"""Sizes from the curvature of the boundary, gradient limiting, and the mesh.
 
 Figure 5 of Persson's paper, on a rectangle with three arcs of radius 1.5, 0.5 and 4
-(data/curved.vtu): h0 = 1 / (K kappa) on the arcs, with K = 6 elements per radian, and
-nothing asked elsewhere (grey); then the largest size below it whose gradient is at most
-0.2; then the mesh, if Mmg is installed.
+(data/curved.vtu).  From left to right: the bound h0 = 1 / (K kappa) on the arcs, with K = 6
+elements per radian, and no bound elsewhere (grey); the largest size below h0 with a gradient of
+at most 0.2; and the mesh, if Mmg is installed.
 
     python examples/plot_curved_boundary.py [DIRECTORY]
 """
@@ -25,7 +25,7 @@ def main(output_dir: Path, *, width: int = 800) -> dict[str, float]:
     h, info = ads.limit_gradient(mesh, h0, G, full_output=True)
     panels = [
         (
-            f"from curvature, {PER_RADIAN:g} elements per radian\ngrey: nothing asked",
+            f"from curvature, {PER_RADIAN:g} elements per radian\ngrey: no bound",
             plot_size(mesh, h0, width=width),
         ),
         (f"limited, g = {G}\nh {h.min():.3f} to {h.max():.3f}", plot_size(mesh, h, width=width)),

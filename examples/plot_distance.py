@@ -1,4 +1,4 @@
-"""Signed distances: from a function, from outlines with gaps, from pixels and from a part.
+"""Signed distances from a function, from outlines with gaps, from pixels and from a part.
 
 Lines are a fixed distance apart, the zero level is bold; blue is inside.  Top left: a function
 whose slope varies by a factor of twenty, and below it the distance to its zero level.  Top

@@ -1,4 +1,4 @@
-"""Exact sizes in a maze: survivors, corners with their wedges, and lines of sight.
+"""Exact gradient limiting in a maze: survivors, corners with their wedges, and lines of sight.
 
 Six bounds are given in a maze, with g = 0.2.  Two of them are undercut: another bound allows less
 there.  The other four survive.  The bound of 0.8 survives only because a wall hides it.  Along a

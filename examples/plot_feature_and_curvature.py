@@ -1,4 +1,4 @@
-"""Sizes from width and curvature, without and with a gradient limit (after Persson's Figure 7).
+"""Sizes from feature size and curvature, without and with gradient limiting (Persson's Figure 7).
 
 A plate between arcs, with holes close to each other and to its edge.  The feature size drops
 where walls come together, faster than elements may shrink from one to the next, and curvature asks

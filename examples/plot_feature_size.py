@@ -1,4 +1,4 @@
-"""Local feature size from the boundary alone: the largest spheres inside.
+"""Local feature size from the boundary: the largest inscribed spheres.
 
 The section of a part: a foot with a round hole, a fin, and a wall that tapers.  Left: circles
 that touch the boundary and fit inside, at points along it, by their radius, which is half the

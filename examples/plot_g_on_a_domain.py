@@ -1,11 +1,11 @@
 """Gradient limits that vary in space or with the size, on a domain with a smooth boundary.
 
-Figures 14 and 15 of Persson's paper.  The sizes asked for are 1 / (K kappa) on the boundary of
-a three-lobed domain with a hole, its curvature kappa known, K = 6 elements per radian.  They
-are limited on a Cartesian grid of which only the nodes in the domain are active, so that no
-size takes the way through the hole.  Upper row: g = 0.4 on the left and 0.2 on the right.
-Lower row: g(h) from 0.6 for small to 0.2 for large elements, so that contours of h are
-closest at small elements.  With Mmg installed, a mesh of each.
+Figures 14 and 15 of Persson's paper.  The prescribed sizes are 1 / (K kappa) on the boundary of
+a three-lobed domain with a hole, with known curvature kappa and K = 6 elements per radian.  They
+are limited on a Cartesian grid.  Only its nodes in the domain are active, so sizes do not
+propagate through the hole.  Upper row: g = 0.4 on the left and 0.2 on the right.  Lower row: g(h)
+falls from 0.6 for small to 0.2 for large elements, so the contours of h are closest at small
+elements.  With Mmg installed, a mesh is made for each.
 
     python examples/plot_g_on_a_domain.py [DIRECTORY]
 """

@@ -1,10 +1,10 @@
-"""The schemes on a Cartesian grid, by their contours.
+"""Contours of the gradient limiting schemes on a Cartesian grid.
 
 Figure 11 of Persson's paper: two point sources, 1 at (-10, 0) and 5 at (10, 0), in the
-square (-50, 50)^2 of 100 x 100 squares, g = 0.3.  Along the edges only, circles become
-diamonds, at every spacing; fast marching of first order is too large by a little, that of
-second order by a quarter of it.  The default method is exact to rounding.  It is the fifth panel,
-which the paper does not have.
+square (-50, 50)^2 of 100 x 100 squares, g = 0.3.  With edge-based limiting, circles become
+diamonds at every spacing.  Sizes by first-order fast marching are slightly too large, and the
+error at second order is a quarter of that.  The default method, in the fifth panel, is exact to
+rounding.  The paper does not have it.
 
     python examples/plot_grid_schemes.py [DIRECTORY]
 """

@@ -1,9 +1,10 @@
-"""A mesh of another program, refined where its stresses are highest, materials kept.
+"""Refining a mesh from another program where stresses are highest, with materials preserved.
 
 data/plate.vtk holds a plate with a hole and a stiff inlay, pulled at its ends, as a simulation left
 it: "Material" in the cells, "von_mises" and "displacement" at the nodes.  Sizes come from the
-stress: small where it is above 70 % of the highest, growing from there.  Three turns, each twice as
-fine, with the hole made round again and the stress computed anew (linear elements, scikit-fem).
+stress: small where it is above 70 % of the highest, growing from there.  In each of three cycles
+the sizes are halved, the hole is made round again, and the stress is recomputed (linear elements,
+scikit-fem).
 Measured:
 
 | edges at the hot spot | triangles | highest stress in MPa |
@@ -16,11 +17,11 @@ Measured:
 Uniform meshes with edges of 0.15 mm have 595 000.  The smallest angle is 31 degrees.  Areas of
 the materials are those of before, but for the round hole (0.02 %).
 
-The first turn by the command line, from a file with the bounds h0 as a nodal field, is run too:
+The first cycle is also run on the command line, from a file with the bounds h0 as a nodal field:
 
     adaptsize remesh plate_sizes.vtu --field h0 -g 0.2 -K 0 --elements-across 0 -o plate_fine.vtu
 
-Without Python, places are given by hand: `--source ball:35,38,2=0.6`.
+Without Python, regions are prescribed by hand: `--source ball:35,38,2=0.6`.
 
     python examples/plot_hot_spot.py [DIRECTORY]
 """

@@ -1,7 +1,7 @@
-"""Objects in a picture: mask, distance, size and mesh (after Persson's Figure 13).
+"""Meshing the objects in a picture: mask, distance, size and mesh (after Persson's Figure 13).
 
-A mask, as segmenting a photo leaves it, is smoothed; from the distance to its edge come curvature
-and medial axis, from these the sizes, and from distance and sizes the mesh.
+A mask from the segmentation of a photo is smoothed.  The distance to its boundary gives the
+curvature and the medial axis, and these give the sizes.  Distance and sizes give the mesh.
 """
 
 from __future__ import annotations

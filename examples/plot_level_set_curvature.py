@@ -1,13 +1,14 @@
-"""Curvature of a boundary from its signed distance, and the sizes that it asks for.
+"""Curvature of a boundary from its signed distance, and the sizes from it.
 
-Section 3 of Persson's paper on an ellipse.  A node at the distance phi sees the level set
-through it, not the boundary.  Left: the curvature found at nodes near the boundary, over
-that of the boundary: as it is at the node, with the paper's correction by the printed sign, and
-with the one that fits phi < 0 inside.  Middle: largest errors against the spacing.
+Section 3 of Persson's paper on an ellipse.  The curvature at a node at the distance phi is that of
+the level set through the node, not that of the boundary.  Left: the ratio of the computed
+curvature at nodes near the boundary to that of the boundary, without correction, with the paper's
+correction with the printed sign, and with the sign for phi < 0 inside.  Middle: largest errors
+against the spacing.
 
-Right: errors of the sizes after limiting, around a quarter of the boundary (lines) and 4
-spacings inside of it (dashes).  Formula (4), with its first sign mended, makes sizes fall by g
-per distance to the outside; where they change along the boundary as well, that is too steep,
+Right: errors of the sizes after limiting, along a quarter of the boundary (lines) and 4
+spacings inside it (dashes).  Formula (4), with its first sign corrected, lets sizes fall by g
+per distance to the outside.  Where they also change along the boundary, this is too steep,
 and limiting makes them too small.  Without - g phi they are too small inside.
 
     python examples/plot_level_set_curvature.py [DIRECTORY]

@@ -13,14 +13,15 @@ from 200 to 12 800.  Measured, with the power of the number of unknowns over the
 | P2, limited | 24684 | 0.00014 | -1.08 | 19.7 | 611 |
 | P2, not limited | 24736 | 0.00013 | -1.06 | 26.8 | 611 |
 
-The best there is are -1/2 and -1.  P1 has one turn for each number, P2 two.  The angle is the
-smallest of all meshes of the loop; iterations are those of conjugate gradients, preconditioned
-by the diagonal, to 1e-10.
+The optimal powers are -1/2 and -1.  There is one adaptation cycle per number for P1, and two for
+P2.  The angle is the smallest of all meshes of the loop.  Iterations are those of conjugate
+gradients with diagonal preconditioning, to 1e-10.
 
-In this loop limiting changes nothing: sizes that share an error equally are smooth of
-themselves.  It does where sizes jump.  Below, the triangles that hold half of the error of a
-uniform mesh are to be 16 times smaller at once: not limited, the new mesh has angles of 8 degrees
-(radius ratio 0.05), limited 24 degrees (0.63) and, for 14 % more triangles, an error 15 % less.
+In this loop limiting has no effect, because sizes that equidistribute the error are already
+smooth.  It has an effect where sizes jump.  Below, the triangles with half of the error of a
+uniform mesh are to be 16 times smaller at once.  Without limiting, the new mesh has angles of 8
+degrees (radius ratio 0.05).  With limiting it has 24 degrees (0.63) and, with 14 % more triangles,
+a 15 % smaller error.
 
     python examples/plot_lshape.py [DIRECTORY]
 """

@@ -1,11 +1,11 @@
 """The medial axis of planar shapes, and the local feature size from it.
 
-After Figure 3 of Persson's paper.  Colours are the local feature size, the distance from the
-boundary and from the medial axis (dots) together: half the width between parallel walls.  From
-left to right: an ellipse, a ring, three parabolas; a rectangle across the grid and an L, whose
-corners are no narrow places; a square with one corner cut off, where the size is at most the cut;
-a sharp wedge, which is narrow at its tip; a disc with waves of half a per cent, which
-do not count; and a part.
+After Figure 3 of Persson's paper.  Colours show the local feature size, the sum of the distances
+from the boundary and from the medial axis (dots).  It is half the width between parallel walls.
+From left to right: an ellipse, a ring, three parabolas; a rectangle oblique to the grid and an L,
+whose corners are not narrow; a square with one corner cut off, where the size is at most the length
+of the cut; a sharp wedge, which is narrow at its tip; a disc with waves of half a per cent, which
+are ignored; and a part.
 
     python examples/plot_medial_axis.py [DIRECTORY]
 """

@@ -1,10 +1,10 @@
-"""Quadtrees: fine where the boundary is, fine where small elements are wanted.
+"""Quadtrees refined at the boundary, and refined to the size function.
 
 The octree of Figure 1 of Persson's paper.  Left: refined at the boundary of a plate
-with two holes, by its signed distance; the number of leaves grows like the boundary as the
-leaves shrink, not like the area.  Middle: sizes of a quarter of the radius asked for at the
-holes (red), limited on that tree, whose leaves need not be balanced.  Right: a tree refined to
-these sizes, no leaf larger than the size in it, which is a mesh of sorts already.
+with two holes, by its signed distance.  The number of leaves is proportional to the length of the
+boundary, not to the area.  Middle: a size of a quarter of the radius is prescribed at the
+holes (red) and limited on that tree, whose leaves need not be balanced.  Right: a tree refined to
+these sizes, in which no leaf is larger than the size in it.
 
     python examples/plot_octree.py [DIRECTORY]
 """

@@ -1,12 +1,12 @@
-"""The medial axis on a quadtree that is refined by its own feature size.
+"""The medial axis on a quadtree refined by the feature size.
 
 The section of a part: a foot with a round hole, a fin, and a wall that tapers.  Left: a quadtree
-that is fine at the boundary only.  The boundary tells for any point where the closest one on it is;
-edges on which that one jumps carry the medial axis, exactly, however large the leaves are.
-Middle: the quadtree after three rounds of feature size, limited size, and leaves of that size: fine
-where the part is narrow and nowhere else.  Right: the feature size along the foot, on both, and on
-a grid that is as fine everywhere, which takes the walls beside the hole for corners where they are
-less than three spacings away.
+that is fine only at the boundary.  For each point, the closest point of the boundary is computed.
+Edges on which it jumps contain the medial axis exactly, for any size of the leaves.
+Middle: the quadtree after three rounds of feature size, limited size, and refinement to that size.
+It is fine only where the part is narrow.  Right: the feature size along the foot on both trees, and
+on a grid with the finest spacing everywhere.  The grid mistakes the walls beside the hole for
+corners where they are less than three spacings away.
 
     python examples/plot_octree_feature_size.py [DIRECTORY]
 """

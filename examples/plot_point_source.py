@@ -1,8 +1,8 @@
 """A small size at one point of a plate, propagated inside the domain.
 
 The script of the README, with a picture: data/slit.vtu is a plate with a notch and a narrow slit.
-The size is prescribed at one point to the right of the slit.  The notch and the narrow places ask
-for small elements as well.  All sizes grow with the gradient g = 0.25, up to hmax = 0.3, and do
+The size is prescribed at one point to the right of the slit.  The notch and the narrow regions also
+require small elements.  All sizes grow with the gradient g = 0.25, up to hmax = 0.3, and do
 not cross the slit.  The mesh on the right follows them, if Mmg is installed.
 
     python examples/plot_point_source.py [DIRECTORY]

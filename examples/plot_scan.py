@@ -1,4 +1,4 @@
-"""A scanned figurine: curvature and width, from an antler to the trunk, in one size function.
+"""Size function of a scanned figurine from curvature and feature size.
 
 Figure 10 of Persson's paper, with a model of our own (data/deer.ply, triangles as of a
 scanner, with some noise).  The signed distance is put on a Cartesian grid, whose medial

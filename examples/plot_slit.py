@@ -1,6 +1,6 @@
 """Small sizes do not reach across a slit.
 
-Figure 6 of Persson's paper (data/slit.vtu): small sizes are asked for on a round notch in
+Figure 6 of Persson's paper (data/slit.vtu): small sizes are prescribed on a round notch in
 the top, close to a narrow slit.  `limit_gradient` measures distances inside the domain: the
 shortest path to the other side leads around the lower end of the slit, and the size there is
 large.  Formula (11) of the paper has straight-line distances and is meant for convex domains.

@@ -1,11 +1,11 @@
-"""Meshes from distance functions: an object with smooth boundaries, and a solid.
+"""Mesh generation from distance functions: an object with smooth boundaries, and a solid.
 
-Figures 8 and 9 of Persson's paper.  The object in the plane is where a sum of poles is large,
-less a hole: a function far from a distance.  Its signed distance is put on a Cartesian
-grid; the medial axis gives the feature size, the corrected curvature the size at the
-boundary, and both are limited.  `mesh_from_distance` is then given nothing but the two functions,
-distance and size.  The solid is a cylinder with a spherical hole off its middle, from closed forms
-put on a grid: its size across a cut, and the tetrahedra behind that.
+Figures 8 and 9 of Persson's paper.  The plane object is the region where a sum of poles is large,
+minus a hole.  This function is far from a distance, so its signed distance is computed on a
+Cartesian grid.  The medial axis gives the feature size, the corrected curvature the size at
+the boundary, and their minimum is limited.  `mesh_from_distance` needs only the two functions,
+distance and size.  The solid is a cylinder with an eccentric spherical hole, sampled on a grid from
+closed forms: the size in a section, and the tetrahedra behind it.
 
     python examples/plot_smooth_boundaries.py [DIRECTORY]
 """

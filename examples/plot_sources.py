@@ -1,9 +1,9 @@
-"""Which cause controls which part of a mesh, and sizes between the nodes without interpolation.
+"""Controlling sources of the sizes, and evaluation between the nodes without interpolation.
 
-A plate with three arcs (data/curved.vtu) and a place where small elements are wanted.
-The exact method knows for every node where its size comes from.  Left: the regions of
-the arcs and of the place, under lines of equal size.  Right: what interpolation adds to the
-sizes along the broken line.  Around the place, where the true size is a cone, it adds up to
+A plate with three arcs (data/curved.vtu) and a point with a prescribed size.
+The exact method returns the source of the size at every node.  Left: the parts controlled by
+the arcs and by the point, with contours of the size.  Right: the interpolation error of the
+sizes along the broken line.  Around the point, where the true size is a cone, it is up to
 7 %.  Evaluated from the sources, the size is exact at every point.
 
     python examples/plot_sources.py [DIRECTORY]

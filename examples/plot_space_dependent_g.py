@@ -1,8 +1,8 @@
-"""A gradient limit that differs from place to place.
+"""A gradient limit that varies in space.
 
 Figure 14 of Persson's paper: g = 0.4 in the left half and 0.2 in the right, given per
-cell, as it jumps.  From the same small size at two points the size grows twice as fast on
-the left; the mesh on the right is finer and its triangles differ less.
+cell because it is discontinuous.  From the same small size at two points, the size grows twice as
+fast on the left.  The mesh on the right is finer, and its triangles vary less in size.
 
     python examples/plot_space_dependent_g.py [DIRECTORY]
 """

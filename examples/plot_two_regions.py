@@ -1,10 +1,10 @@
-"""A mesh of two materials: small elements in one of them, tags kept through remeshing.
+"""A mesh of two materials: small elements in one of them, with tags preserved by remeshing.
 
 data/block.vtu is a block of tetrahedra (region 1) with a ball in it (region 2), and tagged
-facets at the ends, the sides and the interface.  The ball gets a size of its own, a point
-on one end another one; the sizes are limited and the block is remeshed.  Regions and
-facet tags are those of before: volumes and areas by tag tell.  (The ball grows by a
-percent, as its coarse facets are rounded.)
+facets at the ends, the sides and the interface.  A size is prescribed in the ball, and another
+one at a point of one end.  The sizes are limited and the block is remeshed.  Regions and
+facet tags are preserved, as the volumes and areas by tag show.  (The ball grows by one
+per cent, because its coarse facets are rounded.)
 
     python examples/plot_two_regions.py [DIRECTORY]
 """

@@ -1,9 +1,9 @@
-"""Two point sources: why the gradient is limited through the cells, not along the edges.
+"""Two point sources: why the gradient is limited in the cells, not along the edges.
 
 Figure 11 and section 6.2 of Persson's paper, on jittered Delaunay triangles: the size is
 1 at (-10, 0) and 5 at (10, 0) in the square (-50, 50)^2, and g = 0.3.  Shortest paths
 along the edges of the mesh (what many mesh generators do) miss the true size where no
-edges lead the straight way, at every mesh size; fast marching goes through the triangles
+edges follow the straight path, at every mesh size.  Fast marching propagates through the triangles
 and converges.
 
     python examples/plot_two_sources.py [DIRECTORY]

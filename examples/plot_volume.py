@@ -1,7 +1,8 @@
-"""A segmented volume to tetrahedra: two organs that touch, a region each.
+"""Tetrahedra from a segmented volume: two organs that touch, with one region each.
 
-Labels on voxels, as of a CT scan; their edge smoothed, sizes from its curvature and from the width
-of the organs, and tetrahedra that keep the labels.  Also writes organs.vtu.
+The input are labels on voxels, as from a CT scan.  Their boundary is smoothed, sizes come from its
+curvature and from the width of the organs, and the tetrahedra keep the labels.  Also writes
+organs.vtu.
 """
 
 from __future__ import annotations

@@ -367,7 +367,7 @@ def test_a_boundary_that_drifts_off_in_a_loop_is_reported_once():
             result = adapt(mesh, h0=h, enough=1.1)
             mesh = result.mesh
     assert [w.category for w in caught] == [ResolutionWarning]
-    assert "give project= for a curved boundary" in str(caught[0].message)
+    assert "pass project= for a curved boundary" in str(caught[0].message)
     assert caught[0].filename == __file__
 
 

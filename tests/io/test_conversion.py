@@ -114,7 +114,9 @@ def test_groups_and_names_outlive_a_gmsh_file_that_meshio_writes_and_reads(tmp_p
 
 def test_two_tags_of_one_name_are_refused_for_meshio():
     mesh = replace(block(1), tag_names={(3, 1): "air", (2, 1): "air"})
-    with pytest.raises(ValueError, match=r"tag_names must differ for meshio.* got 'air' twice"):
+    with pytest.raises(
+        ValueError, match=r"tag_names must be distinct for meshio.* got 'air' twice"
+    ):
         mesh.to_meshio()
 
 
@@ -143,7 +145,7 @@ def test_data_sets_of_pyvista_of_all_kinds():
     assert box.measures.sum() == pytest.approx(8.0)
     line = SimplexMesh.from_pyvista(pyvista.MultipleLines([[0, 0, 1], [1, 0, 1], [1, 1, 1]]))
     assert line.cells.tolist() == [[0, 1], [1, 2]]
-    with pytest.raises(ValueError, match=r"VTK type 7, .*triangulate\(\) cuts polygons"):
+    with pytest.raises(ValueError, match=r"VTK type 7, .*triangulate\(\) splits polygons"):
         SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6))
     assert SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6).triangulate()).n_cells == 4
 

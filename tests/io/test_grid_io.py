@@ -166,7 +166,7 @@ def test_damaged_and_foreign_files_are_one_error_that_names_them(tmp_path, case)
 
 def test_a_grid_is_not_read_as_a_mesh(tmp_path):
     (tmp_path / "a.vti").write_text(ASCII)
-    with pytest.raises(MeshFileError, match="holds a grid, not a mesh; read_size takes it"):
+    with pytest.raises(MeshFileError, match="holds a grid, not a mesh; use read_size"):
         read(tmp_path / "a.vti")
     with pytest.raises(MeshFileError, match="No such file"):
         read_size(tmp_path / "b.vti")

@@ -159,7 +159,7 @@ def test_volumes_lie_where_the_file_says_along_the_axes_of_space(tmp_path, name,
 def test_volumes_that_are_askew_keep_their_own_axes_and_that_is_told(tmp_path, name, write):
     c, s = np.cos(0.3), np.sin(0.3)
     write(tmp_path / name, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) * 1.5)
-    with pytest.warns(ImageWarning, match="turned in space"):
+    with pytest.warns(ImageWarning, match="oblique in space"):
         image = read_image(tmp_path / name)
     np.testing.assert_array_equal(image.values, volume())
     np.testing.assert_allclose(image.spacing, 1.5, rtol=1e-6)
@@ -178,7 +178,7 @@ def test_one_slice_is_a_picture_and_a_series_in_time_is_refused(tmp_path):
     assert read_image(tmp_path / "slice.nii").shape == (4, 5)
     series = np.stack([volume(), volume()], axis=3)
     nibabel.save(nibabel.Nifti1Image(series, np.eye(4)), tmp_path / "series.nii")
-    with pytest.raises(MeshFileError, match=r"shape \(4, 5, 6, 2\), where one volume is wanted"):
+    with pytest.raises(MeshFileError, match=r"shape \(4, 5, 6, 2\), where one volume is required"):
         read_image(tmp_path / "series.nii")
 
 
@@ -194,7 +194,7 @@ def test_numpy_arrays_are_taken_as_they_are(tmp_path):
     with pytest.raises(MeshFileError, match=r"has no array .mask.*labels, other"):
         read_image(tmp_path / "v.npz", name="mask")
     np.savez(tmp_path / "two.npz", one=volume(), two=volume())
-    with pytest.raises(MeshFileError, match="holds 2 arrays that could be an image, give name="):
+    with pytest.raises(MeshFileError, match="holds 2 arrays that could be an image, pass name="):
         read_image(tmp_path / "two.npz")
 
 
@@ -214,7 +214,7 @@ def test_missing_files_and_other_kinds_are_told(tmp_path):
     with pytest.raises(MeshFileError, match="No such file"):
         read_image(tmp_path / "no.png")
     (tmp_path / "part.stl").write_bytes(b"solid")
-    with pytest.raises(MeshFileError, match=r"no kind of image that can be read.*\.nrrd"):
+    with pytest.raises(MeshFileError, match=r"not an image format that can be read.*\.nrrd"):
         read_image(tmp_path / "part.stl")
     assert is_image_file("a/b.NII.GZ")
     assert is_image_file("mask.v2.png")

@@ -258,7 +258,7 @@ def test_the_report_prints_what_matters():
         ({"upper": [1.2, -2.0]}, r"upper must be above lower, got upper\[1\] = -2"),
         ({"upper": [1.2, np.nan]}, "upper"),
         ({"fixed_points": [[0.0, 0.0], [1.1, 0.0]]}, r"fixed_points\[1\]"),
-        ({"fixed_points": [[0.0, 0.0], [0.0, 0.0]]}, "different"),
+        ({"fixed_points": [[0.0, 0.0], [0.0, 0.0]]}, "distinct"),
         ({"fixed_points": [[0.0, 0.0, 0.0]]}, "fixed_points must have shape"),
         ({"max_iter": 0}, "max_iter"),
         ({"max_elements": 0}, "max_elements"),

@@ -55,7 +55,7 @@ def test_point_inside_a_box_shows_at_its_corners():
 
 
 def test_point_outside_counts_its_distance():
-    with pytest.warns(UserWarning, match="outside the domain: it acts on the nodes"):
+    with pytest.warns(UserWarning, match="outside the domain: it acts only on the nodes"):
         h0 = size_from_sources(GRID, PointSource([-3.0, 1.0], 1.0), g=0.2)
     expected = np.full((4, 3), INF)
     expected[0, :2] = 1.0 + 0.2 * np.hypot(3.0, 1.0)

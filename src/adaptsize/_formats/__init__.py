@@ -1,1 +1,1 @@
-"""File formats behind ``adaptsize.io``: one file per family."""
+"""File formats for ``adaptsize.io``: one module per family."""

@@ -1,4 +1,4 @@
-"""A SimplexMesh from the content of a file: which cells, which tags, which fields."""
+"""Conversion of the content of a file to a SimplexMesh: choice of cells, tags and fields."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import facets_of, unique_rows
 from adaptsize.errors import MeshFileError
 
-# Names under which programs keep the region of a cell, the likeliest first.
+# Names that programs use for the region of a cell, the most likely first.
 _TAG_NAMES = (
     "cell_tags",
     "gmsh:physical",
@@ -56,13 +56,13 @@ def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
 
 
 def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) -> SimplexMesh:
-    """Return the simplices with their tags and fields; ``notes`` gets what was mended.
+    """Return the simplices with their tags and fields.  Repairs are appended to ``notes``.
 
     Parameters
     ----------
     raw : RawMesh
     kind : {"tetrahedra", "triangles", "segments"} or None
-        Which cells to take; None: those of the highest dimension.
+        Which cells to take.  None selects those of the highest dimension.
     flatten : bool
         Whether triangles and segments with z = 0 become a mesh in the plane.
     notes : list of str
@@ -72,7 +72,7 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
     simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
     tag_name, cell_tags = _tags(raw, simplices)
     facets, facet_tags, facet_tag_name = _facets(raw, simplices, notes)
-    # Names are those of groups, not of the geometry that they consist of.
+    # Names belong to physical groups, not to geometric entities.
     named = {dim: tag_name, dim - 1: facet_tag_name}
     names = {
         key: name
@@ -105,7 +105,7 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
 def _without_untagged(
     cell_tags: npt.NDArray[np.int32] | None, names: dict[tuple[int, int], str], dim: int
 ) -> tuple[npt.NDArray[np.int32] | None, dict[tuple[int, int], str]]:
-    """Return tags and names without the group into which untagged cells were written."""
+    """Return tags and names without the group for untagged cells."""
     group = next((key for key, name in names.items() if name == UNTAGGED and key[0] == dim), None)
     if group is None or cell_tags is None:
         return cell_tags, names
@@ -115,21 +115,24 @@ def _without_untagged(
 
 
 def _without_repeated_nodes(simplices: Simplices, notes: list[str]) -> Simplices:
-    """Drop cells that name a node twice; ``notes`` gets all that was done to the cells."""
+    """Drop cells that contain a node twice.  All changes to cells are appended to ``notes``."""
     ordered = np.sort(simplices.cells, axis=1)
     good = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
     cells, block, row, own_notes = simplices
     if not good.any():
-        raise MeshFileError("holds only cells that name a node twice")
+        raise MeshFileError("holds only cells that contain a node twice")
     if not good.all():
-        own_notes = [*own_notes, f"{np.count_nonzero(~good)} cells that name a node twice dropped"]
+        own_notes = [
+            *own_notes,
+            f"{np.count_nonzero(~good)} cells that contain a node twice dropped",
+        ]
         cells, block, row = cells[good], block[good], row[good]
     notes.extend(own_notes)
     return Simplices(cells, block, row, own_notes)
 
 
 def _kept_nodes(raw: RawMesh, cells: npt.NDArray[Any], *, reduced: bool) -> npt.NDArray[np.bool_]:
-    """Tell the nodes to keep: all, but for those that only cells left out belong to."""
+    """Return the nodes to keep: all except those that only belong to omitted cells."""
     keep = np.ones(len(raw.points), bool)
     if reduced:
         for _, found in raw.blocks:
@@ -142,7 +145,7 @@ def _kept_nodes(raw: RawMesh, cells: npt.NDArray[Any], *, reduced: bool) -> npt.
 def _cell_fields(
     raw: RawMesh, simplices: Simplices, tag_name: str | None
 ) -> dict[str, npt.NDArray[Any]]:
-    """Return the cell data that are numbers, but for the tags and tags that are all 0."""
+    """Return the numeric cell data, except the tags and tags that are all 0."""
     fields = {}
     for name, blocks in raw.cell_data.items():
         values = gather(blocks, simplices)
@@ -154,7 +157,7 @@ def _cell_fields(
 
 
 def _nodal_fields(raw: RawMesh) -> dict[str, npt.NDArray[Any]]:
-    """Return the point data that are numbers, one row per node, and say something."""
+    """Return the numeric point data with one row per node that carry information."""
     fields = {}
     for name, values in raw.point_data.items():
         array = np.asarray(values)
@@ -167,12 +170,12 @@ def _nodal_fields(raw: RawMesh) -> dict[str, npt.NDArray[Any]]:
 
 
 def _native(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the array in the byte order of the machine; legacy VTK files have the other."""
+    """Return the array in native byte order.  Legacy VTK files are big-endian."""
     return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
 def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[np.int32] | None]:
-    """Return the likeliest tags of the simplices and the name they had."""
+    """Return the most likely tags of the simplices and the name of their field."""
     by_name = {name.lower(): name for name in raw.cell_data}
     for wanted in _TAG_NAMES:
         if wanted not in by_name or not len(simplices.cells):
@@ -190,7 +193,7 @@ def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[n
 def _facets(
     raw: RawMesh, simplices: Simplices, notes: list[str]
 ) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None, str | None]:
-    """Return the tagged cells of one dimension less that are facets, and whose tags they bear."""
+    """Return the tagged cells of one dimension less that are facets, and their tag field."""
     dim = simplices.cells.shape[1] - 1
     if not any(dimension_of(t) == dim - 1 and len(c) for t, c in raw.blocks) or dim == 1:
         return None, None, None

@@ -1,4 +1,4 @@
-"""Cell blocks as files hold them, and the simplices they stand for."""
+"""Cell blocks as in files, and their conversion to simplices."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SHAPES = {
     "wedge": (3, 6),
     "hexahedron": (3, 8),
 }
-#: Name of the group of cells without a tag in Gmsh's files, where group 0 is left out.
+#: Name of the group of untagged cells in Gmsh files.  Gmsh ignores group 0.
 UNTAGGED = "adaptsize untagged"
 _SIMPLEX = {1: "line", 2: "triangle", 3: "tetra"}
 KINDS = {"segments": 1, "triangles": 2, "tetrahedra": 3}
@@ -36,8 +36,8 @@ _PLURAL = {
     "hexahedron": "hexahedra",
 }
 
-# Faces of the solids that are no simplex, in the numbering of VTK and Gmsh, seen from
-# inside with the corners counter-clockwise, so that (face, inner point) is positive.
+# Faces of the cells that are not simplices, in the numbering of VTK and Gmsh.  Seen from
+# inside, the corners are counter-clockwise, so that (face, inner point) is positive.
 _FACES = {
     "pyramid": ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
     "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
@@ -54,7 +54,7 @@ _FACES = {
 
 @dataclass
 class RawMesh:
-    """What a reader found: points, blocks of cells of one type each, fields.
+    """The content of a file: points, blocks of cells of one type each, fields.
 
     ``cell_data[name]`` has one array per block.
     """
@@ -66,24 +66,24 @@ class RawMesh:
     tag_names: Mapping[tuple[int, int], str] = field(default_factory=dict)
     """Names of the tags, by dimension and tag."""
     notes: list[str] = field(default_factory=list)
-    """What had to be left out, for a warning."""
+    """What was left out, for a warning."""
 
 
 class Simplices(NamedTuple):
-    """The cells of one dimension as simplices, and where each came from."""
+    """The cells of one dimension as simplices, and the origin of each."""
 
     cells: npt.NDArray[np.int64]
     """int64[n, k + 1]."""
     block: npt.NDArray[np.int64]
-    """int64[n]: index of the block each was made from."""
+    """int64[n]: index of the original block."""
     row: npt.NDArray[np.int64]
-    """int64[n]: its row in that block."""
+    """int64[n]: row in that block."""
     notes: list[str]
     """What was converted, for a warning."""
 
 
 def dimension_of(cell_type: str) -> int:
-    """Return the dimension of a cell type of meshio: 0 to 3; unknown ones count as 3."""
+    """Return the dimension of a cell type of meshio, 0 to 3.  Unknown types count as 3."""
     base = _base(cell_type)
     if base is not None:
         return _SHAPES[base][0]
@@ -91,7 +91,7 @@ def dimension_of(cell_type: str) -> int:
 
 
 def plural(cell_type: str) -> str:
-    """Return the word for many cells of a type."""
+    """Return the plural name of a cell type."""
     base = _base(cell_type)
     return cell_type if base is None else _PLURAL[base]
 
@@ -115,13 +115,13 @@ def check_raw(raw: RawMesh) -> None:
         if outside.any():
             first = int(np.argmax(outside))
             raise MeshFileError(
-                f"{cell_type} {first} names nodes {cells[first].tolist()}, "
+                f"{cell_type} {first} has nodes {cells[first].tolist()}, "
                 f"but the nodes are 0 to {len(points) - 1}"
             )
 
 
 def join(pieces: Sequence[RawMesh]) -> RawMesh:
-    """Return several meshes as one, side by side, with the fields that all of them have."""
+    """Return the union of several meshes, with the fields that all of them have."""
     starts = np.cumsum([0, *(len(piece.points) for piece in pieces)])
     nodal = set.intersection(*(set(piece.point_data) for piece in pieces))
     of_cells = set.intersection(*(set(piece.cell_data) for piece in pieces))
@@ -141,9 +141,9 @@ def simplices_of(raw: RawMesh, dim: int) -> Simplices:
     """Return all cells of dimension ``dim`` as simplices.
 
     Quadrilaterals become two triangles.  Hexahedra, wedges and pyramids are split
-    from their node of smallest index, which cuts each quadrilateral face through its
-    smallest node from both sides, so that neighbours agree [1]_.  Of higher-order
-    cells the corners are taken.
+    from their node of smallest index.  Both neighbours then split each quadrilateral
+    face through its smallest node, so the result is conforming [1]_.  Higher-order
+    cells are reduced to their corners.
 
     References
     ----------
@@ -177,7 +177,7 @@ def simplices_of(raw: RawMesh, dim: int) -> Simplices:
 
 
 def gather(values: Sequence[npt.NDArray[Any]], simplices: Simplices) -> npt.NDArray[Any] | None:
-    """Return one row per simplex of data kept per block; None if the blocks do not fit."""
+    """Return one row per simplex of data stored per block, or None if the blocks do not fit."""
     pieces = []
     for index in np.unique(simplices.block):
         data = np.asarray(values[index])
@@ -198,7 +198,7 @@ def _base(cell_type: str) -> str | None:
 def _split(
     base: str, cells: npt.NDArray[np.int64], points: FloatArray | None
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the simplices of cells of one type and the row each came from."""
+    """Return the simplices of cells of one type and the original row of each."""
     if base in _SIMPLEX.values():
         return cells, np.arange(len(cells))
     if base == "quad":
@@ -224,9 +224,9 @@ def _split(
 def _split_quads(quads: npt.NDArray[np.int64], points: FloatArray | None) -> npt.NDArray[np.int64]:
     """Return each quadrilateral as two triangles, int64[n, 2, 3].
 
-    Cut along the better diagonal: the one that lies inside, then the shorter.  Without
-    points, cut through the smallest node, the one rule by which two cells at a common
-    face agree without asking each other.
+    They are split along the diagonal that lies inside, or the shorter one if both do.  Without
+    points, they are split through the smallest node, a rule by which two cells split a
+    common face in the same way.
     """
     if points is None:
         start = np.argmin(quads, axis=1)

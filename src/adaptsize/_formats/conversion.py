@@ -1,4 +1,4 @@
-"""Meshes to and from the objects of meshio and PyVista."""
+"""Conversion of meshes to and from objects of meshio and PyVista."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError, MeshRepairWarning
 
-# VTK's types of cells by their names in meshio.  Those of higher order are cut to their corners.
+# VTK cell types by their names in meshio.  Higher-order cells are reduced to their corners.
 _FROM_VTK = {
     1: "vertex", 3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge",
     14: "pyramid", 21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20",
@@ -23,14 +23,14 @@ _FROM_VTK = {
 }  # fmt: skip
 _TO_VTK = {"line": 3, "triangle": 5, "tetra": 10}
 _POLYLINE, _PIXEL, _VOXEL = 4, 8, 11
-# Boxes along the axes number their nodes row by row, as no other cell does.
+# VTK's pixels and voxels number their nodes row by row, unlike other cells.
 _TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
 #: PyVista's field of texts "dimension tag name".
 _NAMES = "tag_names"
 
 
 def from_meshio(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
-    """Return a SimplexMesh of a ``meshio.Mesh``; see `SimplexMesh.from_meshio`."""
+    """Return a SimplexMesh from a ``meshio.Mesh``; see `SimplexMesh.from_meshio`."""
     import meshio
 
     if not isinstance(mesh, meshio.Mesh):
@@ -64,7 +64,7 @@ def to_meshio(mesh: SimplexMesh, tag_name: str) -> Any:
         held = list(names.values())
         twice = next(name for name in held if held.count(name) > 1)
         raise ValueError(
-            "tag_names must differ for meshio, which keeps one tag of each name, "
+            "tag_names must be distinct for meshio, which keeps one tag per name, "
             f"got {twice!r} twice"
         )
     return meshio.Mesh(
@@ -77,11 +77,11 @@ def to_meshio(mesh: SimplexMesh, tag_name: str) -> Any:
 
 
 def from_pyvista(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
-    """Return a SimplexMesh of a PyVista data set; see `SimplexMesh.from_pyvista`."""
+    """Return a SimplexMesh from a PyVista data set; see `SimplexMesh.from_pyvista`."""
     import pyvista
 
     if not isinstance(mesh, pyvista.DataSet):
-        raise ValueError(f"mesh must be a data set of PyVista, got {describe(mesh)}")
+        raise ValueError(f"mesh must be a PyVista data set, got {describe(mesh)}")
     grid = mesh.cast_to_unstructured_grid()
     blocks, parents = [], []
     for cell_type, cells, parent in _blocks_of(grid):
@@ -133,7 +133,7 @@ def _built(raw: RawMesh, kind: str | None, flatten: bool) -> SimplexMesh:
 def _blocks_of(
     grid: Any,
 ) -> Iterator[tuple[str, npt.NDArray[np.int64], npt.NDArray[np.intp]]]:
-    """Yield the cells of each type and size, and which cells of the grid they are."""
+    """Yield the cells of each type and size with their numbers in the grid."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     types = np.asarray(grid.celltypes)
@@ -154,7 +154,7 @@ def _blocks_of(
             else:
                 raise ValueError(
                     f"mesh holds cells of VTK type {vtk_type}, which cannot be converted; "
-                    "mesh.triangulate() cuts polygons into triangles"
+                    "mesh.triangulate() splits polygons into triangles"
                 )
 
 

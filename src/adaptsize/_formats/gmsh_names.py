@@ -1,6 +1,7 @@
-"""Names of physical groups in Gmsh's files.
+"""Names of physical groups in Gmsh files.
 
-Not through meshio, which keeps one group of each name: a volume and its surface may share one.
+meshio is not used because it keeps only one group per name.  A volume and its surface may share
+a name.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _STEP = 1_000_000
 
 
 def read(path: Path) -> dict[tuple[int, int], str]:
-    """Return the names in a ``.msh`` file by dimension and tag; none of other files."""
+    """Return the names in a ``.msh`` file by dimension and tag.  Other files have none."""
     if path.suffix.lower() != ".msh":
         return {}
     content = b""

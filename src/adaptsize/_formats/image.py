@@ -1,7 +1,7 @@
 """VTK image data (``.vti``): nodal values on a Cartesian grid.
 
-Written here and not through a package: meshio has no image data, pyvista is optional, and
-the format is a few lines of XML before the numbers.
+No package is used: meshio has no image data, pyvista is optional, and the format consists of
+a few lines of XML before the numbers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from adaptsize._formats.readers import FOREIGN_FAILURES, reason
 from adaptsize.background import CartesianGrid
 from adaptsize.errors import MeshFileError
 
-#: The array by which VTK hides nodes, and the bit that does.
+#: The array by which VTK hides nodes, and the bit for hidden nodes.
 _GHOSTS, _HIDDEN = "vtkGhostType", 2
 _TYPES = {"f4": "Float32", "f8": "Float64"} | {
     f"{kind}{size}": f"{'U' * (kind == 'u')}Int{8 * size}" for kind in "iu" for size in (1, 2, 4, 8)
@@ -38,10 +38,10 @@ _IDENTITY = np.eye(3).ravel()
 
 
 def write(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[Any]]) -> None:
-    """Write nodal fields of the grid's shape; nodes that are not active are hidden.
+    """Write nodal fields of the grid's shape.  Inactive nodes are hidden.
 
-    The numbers stand raw at the end of the file, each field before its length in bytes.
-    VTK lets x run fastest, which is the opposite of the order here.
+    The raw numbers are at the end of the file.  Each field is preceded by its length in bytes.
+    In VTK, x varies fastest, which is the opposite of the order here.
     """
     arrays = {name: _plain(name, values) for name, values in fields.items()}
     if grid.active is not None:
@@ -79,7 +79,7 @@ def read(path: Path) -> tuple[CartesianGrid, dict[str, npt.NDArray[Any]]]:
     Raises
     ------
     MeshFileError
-        If it is damaged or no image data that a CartesianGrid can hold.
+        If it is damaged, or its data do not fit a CartesianGrid.
     """
     try:
         return _read(path.read_bytes())
@@ -101,7 +101,7 @@ class _Encoding:
 
 
 def _read(content: bytes) -> tuple[CartesianGrid, dict[str, npt.NDArray[Any]]]:
-    # Raw numbers are no XML: the tree is made of what stands before them.
+    # Raw numbers are not XML.  Only the part before them is parsed.
     text, tag, rest = content.partition(b"<AppendedData")
     root = ElementTree.fromstring(text + b"</VTKFile>" if tag else text)
     image = root.find("ImageData")
@@ -109,7 +109,7 @@ def _read(content: bytes) -> tuple[CartesianGrid, dict[str, npt.NDArray[Any]]]:
     if image is None or len(pieces) != 1:
         raise MeshFileError(f"holds {len(pieces)} pieces of image data, only one can be read")
     if not np.array_equal(_numbers(image.get("Direction"), _IDENTITY), _IDENTITY):
-        raise MeshFileError("holds a grid that is not along the axes")
+        raise MeshFileError("holds a grid that is not axis-aligned")
     extent = _numbers(pieces[0].get("Extent")).astype(int).reshape(3, 2)
     counts = extent[:, 1] - extent[:, 0] + 1
     spacing = _numbers(image.get("Spacing"), np.ones(3))
@@ -118,8 +118,8 @@ def _read(content: bytes) -> tuple[CartesianGrid, dict[str, npt.NDArray[Any]]]:
     for d in range(3):
         if counts[d] < 2 and (d < dim or origin[d] != 0.0):
             raise MeshFileError(
-                f"has {counts[d]} nodes along {'xyz'[d]}, at {origin[d]:g}, where two or more are "
-                "wanted (one along the last axes, at 0)"
+                f"has {counts[d]} nodes along {'xyz'[d]}, at {origin[d]:g}, but needs two or more "
+                "(or one along the last axes, at 0)"
             )
     shape = tuple(int(n) for n in counts[:dim])
     arrays = pieces[0].findall("PointData/DataArray")
@@ -150,7 +150,7 @@ def _encoding(root: ElementTree.Element, appended: bytes) -> _Encoding:
 
 
 def _values(array: ElementTree.Element, encoding: _Encoding) -> npt.NDArray[Any]:
-    """Return the numbers of one array, in a row, in the byte order of the machine."""
+    """Return the numbers of one array, flat and in native byte order."""
     dtype = _DTYPES[array.get("type", "")]
     form = array.get("format", "ascii")
     if form == "ascii":
@@ -208,7 +208,7 @@ def _whole(data: bytes, length: int) -> bytes:
 
 
 def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return numbers of a type that VTK has."""
+    """Return numbers of a type that VTK supports."""
     if values.dtype.kind == "b":
         return values.astype(np.uint8)
     if values.dtype.str[1:] not in _TYPES:
@@ -217,7 +217,7 @@ def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _write_x_fastest(file: BinaryIO, values: npt.NDArray[Any]) -> None:
-    """Write the numbers by planes of the last axis, so that no second copy is in memory."""
+    """Write the numbers by planes of the last axis, which avoids a second copy in memory."""
     little = values.dtype.newbyteorder("<")
     planes = values.T if values.ndim == 3 else values.T[None]
     for plane in planes:

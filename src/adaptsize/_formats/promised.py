@@ -1,4 +1,4 @@
-"""Whether OFF and PLY files hold as many faces as their headers say; no reader checks it."""
+"""Check that OFF and PLY files hold as many faces as in their headers; no reader does this."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ _PLY_ELEMENT = re.compile(rb"^\s*element\s+(\w+)\s+(\d+)", re.MULTILINE)
 
 
 def check_faces(path: Path, raw: RawMesh) -> None:
-    """Refuse a mesh with fewer faces than the header of its file says.
+    """Refuse a mesh with fewer faces than in the header of its file.
 
     Raises
     ------
     MeshFileError
-        With both numbers, without the path.
+        The message has both numbers, without the path.
     """
     count = _COUNTERS.get(path.suffix.lower())
     if count is None:
         return
     promised, rows = count(path.read_bytes())
     held = sum(len(cells) for cell_type, cells in raw.blocks if dimension_of(cell_type) == 2)
-    if rows is not None and any(row[0] != b"3" for row in rows):  # polygons, cut into triangles
+    if rows is not None and any(row[0] != b"3" for row in rows):  # polygons, split into triangles
         held = sum(_is_whole(row) for row in rows)
     if held < promised:
         raise MeshFileError(f"is truncated (promises {promised} faces, holds {held})")
@@ -66,7 +66,7 @@ def _count_ply(content: bytes) -> tuple[int, list[list[bytes]] | None]:
 
 
 def _is_whole(row: list[bytes]) -> bool:
-    """Whether a row holds as many nodes as its first number says."""
+    """Whether a row holds as many nodes as its first number states."""
     return row[0].isdigit() and len(row) > int(row[0])
 
 

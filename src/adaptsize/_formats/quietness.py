@@ -1,7 +1,7 @@
-"""Foreign packages kept quiet, in the calling thread only.
+"""Suppression of the output of other packages, in the calling thread only.
 
-meshio prints, rich consoles and all; trimesh and the readers of images log and warn.
-Redirecting ``sys.stdout`` would take the output of all other threads away with theirs.
+meshio prints, also through rich consoles.  trimesh and the readers of images log and warn.
+Redirecting ``sys.stdout`` would also redirect the output of all other threads.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from typing import Any
 
-#: What is said goes here while a block of `quiet` runs in this thread.
+#: Receives the output while a block of `quiet` runs in this thread.
 _HEARD: ContextVar[io.StringIO | None] = ContextVar("adaptsize_heard", default=None)
-#: Loggers that write to the terminal by handlers of their own.
+#: Loggers that write to the terminal by their own handlers.
 _LOUD_LOGGERS = ("nibabel.global",)
 # Filters of warnings belong to the process: blocks that overlap would leave those of each other.
 _FILTERS = threading.RLock()
@@ -26,9 +26,9 @@ _FILTERS = threading.RLock()
 
 @contextlib.contextmanager
 def quiet() -> Iterator[io.StringIO]:
-    """Keep what foreign packages print, log or warn of away from the user; yields the text.
+    """Suppress prints, log records and warnings of other packages.  Yields the text.
 
-    Only what meshio itself prints, and logging that no handler of the user takes, is held back.
+    Only meshio's own prints, and log records without a handler of the user, are suppressed.
     """
     _listen_to_meshio()
     _listen_to_logging()
@@ -43,7 +43,7 @@ def quiet() -> Iterator[io.StringIO]:
 
 
 class _Console:
-    """Stands in for the rich console that meshio makes for each message."""
+    """Replaces the rich console that meshio creates for each message."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self._made_with = args, options
@@ -59,7 +59,7 @@ class _Console:
 
 
 def _print(*values: object, **options: Any) -> None:
-    """Stands in for ``print`` in meshio's function that tries one reader after the other."""
+    """Print in place of ``print`` in meshio's function that tries several readers."""
     heard = _HEARD.get()
     if heard is None:
         builtins.print(*values, **options)
@@ -68,7 +68,7 @@ def _print(*values: object, **options: Any) -> None:
 
 
 def _listen_to_meshio() -> None:
-    """Put ears between meshio and the terminal; outside `quiet` they let everything through."""
+    """Install filters between meshio and the terminal.  Outside `quiet` they pass everything."""
     try:
         from meshio import _common, _helpers
     except ImportError:
@@ -81,11 +81,11 @@ def _listen_to_meshio() -> None:
 def _listen_to_logging() -> None:
     for place in (logging.lastResort, *map(logging.getLogger, _LOUD_LOGGERS)):
         if place is not None:
-            place.addFilter(_is_heard)  # adding it twice is the same as once
+            place.addFilter(_is_heard)  # adding it twice has no effect
 
 
 def _is_heard(record: logging.LogRecord) -> bool:
-    """Whether a record is to be shown: not while `quiet` runs in this thread."""
+    """Whether to show a record: not while `quiet` runs in this thread."""
     heard = _HEARD.get()
     if heard is not None:
         heard.write(f"{record.getMessage()}\n")

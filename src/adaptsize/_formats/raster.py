@@ -1,8 +1,8 @@
 """Pictures and volumes: PNG, TIFF and stacks, NIfTI, NRRD, NumPy.
 
-Each format through the reader that its own field keeps: Pillow (pictures), tifffile (all
-pixel types, stacks, spacings), nibabel (NIfTI), pynrrd.  tifffile leaves LZW, PackBits and fax
-compression to a further package of 45 MB; Pillow, which is here anyway, reads those.
+Each format is read by the standard package of its field: Pillow (pictures), tifffile (all
+pixel types, stacks, spacings), nibabel (NIfTI), pynrrd.  For LZW, PackBits and fax compression,
+tifffile needs another package of 45 MB.  Pillow, which is required anyway, reads those.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 
 _NAMES_OF_VALUES = ("labels", "label", "mask", "segmentation", "image", "values", "volume")
-# Cosine of the angle up to which an axis of an image counts as one of space.
+# Cosine of the angle up to which an axis of an image counts as parallel to an axis of space.
 _ALIGNED = 1.0 - 1e-6
 
 
 def is_image_file(path: Path) -> bool:
-    """Tell from the name whether a file is read as an image."""
+    """Return whether a file is read as an image, from its name."""
     return _suffix(path) in _LOADERS
 
 
 def load(path: Path, *, name: str | None = None) -> tuple[Image, list[str]]:
-    """Return the image in a file, and what should be told of it.
+    """Return the image in a file, and notes for a warning.
 
     Raises
     ------
     MeshFileError
-        If the file is damaged, of an unknown kind or holds no single picture or volume.
+        If the file is damaged, of an unknown format or does not hold a single picture or volume.
     """
     suffix = _suffix(path)
     if suffix not in _LOADERS:
         raise MeshFileError(
-            f"is of no kind of image that can be read; these can: {', '.join(_LOADERS)}"
+            f"is not an image format that can be read; these can: {', '.join(_LOADERS)}"
         )
     notes: list[str] = []
     try:
@@ -74,14 +74,14 @@ def _load_picture(path: Path, name: str | None, notes: list[str]) -> Image:
 
 
 def _pixels_of(opened: Any) -> npt.NDArray[Any]:
-    """Return one frame; of a picture with a palette the indices, which are its labels."""
+    """Return one frame.  For a picture with a palette, the indices are the labels."""
     if opened.mode in ("1", "L", "P", "I", "F", "RGB", "RGBA", "LA") or ";16" in opened.mode:
         return np.asarray(opened)
     return np.asarray(opened.convert("RGBA"))
 
 
 def _grey(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return one number per pixel; refuse colours, of which nobody knows what is inside."""
+    """Return one number per pixel.  Refuse colours, which do not define an inside."""
     if pixels.ndim == 2:
         return pixels
     n_colours = 1 if pixels.shape[-1] <= 2 else 3
@@ -126,7 +126,7 @@ def _load_tiff(path: Path, name: str | None, notes: list[str]) -> Image:
     if pixels.ndim != 3:
         raise MeshFileError(
             f"holds an array of shape {pixels.shape} (axes {axes}), where one picture or one "
-            "stack is wanted"
+            "stack is required"
         )
     return Image(pixels.T, spacing)  # x right, y down, z from page to page: right-handed
 
@@ -143,7 +143,7 @@ def _tiff_frames(path: Path) -> npt.NDArray[Any]:
 def _tiff_spacing(file: Any) -> FloatArray:
     """Return the pixel size as ImageJ writes it, else as OME does, else 1.
 
-    The resolution of other files is that of the printer, and left alone.
+    The resolution in other files is that of the printer, and is ignored.
     """
     spacing = np.ones(3)
     if file.is_imagej:
@@ -175,7 +175,7 @@ def _load_nifti(path: Path, name: str | None, notes: list[str]) -> Image:
         values = values[..., 0]
     if values.ndim not in (2, 3):
         raise MeshFileError(
-            f"holds an array of shape {values.shape}, where one volume is wanted "
+            f"holds an array of shape {values.shape}, where one volume is required "
             "(a series in time? take one of its volumes)"
         )
     affine = np.asarray(file.affine, dtype=np.float64)
@@ -196,7 +196,7 @@ def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
         if not is_space.all():
             raise MeshFileError(
                 f"holds {values.shape} values with {int((~is_space).sum())} axes that are not of "
-                "space, where one number per pixel is wanted"
+                "space, where one number per pixel is required"
             )
         origin = origin if origin.size else np.zeros(steps.shape[1])
         return _along_axes(values, steps.T, origin, notes)
@@ -208,20 +208,20 @@ def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
 def _along_axes(
     values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray, notes: list[str]
 ) -> Image:
-    """Return an image whose axes run along those of space, turned and mirrored as needed.
+    """Return an image with the axes of space, after permutation and mirroring.
 
-    ``steps[:, d]`` is the step of axis d in space.  Axes that lie askew are taken as the
-    closest ones of space, and that is noted.
+    ``steps[:, d]`` is the step of axis d in space.  Oblique axes are replaced by the
+    closest axes of space, with a note.
     """
     from scipy.optimize import linear_sum_assignment
 
     lengths = np.linalg.norm(steps, axis=0)
     if not (np.isfinite(lengths) & (lengths > 0.0)).all() or not np.isfinite(origin).all():
-        raise MeshFileError(f"has steps of {lengths} from pixel to pixel, where > 0 is wanted")
+        raise MeshFileError(f"has steps of {lengths} from pixel to pixel, where > 0 is required")
     cosines = steps / lengths
     in_space, of_array = linear_sum_assignment(-np.abs(cosines))
     if np.abs(cosines[in_space, of_array]).min() < _ALIGNED:
-        notes.append("its axes are turned in space; coordinates are along its own axes")
+        notes.append("its axes are oblique in space; coordinates are along its own axes")
     values = np.transpose(values, of_array)
     first = origin[in_space].copy()
     for d, (row, axis) in enumerate(zip(in_space, of_array, strict=True)):
@@ -234,14 +234,14 @@ def _along_axes(
 def _without_single_planes(
     values: npt.NDArray[Any], spacing: FloatArray, origin: FloatArray
 ) -> Image:
-    """Return an image without its last axis if that has one pixel only."""
+    """Return an image without its last axis if that has only one pixel."""
     if values.ndim == 3 and values.shape[2] == 1:
         values, spacing, origin = values[:, :, 0], spacing[:2], origin[:2]
     return Image(_whole_numbers(values), spacing, origin)
 
 
 def _whole_numbers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return labels that a program stored as floats as integers."""
+    """Return labels that are stored as floats as integers."""
     if values.dtype.kind != "f" or not np.isfinite(values).all():
         return values
     if (values != np.rint(values)).any() or np.abs(values).max(initial=0.0) > 2**31 - 1:
@@ -262,7 +262,7 @@ def _load_npz(path: Path, name: str | None, notes: list[str]) -> Image:
 
 
 def _name_of_values(arrays: Mapping[str, npt.NDArray[Any]], name: str | None) -> str:
-    """Return the name wanted, or of the only array that can be an image, or a usual one."""
+    """Return the given name, or that of the only possible image, or a usual name."""
     fit = [key for key, array in arrays.items() if array.ndim in (2, 3)]
     if name is not None:
         if name not in arrays:
@@ -271,7 +271,7 @@ def _name_of_values(arrays: Mapping[str, npt.NDArray[Any]], name: str | None) ->
     usual = [key for key in _NAMES_OF_VALUES if key in fit]
     if len(fit) != 1 and not usual:
         raise MeshFileError(
-            f"holds {len(fit)} arrays that could be an image, give name= "
+            f"holds {len(fit)} arrays that could be an image, pass name= "
             f"(found: {', '.join(arrays) or 'none'})"
         )
     return fit[0] if len(fit) == 1 else usual[0]

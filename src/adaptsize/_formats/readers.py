@@ -1,4 +1,4 @@
-"""Reading through meshio and trimesh, which print, warn on consoles and even exit."""
+"""Reading through meshio and trimesh.  These packages print, warn on consoles and even exit."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ _FIRST_FORMAT = {".msh": ("gmsh", "ansys")}
 
 
 def load(path: Path) -> RawMesh:
-    """Return the content of a mesh file, checked; every failure is a MeshFileError without path."""
+    """Return the checked content of a mesh file.  Failures are MeshFileErrors without the path."""
     suffix = path.suffix.lower()
     if suffix == ".vti":
-        raise MeshFileError("holds a grid, not a mesh; read_size takes it")
+        raise MeshFileError("holds a grid, not a mesh; use read_size")
     loaders: list[Callable[[Path], RawMesh]] = []
     if suffix in (".stl", ".stla", ".stlb"):
         loaders = [_load_stl]
@@ -95,7 +95,7 @@ def foreign_failures() -> tuple[type[BaseException], ...]:
 
 
 def reason(error: BaseException, printed: str = "") -> str:
-    """Return one short line that says what a foreign package complained of."""
+    """Return one short line with the error of another package."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         return f"needs the package {error.name} (pip install {error.name})"
     text = printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
@@ -128,7 +128,7 @@ def _load_with_meshio(path: Path) -> RawMesh:
             except foreign_failures() as error:
                 failure = failure or reason(error, printed.getvalue())
                 continue
-        # Else meshio leaves such cells out, with a line on the console.
+        # Otherwise meshio omits such cells and prints a line.
         unknown = re.search(r"cells that meshio cannot handle \(type (\d+)", printed.getvalue())
         if unknown:
             raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
@@ -139,22 +139,22 @@ def _load_with_meshio(path: Path) -> RawMesh:
 
 
 def _load_vtk_of_new_types(path: Path) -> RawMesh:
-    """Read a legacy VTK file whose integer arrays bear the type names of VTK 9.
+    """Read a legacy VTK file whose integer arrays have the type names of VTK 9.
 
-    meshio knows these names in files of version 5.1 only; VTK writes them in older ones.
+    meshio accepts these names only in files of version 5.1, but VTK writes them in older versions.
     """
     return _load_edited(path, rb"(?m)\bvtktypeint64(\s*)$", rb"long\1")
 
 
 def _load_gmsh_without_cell_fields(path: Path) -> RawMesh:
-    """Read a Gmsh file of version 2 with element fields, on which meshio stumbles."""
+    """Read a Gmsh file of version 2 with element fields, which meshio does not support."""
     raw = _load_edited(path, rb"(?ms)^\$ElementData\r?\n.*?^\$EndElementData\r?\n", b"")
     raw.notes.append("cell fields ($ElementData) left out")
     return raw
 
 
 def _load_edited(path: Path, pattern: bytes, replacement: bytes) -> RawMesh:
-    """Read an edited copy with meshio, whose readers want a file of its own."""
+    """Read an edited copy with meshio, whose readers need a file."""
     content, count = re.subn(pattern, replacement, path.read_bytes())
     if not count:
         raise MeshFileError("cannot be read as a mesh")
@@ -169,11 +169,11 @@ def _count_pieces(path: Path) -> int:
 
 
 def _load_vtu_pieces(path: Path) -> RawMesh:
-    """Read a VTU file of several pieces one by one; meshio keeps the cells of the last only."""
+    """Read each piece of a VTU file separately.  meshio keeps only the cells of the last piece."""
     try:
         tree = ElementTree.parse(path)
     except (ElementTree.ParseError, ValueError) as error:
-        raise MeshFileError(f"has several pieces and is no plain XML ({error})") from error
+        raise MeshFileError(f"has several pieces and is not plain XML ({error})") from error
     grid = tree.getroot().find("UnstructuredGrid")
     if grid is None:
         raise MeshFileError("cannot be read as a mesh (no UnstructuredGrid)")

@@ -1,4 +1,4 @@
-"""Nodal sizes in the files that other mesh generators take them from."""
+"""Nodal sizes in the file formats of other mesh generators."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray
 
-_ROWS_AT_ONCE = 20_000  # formatted together: fast, and the text stays a few MB
+_ROWS_AT_ONCE = 20_000  # formatted together, for speed; the text is limited to a few MB
 
 
 def write_gmsh_view(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
@@ -33,7 +33,7 @@ def write_gmsh_view(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
 
 
 def write_medit_sol(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
-    """Write one scalar per node as mmg reads it (``.sol``), to lie beside a ``.mesh``."""
+    """Write one scalar per node in Mmg's format (``.sol``), for a ``.mesh`` of the same name."""
     head = (
         f"MeshVersionFormatted 2\n\nDimension {mesh.dim}\n\nSolAtVertices\n{mesh.n_points}\n1 1\n"
     )
@@ -43,8 +43,8 @@ def write_medit_sol(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
 def write_jigsaw(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
     """Write triangles in the plane or tetrahedra with nodal values as JIGSAW's ``.msh``.
 
-    Sections of the format, version 3: POINT, TRIA3 or TRIA4, VALUE; fields parted by
-    semicolons, nodes counted from 0, each row of the first two ending with a tag.
+    Sections of the format, version 3: POINT, TRIA3 or TRIA4, VALUE.  Fields are separated by
+    semicolons, nodes are numbered from 0, and each row of the first two ends with a tag.
     """
     cell_name = {2: "TRIA3", 3: "TRIA4"}[mesh.cell_dim]
     tags = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags

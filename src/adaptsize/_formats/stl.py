@@ -20,10 +20,10 @@ _END_SOLID = re.compile(rb"^[ \t]*end ?solid\b", re.MULTILINE | re.IGNORECASE)
 
 
 def read_corners(path: Path) -> npt.NDArray[Any]:
-    """Return the corners of the triangles, float[n, 3, 3], as the file has them.
+    """Return the corners of the triangles, float[n, 3, 3], in the order of the file.
 
-    A file whose length is that of a binary one is binary, even if it starts with
-    ``solid``, as many do.
+    A file with the length of a binary file is read as binary, even if it starts with
+    ``solid``, which is common.
     """
     content = path.read_bytes()
     n = int(np.frombuffer(content, "<u4", 1, 80)[0]) if len(content) >= _HEADER else 0
@@ -44,10 +44,10 @@ def read_corners(path: Path) -> npt.NDArray[Any]:
 
 
 def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Return the different points in order of first appearance, and the number of each.
+    """Return the distinct points in order of first appearance, and the number of each.
 
-    Points are the same where all coordinates are equal (0 and -0 are), never where
-    they are merely close.  O(n log n).
+    Points are merged if all coordinates are equal (0 equals -0), not if
+    they are only close.  O(n log n).
     """
     exact = points.astype(np.float64) + 0.0  # -0 becomes 0
     bits = exact.view(np.uint64)
@@ -68,7 +68,7 @@ def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArra
 
 
 def write_binary(path: Path, corners: FloatArray) -> None:
-    """Write float64[n, 3, 3] as a binary STL file; coordinates are rounded to float32."""
+    """Write float64[n, 3, 3] as a binary STL file.  Coordinates are rounded to float32."""
     records = np.zeros(len(corners), _RECORD)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -101,7 +101,7 @@ def _ascii_corners(content: bytes) -> FloatArray:
 
 
 def _first_bad_vertex(content: bytes) -> str:
-    """Name the line of the first vertex that is not three numbers."""
+    """Return a text with the line of the first vertex that is not three numbers."""
     for match in _VERTEX.finditer(content):
         words = match.group(1).split()
         try:

@@ -1,4 +1,4 @@
-"""Writing meshes: which format holds what, and the calls that do it."""
+"""Writing of meshes: the capabilities of each format, and the functions that write it."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class Format:
     write: Callable[..., None]
     """Takes the path and ``mesh``, a SimplexMesh."""
     holds_fields: bool = True
-    """Whether nodal fields go into the file."""
+    """Whether the file can hold nodal fields."""
     holds_grids: bool = False
-    """Whether the file holds Cartesian grids, and no meshes."""
+    """Whether the file holds Cartesian grids instead of meshes."""
     only_sizes: bool = False
-    """Whether the file is nothing but nodal sizes for a mesh generator."""
+    """Whether the file holds only nodal sizes for a mesh generator."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """A mesh as the arrays that files hold; tagged facets are a second block of cells."""
+    """A mesh as arrays for a file.  Tagged facets are a second block of cells."""
 
     points: FloatArray
     blocks: list[tuple[str, npt.NDArray[np.int32]]]
@@ -49,7 +49,7 @@ class Content:
 
 
 def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> Content:
-    """Return what to write; ``pad`` makes points and vectors of 2-D meshes 3-D."""
+    """Return the data to write.  ``pad`` makes points and vectors of 2-D meshes 3-D."""
     points = mesh.points
     if pad and mesh.dim < 3:
         points = np.pad(points, ((0, 0), (0, 3 - mesh.dim)))
@@ -75,7 +75,7 @@ def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> Content:
 
 
 def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
-    """Return the nodal field ``h`` if a generator can take it as sizes."""
+    """Return the nodal field ``h`` if it is valid as sizes for a generator."""
     if "h" not in mesh.point_data:
         raise ValueError(f"obj must hold nodal sizes as the field 'h' for {generator}")
     values = as_sizes("h", mesh.point_data["h"], mesh.nodal_shape)
@@ -92,7 +92,7 @@ def surface_of(mesh: SimplexMesh) -> SimplexMesh:
 
 
 def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return numbers in at most two dimensions, of a type that all formats have."""
+    """Return numbers in at most two dimensions, of a type that all formats support."""
     if values.dtype.kind not in "biuf":
         raise ValueError(f"field {name!r} must hold numbers, got {values.dtype}")
     if values.dtype.kind == "b":
@@ -146,8 +146,8 @@ def gmsh_groups(
 ) -> tuple[dict[str, list[npt.NDArray[Any]]], dict[tuple[int, int], str]]:
     """Return the cell data that Gmsh needs, and the names of the physical groups.
 
-    Group 0 is none: of a file with groups Gmsh keeps no other cells, so that those without a
-    tag get a group of their own.
+    Group 0 means no group.  In a file with groups Gmsh ignores cells in no group, so untagged
+    cells get a separate group.
     """
     names = {key: name for key, name in mesh.tag_names.items() if key[0] <= mesh.cell_dim}
     groups = content.cell_data.get("gmsh:physical")
@@ -158,7 +158,7 @@ def gmsh_groups(
         number = _free_number(of_cells, {tag for dim, tag in names if dim == mesh.cell_dim})
         names[mesh.cell_dim, number] = UNTAGGED
         groups = [np.where(of_cells == 0, np.int32(number), of_cells), *of_facets]
-    # Gmsh wants an entity number above 0, and one physical group for each.
+    # Gmsh needs an entity number above 0, and one physical group for each.
     entity = np.unique(np.concatenate(groups), return_inverse=True)[1].reshape(-1) + 1
     ends = np.cumsum([len(part) for part in groups])[:-1]
     entities = np.split(entity.astype(np.int32), ends)
@@ -166,13 +166,13 @@ def gmsh_groups(
 
 
 def _free_number(tags: npt.NDArray[np.int32], others: set[int]) -> int:
-    """Return the least positive number that is no tag."""
+    """Return the smallest positive number that is not a tag."""
     taken = others.union(np.unique(tags).tolist())
     return next(number for number in itertools.count(1) if number not in taken)
 
 
 def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return float64 with 1, 3 or 9 components, all that Gmsh knows; others are padded."""
+    """Return float64 with 1, 3 or 9 components, as Gmsh requires.  Others are padded."""
     columns = values.astype(np.float64).reshape(len(values), -1)
     wanted = next((n for n in (1, 3, 9) if n >= columns.shape[1]), None)
     if wanted is None:
@@ -219,7 +219,7 @@ def _refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
     raise ValueError(f"obj must be a CartesianGrid for {path.suffix}, got {mesh!r}; write .vtu")
 
 
-#: In the order in which suffixes are tried: the longer name of JIGSAW's before Gmsh's.
+#: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
     "jigsaw": Format((".jig.msh",), _write_jigsaw, only_sizes=True),
     "gmsh-view": Format(
@@ -250,7 +250,7 @@ FORMATS: dict[str, Format] = {
 
 
 def format_of(path: Path, file_format: str | None) -> Format:
-    """Return the format asked for, or the one that the name of the file tells."""
+    """Return the requested format, or the one of the file's suffix."""
     if file_format is not None:
         if file_format not in FORMATS:
             raise ValueError(f"file_format must be one of {_listed()}, got {file_format!r}")

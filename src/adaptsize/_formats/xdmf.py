@@ -1,6 +1,6 @@
-"""XDMF files that hold their numbers as text, so that one file is the whole mesh.
+"""XDMF files with numbers as text, so that one file contains the whole mesh.
 
-Not through meshio, which needs h5py even where no HDF5 file takes part.
+meshio is not used because it needs h5py even without an HDF5 file.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def read(path: Path) -> RawMesh:
     Raises
     ------
     MeshFileError
-        If it is anything else; other errors if it is damaged.
+        If it is anything else.  Damaged files raise other errors.
     """
     grids = ElementTree.parse(path).getroot().findall("./Domain/Grid")
     if len(grids) != 1:
@@ -95,7 +95,7 @@ def _blocks(topology: ElementTree.Element) -> list[tuple[str, npt.NDArray[Any]]]
     data = data.ravel()
     while len(data):
         cell_type = types[int(data[0])]
-        head = 2 if cell_type == "line" else 1  # a polyline also tells its number of nodes
+        head = 2 if cell_type == "line" else 1  # a polyline also states its number of nodes
         width = head + {"line": 2, "triangle": 3, "tetra": 4}[cell_type]
         rows = data[: len(data) // width * width].reshape(-1, width)
         same = rows[:, 0] == data[0]

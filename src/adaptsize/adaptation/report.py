@@ -102,8 +102,8 @@ class AdaptReport:
             )
         lines.append(f"predicted {self.predicted_elements:.0f} elements" + self._target())
         if self.error is not None:
-            wanted = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
-            lines.append(f"estimated error of the old mesh {self.error:.3g}{wanted}")
+            goal = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
+            lines.append(f"estimated error of the old mesh {self.error:.3g}{goal}")
         lines.append(
             f"sizes: {self.share_in_band:.0%} of the next mesh present already, "
             f"{self.share_too_long:.0%} too long, {self.share_too_short:.0%} too short"

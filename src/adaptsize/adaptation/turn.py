@@ -259,13 +259,13 @@ def adapt(
     corner_angle = as_number("corner_angle", corner_angle, lower=0.0)
     if project is not None:
         check_projection(project)
-    cargo = _Cargo(
+    to_transfer = _FieldsToTransfer(
         as_fields("fields", fields, mesh.n_points),
         as_fields("cell_fields", cell_fields, mesh.n_cells),
         conservative,
         keep_integral,
     )
-    if cargo.cell_fields and conservative:
+    if to_transfer.cell_fields and conservative:
         FieldTransfer(mesh, mesh).refuse_surfaces()
     generator = choose_backend(backend, task, keep_facets=False).name
     options: dict[str, Any] = {
@@ -297,11 +297,11 @@ def adapt(
                     stacklevel=2,
                 )
             made = _projected(made, project, corner_angle)
-        return _result(mesh, found, request, judged, made, cargo, generator, report)
+        return _result(mesh, found, request, judged, made, to_transfer, generator, report)
 
 
 @dataclass(frozen=True)
-class _Cargo:
+class _FieldsToTransfer:
     """Fields to transfer, and how."""
 
     fields: Arrays
@@ -380,25 +380,27 @@ def _result(
     request: SizeRequest,
     judged: Decision,
     made: _Made,
-    cargo: _Cargo,
+    to_transfer: _FieldsToTransfer,
     generator: str,
     progress: ProgressCallback,
 ) -> AdaptResult:
     """Return fields on the new mesh, and the report."""
     size, new = SizeFunction(old, found.h), made.mesh
-    fields, cell_fields = cargo.fields, cargo.cell_fields
+    fields, cell_fields = to_transfer.fields, to_transfer.cell_fields
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
     if judged.remesh:
         transfer = FieldTransfer(old, new, progress=progress)
-        fields = {name: transfer.nodal(values) for name, values in cargo.fields.items()}
+        fields = {name: transfer.nodal(values) for name, values in to_transfer.fields.items()}
         cell_fields = {
             name: transfer.cells(
-                values, conservative=cargo.conservative, keep_integral=cargo.keep_integral
+                values,
+                conservative=to_transfer.conservative,
+                keep_integral=to_transfer.keep_integral,
             )
-            for name, values in cargo.cell_fields.items()
+            for name, values in to_transfer.cell_fields.items()
         }
-        how, integrals = _told(transfer, cargo, cell_fields)
+        how, integrals = _told(transfer, to_transfer, cell_fields)
         new = new.with_data(point_data=fields, cell_data=cell_fields)
     before = size_conformity(old, size)
     after = size_conformity(new, size) if judged.remesh else before
@@ -428,18 +430,18 @@ def _result(
 
 
 def _told(
-    transfer: FieldTransfer, cargo: _Cargo, cell_fields: Arrays
+    transfer: FieldTransfer, to_transfer: _FieldsToTransfer, cell_fields: Arrays
 ) -> tuple[dict[str, str], dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
     """Return how fields were transferred, and the integrals of cell fields."""
     how = {}
     integrals = {}
-    for name, values in cargo.fields.items():
+    for name, values in to_transfer.fields.items():
         how[name] = "nearest node" if values.dtype.kind in "biu" else "interpolated"
-    for name, values in cargo.cell_fields.items():
+    for name, values in to_transfer.cell_fields.items():
         how[name] = "value at the centroid"
         if values.dtype.kind in "biu":
             continue
-        if cargo.conservative:
+        if to_transfer.conservative:
             how[name] = "conservative"
         integrals[name] = transfer.integrals(values, cell_fields[name])
     return how, integrals

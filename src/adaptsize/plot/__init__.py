@@ -1,4 +1,4 @@
-"""Pictures of meshes and their sizes, on machines without a display too."""
+"""Pictures of meshes and sizes, also on machines without a display."""
 
 from adaptsize.plot.pictures import plot_causes, plot_mesh, plot_size
 

@@ -1,4 +1,4 @@
-"""What a picture of a grid or an octree shows: its boxes, or the outer faces of those left."""
+"""The visible faces of a grid or an octree: boxes in 2-D, outer faces in 3-D."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from adaptsize.background.topology import unique_rows
 from adaptsize.plot.scene import Scene, behind_the_cut, clip_axis, scene_of_cells
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Finer grids are drawn at so many nodes along an axis: no more can be told apart.
+#: Finer grids are drawn with this number of nodes along an axis.  More cannot be distinguished.
 _MOST_NODES = {2: 512, 3: 256}
 # Corners of a box are numbered row by row, the last axis fastest; these go round a square.
 _AROUND = [0, 2, 3, 1]
@@ -23,7 +23,7 @@ _AROUND = [0, 2, 3, 1]
 def scene_of_grid(
     grid: CartesianGrid, values: FloatArray, *, label: str, clip: str | None
 ) -> Scene:
-    """Return what is seen of a grid: the boxes whose nodes are all active, after the clip."""
+    """Return the visible faces of a grid after the clip: of boxes whose nodes are all active."""
     clip = clip_axis(clip, grid.dim, grid.upper - grid.lower, solid=grid.dim == 3)
     shown = [_some_of(n, _MOST_NODES[grid.dim]) for n in grid.shape]
     axes = [axis[i] for axis, i in zip(grid.axes, shown, strict=True)]
@@ -52,7 +52,7 @@ def scene_of_grid(
 
 
 def scene_of_octree(tree: Octree, values: FloatArray, *, label: str, clip: str | None) -> Scene:
-    """Return what is seen of an octree: its leaves, after the clip."""
+    """Return the visible faces of the leaves of an octree after the clip."""
     clip = clip_axis(clip, tree.dim, np.subtract(tree.upper, tree.lower), solid=tree.dim == 3)
     corners = tree.leaf_corners
     if clip is not None:

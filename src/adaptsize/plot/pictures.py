@@ -1,4 +1,4 @@
-"""The public functions: a picture of sizes, a picture of a mesh."""
+"""Public functions: pictures of sizes, meshes and causes."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ def plot_size(
     label: str = "mesh size h",
     width: int = 1600,
 ) -> Image:
-    """Draw nodal sizes over a mesh, grid or octree, off-screen.
+    """Draw nodal sizes on a mesh, grid or octree, off-screen.
 
-    Plane meshes are seen from above, surfaces and tetrahedra in an isometric view.
-    Colours are logarithmic when the sizes span more than a factor of ten; edges are
-    drawn when they are long enough to be told apart; infinite sizes are grey.
+    Plane meshes are shown from above, surfaces and tetrahedra in an isometric view.
+    Colours are logarithmic if the sizes span more than a factor of ten.  Edges are
+    drawn if they are long enough to be distinguished.  Infinite sizes are grey.
 
     Parameters
     ----------
     mesh : SimplexMesh, CartesianGrid, Octree or SizeFunction
-        A size function is drawn on its background.  Grids and octrees are drawn as their
-        boxes and leaves; of a grid with ``active``, the boxes of which all nodes are.
+        A size function is drawn on its background.  Grids and octrees are drawn as boxes
+        and leaves.  Of a grid with ``active``, only boxes with all nodes active are drawn.
     size : array_like of float, of the nodal shape, SizeFunction or callable, optional
-        Sizes at the nodes, or what gives them there.  Without it, the nodal field
-        ``h`` of a mesh is drawn.
+        Sizes at the nodes, or a function of points.  By default the nodal field
+        ``h`` of a mesh.
     path : str or path, optional
-        File to write (.png, .jpg, .tif or .bmp), whole or not at all.
+        File to write (.png, .jpg, .tif or .bmp), completely or not at all.
     clip : {"auto", "x", "y", "z"} or None
-        Axis across whose middle the mesh is cut, so that one sees the whole cells
-        behind it.  ``"auto"`` cuts tetrahedra and boxes in space, to show the longest
-        section.
+        Axis normal to the plane through the middle at which the mesh is cut.  The whole cells
+        behind the plane are shown.  ``"auto"`` cuts tetrahedra and boxes in space, such that
+        the section is long.
     label : str
-        Text at the colour bar.
+        Title of the colour bar.
     width : int
-        Width of the picture in pixels, 64 to 10000; the height follows the shape of the mesh.
+        Width of the picture in pixels, 64 to 10000.  The height follows from the mesh.
 
     Returns
     -------
@@ -78,12 +78,12 @@ def plot_size(
 
     Notes
     -----
-    VTK draws where it finds OpenGL, EGL or OSMesa; this is tried once in a child
-    process, because VTK may crash where there is none.  Elsewhere matplotlib draws
-    triangle by triangle from back to front, with one colour each.
+    VTK is used if it finds OpenGL, EGL or OSMesa.  This is tested once in a child
+    process, because VTK may crash without them.  Otherwise matplotlib draws the
+    triangles from back to front, with one colour each.
 
-    A grid of more than 512 nodes along an axis, 256 in 3-D, is drawn by so many of them,
-    evenly chosen; no tetrahedra are made.
+    A grid of more than 512 nodes along an axis (256 in 3-D) is drawn with this number of evenly
+    chosen nodes.  No tetrahedra are made.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def plot_mesh(
     mesh : SimplexMesh
     color : {"quality", "region"} or str
         ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
-        cell tags; else the name of a field of ``mesh`` with one number per node or cell.
+        cell tags.  Otherwise the name of a field of ``mesh`` with one number per node or cell.
     path, clip, width
         As for `plot_size`.
 
@@ -154,8 +154,8 @@ def plot_causes(
 ) -> Image:
     """Draw which cause controls the size where, off-screen.
 
-    A cell has the colour of most of its nodes; what is outside the domain is
-    left out on grids and grey elsewhere.
+    A cell has the colour of the majority of its nodes.  The exterior of the domain is
+    omitted on grids and grey elsewhere.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
     if not _SMALLEST <= width <= _LARGEST:
         raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} pixels, got {width}")
     if find_spec("pyvista") is None:
-        raise ImportError('pictures need pyvista; get it with: pip install "adaptsize[plot]"')
+        raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
 
 
 def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Image:
@@ -269,7 +269,7 @@ def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Imag
         image = with_matplotlib.draw(scene, width, height)
     else:
         raise PlotError(
-            "no picture can be drawn: VTK finds neither OpenGL nor EGL nor OSMesa on this "
+            "pictures cannot be drawn: VTK finds neither OpenGL nor EGL nor OSMesa on this "
             "machine, and matplotlib is not installed"
         )
     if path is not None:

@@ -1,4 +1,4 @@
-"""What a picture shows, as arrays: triangles, their values, and where one looks from."""
+"""The content of a picture as arrays: triangles, their values, and the view direction."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from adaptsize._checks import one_of
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
 
-#: Direction towards the eye for surfaces and solids: from the right, the front and above.
+#: Direction towards the viewer for surfaces and solids: from the right, the front and above.
 _EYE = np.array([0.75, -1.0, 0.8])
-#: Colours of regions, told apart by most colour-blind people too (Okabe and Ito 2008).
+#: Colours of regions, chosen for colour-blind readers (Okabe and Ito 2008).
 CLASS_COLORS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#0072B2", "#D55E00")
 _AXES = ("x", "y", "z")
 #: Edges are drawn where the median edge is longer than this share of the picture's width.
@@ -32,18 +32,18 @@ class Scene:
     points : float64[n, 3]
     cells : int32[m, 3], int32[m, 4] or int32[m, 2]
     values : float64[n] or float64[m]
-        Not finite where there is nothing to show.
+        Not finite where there is no value to show.
     on_nodes : bool
-        Whether ``values`` belong to the points; then all are finite.
+        Whether ``values`` belong to the points.  All are finite in this case.
     label : str
-        Text at the colour bar.
+        Title of the colour bar.
     classes : bool
-        Whether values are names (tags), not quantities.
+        Whether values are categories (tags), not quantities.
     flat : bool
-        Whether the scene is plane and seen from above.
+        Whether the scene is plane and shown from above.
     class_names : tuple of str, optional
-        What classes are called: value k by the entry k; by their number if None.  Edges are
-        not drawn then.
+        Entry k is the name of class k.  Without names, classes are labelled by number.  With
+        names, edges are not drawn.
     """
 
     points: FloatArray
@@ -57,7 +57,7 @@ class Scene:
 
     @property
     def axes(self) -> FloatArray:
-        """Rows: directions to the right, up and towards the eye; orthonormal."""
+        """Orthonormal rows: directions to the right, up and towards the viewer."""
         if self.flat:
             return np.eye(3)
         eye = _EYE / np.linalg.norm(_EYE)
@@ -79,12 +79,12 @@ class Scene:
 
     @property
     def names(self) -> FloatArray:
-        """The different values, in order: the names of the classes."""
+        """The distinct values in ascending order: the classes."""
         return np.unique(self.values[np.isfinite(self.values)])
 
     @property
     def class_labels(self) -> list[str]:
-        """What ``names`` are called in the picture."""
+        """Labels of ``names`` in the picture."""
         if self.class_names is None:
             return [f"{name:g}" for name in self.names]
         return [self.class_names[int(name)] for name in self.names]
@@ -97,7 +97,7 @@ class Scene:
 
     @property
     def shows_edges(self) -> bool:
-        """Whether edges are wanted, and long enough in the picture."""
+        """Whether edges are to be drawn, and long enough in the picture."""
         if self.class_names is not None:
             return False
         start, stop = self.points[self.cells[:, 0]], self.points[self.cells[:, 1]]
@@ -120,7 +120,7 @@ def make_scene(
     on_nodes: bool,
     classes: bool = False,
 ) -> Scene:
-    """Return what is seen of ``mesh``; of tetrahedra the outer faces, after the clip."""
+    """Return the visible part of ``mesh`` after the clip; of tetrahedra the outer faces."""
     extents = np.ptp(mesh.points[np.unique(mesh.cells)], axis=0)
     clip = clip_axis(clip, mesh.dim, extents, solid=mesh.cell_dim == 3)
     cells, values = mesh.cells, np.asarray(values, dtype=np.float64)
@@ -170,7 +170,7 @@ def _means_of_finite(corners: FloatArray) -> FloatArray:
 
 
 def clip_axis(clip: str | None, dim: int, extents: FloatArray, *, solid: bool) -> str | None:
-    """Return the axis across which to cut what has these extents, None if it is not cut."""
+    """Return the axis normal to the cut for these extents, or None without a cut."""
     if clip is None:
         return None
     one_of("clip", clip, ("auto", *_AXES[:dim]))
@@ -178,12 +178,12 @@ def clip_axis(clip: str | None, dim: int, extents: FloatArray, *, solid: bool) -
         return clip
     if not solid:
         return None
-    # Not across the longest side, to show a long section; of equal sides rather y than z.
+    # Not along the longest side, to show a long section.  Of equal sides, prefer y to z.
     return _AXES[int(np.argsort(extents * (1.0, 1.0 + 1e-6, 1.0 - 1e-6))[1])]
 
 
 def behind_the_cut(middles: FloatArray, axis: int) -> npt.NDArray[np.bool_]:
-    """Mark the whole cells that stay when the half towards the eye is taken away."""
+    """Mark the whole cells that remain when the half towards the viewer is removed."""
     cut = 0.5 * (middles.min() + middles.max())
     kept: npt.NDArray[np.bool_] = (middles - cut) * _EYE[axis] <= 0.0
     return kept

@@ -1,7 +1,7 @@
-"""Drawing by matplotlib, for machines on which VTK finds no OpenGL of any kind.
+"""Drawing by matplotlib, for machines on which VTK finds no OpenGL.
 
-Cells are drawn from back to front, one colour each.  That hides what is behind
-correctly for cells of moderate size, which is enough to look at a mesh.
+Cells are drawn from back to front, with one colour each.  This hides cells behind
+others correctly if the cells are of moderate size, which is sufficient for meshes.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
 
 
 def _color_map(scene: Scene) -> ScalarMappable:
-    """Return the colours of values, of places in ``scene.names`` for classes."""
+    """Return the colours of values, or of positions in ``scene.names`` for classes."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, LogNorm, Normalize
 
@@ -78,7 +78,7 @@ def _color_map(scene: Scene) -> ScalarMappable:
 
 
 def _brightness(scene: Scene, corners: FloatArray) -> FloatArray:
-    """Return how bright each cell is: by its angle to the eye; 1 in the plane."""
+    """Return the brightness of each cell from its angle to the viewer; 1 in the plane."""
     if scene.flat or corners.shape[1] < 3:
         return np.ones(len(corners))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -17,10 +17,10 @@ from adaptsize.plot.scene import CLASS_COLORS, Scene
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 _PROBE_SECONDS = 60.0
-#: Share of the picture's width that the mesh gets; the colour bar has the rest.
+#: Share of the picture's width for the mesh.  The rest is for the colour bar.
 _MESH_SHARE = 0.82
 _MARGIN = 1.06
-#: More classes than this are coloured but not named at the colour bar.
+#: With more classes than this, the colour bar has no names.
 _MAX_NAMES = 24
 
 _PROBE = """
@@ -39,7 +39,7 @@ print("drawn" if grab.GetOutput().GetScalarRange() == (255.0, 255.0) else "blank
 
 
 def is_possible() -> bool:
-    """Whether VTK can draw here; tried once, in a child process, as VTK may crash."""
+    """Whether VTK can draw here.  Tested once, in a child process, because VTK may crash."""
     return _render_window() is not None
 
 
@@ -49,7 +49,7 @@ def _render_window() -> str | None:
     candidates = [""]
     if sys.platform == "linux" and _WINDOW_VARIABLE not in os.environ:
         without_display = ["vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"]
-        # With no display, VTK's own choice first complains on standard error.
+        # Without a display, VTK's default window prints errors on standard error.
         candidates = [*([""] if os.environ.get("DISPLAY") else []), *without_display]
     return next((name for name in candidates if _can_draw(name)), None)
 
@@ -72,7 +72,7 @@ def _can_draw(window: str) -> bool:
 
 @contextmanager
 def _chosen_window() -> Iterator[None]:
-    """Have VTK make the kind of window that was found to work."""
+    """Make VTK create the kind of window that was found to work."""
     before = os.environ.get(_WINDOW_VARIABLE)
     window = _render_window()
     if window:
@@ -130,7 +130,7 @@ def _appearance(scene: Scene, width: int) -> dict[str, Any]:
 
 def _range_colors(scene: Scene) -> dict[str, Any]:
     low, high = scene.limits
-    if high <= low:  # VTK wants a range
+    if high <= low:  # VTK needs a nonempty range
         low, high = low - 0.5 * abs(low), low + 0.5 * max(abs(low), 1e-300)
     return {"cmap": "viridis", "clim": (low, high), "log_scale": scene.is_logarithmic}
 
@@ -147,11 +147,11 @@ def _class_colors(scene: Scene) -> dict[str, Any]:
 
 def _bar(scene: Scene, text: int) -> dict[str, Any]:
     return {
-        "title": scene.label + "\n",  # the empty line keeps it off the first number
+        "title": scene.label + "\n",  # the empty line separates it from the first number
         "vertical": True,
         "fmt": "%.3g",
         "n_labels": 0 if scene.classes else 5,
-        "position_x": 0.86 if scene.class_names is None else 0.92,  # names stand left of it
+        "position_x": 0.86 if scene.class_names is None else 0.92,  # names are left of it
         "position_y": 0.15,
         "width": 0.1 if scene.class_names is None else 0.07,
         "height": 0.7,
@@ -163,7 +163,7 @@ def _bar(scene: Scene, text: int) -> dict[str, Any]:
 
 
 def _place_camera(camera: Any, scene: Scene, aspect: float) -> None:
-    """Look along ``scene.axes`` in parallel projection, the mesh left of the colour bar."""
+    """Set up a parallel projection along ``scene.axes``, with the mesh left of the colour bar."""
     axes = scene.axes
     low, high = scene.frame
     size = np.maximum(high - low, 1e-12 * max(float((high - low).max()), 1e-300))

@@ -1,4 +1,4 @@
-"""How good a mesh is, and how well it meets a size function."""
+"""Mesh quality, and conformity of a mesh with a size function."""
 
 from adaptsize.quality.conformity import Conformity, RatioStatistics, SizeLike, size_conformity
 from adaptsize.quality.elements import minimum_angles, radius_ratios

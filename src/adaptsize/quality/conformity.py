@@ -1,4 +1,4 @@
-"""How well a mesh meets a size function."""
+"""Conformity of a mesh with a size function."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from adaptsize.background import SimplexMesh, topology
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.typing import BoolArray, FloatArray
 
-#: Wanted edge lengths: a SizeFunction or another callable, one per node, or a number.
+#: Requested edge lengths: a SizeFunction or another callable, one per node, or a number.
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-# An edge is good while neither halving nor doubling it would bring it nearer to its size.
+# An edge is in band if neither halving nor doubling it brings it nearer to its size.
 _BAND = (np.sqrt(0.5), np.sqrt(2.0))
 
 
 @dataclass(frozen=True)
 class RatioStatistics:
-    """Edge length over wanted size, over a set of edges."""
+    """Statistics of edge length over requested size for a set of edges."""
 
     n_edges: int
-    """Edges with a finite wanted size; the others do not count."""
+    """Number of edges with a finite requested size.  Other edges are ignored."""
     q05: float
     q25: float
     q50: float
@@ -41,7 +41,7 @@ class RatioStatistics:
 
 @dataclass(frozen=True)
 class Conformity:
-    """How well a mesh obeys a size function, and how good its cells are.
+    """How closely a mesh follows a size function, and the quality of its cells.
 
     Attributes
     ----------
@@ -51,14 +51,14 @@ class Conformity:
     edges : RatioStatistics
         Over all edges.
     boundary_edges : RatioStatistics or None
-        Over the edges on the boundary; None if there is none with a finite wanted size.
+        Over the edges on the boundary; None if none of them has a finite requested size.
     radius_ratio_min, radius_ratio_p01, radius_ratio_mean : float
         Smallest value, 1 % quantile and mean of `radius_ratios`.
     angle_min, angle_p01 : float
         Smallest value and 1 % quantile of `minimum_angles`, degrees.
     n_inverted : int
-        Cells of negative or zero measure.  A mesh that is inverted as a whole counts
-        in full.  Surface cells have no sign: only those of zero measure count.
+        Number of cells of negative or zero measure.  In a mesh that is inverted as a whole,
+        all cells count.  Surface cells have no sign, so only those of zero measure count.
     hausdorff : float or None
         Lower bound on the Hausdorff distance to the given surface.
     hausdorff_relative : float or None
@@ -85,7 +85,7 @@ class Conformity:
         return self.edges.share_in_band
 
     def as_dict(self) -> dict[str, Any]:
-        """Return nested dictionaries of plain numbers (and None), as JSON wants them."""
+        """Return nested dictionaries of plain numbers (and None), suitable for JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -122,19 +122,19 @@ def _ratio_line(name: str, ratio: RatioStatistics) -> str:
 def size_conformity(
     mesh: SimplexMesh, size: SizeLike, *, surface: SimplexMesh | None = None
 ) -> Conformity:
-    r"""Measure how well a mesh meets wanted sizes, and the quality of its cells.
+    r"""Measure how closely a mesh follows the requested sizes, and the quality of its cells.
 
     Parameters
     ----------
     mesh : SimplexMesh
         Triangles or tetrahedra.
     size : SizeFunction, callable, array_like of float, shape (n_points,), or float
-        Wanted edge length.  Functions are called with the midpoints of the edges, an
-        array of shape (n, dim); nodal values are those of ``mesh`` and are averaged.
-        inf where nothing is asked: such edges do not count.
+        Requested edge length.  Functions are called with the midpoints of the edges, an
+        array of shape (n, dim).  Nodal values belong to ``mesh`` and are averaged.
+        Edges with the size inf are ignored.
     surface : SimplexMesh, optional
-        What the boundary of ``mesh`` (or ``mesh`` itself, if it has cells of the same
-        dimension) should look like; its distance is then measured.
+        Reference for the boundary of ``mesh`` (or for ``mesh`` itself, if it has cells of the
+        same dimension).  The distance from it is measured.
 
     Returns
     -------
@@ -148,15 +148,15 @@ def size_conformity(
 
     Notes
     -----
-    The Hausdorff distance is the larger of the two one-sided ones.  Each is measured
+    The Hausdorff distance is the larger of the two one-sided distances.  Each is measured
     from the nodes, edge midpoints and centroids of the cells of one side to the closest
-    point of the other side: it is a lower bound, exact where flat pieces differ most at
-    one of these points.  All of the boundary takes part, cavities too; interfaces
-    between cell regions do not.
+    point of the other side.  It is therefore a lower bound.  It is exact if the largest
+    distance occurs at one of these points.  The whole boundary is used, including cavities, but
+    not interfaces between regions.
 
     Examples
     --------
-    The unit square cut in two, with a wanted size of 1:
+    The unit square divided into two triangles, with a requested size of 1:
 
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> conformity = size_conformity(mesh, 1.0)
@@ -200,7 +200,7 @@ def _inverted(mesh: SimplexMesh) -> BoolArray:
 
 
 def _size_at_midpoints(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
-    """Return the wanted size of each edge, checked."""
+    """Return the checked requested size of each edge."""
     i, j = mesh.edges.T
     if callable(size):
         midpoints = 0.5 * (mesh.points[i] + mesh.points[j])
@@ -212,7 +212,7 @@ def _size_at_midpoints(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
 
 
 def _ratio_statistics(ratio: FloatArray) -> RatioStatistics | None:
-    """Return the statistics of the ratios that are not NaN; None if there is none."""
+    """Return the statistics of the ratios that are not NaN, or None if there are none."""
     ratio = ratio[~np.isnan(ratio)]
     if len(ratio) == 0:
         return None
@@ -223,7 +223,7 @@ def _ratio_statistics(ratio: FloatArray) -> RatioStatistics | None:
 
 
 def _boundary_edges(mesh: SimplexMesh) -> npt.NDArray[np.int64]:
-    """Return the rows of ``mesh.edges`` that lie on facets of one cell only."""
+    """Return the rows of ``mesh.edges`` that lie on boundary facets."""
     facets = mesh.facets[mesh.facet_cell_counts == 1]
     pairs = topology.edges_of(facets, mesh.n_points).astype(np.int64)
     # The edges are in lexicographic order, and so are these keys.

@@ -12,16 +12,16 @@ from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray
 
-# Corners of this many cells at once are gathered: bounds the memory.
+# Cells are processed in blocks of this size to bound the memory.
 _CELLS_AT_ONCE = 100_000
 
 
 def radius_ratios(mesh: SimplexMesh) -> FloatArray:
     r"""Return the radius ratio of each cell, float64[n_cells], 0 to 1.
 
-    The radius r of the inscribed sphere over the radius R of the circumscribed one,
-    scaled so that the regular simplex has 1: ``2 r / R`` for triangles, ``3 r / R`` for
-    tetrahedra.  Degenerate cells have 0; the orientation does not matter.
+    It is the radius r of the inscribed sphere over the radius R of the circumscribed sphere,
+    scaled to 1 for the regular simplex [1]_: ``2 r / R`` for triangles, ``3 r / R`` for
+    tetrahedra.  Degenerate cells have 0.  The orientation does not matter.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def minimum_angles(mesh: SimplexMesh) -> FloatArray:
     Returns
     -------
     ndarray of float64, shape (n_cells,)
-        Degrees: up to 60 for triangles, up to 70.53 (arccos 1/3) for tetrahedra; 0 for
+        Degrees: at most 60 for triangles, at most 70.53 (arccos 1/3) for tetrahedra, and 0 for
         degenerate cells.  The orientation does not matter.
 
     Raises
@@ -81,9 +81,9 @@ def minimum_angles(mesh: SimplexMesh) -> FloatArray:
 
     Notes
     -----
-    The dihedral angle at an edge e between faces with the further edges u and v from the
-    same corner has the tangent ``6 V |e| / ((e x u) . (e x v))``.  The arctangent is
-    accurate for all angles, where the arccosine of the normals loses half the digits
+    Let e be an edge between two faces whose other edges from the same corner are u and v.  The
+    tangent of the dihedral angle at e is ``6 V |e| / ((e x u) . (e x v))``.  The arctangent is
+    accurate for all angles.  The arccosine of the normals would lose half the digits
     near 0 and 180 degrees.
 
     Examples
@@ -112,7 +112,7 @@ def _formula(mesh: SimplexMesh, of_triangles: _Formula, of_tetrahedra: _Formula)
 def _cells_in_parts(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield corners, float64[m, k + 1, dim], and measures, float64[m], of runs of cells.
 
-    Each cell is divided by its longest extent, so that no product of lengths leaves the
+    Each cell is scaled by its longest extent, so that products of lengths stay in the
     range of float64.
     """
     for first in range(0, mesh.n_cells, _CELLS_AT_ONCE):

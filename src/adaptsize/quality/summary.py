@@ -1,4 +1,4 @@
-"""What is in a mesh, at a glance."""
+"""Summary of a mesh."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class MeshSummary:
     cell_fields: tuple[str, ...]
     n_components: int
     n_boundary_facets: int
-    """Facets of one cell; 0 if the mesh is closed."""
+    """Facets of only one cell; 0 if the mesh is closed."""
     n_nonmanifold_facets: int
     """Facets of three cells or more."""
     n_unused_points: int
@@ -52,11 +52,11 @@ class MeshSummary:
     """Smallest (dihedral) angle in degrees; None for segments."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain numbers, texts, lists and dictionaries, as JSON wants them."""
+        """Return plain numbers, strings, lists and dictionaries, suitable for JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
-        """Return one line per subject."""
+        """Return one line per topic."""
         box = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(self.lower, self.upper, strict=True))
         closed = ""
         if self.kind == "triangles" and self.dim == 3:
@@ -96,7 +96,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
 
     Notes
     -----
-    O(n log n).  Points are duplicates if all their coordinates are equal.
+    The cost is O(n log n).  Points are duplicates if all their coordinates are equal.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Sizes from the curvature of a boundary that is given by the signed distance on a grid."""
+"""Sizes from the curvature of a boundary given by the signed distance on a grid."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from adaptsize.typing import BoolArray, FloatArray
 
 _Nodes = npt.NDArray[np.int64]
 
-# Curvature counts up to so many of the largest spacing from the boundary.
+# Curvature is used up to this distance from the boundary, in largest spacings.
 _REACH = 2.0
-# A radius above 10^7 diagonals is rounding.
+# A radius above 10^7 diagonals is a rounding error.
 _FLAT = 1e-7
-# On coarse grids the size falls by all of itself up to the next node outside.
+# On coarse grids the size could otherwise fall to zero at the next node outside.
 _LEAST_SHARE = 0.5
 
 
@@ -33,9 +33,9 @@ def size_from_distance(
     tolerance: float | None,
     g: float,
 ) -> FloatArray:
-    """Return nodal sizes that ask for 1 / (K kappa) on the boundary, where phi is zero.
+    """Return nodal sizes that give 1 / (K kappa) on the boundary, where phi is zero.
 
-    See `adaptsize.size_from_curvature`, whose arguments these are.
+    See `adaptsize.size_from_curvature` for the arguments.
     """
     phi = as_level_set("boundary", boundary, grid)
     slope = as_slope("g", g)
@@ -85,9 +85,9 @@ def _refuse_no_distance(kappa: FloatArray) -> None:
 def _away_from_corners(grid: CartesianGrid, nodes: _Nodes, smooth: BoolArray) -> BoolArray:
     """Return which nodes are smooth themselves, and all of their neighbours among ``nodes``.
 
-    Differences across a corner give a curvature of the order of 1 / spacing, large or not so
-    large by the place of the corner between the nodes; some of them are found out, and
-    give away the others.
+    Differences across a corner give a curvature of the order of 1 / spacing, which depends on the
+    position of the corner between the nodes.  Some of these nodes are detected, and their
+    neighbours are excluded too.
     """
     corner = np.zeros(grid.n_points, np.bool_)
     corner[nodes] = ~smooth
@@ -103,11 +103,11 @@ def _away_from_corners(grid: CartesianGrid, nodes: _Nodes, smooth: BoolArray) ->
 def _sizes_beside_boundary(
     grid: CartesianGrid, phi: FloatArray, nodes: _Nodes, per_size: FloatArray, g: float
 ) -> FloatArray:
-    """Return what to ask for at nodes for sizes 1 / ``per_size`` where the boundary is closest.
+    """Return nodal sizes that give 1 / ``per_size`` at the closest point of the boundary.
 
     A limited field with the slope m along the boundary has the slope sqrt(g^2 - m^2) across
-    it.  Inside g does as well, since limiting mends what is too large, and errors of m
-    do no harm there.
+    it.  Inside, the slope g is used instead: limiting corrects sizes that are too large, and
+    errors of m have no effect there.
     """
     distance = phi.ravel()[nodes]
     with np.errstate(divide="ignore"):
@@ -123,7 +123,7 @@ def _sizes_beside_boundary(
 
 
 def _slope_along(grid: CartesianGrid, nodes: _Nodes, per_size: FloatArray) -> FloatArray:
-    """Return the slope of 1 / ``per_size`` at nodes, from those of their neighbours that count."""
+    """Return the slope of 1 / ``per_size`` at nodes, from their valid neighbours."""
     nodal = np.full(grid.n_points, np.nan)
     nodal[nodes] = per_size
     total = np.zeros(len(nodes))
@@ -139,7 +139,7 @@ def _slope_along(grid: CartesianGrid, nodes: _Nodes, per_size: FloatArray) -> Fl
 
 
 def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: _Nodes) -> BoolArray:
-    """Return which nodes share a box with one inside; none may lie on the border of the grid."""
+    """Return which nodes share a box with an inside node; none may be on the grid border."""
     inside = phi.ravel() <= 0.0
     found = np.zeros(len(nodes), np.bool_)
     for step in _steps_to_neighbours(grid):
@@ -148,11 +148,11 @@ def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: _Nodes) -> BoolA
 
 
 def _steps_to_neighbours(grid: CartesianGrid) -> list[int]:
-    """Return what to add to a flat index for the nodes in the same boxes, itself included."""
+    """Return the offsets of flat indices to the nodes in the same boxes, including 0."""
     all_steps = np.array(list(product((-1, 0, 1), repeat=grid.dim)))
     return [int(step) for step in all_steps @ _strides(grid)]
 
 
 def _strides(grid: CartesianGrid) -> list[int]:
-    """Return by how much the flat index grows along each axis."""
+    """Return the stride of the flat index along each axis."""
     return [math.prod(grid.shape[d + 1 :]) for d in range(grid.dim)]

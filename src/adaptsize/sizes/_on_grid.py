@@ -1,6 +1,6 @@
 """Sizes from sources at the nodes of a Cartesian grid.
 
-All is reckoned from the indices of the nodes; no box and no coordinate is kept for each
+All is computed from the indices of the nodes.  No boxes and no coordinates are stored per
 node.  Functions lower ``h0``, float64 of the grid's shape (In/Out), at active nodes only.
 """
 
@@ -74,8 +74,8 @@ def lower_in_ball(
     for d, x in enumerate(_axes_of(grid, window)):
         offset = np.abs(x - centre[d])
         away.append(offset)
-        # The boxes around a node reach one spacing from it; those that stick out of the
-        # grid meet the ball only where it is outside as well.
+        # The boxes around a node extend one spacing from it.  Boxes that extend beyond the
+        # grid intersect the ball only where the ball is outside as well.
         inside = np.clip(centre[d], grid.lower[d], grid.upper[d])
         beyond = np.maximum(np.abs(x - inside) - grid.spacing[d], 0.0)
         of_boxes.append(beyond + abs(centre[d] - inside))
@@ -87,14 +87,14 @@ def lower_in_ball(
 def at_active_nodes(
     grid: CartesianGrid, function: Callable[[FloatArray], npt.ArrayLike], name: str
 ) -> FloatArray:
-    """Return the values of a function at active nodes, inf at the others."""
+    """Return the values of a function at active nodes, and inf at other nodes."""
     values = np.full(grid.shape, np.inf)
     for slab, points in grid.slabs():
         wanted = np.ones(len(points), np.bool_)
         if grid.active is not None:
             wanted = grid.active[slab].ravel()
         here = points[wanted]
-        part = values[slab].reshape(-1)  # a view: slabs lie together in memory
+        part = values[slab].reshape(-1)  # a view: slabs are contiguous
         part[wanted] = as_float_array(name, function(here), (len(here),))
     return values
 
@@ -102,7 +102,7 @@ def at_active_nodes(
 def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> _Indices:
     """Return the active nodes up to a distance from a mesh, int64[n, dim].
 
-    Blocks of nodes are halved along each axis while they may hold such nodes.
+    Blocks of nodes are halved along each axis while they may contain such nodes.
     """
     shape = np.array(grid.shape)
     edge = 1
@@ -126,7 +126,7 @@ def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> _Indice
 
 
 def boundary_nodes(grid: CartesianGrid) -> BoolArray:
-    """Return which nodes are active but not all of their neighbours, diagonal ones included."""
+    """Return which active nodes have inactive neighbours, including diagonal neighbours."""
     active = np.ones(grid.shape, np.bool_) if grid.active is None else grid.active
     inner = active
     for d in range(grid.dim):
@@ -142,8 +142,8 @@ def _corners_around(
 ) -> tuple[_Indices, npt.NDArray[Any]]:
     """Return active corners of the boxes around points, and ``number`` of their points.
 
-    A point outside belongs to the closest box; where no corner of it is active, to the
-    nearest active node.
+    A point outside belongs to the closest box.  If no corner of it is active, it belongs to
+    the nearest active node.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def _corners_around(
 
 
 def _boxes_around(grid: CartesianGrid, points: FloatArray) -> _Indices:
-    """Return the indices of the box around each point, or of the closest one."""
+    """Return the indices of the box around each point, or of the closest box."""
     last = np.array(grid.shape) - 2
     # Clipped before they become integers: points may be far away.
     along = np.clip(np.floor((points - grid.lower) / grid.spacing), 0.0, last)
@@ -184,7 +184,7 @@ def _nearest_active(grid: CartesianGrid, points: FloatArray) -> _Indices:
 
 
 def _coordinates(grid: CartesianGrid, nodes: _Indices) -> FloatArray:
-    """Return where nodes lie, float64[n, dim]."""
+    """Return the coordinates of nodes, float64[n, dim]."""
     return grid.origin + grid.spacing * nodes
 
 
@@ -195,7 +195,7 @@ def _lower(h0: FloatArray, nodes: _Indices, asked: FloatArray) -> None:
 def _pieces_in_boxes(
     grid: CartesianGrid, curve: SimplexMesh
 ) -> tuple[npt.NDArray[np.int64], FloatArray, FloatArray]:
-    """Cut the segments of a curve at each plane of nodes that they cross.
+    """Split the segments of a curve at each plane of nodes that they cross.
 
     Each piece lies in one box, or has one closest box if it lies outside.
 
@@ -229,7 +229,7 @@ def _pieces_in_boxes(
 
 
 def _size_at(t: FloatArray, at_a: FloatArray, at_b: FloatArray) -> FloatArray:
-    """Return sizes between two ends; an end of share 0 does not count, or inf were nan."""
+    """Return sizes between two ends.  An end of share 0 is ignored, because inf would give nan."""
     size: FloatArray = np.where(t < 1.0, at_a, 0.0) * (1.0 - t) + np.where(t > 0.0, at_b, 0.0) * t
     return size
 
@@ -237,10 +237,11 @@ def _size_at(t: FloatArray, at_a: FloatArray, at_b: FloatArray) -> FloatArray:
 def _least_from_segment(
     x: FloatArray, a: FloatArray, b: FloatArray, at_a: FloatArray, at_b: FloatArray, g: float
 ) -> FloatArray:
-    """Return the least of ``s(y) + g |x - y|`` over y on segments with sizes linear along them.
+    """Return the minimum of ``s(y) + g |x - y|`` over y on segments with sizes linear along them.
 
     With the slope m of the size along the segment, the foot of x at t and its height H, the
-    least is at ``t - m H / sqrt(g^2 - m^2)``, held on the segment; at an end if ``|m| >= g``.
+    minimum is at ``t - m H / sqrt(g^2 - m^2)``, clipped to the segment, or at an end if
+    ``|m| >= g``.
     """
     length = np.linalg.norm(b - a, axis=1)
     along = (b - a) / np.where(length > 0.0, length, 1.0)[:, None]
@@ -261,7 +262,7 @@ def _least_from_segment(
 
 
 def _window(grid: CartesianGrid, lower: FloatArray, upper: FloatArray) -> tuple[slice, ...]:
-    """Return the nodes of the boxes that meet a box; empty if none does."""
+    """Return the nodes of the boxes that intersect a box, empty if there are none."""
     first = np.ceil((lower - grid.lower) / grid.spacing - 1.0)
     last = np.floor((upper - grid.lower) / grid.spacing + 1.0)
     most = np.array(grid.shape) - 1.0

@@ -11,16 +11,16 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
 
-# Points this near, in diagonals of the mesh, lie in it.
+# Points within this distance, in diagonals of the mesh, count as inside.
 _INSIDE = 1e-9
 # Samples of a curve per mean edge length of the cell that it passes.
 _SAMPLES_PER_CELL = 4.0
-# Cells that are smaller, in diagonals of the mesh, are degenerate: no denser samples for them.
+# Cells that are smaller, in diagonals of the mesh, are degenerate and need no denser samples.
 _SMALLEST_SPACING = 1e-6
 
 
 def cell_inside(mesh: SimplexMesh, point: FloatArray) -> IntArray:
-    """Return the cell that contains a point, int32[1], or int32[0] if none does."""
+    """Return the cell that contains a point, int32[1], or int32[0] if there is none."""
     cells, _, distances = mesh.locator.nearest(point[None])
     return cells[distances <= _INSIDE * mesh.diagonal]
 
@@ -28,7 +28,7 @@ def cell_inside(mesh: SimplexMesh, point: FloatArray) -> IntArray:
 def cells_along(
     mesh: SimplexMesh, curve: SimplexMesh
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Return the cells at samples along segments, as dense as the cells there are small.
+    """Return the cells at samples along segments, with a density adapted to the cells.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def cells_along(
         points = a[segment] + middle[:, None] * (b - a)[segment]
         cells, _, distances = mesh.locator.nearest(points)
         found.append((cells, segment, middle, distances))
-        # A piece that is far from the mesh cannot touch it, however small the cells there.
+        # A piece far from the mesh cannot touch it, however small the cells are.
         long = (upper - lower) * lengths[segment] > spacing[cells] + distances
         segment = np.repeat(segment[long], 2)
         lower, upper = (
@@ -65,13 +65,13 @@ def cells_along(
 
 
 def cells_within(mesh: SimplexMesh, curve: SimplexMesh) -> IntArray:
-    """Return the cells that contain samples of a curve, without the closest ones to it."""
+    """Return the cells that contain samples of a curve, without cells that are only closest."""
     cells, _, _, distances = cells_along(mesh, curve)
     return cells[distances <= _INSIDE * mesh.diagonal]
 
 
 def cells_with_edge_in_box(mesh: SimplexMesh, lower: FloatArray, upper: FloatArray) -> IntArray:
-    """Return the cells that have an edge which meets a box."""
+    """Return the cells with an edge that intersects a box."""
     meets = np.zeros(mesh.n_cells, np.bool_)
     for start, step in _edges_of_cells(mesh):
         first, last = np.zeros(len(start)), np.ones(len(start))
@@ -88,7 +88,7 @@ def cells_with_edge_in_box(mesh: SimplexMesh, lower: FloatArray, upper: FloatArr
 
 
 def cells_with_edge_in_ball(mesh: SimplexMesh, centre: FloatArray, radius: float) -> IntArray:
-    """Return the cells that have an edge which meets a ball."""
+    """Return the cells with an edge that intersects a ball."""
     meets = np.zeros(mesh.n_cells, np.bool_)
     for start, step in _edges_of_cells(mesh):
         squared = np.maximum((step**2).sum(axis=1), np.finfo(np.float64).tiny)
