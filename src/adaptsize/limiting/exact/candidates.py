@@ -94,13 +94,14 @@ def _undominated(
 
 def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-def]
     """Return the edges or faces that a kernel lists and that may be sources in all their cells."""
-    room = 0
+    room = 2 * int(np.count_nonzero(given[3]))  # more is needed where most steep cells have kinks
     while True:
         rows = np.empty((room, 5), np.int32)
         count = kernel(*given, rows)
         if count <= room:
             break
         room = count
+    rows = rows[:count]
     if count == 0:
         return rows[:, :width]
     points, h0, g = given[0], given[4], given[6]
