@@ -80,7 +80,7 @@ class SizeFunction(ReadOnlyState):
         functions derived from this one by `clip`, `minimum` or `on` interpolate again.
     g : float, optional
         Gradient with which the size grows off a background that does not fill its space,
-        such as a surface.  At a point x the size is the minimum of h(y) + g |x - y| over all
+        such as a surface.  At a point x the size is the minimum of ``h(y) + g |x - y|`` over all
         points y of the background, and at most ``hmax``.  Without g, the size off such a
         background is that at the closest point.
     hmax : float, default inf
