@@ -130,8 +130,9 @@ def write(
     path : path-like
         The file.  Its suffix determines the format.
     obj : SimplexMesh, CartesianGrid, Octree or SizeFunction
-        A size function is written as its background with the nodal field ``h``.  An octree is
-        written as its ``mesh``, and so is a grid, except to ``.vti``.
+        A size function is written as its background with the nodal field ``h``.  Where it grows
+        off a surface or a line, the constant nodal fields ``h.g`` and ``h.hmax`` say so.  An octree
+        is written as its ``mesh``, and so is a grid, except to ``.vti``.
     fields : mapping of str to array_like, optional
         Nodal fields, one row per node (for a grid: of its shape).  They are written besides the
         fields of the mesh and replace fields of the same name.
@@ -176,6 +177,8 @@ def write(
     chosen = writers.format_of(Path(path), file_format)
     background, nodal = _parts_of(obj, fields)
     needed = list(nodal)
+    if chosen.holds_fields and not chosen.only_sizes:
+        nodal = _growth_of(obj, background.n_points) | nodal
     if needed and not chosen.holds_fields:
         raise ValueError(
             f"{Path(path).name} cannot hold nodal fields, got {', '.join(needed)}; "
@@ -208,7 +211,8 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     Returns
     -------
     SizeFunction
-        Values written by `write` to ``.vti`` are restored exactly.
+        Values written by `write` to ``.vti`` are restored exactly.  The growth off a surface or a
+        line is restored from the fields ``h.g`` and ``h.hmax``.
 
     Raises
     ------
@@ -248,7 +252,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         listed = ", ".join(fields) or "none"
         raise MeshFileError(f"{file}: has no nodal field {name!r} (found: {listed})")
     try:
-        return SizeFunction(background, fields[name])
+        return SizeFunction(background, fields[name], **_growth_in(fields, name))
     except ValueError as error:
         raise MeshFileError(f"{file}: {name}: {error}") from error
 
@@ -374,6 +378,23 @@ def _parts_of(
         )
     nodal.update(fields or {})
     return background, nodal
+
+
+def _growth_of(obj: object, n_points: int) -> dict[str, npt.ArrayLike]:
+    """Return how a size function grows off its background, as constant nodal fields."""
+    if not isinstance(obj, SizeFunction) or obj.g is None:
+        return {}
+    growth = {"h.g": obj.g} | ({"h.hmax": obj.hmax} if np.isfinite(obj.hmax) else {})
+    return {name: np.full(n_points, value) for name, value in growth.items()}
+
+
+def _growth_in(fields: Mapping[str, npt.NDArray[Any]], name: str) -> dict[str, Any]:
+    """Return g and hmax of a size function from the fields of a file, if they are there."""
+    return {
+        part: float(np.ravel(fields[f"{name}.{part}"])[0])
+        for part in ("g", "hmax")
+        if f"{name}.{part}" in fields
+    }
 
 
 def _writing(

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from meshes import jittered_cube, random_sphere, random_square
 from numpy.testing import assert_array_equal
 
-from adaptsize import SimplexMesh, SizeFunction, read, write
+from adaptsize import SimplexMesh, SizeFunction, read, read_size, write
 from adaptsize._formats import blocks, stl
 from adaptsize.errors import MeshFileError, MeshRepairWarning
 
@@ -1041,3 +1041,17 @@ def test_gmsh_meshes_with_the_view_as_asked(tmp_path):
     # Gmsh's own slack: edges of about 0.95 of what is asked, hardly any off by sqrt 2.
     assert 0.8 < np.median(ratio) < 1.2
     assert np.mean((ratio > 1 / np.sqrt(2)) & (ratio < np.sqrt(2))) > 0.9
+
+
+@pytest.mark.parametrize("name", ["h.vtu", "h.vtk", "h.xdmf"])
+@pytest.mark.parametrize("hmax", [0.7, np.inf])
+def test_the_growth_off_a_surface_is_kept_in_files(tmp_path, name, hmax):
+    surface = random_sphere(60, 4111)
+    size = SizeFunction(surface, 0.1 + 0.01 * surface.points[:, 0], g=0.4, hmax=hmax)
+    write(tmp_path / name, size)
+    again = read_size(tmp_path / name)
+    assert (again.g, again.hmax) == (0.4, hmax)
+    points = np.random.default_rng(4112).uniform(-1.0, 1.0, (30, 3))
+    np.testing.assert_allclose(again(points), size(points), rtol=1e-12)
+    write(tmp_path / "h.pos", size)  # holds sizes only
+    assert "h.g" not in (tmp_path / "h.pos").read_text()
