@@ -31,6 +31,6 @@ def test_the_first_command_says_that_it_compiles_and_later_ones_do_not(tmp_path)
 
 def test_warmup_compiles_for_all_kinds_of_domains(capfd):
     assert run(["warmup"]) == 0
-    told = capfd.readouterr()
-    assert told.out.startswith("kernels compiled in ")
-    assert told.err.count("compiled for ") == 5
+    printed = capfd.readouterr()
+    assert printed.out.startswith("kernels compiled in ")
+    assert printed.err.count("compiled for ") == 5

@@ -147,12 +147,12 @@ def _tiff_spacing(file: Any) -> FloatArray:
     """
     spacing = np.ones(3)
     if file.is_imagej:
-        page, told = file.pages[0], file.imagej_metadata or {}
+        page, metadata = file.pages[0], file.imagej_metadata or {}
         for d, tag in enumerate(("XResolution", "YResolution")):
             if tag in page.tags:
                 above, below = page.tags[tag].value
                 spacing[d] = below / above if above and below else 1.0
-        spacing[2] = float(told.get("spacing", 1.0)) or 1.0
+        spacing[2] = float(metadata.get("spacing", 1.0)) or 1.0
     elif file.is_ome:
         from xml.etree import ElementTree
 

@@ -36,6 +36,7 @@ def _put_on_edge(edges, e, t, feet, level, i):
 
 @inner
 def length_between(feet, level, i):
+    """Return the distance from feet[level] to feet[level + 1] of the path to point i."""
     square = 0.0
     for d in range(3):
         square += (feet[level, d, i] - feet[level + 1, d, i]) ** 2

@@ -115,7 +115,7 @@ def adapt(
     corner_angle: float = 30.0,
     enough: float = 0.85,
     coarsen_converged: bool = False,
-    boundary_tolerance: float = 1.2e-3,
+    boundary_tolerance: float = 1e-3,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,
     progress: ProgressCallback | bool | None = None,

@@ -36,7 +36,7 @@ def print_quality(
     print(f"cells     {new.n_cells}, {predicted:.0f} predicted")
     print(f"edges     {found.share_in_band:.1%} within a factor sqrt 2 of the size")
     print(f"angles    from {found.angle_min:.1f} degrees{kind}, 1 % below {found.angle_p01:.1f}")
-    print(f"boundary  off by {distance:.2g} of the diagonal, tolerance {tolerance:.2g}")
+    print(f"boundary  off by {distance:.3g} of the diagonal, tolerance {tolerance:.3g}")
     change = _change(new, old)
     if change is not None:
         print(f"{'volume' if new.cell_dim == 3 else 'area':9} changed by {change:+.2%}")

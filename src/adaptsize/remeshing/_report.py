@@ -175,6 +175,7 @@ def _n_broken(
 
 
 def warn_of_faults(report: SmoothingReport) -> None:
+    """Warn of a mesh that has not converged or does not resolve its domain."""
     if not report.at_rest and report.last_move > _RESTLESS:
         warnings.warn(
             f"nodes still moved by {report.last_move:.2g} sizes per step after "
