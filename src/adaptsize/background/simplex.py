@@ -23,7 +23,7 @@ _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
 class Boundary(NamedTuple):
-    """The boundary of a mesh and its relation to that mesh."""
+    """The boundary of a mesh."""
 
     mesh: SimplexMesh
     """The boundary facets as a separate mesh, normals outward."""
@@ -358,8 +358,7 @@ class SimplexMesh(ReadOnlyState):
         Raises
         ------
         ValueError
-            If the argument is not a data set, has no such cells, or has polygons of more than
-            four corners.
+            If it is not a data set, has no such cells, or has polygons of over four corners.
 
         Warns
         -----
