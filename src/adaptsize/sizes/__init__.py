@@ -5,6 +5,7 @@ from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
+from adaptsize.sizes.from_sources import size_from_sources
 from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
 from adaptsize.sizes.sources import (
     BallSource,
@@ -14,7 +15,6 @@ from adaptsize.sizes.sources import (
     PointSource,
     RegionSource,
     Source,
-    size_from_sources,
 )
 
 __all__ = [
