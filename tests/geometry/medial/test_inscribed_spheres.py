@@ -10,6 +10,7 @@ from solids import box, circle, hull, outline, wedge_plate
 
 from adaptsize import SimplexMesh
 from adaptsize.geometry import inscribed_spheres
+from adaptsize.geometry.medial import inscribed_spheres as module
 
 # What the descent may leave undone: 1 / 0.99.
 EXCESS = 1.0102
@@ -288,6 +289,16 @@ def test_points_and_nodes_agree():
 
 TORUS, _ = irregular_torus(30, 831)
 LOW = 1.0 - 4.3 * sagitta(TORUS, 0.4) / 0.4
+
+
+def test_radii_do_not_depend_on_the_number_of_probes_of_a_call(monkeypatch):
+    boundary = irregular_torus(40, 619)[0]
+    monkeypatch.setattr(module, "_SECONDS_PER_CALL", np.inf)  # calls of 1024, 2048, ... probes
+    one = inscribed_spheres(boundary)
+    monkeypatch.setattr(module, "_SECONDS_PER_CALL", 0.0)  # calls of 1024, 512, 256, ... probes
+    other = inscribed_spheres(boundary)
+    np.testing.assert_array_equal(other.radii, one.radii)
+    np.testing.assert_array_equal(other.contacts, one.contacts)
 
 
 def test_triangle_soup():

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels import inscribed_spheres as kernels
 from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._kernels.sectors import fill_facet_cells
+from adaptsize._kernels.sphere_trees import fill_slabs
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry import curvature as surfaces
 from adaptsize.geometry.distance.orientation import oriented
@@ -99,7 +99,7 @@ class Solid:
         tree = Tree.over(points, mesh.cells)
         inward = -parts.face_normals[tree.order]
         slabs = np.empty((len(tree.boxes), 5))
-        kernels.fill_slabs(points, tree.cells, inward, mesh.measures[tree.order], slabs)
+        fill_slabs(points, tree.cells, inward, mesh.measures[tree.order], slabs)
         lost: BoolArray = ~np.any(parts.sector_normals, axis=1)
         at_corners = parts.sector_normals[parts.sector] * parts.sign[:, None]
         width = mesh.cells.shape[1]
