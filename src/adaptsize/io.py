@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import secrets
+import shutil
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -13,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import one_of
-from adaptsize._formats import assembly, files, image, raster, readers, writers
+from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
@@ -96,7 +99,7 @@ def read(
     file = Path(path)
     if kind is not None:
         one_of("kind", kind, tuple(KINDS))
-    files.check_readable(file)
+    _check_readable(file)
     notes: list[str] = []
     try:
         raw = readers.load(file)
@@ -170,7 +173,7 @@ def write(
     the plane and tetrahedra.
     """
     # Resolve links, except to pipes: /dev/stdout may lead to one, which has no path.
-    target = Path(os.path.realpath(path)) if not files.is_special(Path(path)) else Path(path)
+    target = Path(os.path.realpath(path)) if not _is_special(Path(path)) else Path(path)
     chosen = writers.format_of(Path(path), file_format)
     background, nodal = _parts_of(obj, fields)
     needed = list(nodal)
@@ -187,7 +190,7 @@ def write(
             f"{Path(path).name} holds sizes only, as the field 'h', got {', '.join(others)}"
         )
     try:
-        files.write_whole(target, _writing(background, nodal, chosen))
+        _write_whole(target, _writing(background, nodal, chosen))
     except MeshFileError as error:
         raise MeshFileError(f"{path}: {error}") from error
     except OSError as error:
@@ -237,7 +240,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     background: SimplexMesh | CartesianGrid
     fields: Mapping[str, npt.NDArray[Any]]
     if file.suffix.lower() == ".vti":
-        files.check_readable(file)
+        _check_readable(file)
         try:
             background, fields = image.read(file)
         except (ValueError, MemoryError) as error:
@@ -308,7 +311,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     Image(3 x 3 pixels of int64, spacing 0.5, 1)
     """
     file = Path(path)
-    files.check_readable(file)
+    _check_readable(file)
     try:
         read, notes = raster.load(file, name=name)
     except (ValueError, MemoryError) as error:
@@ -321,6 +324,40 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
 def is_image_file(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is an image for `read_image`, by its name."""
     return raster.is_image_file(Path(path))
+
+
+def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
+    """Write under a temporary name in the same directory and rename.  Raises OSError."""
+    if target.is_dir():
+        raise MeshFileError("is a directory")
+    if _is_special(target):
+        _write_into(target, write_to)
+        return
+    if not target.parent.is_dir():
+        raise MeshFileError(f"there is no directory {target.parent}")
+    # Not tempfile: its files are private to the user, and the suffix must be kept.
+    temporary = target.with_name(f".adaptsize-{secrets.token_hex(8)}{target.suffix}")
+    try:
+        write_to(temporary)
+        if target.exists():
+            shutil.copymode(target, temporary)
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _is_special(path: Path) -> bool:
+    """Whether a path exists and is neither a file nor a directory: a device, pipe or socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _write_into(special: Path, write_to: Callable[[Path], None]) -> None:
+    """Write to a temporary file and copy its content, because a device must not be replaced."""
+    with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
+        whole = Path(folder, special.name)
+        write_to(whole)
+        with whole.open("rb") as content, special.open("wb", buffering=0) as device:
+            shutil.copyfileobj(content, device)
 
 
 def _parts_of(
@@ -378,3 +415,15 @@ def _writing(
         return partial(image.write, grid=background, fields=arrays)
     at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
     return partial(chosen.write, mesh=background.mesh.with_data(point_data=at_nodes))
+
+
+def _check_readable(file: Path) -> None:
+    if file.is_dir():
+        raise MeshFileError(f"{file}: is a directory")
+    try:
+        with file.open("rb") as opened:
+            empty = not opened.read(1)
+    except OSError as error:
+        raise MeshFileError(f"{file}: {error.strerror or error}") from error
+    if empty:
+        raise MeshFileError(f"{file}: is empty")
