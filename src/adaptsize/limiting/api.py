@@ -10,20 +10,27 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
+    as_float_array,
     as_number,
+    as_points,
+    as_sizes,
+    check_type,
+    describe,
     one_of,
 )
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
-from adaptsize.limiting.arguments import as_bound, as_count, as_domain, as_point_bounds
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.info import LimitingInfo, Record
 from adaptsize.limiting.options import Method, refuse_idle
-from adaptsize.limiting.problem import Problem
+from adaptsize.limiting.problem import PointBounds, Problem
 from adaptsize.limiting.warm_start import refuse_background, refuse_others, resume, with_start
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
+
+# Products of four lengths and two g must stay in the range of float64.
+_FARTHEST = 1e60
 
 _TOL = 1e-3
 
@@ -249,13 +256,13 @@ def limit_gradient(
            [0.25 , 0.312, 0.435],
            [0.4  , 0.435, 0.4  ]])
     """
-    domain = as_domain(background)
+    domain = _domain(background)
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
     method = one_of("method", method, ("auto", *schemes.METHODS))
-    bound = as_bound("h0", h0, background)
+    bound = _as_bound("h0", h0, background)
     if full_output and np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept for comparison in the next call
-    extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
+    extra = None if point_sources is None else _as_point_bounds(point_sources, background.dim)
     if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
@@ -264,7 +271,7 @@ def limit_gradient(
     if floor not in ("hopf-lax", None):
         raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
     tol = as_number("tol", tol, lower=0.0, strict=True)
-    max_iter, threads = as_count("max_iter", max_iter), as_count("threads", threads)
+    max_iter, threads = _as_count("max_iter", max_iter), _as_count("threads", threads)
     given = {
         "order": order != 1,
         "floor": floor is None,
@@ -286,7 +293,7 @@ def limit_gradient(
     )
     if extra is not None and transform is not None:
         extra = extra._replace(sizes=transform.forward(extra.sizes))
-    start = None if guess is None else as_bound("initial", guess, background)
+    start = None if guess is None else _as_bound("initial", guess, background)
     with reporting(progress) as report:
         problem = Problem(
             h0=_forward(bound, transform, record),
@@ -349,6 +356,54 @@ def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | N
     changed = u != record.solution.h
     h[changed] = transform.backward(u[changed])
     return h
+
+
+def _domain(
+    background: SimplexMesh | CartesianGrid | Octree,
+) -> SimplexMesh | CartesianGrid:
+    """Return the mesh or grid that the schemes run on; refuse coordinates out of range."""
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    if isinstance(background, CartesianGrid):
+        corners = [background.lower, background.upper]
+    else:
+        corners = [background.points]
+    farthest = max(max(float(c.max()), -float(c.min())) for c in corners)
+    if farthest != 0.0 and not 1.0 / _FARTHEST <= farthest <= _FARTHEST:
+        raise ValueError(
+            f"background must have coordinates of {1.0 / _FARTHEST:g} to {_FARTHEST:g} in size, "
+            f"got {farthest:g} as the largest: choose another unit of length"
+        )
+    return background.mesh if isinstance(background, Octree) else background
+
+
+def _as_bound(
+    name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
+) -> FloatArray:
+    """Return checked nodal sizes, inf at inactive nodes; one number is used for all nodes."""
+    given = as_float_array(name, sizes)
+    if given.ndim == 0:
+        given = np.full(background.nodal_shape, as_sizes(name, given, ()))
+    if isinstance(background, CartesianGrid) and background.active is not None:
+        given = as_float_array(name, given, background.shape)
+        given = np.where(background.active, given, np.inf)
+    return as_sizes(name, given, background.nodal_shape)
+
+
+def _as_count(name: str, value: object) -> int | None:
+    """Return a number of steps or threads, or None."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"{name} must be an integer >= 1 or None, got {value!r}")
+    return int(value)
+
+
+def _as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:
+    """Return checked bounds at points."""
+    if not isinstance(given, tuple) or len(given) != 2:
+        raise ValueError(f"point_sources must be a tuple (points, sizes), got {describe(given)}")
+    points = as_points("point_sources[0]", given[0], dim)
+    return PointBounds(points, as_sizes("point_sources[1]", given[1], (len(points),)))
 
 
 def _silent(text: str, share: float | None) -> None:
