@@ -32,7 +32,7 @@ from adaptsize._kernels.sphere_trees import EXCESS, cannot_shrink, nearer_half
 _STACK = 64
 _MAX_STEPS = 40
 # Squared sine of the angle over the tangent plane from which on a facet is opposite: 60 degrees.
-# Only such facets count at creases, where the normal is that of one side and, on rough
+# Only such facets count at feature edges, where the normal is that of one side and, on rough
 # surfaces, the next facets stand across it.
 _OPPOSITE = 0.75
 
@@ -134,7 +134,8 @@ def _is_on_side(cells, normals, t, own, flat, smooth):
     """Return whether cell t continues the side of the boundary that holds the probe.
 
     It does if it turns from cell ``own`` by less than the separation angle, of cosine ``flat``,
-    or if it has a node in common with it and turns by less than a crease, of cosine ``smooth``.
+    or if it has a node in common with it and turns by less than the crease angle, of cosine
+    ``smooth``.
     """
     turn = 0.0
     for d in range(3):
@@ -252,12 +253,13 @@ def shrink_balls(
     tips : float64[n_tips, 3]
         Tips of cones.
     probes, origins, probe_normals : float64[n_probes, 3]
-        A probe at a crease stands a little beside its origin; cells that hold the origin
-        are walls at most.
+        A probe at a feature edge lies a little beside its origin; cells that hold the
+        origin are walls at most.
     probe_cells : int32[n_probes]
         Cell that holds each probe, -1 at nodes.  Cells are on its side, and are left out, that
-        turn by less than the separation angle from it, or hang together with it and turn by
-        less than a crease; the normal at the probe may turn from that of its cell as well.
+        turn by less than the separation angle from it, or have a node in common with it and
+        turn by less than the crease angle.  The normal at the probe may differ from that of
+        its cell.
     reaches : float64[n_probes]
         Distance of each probe to the edges.
     tip_of : int32[n_probes]
@@ -266,7 +268,7 @@ def shrink_balls(
         Least sine of the angle between q - p and the tangent plane; cosine of the least
         opening angle of a corner; distance of edges from the line where the planes of p and q
         meet, over that of p or q; distance of tips from p and q, over the radius; widest gap
-        between walls that hold a ball; cosine of the turn of a crease.
+        between walls that hold a ball; cosine of the crease angle.
     largest : float64
         Radius to start from.
     order : int64[n_probes]
@@ -299,9 +301,9 @@ def shrink_balls(
         found = -1
         at = p
         e1, e2 = tangents(n)
-        at_crease = False
+        at_feature_edge = False
         for d in range(3):
-            at_crease = at_crease or probes[i, d] != origins[i, d]
+            at_feature_edge = at_feature_edge or probes[i, d] != origins[i, d]
         for k in range(N_DIRECTIONS):
             held[k, 0] = math.inf
         stack[0] = 1
@@ -354,7 +356,7 @@ def shrink_balls(
                 parallel = 1.0 - cos * cos <= 1e-12
                 in_corner = abs(at_origin) <= 1e-9 * largest
                 if in_corner and (cos >= cosine or parallel):
-                    continue  # beside the probe, on the same side of the crease
+                    continue  # beside the probe, on the same side of the feature edge
                 normal = (normals[t, 0], normals[t, 1], normals[t, 2])
                 if -cos < cosine and not parallel and not in_corner:
                     q = (x, y, z)
@@ -380,7 +382,7 @@ def shrink_balls(
                         radius = min(radius, between)
                         continue
                     rr, x, y, z = held[k, 0], held[k, 2], held[k, 3], held[k, 4]
-                elif at_crease and above * above < _OPPOSITE * way2:
+                elif at_feature_edge and above * above < _OPPOSITE * way2:
                     continue
                 if rr >= r:
                     continue

@@ -313,12 +313,12 @@ class FieldTransfer:
         # Weights of the node itself in that cell, which it may miss by rounding.
         corners = old.points[old.cells[cells]]
         edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
-        sound = np.abs(np.linalg.det(edges)) > 0.0
-        found = np.linalg.solve(edges[sound], (points - corners[:, 0])[sound][..., None])[..., 0]
+        valid = np.abs(np.linalg.det(edges)) > 0.0
+        found = np.linalg.solve(edges[valid], (points - corners[:, 0])[valid][..., None])[..., 0]
         found = np.column_stack([1.0 - found.sum(axis=1), found])
-        near = np.abs(found - weights[sound]).max(axis=1) <= 1e3 * _ASIDE
+        near = np.abs(found - weights[valid]).max(axis=1) <= 1e3 * _ASIDE
         found = np.clip(found, 0.0, 1.0)
-        kept = np.flatnonzero(sound)[near]
+        kept = np.flatnonzero(valid)[near]
         weights[kept] = found[near] / found[near].sum(axis=1, keepdims=True)
         return cells, weights
 
