@@ -112,7 +112,7 @@ def test_the_number_of_elements_is_that_of_the_generator():
 
 
 @pytest.mark.parametrize("factor", [0.3, 0.7, 1.05, 1.9])
-def test_a_missed_number_is_mended_by_another_mesh(generator, factor):
+def test_a_missed_number_is_corrected_by_another_mesh(generator, factor):
     generator.factor = factor
     mesh = jittered_square(12, SEED, half_width=1.0)
     result = adapt(mesh, indicator(mesh), target_elements=3000, max_refine=20)
@@ -139,7 +139,7 @@ def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
     assert max(result.mesh.n_cells / 3000, 3000 / result.mesh.n_cells) < best
 
 
-def test_a_number_out_of_reach_is_approached_once_and_told(generator):
+def test_a_number_out_of_reach_is_approached_once_and_reported(generator):
     mesh = jittered_square(12, SEED, half_width=1.0)
     result = adapt(mesh, indicator(mesh), target_elements=100_000, hmin=0.1)
     assert generator.calls == 1
@@ -474,7 +474,7 @@ def test_a_projection_that_returns_nonsense_is_named():
         move_to_boundary(mesh, lambda x: x / 0.0 if len(x) == 0 else np.nan * x, 30.0)
 
 
-# ---- bad input, and what must be told
+# ---- bad input and warnings
 
 
 MESH = structured_square(3, half_width=1.0)

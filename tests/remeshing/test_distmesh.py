@@ -362,7 +362,7 @@ def test_quality_is_the_volume_length_measure_signed(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_smoothing_makes_no_worst_cell_worse_and_obeys_normals(dim):
+def test_smoothing_makes_no_worst_cell_worse_and_respects_normals(dim):
     points, cells = random_cells(dim, 60, 31)
     skin = np.unique(ads.SimplexMesh(points, cells).boundary().nodes)
     nodes = np.setdiff1d(np.arange(len(points)), skin).astype(np.int64)

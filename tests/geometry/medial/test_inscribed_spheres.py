@@ -310,14 +310,14 @@ def test_triangle_soup():
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
-def test_orientation_is_mended(share):
+def test_orientation_is_repaired(share):
     mesh = sliver_cylinder(32, 832)
     flipped = np.random.default_rng(833).random(mesh.n_cells) < share
     cells = np.where(flipped[:, None], mesh.cells[:, [1, 0, 2]], mesh.cells)
     np.testing.assert_allclose(smallest(SimplexMesh(mesh.points, cells)), smallest(mesh), rtol=0.02)
 
 
-def test_orientation_of_outlines_is_mended():
+def test_orientation_of_outlines_is_repaired():
     ring = outline(circle(40, 2.0)[::-1], circle(40, 1.5))
     assert_radii(smallest(ring), 0.25, 0.95)
 
@@ -383,14 +383,14 @@ def test_other_meshes_are_refused():
 
 
 def test_no_points_and_progress():
-    told = []
+    reports = []
     spheres = inscribed_spheres(
-        box(1, 1, 1), np.empty((0, 3)), progress=lambda text, share: told.append(share)
+        box(1, 1, 1), np.empty((0, 3)), progress=lambda text, share: reports.append(share)
     )
     assert len(spheres.radii) == 0
     assert spheres.smallest().shape == (0,)
-    inscribed_spheres(TORUS, progress=lambda text, share: told.append(share))
-    assert told[-1] == 1.0
+    inscribed_spheres(TORUS, progress=lambda text, share: reports.append(share))
+    assert reports[-1] == 1.0
 
 
 def test_within_coarse_facets_no_sphere_stops_at_the_facets_beside():
