@@ -145,12 +145,8 @@ def adapted(result: Cycle, n_triangles: float, *, limited: bool) -> Cycle:
     """Return the next mesh and the flow on it, from that on the present mesh."""
     mesh, solution = result.mesh, result.solution
     density = solution.at_nodes(solution.w)[:, 0]
-
-    def limit(h0: FloatArray) -> FloatArray:
-        return ads.limit_gradient(mesh, h0, G, method="fast-marching") if limited else h0
-
     h = ads.size_from_hessian(
-        mesh, density, target_elements=n_triangles, hmin=HMIN, hmax=HMAX, limit=limit
+        mesh, density, target_elements=n_triangles, hmin=HMIN, hmax=HMAX, g=G if limited else None
     )
     new = mesh_for(ads.SizeFunction(mesh, h))
     fields = {"conserved": euler.conserved(solution.w)}

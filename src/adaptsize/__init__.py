@@ -32,7 +32,6 @@ _HOMES = {
     "RegionSource": "sizes",
     "BoxSource": "sizes",
     "BallSource": "sizes",
-    "minimum": "sizes",
     "limit_gradient": "limiting",
     "LimitingInfo": "limiting",
     "SizeSources": "limiting",
@@ -49,7 +48,6 @@ _HOMES = {
     "FieldTransfer": "adaptation",
     "read": "io",
     "read_image": "io",
-    "Image": "background",
     "read_size": "io",
     "write": "io",
 }

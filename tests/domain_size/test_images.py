@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from adaptsize import Image, PointSource, mesh_image, size_function, size_function_from_image
+from adaptsize import PointSource, mesh_image, size_function, size_function_from_image
+from adaptsize.background import Image
 from adaptsize.errors import ImageWarning, ResolutionWarning, TooManyElementsError
 
 SHAPE = (100, 80)
