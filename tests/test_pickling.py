@@ -91,7 +91,7 @@ MAKE = {
 }  # fmt: skip
 WAYS = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "deepcopy": copy.deepcopy}
 READ_ONLY = (
-    ads.SimplexMesh, ads.CartesianGrid, ads.Octree, ads.background.Image, ads.MedialAxis
+    ads.SimplexMesh, ads.CartesianGrid, ads.Octree, ads.background.Image, ads.geometry.MedialAxis
 )  # fmt: skip
 
 

@@ -11,7 +11,8 @@ from meshes import jittered_cube, random_square
 from meshes import slit_square as crack
 from numpy.testing import assert_allclose, assert_array_equal
 
-from adaptsize import CartesianGrid, LimitingInfo, Octree, SimplexMesh, limit_gradient
+from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
+from adaptsize.limiting import LimitingInfo
 
 G = 0.3
 
