@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -31,6 +31,9 @@ from adaptsize.cli.result import print_quality
 from adaptsize.cli.size import size, size_of_mesh
 from adaptsize.cli.sources import describe_roots, parse_source
 from adaptsize.cli.warmup import announce_compilation, warmup
+
+if TYPE_CHECKING:
+    from adaptsize.limiting.options import Method
 
 app = typer.Typer(
     name="adaptsize",
@@ -102,7 +105,12 @@ def limit(
         check_outputs(sources)
     mesh = read(file)
     h, limiting = limit_gradient(
-        mesh, nodal_field(mesh, field), gradient, method=method, full_output=True, progress=True
+        mesh,
+        nodal_field(mesh, field),
+        gradient,
+        method=cast("Method", method),
+        full_output=True,
+        progress=True,
     )
     if sources is not None and limiting.sources is None:
         raise ValueError(
