@@ -13,6 +13,7 @@ import pytest
 
 from adaptsize import SimplexMesh, __version__, write
 from adaptsize.cli import steps as steps_module
+from adaptsize.cli.console import Console
 from adaptsize.cli.entry import run
 from adaptsize.cli.steps import Steps
 
@@ -106,7 +107,15 @@ def test_json_of_an_error_has_the_error(capsys, tmp_path):
     assert result["command"] == "info"
 
 
-def test_json_lists_each_warning_once(capsys, tmp_path):
+def test_a_warning_is_printed_once(capsys):
+    console = Console()
+    for text in ("first", "second", "first"):
+        console.warn(text)
+    assert console.warnings == ["first", "second"]
+    assert capsys.readouterr().err.count("first") == 1
+
+
+def test_json_lists_the_warnings(capsys, tmp_path):
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0]]
     with (tmp_path / "dirty.stl").open("w") as file:
         file.write("solid s\n")

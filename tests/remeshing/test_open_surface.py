@@ -95,8 +95,14 @@ STAR = [
 CIRCLE = [np.array([np.cos(t), np.sin(t)]) for t in np.linspace(0, 2 * np.pi, 700, endpoint=False)]
 NOTCHED = [(0, 0), (1, 0), (2, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
 
+#: Triangles of least perimeter would lie partly outside.
+BENT = [(0.36, 0.24), (0.03, 0.09), (0, 0.21), (-0.23, 0.45), (-0.59, 0.67), (-0.13, -1.24)]
+BENT += [(1.8, -0.78)]
 
-@pytest.mark.parametrize("outline", [STAR, CIRCLE, NOTCHED], ids=["star", "circle", "notched"])
+
+@pytest.mark.parametrize(
+    "outline", [STAR, CIRCLE, NOTCHED, BENT], ids=["star", "circle", "notched", "bent"]
+)
 def test_plane_holes_get_their_interior(outline):
     outline = np.array(outline, dtype=float)
     x, y = outline.T

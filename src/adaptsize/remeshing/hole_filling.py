@@ -19,7 +19,7 @@ from adaptsize.typing import FloatArray, IntArray
 #: Loops of more edges are divided; the triangulation costs the cube of their number.
 _MOST_AT_ONCE = 96
 #: Weight of the squared perimeter beside the area: of equal areas, compact triangles.
-_COMPACT = 1e-4
+_COMPACT = 1e-6
 #: A body whose volume is less than this times its area and its diagonal encloses nothing.
 _FLAT = 1e-6
 
