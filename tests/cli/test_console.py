@@ -193,7 +193,7 @@ def test_each_step_is_a_line_once_a_command_takes_long(clock):
         steps.report("limiting", 0.5)
         steps.begin("writing")
     assert lines[1:] == [
-        "step 2 of 3: sizes, 40 s, about 40 s left (after 41 s)",
+        "step 2 of 3: sizes, 40 s so far, about 40 s left",
         "step 3 of 3: writing (after 41 s)",
     ]
     assert times == [("reading", 1.0), ("sizes", 40.0), ("writing", 0.0)]

@@ -132,6 +132,17 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
         assert printed == []
 
 
+def test_verbose_prints_the_messages_of_the_generator(capsys, tmp_path):
+    pytest.importorskip("mmgpy")
+    words = ["remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", "--backend", "mmg"]
+    assert call(*words, "--hmin", "0.2", "--hmax", "0.3", "-v") == 0
+    err = capsys.readouterr().err
+    assert "adaptsize: mmg: " in err
+    assert "adaptsize: Mmg: " in err  # the time
+    assert call(*words, "--hmin", "0.2", "--hmax", "0.3") == 0
+    assert "mmg: " not in capsys.readouterr().err
+
+
 # --- files ------------------------------------------------------------------------
 
 

@@ -129,6 +129,15 @@ def test_new_triangles_have_the_tag_0():
     assert close_holes(tagged).cell_tags.tolist() == [*range(1, 11), 0, 0]
 
 
+def test_nodal_fields_are_kept():
+    mesh = box(without=(10, 11))
+    # Every triangle has corners of its own, as in an STL file.
+    apart = SimplexMesh(mesh.points[mesh.cells].reshape(-1, 3), np.arange(30).reshape(-1, 3))
+    closed = close_holes(apart.with_data(point_data={"x": apart.points[:, 0]}))
+    assert closed.n_points == 8
+    np.testing.assert_array_equal(closed.point_data["x"], closed.points[:, 0])
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 def test_a_sheet_encloses_nothing(scale):
     sheet = SimplexMesh(scale * CORNERS[[2, 3, 7, 6]], [[0, 1, 2], [0, 2, 3]])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import json
+import logging
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 import typer
@@ -28,7 +30,12 @@ _UNITS = {
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and no other results.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
 Verbose = Annotated[
-    bool, typer.Option("-v", "--verbose", help="Also print the time of each step, as it ends.")
+    bool,
+    typer.Option(
+        "-v",
+        "--verbose",
+        help="Also print the time of each step and the messages of the mesh generators.",
+    ),
 ]
 
 
@@ -103,6 +110,24 @@ class Console:
         if self.as_json:
             self._print_object(error=text)
 
+    @contextlib.contextmanager
+    def messages_of_generators(self) -> Iterator[None]:
+        """Print the messages of mesh generators, if the output is verbose."""
+        if self.level < VERBOSE:
+            yield
+            return
+        handler = logging.Handler()
+        handler.emit = lambda record: self.say(record.getMessage())  # type: ignore[method-assign]
+        logger = logging.getLogger("adaptsize.remeshing")
+        level = logger.level
+        logger.addHandler(handler)
+        logger.setLevel(logging.DEBUG)
+        try:
+            yield
+        finally:
+            logger.setLevel(level)
+            logger.removeHandler(handler)
+
     def steps(self, count: int) -> Steps:
         """Return the context in which a command runs in ``count`` steps."""
         shown, verbose = self.level > QUIET, self.level == VERBOSE
@@ -160,7 +185,8 @@ def with_console(function: Callable[..., None]) -> Callable[..., None]:
         console: Console = context.obj
         name = str(context.info_name)
         console.configure(name, as_json=as_json, quiet=quiet, verbose=verbose)
-        function(console, **given)
+        with console.messages_of_generators():
+            function(console, **given)
         console.finish()
 
     parameters = [context, *options, *shared]

@@ -184,11 +184,11 @@ def _accepted(
     from adaptsize.remeshing.open_surface import near_bodies, open_boundary
 
     holes = open_boundary(mesh, tolerance)
-    if close:
+    if close and holes is not None:
         closed = close_holes(mesh)
-        if holes is not None:
-            count = closed.n_cells - mesh.n_cells
-            console.say(f"surface closed by {count} triangles; it had {holes}")
+        console.record(closed_boundary=vars(holes))
+        count = closed.n_cells - mesh.n_cells
+        console.say(f"surface closed by {count} triangles; it had {holes}")
         mesh = closed
     elif holes is not None:
         console.record(open_boundary=vars(holes))

@@ -92,7 +92,8 @@ class Steps:
         if self._talks and now - self._printed >= INTERVAL:
             passed = now - self._began
             left = remaining(passed, share)
-            self._line(f"{self._title()}, {passed:.0f} s{', ' if left else ''}{left}")
+            self._printed = now
+            self._say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")
 
     def following(self, name_of: Callable[[str], str | None]) -> ProgressCallback:
         """Return a progress callback whose texts divide the next step into parts.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshRepairWarning
-from adaptsize.remeshing.preparation import repair_mesh
+from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
 from adaptsize.typing import FloatArray, IntArray
 
 #: Loops of more edges are divided; the triangulation costs the cube of their number.
@@ -36,7 +36,7 @@ def close_holes(surface: SimplexMesh) -> SimplexMesh:
     -------
     SimplexMesh
         Coincident points are merged, and degenerate triangles dropped.  New triangles have the
-        tag 0 if the surface has ``cell_tags``.  Fields are not kept.
+        tag 0 if the surface has ``cell_tags``.  Nodal fields are kept, cell fields are not.
 
     Raises
     ------
@@ -67,13 +67,20 @@ def close_holes(surface: SimplexMesh) -> SimplexMesh:
     >>> closed.is_closed, closed.n_cells
     (True, 12)
     """
-    mesh = merged_surface(surface)
+    repaired = _repaired(surface)
+    mesh = repaired.mesh
     new = [fill_loop(mesh.points, loop) for loop in boundary_loops(mesh)]
     cells = np.concatenate([mesh.cells, *new]).astype(np.int32)
     tags = mesh.cell_tags
     if tags is not None:
         tags = np.concatenate([tags, np.zeros(len(cells) - mesh.n_cells, tags.dtype)])
-    closed = SimplexMesh(mesh.points, cells, cell_tags=tags, tag_names=mesh.tag_names)
+    closed = SimplexMesh(
+        mesh.points,
+        cells,
+        cell_tags=tags,
+        tag_names=mesh.tag_names,
+        point_data={name: values[repaired.nodes] for name, values in surface.point_data.items()},
+    )
     if not closed.is_closed:
         count = int((closed.facet_cell_counts == 1).sum())
         raise ValueError(
@@ -89,12 +96,16 @@ def close_holes(surface: SimplexMesh) -> SimplexMesh:
 
 def merged_surface(surface: SimplexMesh) -> SimplexMesh:
     """Return a surface without coincident points and useless triangles, without warnings."""
+    return _repaired(surface).mesh
+
+
+def _repaired(surface: SimplexMesh) -> RepairedMesh:
     check_type("surface", surface, SimplexMesh)
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in space, got {surface!r}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MeshRepairWarning)
-        return repair_mesh(surface).mesh
+        return repair_mesh(surface)
 
 
 def bodies_of(surface: SimplexMesh) -> npt.NDArray[np.intp]:
