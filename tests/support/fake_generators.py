@@ -54,6 +54,14 @@ def hang_with_stray(arrays, options):
     time.sleep(60)
 
 
+def crash_with_stray(arrays, options):
+    """Crash, with a child that has left the session and does not end."""
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
+    stray = subprocess.Popen(sleep, start_new_session=True)
+    Path(options["pid_file"]).write_text(f"{os.getpid()} {stray.pid}")
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
 def chatter(arrays, options):
     while True:
         print("x" * 100_000)
