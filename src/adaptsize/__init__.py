@@ -48,6 +48,8 @@ _HOMES = {
     "remesh": "remeshing",
     "mesh_from_distance": "remeshing",
     "size_conformity": "quality",
+    "check_mesh": "quality",
+    "MeshCheck": "quality",
     "adapt": "adaptation",
     "AdaptResult": "adaptation",
     "transfer_fields": "adaptation",

@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
+from adaptsize.quality.boundary import n_components
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 
 _KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -125,7 +126,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
         facet_tags=_counts(mesh.facet_tags),
         point_fields=tuple(mesh.point_data),
         cell_fields=tuple(mesh.cell_data),
-        n_components=_n_components(mesh),
+        n_components=n_components(mesh),
         n_boundary_facets=int((mesh.facet_cell_counts == 1).sum()),
         n_nonmanifold_facets=int((mesh.facet_cell_counts > 2).sum()),
         n_unused_points=mesh.n_points - len(used),
@@ -145,13 +146,3 @@ def _counts(tags: Any) -> dict[int, int]:
 
 def _counted(counts: dict[int, int]) -> str:
     return ", ".join(f"{tag} ({n})" for tag, n in counts.items()) or "none"
-
-
-def _n_components(mesh: SimplexMesh) -> int:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    i, j = mesh.edges.T
-    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(mesh.n_points,) * 2)
-    labels = connected_components(graph, directed=False)[1]
-    return len(np.unique(labels[mesh.cells[:, 0]]))
