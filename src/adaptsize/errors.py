@@ -4,6 +4,8 @@ Each is derived from a built-in class, so that ``except ValueError`` and the lik
 work without importing this module.
 """
 
+from typing import Any
+
 
 class MeshFileError(ValueError):
     """A file cannot be read as a mesh, or a mesh cannot be written as requested."""
@@ -23,6 +25,17 @@ class BackendError(RuntimeError):
 
 class BackendTimeoutError(BackendError):
     """A mesh generator did not finish within its time limit and was stopped."""
+
+
+class MeshingError(BackendError):
+    """No mesh met the demands of ``remesh(..., strict=True)``.
+
+    ``check`` is the `MeshCheck` of the last mesh, or None if there was none.
+    """
+
+    def __init__(self, message: str, check: Any = None):
+        super().__init__(message)
+        self.check = check
 
 
 class BackendUnavailableError(ImportError):

@@ -196,6 +196,10 @@ def test_children_of_a_crashed_generator_are_killed(fake, tmp_path):
         ("empty", "empty mesh"),
         ("not_finite", "not finite"),
         ("one_inverted", "1 inverted or flat cells"),
+        ("one_far_away", "another domain: its bounding box is off by"),
+        ("one_of_all", "another domain: its boundary is off by 0.33 of"),
+        ("without_first_cells", "another domain: its bounding box is off by 0.29 of"),
+        ("doubled", r"another domain: its measure differs by \+100%"),
     ],
 )
 def test_an_unusable_mesh_is_an_error(fake, function, message):
