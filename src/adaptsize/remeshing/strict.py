@@ -16,7 +16,7 @@ from adaptsize.remeshing.sizing import Size
 
 #: Tolerances passed to a generator, over the allowed one.  Generators keep a smaller tolerance than
 #: the one they are given, at most 2.2 times.
-_FACTORS = (1.0, 0.4, 0.15)
+_FACTORS, _LAST_FACTOR = (1.0, 0.4), 0.15
 #: Length of an error in the message about all routes.
 _LONGEST = 160
 
@@ -108,11 +108,12 @@ def _worst(check: MeshCheck) -> str:
 
 
 def routes(task: Task, backend: str, chosen: str, *, keep_facets: bool) -> Iterator[Route]:
-    """Yield the routes to try: smaller tolerances, then, for "auto", other generators."""
-    yield from (Route(chosen, factor) for factor in _FACTORS)
-    if backend != "auto":
-        return
-    for name, info in available_backends().items():
-        fits = info.installed and task in info.tasks and info.keeps_required_facets >= keep_facets
-        if fits and name not in (chosen, "gmsh"):  # Gmsh has no tolerance
-            yield from (Route(name, factor) for factor in _FACTORS[:2])
+    """Yield the routes to try: a smaller tolerance, for "auto" other generators, the smallest."""
+    names = [chosen]
+    if backend == "auto":
+        for name, info in available_backends().items():
+            fits = task in info.tasks and info.keeps_required_facets >= keep_facets
+            if info.installed and fits and name not in (chosen, "gmsh"):  # Gmsh has no tolerance
+                names.append(name)
+    yield from (Route(name, factor) for name in names for factor in _FACTORS)
+    yield Route(chosen, _LAST_FACTOR)  # takes long
