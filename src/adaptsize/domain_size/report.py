@@ -71,7 +71,7 @@ class SizeReport:
                 *parts,
                 f"g = {self.g:.3g}",
                 f"h from {least:.3g} to {self.largest:.3g} {limits}",
-                f"about {self.n_elements:.2g} elements",
+                f"about {float(f'{self.n_elements:.2g}'):.0f} elements",
             ]
         )
 

@@ -17,6 +17,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.frame import Frame
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.open_surface import warn_of_surface
 from adaptsize.remeshing.preparation import (
     Facets,
     as_required,
@@ -119,6 +120,9 @@ def remesh(
     -----
     MeshRepairWarning
         If points of a surface were merged or triangles dropped.
+    OpenSurfaceWarning
+        If a surface to be filled is open, or has bodies that are closer to each other than the
+        tolerance: what it encloses is then decided by the generator.  See `close_holes`.
     ResolutionWarning
         If ``strict`` and the first mesh did not meet the demands, with what was tried.
 
@@ -180,6 +184,8 @@ def remesh(
         )  # fmt: skip
         ways = routes(task, backend, chosen.name, keep_facets=required_facets is not None)
         return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, timeout)
+    if task == "surface to tetrahedra":
+        warn_of_surface(repaired.mesh, tolerance * repaired.mesh.diagonal)
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
     part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)

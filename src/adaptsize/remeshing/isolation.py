@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -28,6 +29,8 @@ import numpy.typing as npt
 from adaptsize.errors import BackendError, BackendTimeoutError
 
 _SUPERVISOR = "adaptsize._supervisor"
+#: The messages of the generators; they are silent unless its level is DEBUG.
+_LOGGER = logging.getLogger("adaptsize.remeshing")
 _POLL_SECONDS = 0.1
 _LAST_LINES = 8
 #: The supervisor has this long to end a job.
@@ -67,6 +70,8 @@ class IsolatedRunner:
     ) -> dict[str, npt.NDArray[Any]]:
         """Call ``module:name`` with (arrays, options) in a child; return the arrays it returns.
 
+        The option ``verbose`` is added: whether what the child prints will be logged.
+
         Raises
         ------
         BackendError
@@ -74,6 +79,7 @@ class IsolatedRunner:
         BackendTimeoutError
             If it was stopped at the deadline.
         """
+        options = {**options, "verbose": _LOGGER.isEnabledFor(logging.DEBUG)}
         # On Windows, a killed child may keep its files open a little longer.
         with tempfile.TemporaryDirectory(
             prefix="adaptsize-", ignore_cleanup_errors=True
@@ -84,6 +90,7 @@ class IsolatedRunner:
             result = folder / "result.npz"
             if code != 0 or not result.exists():
                 self._fail(folder, code)
+            _log_messages(self.backend, folder / "log.txt")
             with np.load(result, allow_pickle=False) as loaded:
                 return {name: loaded[name] for name in loaded.files}
 
@@ -108,7 +115,7 @@ class IsolatedRunner:
                 named: dict[str, Any] = dict(arrays)  # for mypy: savez has its own keywords
                 np.savez(folder / "job.npz", **named)
                 (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
-                _tell_to_start(child)
+                _start_job(child)
                 self._wait(child, folder / "log.txt", text)
             finally:  # also on an interrupt
                 code = _end(child)
@@ -145,6 +152,14 @@ class IsolatedRunner:
         raise BackendError(f"{self.backend} failed: {reason}{said}")
 
 
+def _log_messages(backend: str, log: Path) -> None:
+    """Log what a generator has printed, if that is wanted."""
+    if _LOGGER.isEnabledFor(logging.DEBUG):
+        for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.strip():
+                _LOGGER.debug("%s: %s", backend, line.strip())
+
+
 def _environment() -> dict[str, str]:
     """Return the environment of a child that can import what this process can import."""
     paths = [os.path.abspath(path) for path in sys.path]  # "" is the working directory
@@ -158,7 +173,7 @@ def _own_group() -> dict[str, Any]:
     return {"start_new_session": True}
 
 
-def _tell_to_start(child: subprocess.Popen[bytes]) -> None:
+def _start_job(child: subprocess.Popen[bytes]) -> None:
     assert child.stdin is not None
     with contextlib.suppress(BrokenPipeError):  # killed from outside: its exit code says so
         child.stdin.write(b"start\n")

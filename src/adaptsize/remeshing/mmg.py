@@ -169,7 +169,8 @@ def adapt(
             set_required = getattr(mesh, f"set_required_{facet_name}")
             set_required(required.astype(np.int32))
     mesh["metric"] = np.ascontiguousarray(arrays["sizes"].reshape(-1, 1))
-    settings = {"hausd": options["hausd"], "hgrad": options["hgrad"], "verbose": -1}
+    settings = {"hausd": options["hausd"], "hgrad": options["hgrad"]}
+    settings["verbose"] = 1 if options.get("verbose", False) else -1
     settings |= {"ar": options["ridge_angle"], "nosizreq": 1}
     if options["open_boundaries"] and cell_name == "tetrahedra":
         settings["opnbdy"] = 1
