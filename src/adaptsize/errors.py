@@ -4,8 +4,6 @@ Each is derived from a built-in class, so that ``except ValueError`` and the lik
 work without importing this module.
 """
 
-from typing import Any
-
 
 class MeshFileError(ValueError):
     """A file cannot be read as a mesh, or a mesh cannot be written as requested."""
@@ -33,7 +31,7 @@ class MeshingError(BackendError):
     ``check`` is the `MeshCheck` of the last mesh, or None if there was none.
     """
 
-    def __init__(self, message: str, check: Any = None):
+    def __init__(self, message: str, check: object = None):
         super().__init__(message)
         self.check = check
 

@@ -3,11 +3,9 @@
 import contextlib
 import logging
 import os
-import struct
 import sys
 import threading
 import warnings
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 
 import meshio
@@ -307,77 +305,6 @@ def test_a_last_number_that_may_lack_digits_is_refused(tmp_path, name, last_line
     assert read(file).n_cells == 4
 
 
-# ---------------------------------------------------------------- PLY
-
-
-PLY_OF_ALL_TYPES = """ply
-format ascii 1.0
-comment by hand
-element material 2
-property uchar red
-property list uchar float weights
-element vertex 5
-property float nx
-property double x
-property double y
-property double z
-property int id
-element face 3
-property uchar region
-property list uchar uint vertex_index
-property list uchar float texcoord
-end_header
-9 1 0.5
-9 2 0.5 0.5
-0 0 0 1 10
-0 1 0 1 11
-0 2 0.5 1 12
-0 1 1 1 13
-0 0 1 1 14
-7 3 0 1 3 0
-8 4 0 1 3 4 2 0.5 0.5
-6 5 0 1 2 3 4 0
-"""
-
-
-def as_binary_ply(content, order):
-    """Return the bytes of PLY_OF_ALL_TYPES in binary."""
-    header, body = content.split("end_header\n")
-    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
-    rows = [row.split() for row in body.splitlines()]
-    packed = []
-    for i, row in enumerate(rows):
-        if i < 2:
-            packed.append(
-                struct.pack(f"{order}BB{row[1]}f", *map(int, row[:2]), *map(float, row[2:]))
-            )
-        elif i < 7:
-            packed.append(struct.pack(f"{order}fdddi", *map(float, row[:4]), int(row[4])))
-        else:
-            n = int(row[1])
-            corners, rest = row[: 2 + n], row[2 + n :]
-            packed.append(struct.pack(f"{order}BB{n}I", *map(int, corners)))
-            packed.append(struct.pack(f"{order}B{rest[0]}f", int(rest[0]), *map(float, rest[1:])))
-    return header.replace("ascii", name).encode() + b"end_header\n" + b"".join(packed)
-
-
-@pytest.mark.parametrize("order", ["ascii", "<", ">"])
-def test_ply_elements_lists_and_fields_of_all_kinds_are_read(tmp_path, order):
-    file = tmp_path / "a.ply"
-    content = PLY_OF_ALL_TYPES
-    file.write_bytes(content.encode() if order == "ascii" else as_binary_ply(content, order))
-    with pytest.warns(MeshRepairWarning, match="1 quadrilaterals split"):
-        mesh = read(file)
-    assert mesh.points.tolist() == [[0, 0, 1], [1, 0, 1], [2, 0.5, 1], [1, 1, 1], [0, 1, 1]]
-    cells, tags = mesh.cells.tolist(), mesh.cell_tags.tolist()
-    assert cells[0] == [0, 1, 3]
-    assert cells[-3:] == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    assert {tuple(sorted(cell)) for cell in cells[1:3]} == {(0, 1, 3), (0, 3, 4)}
-    assert tags == [7, 8, 8, 6, 6, 6]
-    assert mesh.point_data["id"].tolist() == [10, 11, 12, 13, 14]
-    assert mesh.point_data["id"].dtype == np.int32
-
-
 # ---------------------------------------------------------------- other faults
 
 
@@ -406,40 +333,6 @@ def test_no_text_makes_the_stl_reader_slow(tmp_path, content):
     (tmp_path / "a.stl").write_bytes(content)
     with pytest.raises(MeshFileError, match="ascii STL"):
         read(tmp_path / "a.stl")
-
-
-def png(width, height):
-    def chunk(name, data):
-        check = struct.pack(">I", zlib.crc32(name + data))
-        return struct.pack(">I", len(data)) + name + data + check
-
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    pixels = zlib.compress(bytes(100))
-    return (
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
-    )
-
-
-def test_a_picture_of_too_many_pixels_is_refused(tmp_path):
-    pytest.importorskip("PIL")
-    (tmp_path / "a.png").write_bytes(png(20_000, 20_000))
-    with pytest.raises(MeshFileError, match=r"a\.png: .*400000000 pixels"):
-        read_image(tmp_path / "a.png")
-
-
-def test_damaged_archives_of_arrays_are_refused(tmp_path):
-    file = tmp_path / "a.npz"
-    np.savez(file, labels=np.eye(4, dtype=int))
-    content = file.read_bytes()
-    for n in range(0, len(content), 5):
-        file.write_bytes(content[:n])
-        with pytest.raises(MeshFileError, match=r"a\.npz: "):
-            read_image(file)
-    flipped = bytearray(content)
-    flipped[200] ^= 255  # inside the numbers: their checksum is wrong
-    file.write_bytes(flipped)
-    with pytest.raises(MeshFileError, match=r"a\.npz: .*CRC"):
-        read_image(file)
 
 
 def test_lack_of_memory_is_an_error_with_a_text(tmp_path, monkeypatch):
