@@ -225,7 +225,8 @@ def test_size_is_read_and_size_function(tmp_path, name):
     output = tmp_path / "h.vtu"
     assert call("size", DATA / name, "-o", output, "--hmin", "1") == 0
     size = size_function(read(DATA / name), hmin=1.0)
-    np.testing.assert_array_equal(read(output).point_data["h"], size.values)
+    # Iterations on surfaces amplify rounding, which may differ between two calls.
+    np.testing.assert_allclose(read(output).point_data["h"], size.values, rtol=1e-6)
 
 
 def test_missing_picture_is_told_and_the_result_is_written(capsys, monkeypatch, square):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,6 +31,7 @@ from adaptsize.cli.sources import parse_source
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
+    from adaptsize.cli.result import Outcome
 
 _BACKENDS = ("auto", "tetwild", "mmg", "gmsh")
 _TARGETS = ("auto", "tetrahedra", "triangles")
@@ -161,6 +162,11 @@ def remesh(
         outcome = outcome_of_remeshing(new, mesh, found, report, tolerance)
         draw(console, plot, new)
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
+    _print_report(console, outcome, written)
+
+
+def _print_report(console: Console, outcome: Outcome, written: list[dict[str, Any]]) -> None:
+    """Print how good the mesh is, the time of each step, and the files."""
     console.print(outcome)
     times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in console.times)
     console.print(f"{'time':10}{console.seconds:.1f} s: {times}")

@@ -162,6 +162,8 @@ def boundary_loops(surface: SimplexMesh) -> Iterator[list[int]]:
 
 def fill_loop(points: FloatArray, loop: Sequence[int]) -> IntArray:
     """Return triangles of small total area inside a loop of nodes, int32[n, 3]."""
+    if len(loop) == 3:
+        return np.asarray([loop], np.int32)
     if len(loop) <= _MOST_AT_ONCE:
         nodes = np.asarray(loop, np.int32)
         return nodes[_least_area(points[nodes])]

@@ -21,6 +21,8 @@ from adaptsize.typing import FloatArray
 
 #: Pairs of bodies whose distance is measured, those with the closest boxes first.
 _MOST_PAIRS = 200
+#: Coordinates of a mean smaller than this times the diagonal are 0.
+_ROUNDING = 1e-12
 #: Surfaces with more bodies than this are not examined for bodies that nearly touch.
 _MOST_BODIES = 2000
 
@@ -38,7 +40,7 @@ class OpenBoundary:
     length: float
     """Length of the loop around the largest area; 0 if there is no loop."""
     place: tuple[float, ...]
-    """Mean position of that loop, or of the open edges."""
+    """Mean of the nodes of that loop, or of the open edges."""
 
     def __str__(self) -> str:
         """Return counts and the largest hole."""
@@ -56,7 +58,7 @@ class NearBodies:
     """Components of a surface that are closer to each other than a tolerance."""
 
     n_pairs: int
-    """Number of pairs of components."""
+    """Number of pairs of components.  At most 200 are examined, those with the closest boxes."""
     distance: float
     """Smallest distance of a node, midpoint or centroid to the other component."""
     place: tuple[float, ...]
@@ -88,32 +90,33 @@ def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | N
     --------
     >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     >>> print(open_boundary(SimplexMesh(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])))
-    3 open edges in 1 loop, 3.414 long around (0.3536, 0.3536, 0)
+    3 open edges in 1 loop, 3.414 long around (0.3333, 0.3333, 0)
     """
     within = as_number("within", within, lower=0.0)
     mesh = merged_surface(surface)
     if mesh.is_closed:
         return None
-    n_in_loops, n_edges, loops = 0, 0, []
+    n_in_loops, n_edges, n_loops = 0, 0, 0
+    largest, length, around = 0.0, 0.0, None
     for loop in boundary_loops(mesh):
         n_in_loops += len(loop)
-        triangles = fill_loop(mesh.points, loop)
-        area = float(SimplexMesh(mesh.points, triangles).measures.sum())
-        ends = mesh.points[np.stack([loop, np.roll(loop, -1)])]
-        lengths = np.linalg.norm(ends[0] - ends[1], axis=1)
-        length = float(lengths.sum())
-        if area > 0.5 * within * length:
-            n_edges += len(loop)
-            place = np.average(0.5 * (ends[0] + ends[1]), axis=0, weights=lengths)
-            loops.append((area, length, place))
+        a, b, c = mesh.points[fill_loop(mesh.points, loop)].transpose(1, 0, 2)
+        area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        ends = mesh.points[loop]
+        whole = float(np.linalg.norm(ends - np.roll(ends, -1, axis=0), axis=1).sum())
+        if area > 0.5 * within * whole:
+            n_edges, n_loops = n_edges + len(loop), n_loops + 1
+            if area > largest:
+                largest, length, around = area, whole, ends
     open_edges = mesh.facets[mesh.facet_cell_counts == 1]
     n_loose = len(open_edges) - n_in_loops
-    if n_loose == 0 and not loops:
+    if n_loose == 0 and n_loops == 0:
         return None
-    length, place = 0.0, mesh.points[open_edges].mean(axis=(0, 1))
-    if loops:
-        _, length, place = max(loops, key=lambda loop: loop[0])
-    return OpenBoundary(n_edges + n_loose, len(loops), n_loose, length, tuple(place.tolist()))
+    if around is None:
+        around = mesh.points[np.unique(open_edges)]
+    place = around.mean(axis=0)
+    place[np.abs(place) < _ROUNDING * mesh.diagonal] = 0.0
+    return OpenBoundary(n_edges + n_loose, n_loops, n_loose, length, tuple(place.tolist()))
 
 
 def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
