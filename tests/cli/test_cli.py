@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -308,12 +309,43 @@ def test_a_reader_that_leaves_early_is_no_error(unbuffered):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
 def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
-    pipe = tmp_path / "never.vtu"
-    os.mkfifo(pipe)
-    child = program("info", pipe)
-    writer = os.open(pipe, os.O_WRONLY)  # waits for the reader, who then waits for ever
+    (tmp_path / "meshio.py").write_text(
+        "import pathlib, time\n"
+        "pathlib.Path(__file__).with_name('reading').touch()\n"
+        "time.sleep(60)\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    child = program("info", DATA / "lshape.vtu", env={**os.environ, "PYTHONPATH": path})
+    while not (tmp_path / "reading").exists():
+        assert child.poll() is None
+        time.sleep(0.01)
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
-    os.close(writer)
     assert child.returncode == 130
     assert (out, err) == ("", "adaptsize: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["typer", "adaptsize.cli.entry"])
+def test_ctrl_c_during_the_imports_gives_no_traceback(tmp_path, module):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {module!r}: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    command = [sys.executable, "-m", "adaptsize", "info", "a.vtu"]
+    child = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=False
+    )
+    assert child.returncode == 130
+    assert b"Traceback" not in child.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+def test_closed_streams_are_no_error(closed):
+    command = f'"{sys.executable}" -m adaptsize info "{DATA / "lshape.vtu"}" {closed}'
+    child = subprocess.run(command, shell=True, capture_output=True, check=False)
+    assert (child.returncode, child.stderr) == (0, b"")

@@ -15,7 +15,7 @@ from adaptsize._checks import as_sizes, refuse_where
 from adaptsize._formats import gmsh_names, sizes, stl, xdmf
 from adaptsize._formats.blocks import UNTAGGED
 from adaptsize._formats.quietness import quiet
-from adaptsize._formats.readers import foreign_failures, reason
+from adaptsize._formats.readers import FOREIGN_FAILURES, reason
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
@@ -115,7 +115,7 @@ def _write_with_meshio(path: Path, content: Content, file_format: str, **options
                 content.points, content.blocks, content.point_data, content.cell_data
             )
             meshio.write(path, mesh, file_format=file_format, **options)
-        except foreign_failures() as error:
+        except FOREIGN_FAILURES as error:
             text = reason(error, printed.getvalue())
             raise MeshFileError(f"cannot be written ({text})") from error
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from typing import Literal
 
@@ -33,6 +34,7 @@ from adaptsize.remeshing.sizing import (
     as_size,
     known_points,
 )
+from adaptsize.remeshing.strict import remesh_strictly, routes
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 Target = Literal["auto", "tetrahedra", "triangles"]
@@ -50,6 +52,7 @@ def remesh(
     required_facets: npt.ArrayLike | None = None,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,
+    strict: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SimplexMesh:
     """Return a new mesh of the same domain with the requested edge lengths.
@@ -86,6 +89,9 @@ def remesh(
         If the sizes require more elements than this, no generator is started.
     timeout : float or None
         Seconds after which the generators are stopped.  None disables the limit.
+    strict : bool
+        Whether the mesh must meet all demands of `check_mesh`, with the same tolerance.  If it
+        does not, smaller tolerances and other generators are tried.
     progress : callable, bool or None
         Called with a text and None while generators work.  True shows a progress bar.
 
@@ -107,7 +113,8 @@ def remesh(
         If no installed generator can do this.  The message says how to install one.
     BackendError
         If the generator failed.  The message has its last lines of output.
-        BackendTimeoutError if it was stopped.
+        BackendTimeoutError if it was stopped, MeshingError if ``strict`` and no mesh meets the
+        demands.
 
     Warns
     -----
@@ -116,6 +123,8 @@ def remesh(
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that are closer to each other than the
         tolerance: what it encloses is then decided by the generator.  See `close_holes`.
+    ResolutionWarning
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.
 
     Notes
     -----
@@ -168,6 +177,13 @@ def remesh(
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
     wanted = as_size(size, mesh, g=g, hmax=hmax)
     repaired = repair_mesh(mesh)
+    if strict:
+        attempt = partial(
+            remesh, mesh, size, target=target, g=g, hmax=hmax, required_facets=required_facets,
+            max_elements=max_elements, progress=progress,
+        )  # fmt: skip
+        ways = routes(task, backend, chosen.name, keep_facets=required_facets is not None)
+        return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, timeout)
     if task == "surface to tetrahedra":
         warn_of_surface(repaired.mesh, tolerance * repaired.mesh.diagonal)
     frame = Frame.around(repaired.mesh)
