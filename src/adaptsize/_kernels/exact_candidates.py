@@ -12,7 +12,8 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.exact_items import FLAT
+from adaptsize._kernels.exact import fill_values
+from adaptsize._kernels.linear_data import FLAT
 from adaptsize._kernels.local_updates import distance
 
 # Gradients below g by less than this are treated as steep, so that rounding loses no source.
@@ -407,3 +408,44 @@ def list_faces(points, axes, cells, steep, h0, h, g, faces):
                 faces[count, 3], faces[count, 4] = allows, o
             count += 1
     return count
+
+
+@kernel
+def keep_undominated(points, axes, rows, h0, source, table, g, edges, faces, block, keep):
+    """Find the edges or faces that no source of one of their vertices dominates.
+
+    For convex domains.  The size that an entry allows is a convex function, and h0 is linear on
+    the edge (face).  Hence it is below h0 everywhere if it is below h0 at all vertices.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    axes : tuple of length dim
+    rows : int32[m, k]
+        Nodes of the edges or faces, padded with -1.
+    h0 : float64[n]
+    source : int32[n]
+        The entry from which the size of each node grows, -1 if there is none.
+    table, g, edges, faces, block
+        As in `exact.lower_sizes`.
+    keep : bool[m]
+        Out.
+    """
+    values = block.values
+    for r in range(rows.shape[0]):
+        keep[r] = True
+        count = 0
+        for v in range(rows.shape[1]):
+            if rows[r, v] >= 0:
+                count += 1
+                for d in range(len(axes)):
+                    block.x[d, v] = points[rows[r, v], d]
+        for v in range(count):
+            k = source[rows[r, v]]
+            if k < 0 or not keep[r]:
+                continue
+            fill_values(table, k, axes, block.x, count, g, values, block.share, edges, faces)
+            keep[r] = False
+            for w in range(count):
+                if not values[w] < h0[rows[r, w]]:
+                    keep[r] = True

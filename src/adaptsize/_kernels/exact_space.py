@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.exact import BLOCK, SLACK, gather_block
-from adaptsize._kernels.exact_items import allowed, set_vertices
+from adaptsize._kernels.exact import BLOCK, SLACK, gather
+from adaptsize._kernels.local_updates import minimum_on_edge, minimum_on_triangle
 from adaptsize._kernels.space_bends import LONGEST, Edges, length_between, length_from, straighten
 from adaptsize._kernels.space_sight import AHEAD, CACHED, without_hidden, without_leaving
 from adaptsize._kernels.trees import DEPTH, LEAF
@@ -41,10 +41,8 @@ _END = 1e-12
 class Bases(NamedTuple):
     """Sources and nodes of reflex edges, from which paths start."""
 
-    places: np.ndarray
-    """float64[b, 3, 3]: vertices of each."""
-    sizes: np.ndarray
-    """float64[b, 3]: sizes there."""
+    table: np.ndarray
+    """float64[b, 12]: vertices of each and sizes there (see exact.py)."""
     counts: np.ndarray
     """int8[b]: 1, 2 or 3 vertices."""
     nodes: np.ndarray
@@ -124,8 +122,8 @@ def _estimate_straight(bases, base, x, count, g, values):
     if bases.counts[base] > 1:
         values[:count] = -math.inf
         return
-    bx, by, bz = bases.places[base, 0, 0], bases.places[base, 0, 1], bases.places[base, 0, 2]
-    size = bases.sizes[base, 0]
+    table = bases.table
+    bx, by, bz, size = table[base, 0], table[base, 1], table[base, 2], table[base, 9]
     for i in range(count):
         dx, dy, dz = x[0, i] - bx, x[1, i] - by, x[2, i] - bz
         values[i] = size + g * math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -178,6 +176,20 @@ def _put_bends(ways, w, feet, level, active, m):
 
 
 @inner
+def _allowed(bases, base, work, g):
+    """Return the size that an edge or face allows at work[0], and the weights of the minimum.
+
+    ``work``: float64[4, 3], rows 1 to 3 the vertices.
+    """
+    axes, x, a = (0, 0, 0), 0, 1
+    sa, sb, sc = bases.table[base, 9], bases.table[base, 10], bases.table[base, 11]
+    if bases.counts[base] == 2:
+        value, t = minimum_on_edge(work, axes, x, a, a + 1, sa, sb, g)
+        return value, t, 0.0
+    return minimum_on_triangle(work, axes, x, a, a + 1, a + 2, sa, sb, sc, g, True)
+
+
+@inner
 def _put_base(bases, base, level, m, g, faces, block, starts):
     """Set the points of a base from which feet[level] are reached, and the sizes there.
 
@@ -188,17 +200,19 @@ def _put_base(bases, base, level, m, g, faces, block, starts):
         for k in range(m):
             i = block.active[k]
             for d in range(3):
-                feet[level + 1, d, i] = bases.places[base, 0, d]
-            starts[i] = bases.sizes[base, 0]
+                feet[level + 1, d, i] = bases.table[base, d]
+            starts[i] = bases.table[base, 9]
             support[0, i], support[1, i], support[2, i] = bases.nodes[base, 0], -1, -1
         return
     work = np.empty((4, 3))
-    set_vertices(bases, base, (0, 0, 0), work)
+    for v in range(3):
+        for d in range(3):
+            work[1 + v, d] = bases.table[base, 3 * v + d]
     for k in range(m):
         i = block.active[k]
         for d in range(3):
             work[0, d] = feet[level, d, i]
-        value, t, u = allowed(bases, base, (0, 0, 0), work, g, faces)
+        value, t, u = _allowed(bases, base, work, g)
         for d in range(3):
             place = work[1, d] + t * (work[2, d] - work[1, d])
             if count == 3:
@@ -437,7 +451,7 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
     for start in range(span[0], span[1], span[2]):
         stop = min(start + span[2], span[1])
         count = stop - start
-        gather_block(points, (0, 0, 0), order, start, stop, block.feet[0], block.box)
+        gather(points, (0, 0, 0), order, start, count, block.feet[0], block.box)
         queued = _first_tries(order, start, count, hints, recent, queue)
         for i in range(count):
             p = order[start + i]

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import boundary as kernels
-from adaptsize._kernels.sight import ANY, NARROW, WIDE, Sectors
+from adaptsize._kernels.sight import ANY, NARROW, WIDE
 from adaptsize._kernels.topology import join_cells
 from adaptsize.background.topology import unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -63,8 +63,11 @@ class PlaneBoundary(NamedTuple):
     walls: FloatArray
     """float64[w, 4]: start and end of each straight piece, the domain to the left."""
     rows: IntArray
-    """int32[n_points]: row of each node in ``sectors``, -1 inside."""
-    sectors: Sectors
+    """int32[n_points]: row of each node of the boundary, -1 inside."""
+    first: IntArray
+    """int32[b + 1]: the sectors of the node in row b are ``first[b]`` to ``first[b + 1] - 1``."""
+    sectors: FloatArray
+    """float64[k, 5]: cones of the sectors (see sight.py)."""
     corners: IntArray
     """int32[c]: nodes at which shortest paths may bend."""
     free: BoolArray
@@ -285,22 +288,20 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     if not regular.all():
         several, fans = _fans(mesh, boundary, nodes[~regular])
         owner, cones = np.concatenate([i, several]), np.concatenate([cones, fans])
-    rows, sectors, angles = _sectors(n, nodes, owner, cones)
+    rows, first, sectors, angles = _sectors(n, nodes, owner, cones)
     if boundary.alias is not None:
         rows = rows[boundary.alias]
 
-    turn = np.maximum.reduceat(angles, sectors.first[:-1])
+    turn = np.maximum.reduceat(angles, first[:-1])
     is_end = np.ones(n, np.bool_)
     is_end[nodes[regular & (np.abs(turn - np.pi) < FLAT)]] = False
     walls = np.empty((len(start), 4))
     count = kernels.merge_walls(
         points, start, end, leaving[end], is_end[start], is_end, slack, walls
     )
-    counts = np.diff(sectors.first)
-    kinds = sectors.kinds[sectors.first[:-1]]
-    bends = is_end[nodes] & ((counts != 1) | (turn > np.pi) | (kinds == ANY))
-    free = (counts != 1) | (kinds == ANY)
-    return PlaneBoundary(walls[:count], rows, sectors, nodes[bends], free[bends], slack)
+    free = (np.diff(first) != 1) | (sectors[first[:-1], 4] == ANY)
+    bends = is_end[nodes] & (free | (turn > np.pi))
+    return PlaneBoundary(walls[:count], rows, first, sectors, nodes[bends], free[bends], slack)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
@@ -312,7 +313,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 def _sectors(
     n: int, nodes: IntArray, owner: IntArray, cones: FloatArray
-) -> tuple[IntArray, Sectors, FloatArray]:
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Return the rows of nodes, their sectors, and the angles of the sectors, 0 to 2 pi."""
     order = np.argsort(owner, kind="stable")
     owner, cones = owner[order], cones[order]
@@ -323,9 +324,9 @@ def _sectors(
     dot = cones[:, 0] * cones[:, 2] + cones[:, 1] * cones[:, 3]
     angles = np.mod(np.arctan2(cross, dot), 2.0 * np.pi)
     angles[angles < FLAT] = 2.0 * np.pi  # both faces of a slit: a sector has some width
-    kinds = np.where(angles > np.pi, WIDE, NARROW).astype(np.int8)
+    kinds = np.where(angles > np.pi, WIDE, NARROW)
     kinds[(cones == 0.0).all(axis=1)] = ANY
-    return rows, Sectors(first.astype(np.int32), cones, kinds), angles
+    return rows, first.astype(np.int32), np.column_stack([cones, kinds]), angles
 
 
 def _fans(
