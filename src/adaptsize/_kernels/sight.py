@@ -168,6 +168,21 @@ def _meets_shaft(boxes, b, shaft):
 
 
 @lean
+def _is_on_both_sides(ends, w, shaft, slack):
+    """Return whether a shaft has points strictly on either side of the line of wall w."""
+    nx, ny = ends[w, 1] - ends[w, 3], ends[w, 2] - ends[w, 0]
+    at = nx * ends[w, 0] + ny * ends[w, 1]
+    low, high = math.inf, -math.inf
+    for time in (0.0, 1.0):
+        left, right = nx * (shaft[0] + time * shaft[4]), nx * (shaft[2] + time * shaft[6])
+        under, over = ny * (shaft[1] + time * shaft[5]), ny * (shaft[3] + time * shaft[7])
+        low = min(low, min(left, right) + min(under, over))
+        high = max(high, max(left, right) + max(under, over))
+    margin = 1.5 * slack * (abs(nx) + abs(ny))  # the shaft has some slack around, too
+    return low < at - margin and high > at + margin
+
+
+@lean
 def _without_crossing(sight, w, x, feet, sides, which, m):
     """Remove points from ``which`` that wall w hides from their feet; return the number left."""
     left = 0
@@ -217,6 +232,8 @@ def without_hidden(sight, x, feet, sides, which, m, stack, shaft, cached):
             size += 2
             continue
         for w in range((b - n_leaves) * LEAF, min(n_walls, (b - n_leaves + 1) * LEAF)):
+            if not _is_on_both_sides(sight.ends, w, shaft, sight.slack):
+                continue
             left = _without_crossing(sight, w, x, feet, sides, which, m)
             if left < m:
                 cached[w % CACHED] = w

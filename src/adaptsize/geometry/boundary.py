@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 #: Largest angle (radians) by which the boundary of a convex domain may turn inwards.
 FLAT = 1e-9
 
+# Cells with a smaller ratio of measure to the power of the longest edge have no measure.
+_NO_MEASURE = 1e-12
+
 # Facets that close up to less than this angle (radians) may lie on each other.
 _FOLDED = 1e-6
 
@@ -85,23 +88,14 @@ def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
 
 
 def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -> FlatBoundary:
-    n, dim = points.shape
-    axes = (0,) * dim
+    n = len(points)
     sums, flat = _sums(points, cells, threads)
     if flat and may_merge:
         merged, alias = _without_short_edges(points, cells)
         if alias is not None:
             return _walls(points, merged, 1, False)._replace(alias=alias)
-    room = 64 + 8 * int(np.count_nonzero(sums))  # more is needed only where facets pile up
-    while True:
-        rows = np.empty((room, dim), np.int32)
-        side, cell = np.empty(room, np.int8), np.empty(room, np.int32)
-        count = kernels.list_facets(points, axes, cells, sums, rows, side, cell)
-        if count <= room:
-            break
-        room = count
-    rows, side, cell = rows[:count], side[:count], cell[:count]
-    if count == 0:  # only folds
+    rows, side, cell = _facets_at(points, cells, sums != 0)
+    if len(rows) == 0:  # only folds
         return FlatBoundary(rows, cell, False)
     unique, group = unique_rows(rows, n)
     if (side == 0).any():
@@ -142,6 +136,52 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
     for own in every[1:]:
         sums += own
     return sums, any(flats)
+
+
+def _facets_at(
+    points: FloatArray, cells: IntArray, marked: BoolArray
+) -> tuple[IntArray, npt.NDArray[np.int8], IntArray]:
+    """Return the facets all of whose nodes are marked, once for each of their cells.
+
+    Returns
+    -------
+    facets : int32[f, dim]
+        Nodes, ascending.
+    side : int8[f]
+        1 if the normal of the facet points out of its cell, -1 if into it, 0 if the cell has no
+        measure.
+    cell : int32[f]
+        Its cell.
+    """
+    dim = cells.shape[1] - 1
+    near = _cells_with(cells, marked, dim)
+    own = cells[near]
+    on = marked[own]
+    at, opposite = np.nonzero(on.all(axis=1)[:, None] | ~on)
+    nodes = own[at[:, None], (opposite[:, None] + np.arange(1, dim + 1)) % (dim + 1)]
+    pairs = [(v, w) for w in range(dim) for v in range(w)]
+    is_odd = np.logical_xor.reduce([nodes[:, v] > nodes[:, w] for v, w in pairs])
+    if dim == 3:
+        is_odd ^= opposite % 2 == 1
+    edges = points[own[:, 1:]] - points[own[:, :1]]
+    others = [points[own[:, v]] - points[own[:, w]] for v in range(2, dim + 1) for w in range(1, v)]
+    longest = np.linalg.norm(np.concatenate([edges, np.stack(others, axis=1)], axis=1), axis=2)
+    longest = longest.max(axis=1, initial=0.0)
+    edges /= np.where(longest > 0.0, longest, 1.0)[:, None, None]
+    measure: FloatArray = np.linalg.det(edges)
+    side = np.where(is_odd != (measure < 0.0)[at], -1, 1).astype(np.int8)
+    side[(np.abs(measure) < _NO_MEASURE)[at]] = 0
+    return np.sort(nodes, axis=1), side, near[at]
+
+
+def _cells_with(cells: IntArray, marked: BoolArray, least: int) -> IntArray:
+    """Return the cells with at least so many marked nodes."""
+    found = np.empty(64 + 8 * int(np.count_nonzero(marked)), np.int32)  # enough but for piles
+    count = kernels.list_cells(cells, marked, least, found)
+    if count > len(found):
+        found = np.empty(count, np.int32)
+        kernels.list_cells(cells, marked, least, found)
+    return found[:count]
 
 
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray | None]:
@@ -340,8 +380,7 @@ def _fans(
     """
     marked = np.zeros(mesh.n_points, np.bool_)
     marked[nodes] = True
-    around = np.empty(mesh.n_cells, np.int32)
-    around = around[: kernels.list_cells_at(mesh.cells, marked, around)]
+    around = _cells_with(mesh.cells, marked, 1)
     at_wall = marked[boundary.facets].any(axis=1)
     walls = {tuple(sorted(pair)) for pair in boundary.facets[at_wall].tolist()}
     after: dict[int, dict[int, int]] = {i: {} for i in nodes.tolist()}

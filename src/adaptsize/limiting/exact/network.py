@@ -14,7 +14,7 @@ from adaptsize._kernels.space_bends import LONGEST
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.limiting.exact.reflex_edges import GRAZING, Knots
 from adaptsize.limiting.exact.waves import node_table
-from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks
+from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, read_only
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 SIZE = 32
@@ -77,10 +77,12 @@ class Network:
         tried = np.full(len(points), -1, np.int32) if hints is None else hints
         faces = self.faces
         size = size or (BLOCK if hints is not None else SIZE)
+        places, along = read_only(points), read_only(order)
 
         def task(first: int, last: int) -> None:
-            given = (points, nodes, order, (first, last, size), self.ways, choice, tried)
-            kernels.lower_by_ways(*given, self.sight, self.g, field, faces)
+            span = (first, last, size)
+            given = (places, nodes, along, span, self.ways, choice, tried)
+            kernels.lower_by_ways(*given, self.sight, self.g, field, faces, kernels.new_block())
 
         in_chunks(task, len(order), threads, report or _silent)
 
@@ -165,14 +167,14 @@ class Network:
         # If the outside lies straight ahead, a path that bends here is not shortest.
         ok = (over.min(axis=2) <= GRAZING).any(axis=0) & ~nil.all(axis=0)
         side = over.argmin(axis=2)
-        shade = np.empty((len(node), 3, 3))
-        shade[:, 0] = np.where(
+        shade = np.empty((len(node), 9))
+        shade[:, :3] = np.where(
             (side[0] == side[1])[:, None], normals[np.arange(len(node)), side[0]], 0.0
         )
         for end in range(2):
             beside = np.cross(ahead[end], along)
             turned = np.einsum("ra,ra->r", beside, self.knots.obstacles[edge]) < 0.0
-            shade[:, 1 + end] = np.where(turned[:, None], -beside, beside)
+            shade[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -beside, beside)
         self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
         self.ways = Ways(
             ways.bases,
@@ -234,7 +236,7 @@ def network_of(table: FloatArray, nodes: IntArray, g: float, sight: Sight, knots
         none.copy(),
         np.zeros((m + k, 2)),
         table[:, 9:].min(axis=1),
-        np.zeros((m + k, 3, 3)),
+        np.zeros((m + k, 9)),
         np.zeros(m + k, np.bool_),
     )
     return Network(g, sight, knots, ways, m, np.zeros(m + k, np.int32))
