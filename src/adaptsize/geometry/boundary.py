@@ -26,19 +26,14 @@ from adaptsize._kernels import boundary as kernels
 from adaptsize._kernels.sight import ANY, NARROW, WIDE
 from adaptsize._kernels.topology import join_cells
 from adaptsize.background.topology import unique_rows
+from adaptsize.geometry.convexity import FLAT
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-#: Largest angle (radians) by which the boundary of a convex domain may turn inwards.
-FLAT = 1e-9
-
 # Cells with a smaller ratio of measure to the power of the longest edge have no measure.
 _NO_MEASURE = 1e-12
-
-# Facets that close up to less than this angle (radians) may lie on each other.
-_FOLDED = 1e-6
 
 # Smallest number of cells for a second thread.
 _MANY_CELLS = 100_000
@@ -146,32 +141,39 @@ def _facets_at(
     Returns
     -------
     facets : int32[f, dim]
-        Nodes, ascending.
+        Nodes.
     side : int8[f]
-        1 if the normal of the facet points out of its cell, -1 if into it, 0 if the cell has no
-        measure.
+        1 if the normal of the facet, its nodes in ascending order, points out of its cell, -1 if
+        into it, 0 if the cell has no measure.
     cell : int32[f]
         Its cell.
     """
     dim = cells.shape[1] - 1
     near = _cells_with(cells, marked, dim)
     own = cells[near]
-    on = marked[own]
-    at, opposite = np.nonzero(on.all(axis=1)[:, None] | ~on)
+    on = marked[own.T]
+    at, opposite = np.nonzero((on.all(axis=0) | ~on).T)
     nodes = own[at[:, None], (opposite[:, None] + np.arange(1, dim + 1)) % (dim + 1)]
-    pairs = [(v, w) for w in range(dim) for v in range(w)]
-    is_odd = np.logical_xor.reduce([nodes[:, v] > nodes[:, w] for v, w in pairs])
+    is_odd = nodes[:, 0] > nodes[:, 1]
     if dim == 3:
-        is_odd ^= opposite % 2 == 1
-    edges = points[own[:, 1:]] - points[own[:, :1]]
-    others = [points[own[:, v]] - points[own[:, w]] for v in range(2, dim + 1) for w in range(1, v)]
-    longest = np.linalg.norm(np.concatenate([edges, np.stack(others, axis=1)], axis=1), axis=2)
-    longest = longest.max(axis=1, initial=0.0)
-    edges /= np.where(longest > 0.0, longest, 1.0)[:, None, None]
-    measure: FloatArray = np.linalg.det(edges)
-    side = np.where(is_odd != (measure < 0.0)[at], -1, 1).astype(np.int8)
-    side[(np.abs(measure) < _NO_MEASURE)[at]] = 0
-    return np.sort(nodes, axis=1), side, near[at]
+        is_odd ^= (nodes[:, 1] > nodes[:, 2]) ^ (nodes[:, 0] > nodes[:, 2]) ^ (opposite % 2 == 1)
+    measure = _relative_measures(points, own)[at]
+    side = np.where(is_odd != (measure < 0.0), -1, 1).astype(np.int8)
+    side[np.abs(measure) < _NO_MEASURE] = 0
+    return nodes, side, near[at]
+
+
+def _relative_measures(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Return signed determinants of cells whose longest edge at the first node has length 1."""
+    corners = [points.T[:, nodes] for nodes in cells.T]
+    edges = [corner - corners[0] for corner in corners[1:]]
+    longest = np.sqrt(np.maximum.reduce([np.einsum("ij,ij->j", e, e) for e in edges]))
+    scale = 1.0 / np.where(longest > 0.0, longest, 1.0)
+    a, b, *more = [e * scale for e in edges]
+    if not more:
+        return np.asarray(a[0] * b[1] - a[1] * b[0])
+    normal = [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
+    return np.asarray(sum(n * c for n, c in zip(normal, more[0], strict=True)))
 
 
 def _cells_with(cells: IntArray, marked: BoolArray, least: int) -> IntArray:
@@ -211,101 +213,6 @@ def _without_flat_cells(
         if len(lost) == 0:
             return kept
         kept &= ~((side == 0) & np.isin(cell, lost))
-
-
-def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
-    """Return whether the domain within a boundary is convex, to 1e-9 radians.
-
-    The test is rigorous: folds, cracks, holes and several components are all detected.  The domain
-    can only end at a wall, and a closed boundary that never turns inwards and winds around once
-    is that of a convex domain.
-    """
-    if not boundary.is_simple or len(boundary.facets) == 0:
-        return False
-    if points.shape[1] == 2:
-        angles = turns_in_plane(points, boundary.facets)[1]
-        if not bool((angles >= -FLAT).all()):
-            return False
-        return abs(float(angles.sum()) - 2.0 * np.pi) < 1e-3
-    turns = turns_of(points, boundary)
-    if not bool((turns.angles >= -FLAT).all()):
-        return False
-    corners = points[boundary.facets]
-    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-    mixed = (
-        la * lb * lc
-        + np.einsum("ij,ij->i", a, b) * lc
-        + np.einsum("ij,ij->i", b, c) * la
-        + np.einsum("ij,ij->i", c, a) * lb
-    )
-    # Solid angles of the facets, seen from the middle (van Oosterom and Strackee).
-    around = 2.0 * np.arctan2(volume, mixed)
-    return bool((volume >= 0.0).all()) and abs(float(around.sum()) - 4.0 * np.pi) < 1e-3
-
-
-def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return the nodes of walls and the angle by which the boundary turns there.
-
-    Positive where the domain is convex; nan unless one wall enters and one leaves.
-    """
-    n = len(points)
-    nodes = np.unique(facets)
-    once = np.bincount(facets.T[0], minlength=n)[nodes] == 1
-    once &= np.bincount(facets.T[1], minlength=n)[nodes] == 1
-    before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    after[facets[:, 0]] = facets[:, 1]
-    before[facets[:, 1]] = facets[:, 0]
-    into, out = points[nodes] - points[before[nodes]], points[after[nodes]] - points[nodes]
-    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
-    dot = np.einsum("ij,ij->i", into, out)
-    degenerate = ~once | ((cross == 0.0) & (dot <= 0.0))
-    return nodes, np.where(degenerate, np.nan, np.arctan2(cross, dot))
-
-
-class Turns(NamedTuple):
-    """Turning angles of the boundary of a solid at its edges."""
-
-    ridges: IntArray
-    """int32[r, 2]"""
-    angles: FloatArray
-    """float64[r]: positive where the domain is convex, nan where not two facets meet."""
-
-
-def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
-    """Return the angle between the two facets at each edge of the boundary of a solid."""
-    facets = boundary.facets
-    corners = points[facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
-    n_facets = len(facets)
-    ends = np.concatenate([facets[:, [v, (v + 1) % 3]] for v in range(3)])
-    apex = np.concatenate([facets[:, (v + 2) % 3] for v in range(3)])
-    owner = np.tile(np.arange(n_facets), 3)
-    forward = ends[:, 0] < ends[:, 1]
-    edges, number = unique_rows(ends, len(points))
-    regular = (np.bincount(number) == 2) & (np.bincount(number, weights=forward) == 1.0)
-    first = np.zeros(len(edges), np.int64)
-    second = np.zeros(len(edges), np.int64)
-    first[number[forward]] = np.flatnonzero(forward)
-    second[number[~forward]] = np.flatnonzero(~forward)
-    has_area = (areas > 0.0)[:, None]
-    units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
-    normal, other = units[owner[first]], units[owner[second]]
-    rise = np.einsum("ij,ij->i", normal, points[apex[second]] - points[edges[:, 0]])
-    sine = np.linalg.norm(np.cross(normal, other), axis=1)
-    cosine = np.einsum("ij,ij->i", normal, other)
-    angles = np.arctan2(sine, cosine)
-    angles = np.where(rise > 0.0, -angles, angles)
-    # Coincident facets: the end of a crack, which turns inwards, or a cell without volume.
-    bad = (
-        ~regular
-        | ((cosine < 0.0) & (sine < _FOLDED))
-        | (areas[owner[first]] == 0.0)
-        | (areas[owner[second]] == 0.0)
-    )
-    return Turns(edges, np.where(bad, np.nan, angles))
 
 
 def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:

@@ -14,7 +14,8 @@ from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.splitting_grid import both_ways
-from adaptsize.geometry.boundary import FlatBoundary, flat_boundary, is_convex
+from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
+from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact.again import solve_again
 from adaptsize.limiting.exact.field import ExactField, Points

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize._kernels import exact_candidates as kernels
+from adaptsize._kernels import kinks
 from adaptsize._kernels.exact import new_block
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
@@ -43,9 +44,9 @@ def sources_on_cells(
     """Return the edges and faces of steep cells that may be sources."""
     mesh, h0 = problem.mesh, problem.h0
     given = (mesh.points, (0,) * mesh.dim, problem.cells, steep, h0, h, problem.g)
-    parts = [_listed(kernels.list_edges, given, 2)]
+    parts = [_listed(kinks.list_edges, given, 2)]
     if mesh.dim == 3:
-        parts.append(_listed(kernels.list_faces, given, 3))
+        parts.append(_listed(kinks.list_faces, given, 3))
     named = np.full((sum(map(len, parts)), mesh.dim), -1, np.int32)
     named[: len(parts[0]), :2] = parts[0]
     if mesh.dim == 3:
@@ -116,7 +117,7 @@ def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-d
         rows = rows[np.argsort(group, kind="stable")]
         first = np.concatenate([[0], np.cumsum(np.bincount(group))])
         blocked = np.empty(len(unique), np.bool_)
-        kernels.mark_blocked(points, rows, first, h0, g, blocked)
+        kinks.mark_blocked(points, rows, first, h0, g, blocked)
         kept &= ~blocked
     chosen: IntArray = unique[kept]
     return chosen

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
-from adaptsize._kernels.exact_space import Bases, Choice, Field, Ways
 from adaptsize._kernels.space_bends import LONGEST
+from adaptsize._kernels.space_paths import Bases, Choice, Field, Ways, new_block
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.limiting.exact.reflex_edges import GRAZING, Knots
 from adaptsize.limiting.exact.waves import node_table
@@ -82,7 +82,7 @@ class Network:
         def task(first: int, last: int) -> None:
             span = (first, last, size)
             given = (places, nodes, along, span, self.ways, choice, tried)
-            kernels.lower_by_ways(*given, self.sight, self.g, field, faces, kernels.new_block())
+            kernels.lower_by_ways(*given, self.sight, self.g, field, faces, new_block())
 
         in_chunks(task, len(order), threads, report or _silent)
 

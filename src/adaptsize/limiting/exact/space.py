@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 
-from adaptsize._kernels.exact_space import Field
+from adaptsize._kernels.space_paths import Field
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.network import Network, key_of, network_of
