@@ -11,12 +11,7 @@ turned, the *image*, and s and d those of x, the path is not shorter than
 
 The length is this one if all edges of the chain are in one plane pairwise; otherwise the bends
 are improved by Newton's method.  Sizes are computed from the actual pieces of the path, each of
-which is tested for visibility; no size is too small.
-
-*Visibility*: a triangle of the boundary hides two points from each other if they lie strictly, by
-more than rounding, on either side of it and the line between them meets it, its border included.
-In addition, the direction must lie in a cell at nodes of the boundary, and on the inner side of one
-of the two faces at reflex edges.
+which is tested for visibility (space_sight.py); no size is too small.
 """
 
 import math

@@ -2,7 +2,8 @@
 
 A triangle of the boundary hides two points from each other if they lie strictly, by more
 than rounding, on either side of it and the line between them meets it, its border
-included.  At nodes of the boundary, the direction must also lie in a cell.
+included.  At nodes of the boundary, the direction must also lie in a cell, and at reflex edges on
+the inner side of one of the two faces.
 """
 
 import math
