@@ -291,14 +291,8 @@ def _promise(boxes, b, x, sizes, count, g):
     paths to one point do.
     """
     value = boxes[b, 6]
-    lx, ly, lz, hx, hy, hz = (
-        boxes[b, 0],
-        boxes[b, 1],
-        boxes[b, 2],
-        boxes[b, 3],
-        boxes[b, 4],
-        boxes[b, 5],
-    )
+    lx, ly, lz = boxes[b, 0], boxes[b, 1], boxes[b, 2]
+    hx, hy, hz = boxes[b, 3], boxes[b, 4], boxes[b, 5]
     found = 0
     if value == math.inf:
         return found
