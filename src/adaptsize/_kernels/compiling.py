@@ -62,7 +62,7 @@ def _refuse_damaged_files(index: Any) -> None:
     index._load_data = load_whole_data
 
 
-def _cached(**options: bool) -> Callable[[Any], Any]:
+def _cached(**options: Any) -> Callable[[Any], Any]:
     """Return a decorator like numba's, with a cache that sees changes in all files beside."""
     compiled = _njit(cache=True, nogil=True, no_cfunc_wrapper=True, **options)
 
@@ -84,6 +84,10 @@ kernel = _cached()
 
 #: For functions called from kernels only; Python cannot call them.
 inner = _cached(no_cpython_wrapper=True)
+
+#: For kernels that allocate no arrays, and do not count references, and what they call.
+lean_kernel = _cached(_nrt=False, error_model="numpy")
+lean = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True)
 
 #: For small parts of one kernel that has no time for a call with many arrays.
 part = _njit(inline="always", no_cfunc_wrapper=True, no_cpython_wrapper=True)

@@ -11,7 +11,8 @@ from adaptsize._kernels import fast_marching_higher, headings
 from adaptsize._kernels.edge_based import largest_edge_slope
 from adaptsize._kernels.fast_marching import fill_stars
 from adaptsize._kernels.fast_marching_higher import ONE_LIMIT, PER_CELL, PER_NODE
-from adaptsize.geometry.boundary import FLAT, flat_boundary, is_convex, turns_in_plane
+from adaptsize.geometry.boundary import flat_boundary
+from adaptsize.geometry.convexity import FLAT, is_convex, turns_in_plane
 from adaptsize.limiting.solution import Solution, relative_to_largest
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
