@@ -20,10 +20,11 @@ from adaptsize._checks import (
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.image import GridSpline, smooth_mask
-from adaptsize.geometry.distance.implicit import Implicit, implicit_distance
+from adaptsize.geometry.distance.implicit import implicit_distance
 from adaptsize.geometry.distance.propagation import AnyBackground
 from adaptsize.geometry.distance.reinitialization import reinitialize
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
+from adaptsize.geometry.implicit_surface import Implicit, checked
 from adaptsize.typing import FloatArray, ProgressCallback
 
 Method: TypeAlias = Literal["projection", "reinitialization"]
@@ -232,12 +233,7 @@ def _as_implicit(
 ) -> tuple[Implicit, FloatArray]:
     """Return a function whose zero level is the boundary, and its values at the nodes."""
     if callable(boundary):
-
-        def function(points: FloatArray) -> FloatArray:
-            values = as_float_array("boundary(points)", boundary(points), (len(points),))
-            refuse_where("boundary(points)", ~np.isfinite(values), values, "must be finite")
-            return values
-
+        function = checked(boundary)
         if isinstance(background, CartesianGrid):
             return function, background.sample(function)
         return function, function(background.points)

@@ -90,7 +90,7 @@ class SurfaceBoundary:
             feet[part], distance[part] = self._nearest(points[part])
             report("distance", min(1.0, (first + _CHUNK) / len(points)))
         inside = inside_surface(background, self.surface, distance, report)
-        return _depths(points, feet, distance, inside)
+        return depths_of(points, feet, distance, inside)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return distances without sign."""
@@ -103,7 +103,7 @@ class SurfaceBoundary:
         inside = np.ones(len(points), np.bool_) if is_inside is None else is_inside.copy()
         unknown = slice(None) if is_inside is None else ~is_inside
         inside[unknown] = self._winding.contains(points[unknown])
-        return _depths(points, feet, distance, inside)
+        return depths_of(points, feet, distance, inside)
 
     def _nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         nodes, weights, distance = self.surface.locator.weights(points)
@@ -136,7 +136,7 @@ class OwnBoundary(SurfaceBoundary):
         assert isinstance(background, SimplexMesh)
         on_it = background.boundary().nodes
         feet[on_it], distance[on_it] = background.points[on_it], 0.0
-        return _depths(background.points, feet, distance, np.ones(len(feet), np.bool_))
+        return depths_of(background.points, feet, distance, np.ones(len(feet), np.bool_))
 
 
 class FunctionBoundary:
@@ -209,9 +209,10 @@ class FunctionBoundary:
         return values
 
 
-def _depths(
+def depths_of(
     points: FloatArray, feet: FloatArray, distance: FloatArray, inside: BoolArray
 ) -> Depths:
+    """Return depths of points with given closest points, distances and sides."""
     depth = np.where(inside, distance, -distance)
     way = feet - points
     length = np.linalg.norm(way, axis=1)
