@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from adaptsize._checks import describe
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import Octree
 from adaptsize.domain_size.on_octree import (
     Shape,
     adapted,
-    leaf_reach,
     limited_on_octree,
+    longest_edges,
     size_on_octree,
 )
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
+from adaptsize.errors import ResolutionWarning
 from adaptsize.geometry.distance.closest_points import Depths
 from adaptsize.geometry.distance.zero_level import boundary_of, is_distance
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
@@ -39,7 +42,7 @@ _CORNER_ANGLE = 30.0
 # A boundary that turns by more than the crease angle within this share of the diagonal, or within
 # the given hmin if that is smaller, has a corner.
 _SMALLEST_SHARE = 1e-3
-# Longest and shortest steps for curvatures, in diagonals of leaves and in that length.
+# Longest and shortest steps for curvatures, in edges of cells and in that length.
 _LONGEST_STEP = 0.1
 _SHORTEST_STEP = 0.1
 
@@ -65,6 +68,11 @@ class ImplicitDomain:
         If the request would be relaxed because of the number of elements, the octree is not
         refined further.
         """
+        if not (self.is_fixed or request.h0 is None or callable(request.h0)):
+            raise ValueError(
+                "h0 must be a function for a domain whose background is chosen, "
+                f"got {describe(request.h0)}"
+            )
         shape = self._first(request)
         limits = request.limits(_diagonal(shape))
         for _ in range(_MOST_ROUNDS):
@@ -74,7 +82,10 @@ class ImplicitDomain:
             if self.is_fixed or too_many:
                 break
             tree = adapted(shape, h, limits[0], request)
-            if tree is None or tree.n_leaves > MAX_LEAVES[self.dim]:
+            if tree is None:
+                break
+            if tree.n_leaves > MAX_LEAVES[self.dim]:
+                _warn_of_leaves(shape.tree, tree)
                 break
             shape = self._shape(tree, request)
         return size_on_octree(shape, h), report
@@ -115,8 +126,8 @@ class ImplicitDomain:
         smallest = _SMALLEST_SHARE * tree.diagonal
         if request.hmin is not None:
             smallest = min(request.hmin, smallest)
-        reach = leaf_reach(tree)[inner.nodes]
-        near = np.abs(nodes.depth[inner.nodes]) <= reach
+        reach = longest_edges(inner.mesh)
+        near = nodes.depth[inner.nodes] <= reach
         feet = nodes.feet(tree.points)[inner.nodes[near]]
         kappa = largest_curvature(
             self.function, feet, _LONGEST_STEP * reach[near], least_step=_SHORTEST_STEP * smallest
@@ -125,6 +136,16 @@ class ImplicitDomain:
         curvature = np.full(len(inner.nodes), np.nan)
         curvature[near] = kappa
         return curvature
+
+
+def _warn_of_leaves(tree: Octree, wanted: Octree) -> None:
+    warnings.warn(
+        f"the background has {tree.n_leaves} leaves, and {wanted.n_leaves} would be more than the "
+        f"{MAX_LEAVES[tree.dim]} allowed: between its nodes, sizes may be off by more than 5 %; "
+        "raise hmin, or give a background",
+        ResolutionWarning,
+        stacklevel=5,
+    )
 
 
 def _diagonal(shape: Shape) -> float:

@@ -14,19 +14,19 @@ from adaptsize.domain_size.report import NONE, SizeReport
 from adaptsize.domain_size.request import Request, limit_requested
 from adaptsize.geometry.distance.closest_points import Depths
 from adaptsize.geometry.medial.feature_size_on_octree import InnerCells
-from adaptsize.typing import BoolArray, FloatArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Tolerance for sizes interpolated between the nodes, relative to the size.
 TOLERANCE = 0.05
-# No leaf is longer than this many sizes, ...
-_EDGE_OVER_SIZE = 1.4
+# No leaf is longer than this many sizes, in the plane and in space, ...
+_EDGE_OVER_SIZE = {2: 1.0, 3: 1.2}
 # ... or than this many radii of the boundary that passes through it.
 _EDGE_OVER_RADIUS = 0.5
 # Shorter leaves, in sizes, hold the tolerance for sizes with any gradient that is usual.
 _SHORTEST_OVER_SIZE = 0.2
 # Leaves are refined if the error on their parents is above this many tolerances.  The error on
 # them is at most about half of that.  This is repeated until none is above the second number.
-_ON_PARENT, _LARGEST_ON_PARENT = 1.4, 1.8
+_ON_PARENT = {2: (0.8, 1.2), 3: (1.4, 1.8)}
 # No size is smaller, in diagonals of the box.
 _LEAST_SIZE = 1e-6
 # A leaf is halved at most so often at once.
@@ -52,11 +52,11 @@ class Shape(NamedTuple):
     boundary does not pass through a leaf at the node."""
 
 
-def leaf_reach(tree: Octree) -> FloatArray:
-    """Return the largest diagonal of the leaves at each node, float64[n_points]."""
-    reach = np.zeros(tree.n_points)
-    np.maximum.at(reach, tree.leaf_corners, np.linalg.norm(tree.leaf_sizes, axis=1)[:, None])
-    return reach
+def longest_edges(mesh: SimplexMesh) -> FloatArray:
+    """Return the length of the longest edge at each node, float64[n_points]."""
+    longest = np.zeros(mesh.n_points)
+    np.maximum.at(longest, mesh.edges, mesh.edge_lengths[:, None])
+    return longest
 
 
 def limited_on_octree(
@@ -72,7 +72,37 @@ def limited_on_octree(
     bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
     h, report = limit_requested(inner.mesh, bounds, limits, request, weights)
+    h = _extrapolated(inner, h, request.g)
     return h, _on_tree(shape, h, report)
+
+
+def _extrapolated(inner: InnerCells, h: FloatArray, g: float) -> FloatArray:
+    """Return sizes that are lower at outside nodes where they fall towards the boundary.
+
+    Limited sizes grow outwards from the boundary.  Interpolated between an inside and an outside
+    node, they would be too large on the boundary.  They are replaced by those that the gradient
+    in the cells that are completely inside gives, if these are smaller.
+    """
+    mesh, inside = inner.mesh, inner.inside
+    whole = mesh.cells[inside[mesh.cells].all(axis=1)]
+    gradient, counts = np.zeros(mesh.points.shape), np.zeros(mesh.n_points)
+    slopes = _gradients(mesh, h, whole)
+    for column in whole.T:
+        np.add.at(gradient, column, slopes)
+        np.add.at(counts, column, 1.0)
+    gradient /= np.maximum(counts, 1.0)[:, None]
+    total, links = np.zeros(mesh.n_points), np.zeros(mesh.n_points)
+    for i, o in (mesh.edges.T, mesh.edges[:, ::-1].T):
+        used = (counts[i] > 0.0) & ~inside[o]
+        way = mesh.points[o[used]] - mesh.points[i[used]]
+        change = np.einsum("nd,nd->n", gradient[i[used]], way)
+        away = g * np.linalg.norm(way, axis=1)
+        np.add.at(total, o[used], h[i[used]] + np.clip(change, -away, away))
+        np.add.at(links, o[used], 1.0)
+    known = links > 0.0
+    result = h.copy()
+    result[known] = np.minimum(h[known], (total / np.maximum(links, 1.0))[known])
+    return np.maximum(result, _LEAST_SHARE * h)
 
 
 def _size_of_curvature(shape: Shape, per_radian: float, g: float) -> FloatArray:
@@ -95,13 +125,16 @@ def _slopes(mesh: SimplexMesh, values: FloatArray, known: BoolArray) -> FloatArr
     """Return the mean length of the gradients in the cells at each node whose values are known."""
     cells = mesh.cells[known[mesh.cells].all(axis=1)]
     slopes, counts = np.zeros(mesh.n_points), np.zeros(mesh.n_points)
-    if len(cells):
-        edges = mesh.points[cells[:, 1:]] - mesh.points[cells[:, :1]]
-        rise = values[cells[:, 1:]] - values[cells[:, :1]]
-        gradient = np.linalg.solve(edges, rise[:, :, None])[:, :, 0]
-        np.add.at(slopes, cells, np.linalg.norm(gradient, axis=1)[:, None])
-        np.add.at(counts, cells, 1.0)
+    np.add.at(slopes, cells, np.linalg.norm(_gradients(mesh, values, cells), axis=1)[:, None])
+    np.add.at(counts, cells, 1.0)
     return np.asarray(slopes / np.maximum(counts, 1.0))
+
+
+def _gradients(mesh: SimplexMesh, values: FloatArray, cells: IntArray) -> FloatArray:
+    """Return the gradient of nodal values in some cells, float64[n, dim]."""
+    edges = mesh.points[cells[:, 1:]] - mesh.points[cells[:, :1]]
+    rise = values[cells[:, 1:]] - values[cells[:, :1]]
+    return np.asarray(np.linalg.solve(edges, rise[:, :, None])[:, :, 0])
 
 
 def _measures_inside(mesh: SimplexMesh, phi: FloatArray) -> FloatArray:
@@ -152,25 +185,26 @@ def at_nodes(shape: Shape, h: FloatArray) -> FloatArray:
 def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octree | None:
     """Return an octree that is finer where sizes need it, or None if they need it nowhere."""
     tree = shape.tree
+    longest, (wanted, largest) = _EDGE_OVER_SIZE[tree.dim], _ON_PARENT[tree.dim]
     requested = np.maximum(_requested(shape, h, hmin, request), _LEAST_SIZE * tree.diagonal)
     edges = tree.leaf_sizes.max(axis=1)
     least = requested[tree.leaf_corners].min(axis=1)
     with np.errstate(divide="ignore"):  # inf outside
-        times = np.ceil(np.log2(edges / (_EDGE_OVER_SIZE * least)))
+        times = np.ceil(np.log2(edges / (longest * least)))
     times = np.clip(times, 0, _MOST_HALVINGS).astype(np.int64)
     can = (times == 0) & (edges > _SHORTEST_OVER_SIZE * least)
     error = np.where(can, leaf_errors(shape, h), 0.0)
     error[can & _is_double(shape, h)[tree.leaf_corners].any(axis=1)] = np.inf
-    if not times.any() and error.max() <= _LARGEST_ON_PARENT * TOLERANCE:
+    if not times.any() and error.max() <= largest * TOLERANCE:
         return None
-    times[error > _ON_PARENT * TOLERANCE] = 1
+    times[error > wanted * TOLERANCE] = 1
     finite = np.where(np.isfinite(requested), requested, tree.diagonal)
 
     def within(centres: FloatArray, sizes: FloatArray) -> BoolArray:
         size = tree.locator.interpolate(finite, centres)[0]
         depth = tree.locator.interpolate(shape.nodes.depth, centres)[0]
         inside = depth > -0.5 * np.linalg.norm(sizes, axis=1)
-        return np.asarray(inside & (sizes.max(axis=1) > _EDGE_OVER_SIZE * size))
+        return np.asarray(inside & (sizes.max(axis=1) > longest * size))
 
     return refined(tree, times, within)
 
