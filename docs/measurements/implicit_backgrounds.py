@@ -39,7 +39,7 @@ def ellipse(x):
 
 def ellipse_size(x):
     """Return the least of 1 / (K kappa) at a point of the boundary, plus g times the distance."""
-    t = np.linspace(0.0, 2.0 * np.pi, 20_001)
+    t = np.linspace(0.0, 2.0 * np.pi, 4_001)
     points = np.column_stack([np.cos(t), 0.25 * np.sin(t)])
     radius = (np.sin(t) ** 2 + (0.25 * np.cos(t)) ** 2) ** 1.5 / 0.25
     return least(x, points, radius / K)

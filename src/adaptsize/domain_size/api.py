@@ -108,8 +108,9 @@ def size_function(
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
         Carries the sizes.  The default depends on the domain.  For tetrahedra and triangles in
         the plane it is the mesh itself.  For a surface it is a copy, refined where its
-        triangles are long.  For a closed polyline or a callable it is a grid around the domain,
-        and for an image the grid of its pixels.  For a level set it must be a grid.
+        triangles are long.  For a closed polyline it is a grid around the domain, and for an
+        image the grid of its pixels.  For a callable it is an octree in ``box``, refined until
+        sizes between its nodes are right within 5 %.  For a level set it must be a grid.
     box : tuple (lower, upper), optional
         Corners of a box around the domain, for callables without ``background``.
     elements_per_radian : float, optional
@@ -131,7 +132,8 @@ def size_function(
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
         Further upper bounds: an array with a value per node of the background (of ``domain``,
-        if ``background`` is not given), or a function of points.
+        if ``background`` is not given), or a function of points.  For a callable domain without
+        ``background`` it must be a function.
     max_elements : float, default 300 000
         Limit on the predicted number of elements.  To stay within it, those of
         ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin`` and ``hmax`` that are
@@ -160,12 +162,14 @@ def size_function(
     Warns
     -----
     ResolutionWarning
-        If the given parameters require more than ``max_elements`` elements.
+        If the given parameters require more than ``max_elements`` elements, or if the octree of
+        a callable domain would need more leaves than allowed for an error of 5 %.
 
     Notes
     -----
     If the background is a mesh of the domain or a grid, sizes do not propagate from one part of
-    the domain to another through the outside.  On other backgrounds they do.
+    the domain to another through the outside, and neither do they for a callable domain.  On
+    other backgrounds they do.
 
     References
     ----------
