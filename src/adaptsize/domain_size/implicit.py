@@ -12,6 +12,7 @@ from adaptsize._checks import describe
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import Octree
 from adaptsize.domain_size.on_octree import (
+    Beside,
     Shape,
     adapted,
     limited_on_octree,
@@ -21,7 +22,6 @@ from adaptsize.domain_size.on_octree import (
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
-from adaptsize.geometry.distance.closest_points import Depths
 from adaptsize.geometry.distance.zero_level import boundary_of, is_distance
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
 from adaptsize.geometry.medial.axis_on_octree import SEPARATION_ANGLE, medial_axis_on_mesh
@@ -42,6 +42,10 @@ _CORNER_ANGLE = 30.0
 # A boundary that turns by more than the crease angle within this share of the diagonal, or within
 # the given hmin if that is smaller, has a corner.
 _SMALLEST_SHARE = 1e-3
+# The curvature jumps between two points if its values differ by more than this factor; the jump is
+# found to the number of bisections.
+_AT_JUMP = 0.75
+_HALVINGS = 5
 # Longest and shortest steps for curvatures, in edges of cells and in that length.
 _LONGEST_STEP = 0.1
 _SHORTEST_STEP = 0.1
@@ -116,26 +120,68 @@ class ImplicitDomain:
         everywhere, width = feature_size_around(
             tree.mesh, boundary, nodes, medial, inner, None, report
         )
-        curvature = self._curvature(tree, nodes, inner, request)
-        return Shape(tree, nodes, inner, width, everywhere, curvature)
+        feet = nodes.feet(tree.points)[inner.nodes]
+        curvature = self._curvature_near(tree, nodes.depth[inner.nodes], inner, feet, request)
+        beside = self._beside(tree, inner, feet, curvature, request)
+        return Shape(tree, nodes, inner, width, everywhere, curvature, beside)
+
+    def _curvature_near(
+        self,
+        tree: Octree,
+        depth: FloatArray,
+        inner: InnerCells,
+        feet: FloatArray,
+        request: Request,
+    ) -> FloatArray:
+        """Return the curvature at the closest points of nodes near the boundary, else nan."""
+        reach = longest_edges(inner.mesh)
+        near = depth <= reach
+        curvature = np.full(len(depth), np.nan)
+        curvature[near] = self._curvature(tree, feet[near], reach[near], request)
+        return curvature
 
     def _curvature(
-        self, tree: Octree, nodes: Depths, inner: InnerCells, request: Request
+        self, tree: Octree, points: FloatArray, reach: FloatArray, request: Request
     ) -> FloatArray:
-        """Return the curvature at the closest points of nodes near the boundary."""
+        """Return the curvature at points next to the boundary, 0 at corners."""
         smallest = _SMALLEST_SHARE * tree.diagonal
         if request.hmin is not None:
             smallest = min(request.hmin, smallest)
-        reach = longest_edges(inner.mesh)
-        near = nodes.depth[inner.nodes] <= reach
-        feet = nodes.feet(tree.points)[inner.nodes[near]]
         kappa = largest_curvature(
-            self.function, feet, _LONGEST_STEP * reach[near], least_step=_SHORTEST_STEP * smallest
+            self.function, points, _LONGEST_STEP * reach, least_step=_SHORTEST_STEP * smallest
         )
         kappa[kappa * smallest > np.radians(request.crease_angle)] = 0.0
-        curvature = np.full(len(inner.nodes), np.nan)
-        curvature[near] = kappa
-        return curvature
+        return kappa
+
+    def _beside(
+        self,
+        tree: Octree,
+        inner: InnerCells,
+        feet: FloatArray,
+        curvature: FloatArray,
+        request: Request,
+    ) -> Beside:
+        """Return how far large curvatures extend from one closest point towards the next.
+
+        Where the curvature jumps, as at the ends of rounded edges, the size is controlled from the
+        place of the jump.  It is found by bisection.
+        """
+        edges, lengths = inner.mesh.edges, inner.mesh.edge_lengths
+        ends = curvature[edges]
+        jumps = ends.min(axis=1) < _AT_JUMP * ends.max(axis=1)  # False with nan
+        edges, lengths, ends = edges[jumps], lengths[jumps], ends[jumps]
+        order = np.argsort(ends, axis=1)
+        low, high = np.take_along_axis(edges, order, axis=1).T
+        largest = ends.max(axis=1)
+        kappa, share, step = largest.copy(), np.zeros(len(low)), 0.5
+        for _ in range(_HALVINGS):
+            at = (1.0 - share - step)[:, None] * feet[high] + (share + step)[:, None] * feet[low]
+            there = self._curvature(tree, at, step * lengths, request)
+            goes_on = there >= _AT_JUMP * largest
+            kappa[goes_on], share[goes_on] = there[goes_on], share[goes_on] + step
+            step *= 0.5
+        away = (1.0 - share) * np.linalg.norm(feet[low] - feet[high], axis=1)
+        return Beside(low, kappa, away)
 
 
 def _warn_of_leaves(tree: Octree, wanted: Octree) -> None:

@@ -35,6 +35,15 @@ _MOST_HALVINGS = 3
 _LEAST_SHARE = 0.5
 
 
+class Beside(NamedTuple):
+    """Larger curvatures of the boundary near the closest points of nodes."""
+
+    nodes: IntArray
+    """Numbers among the nodes of the inner cells."""
+    curvature: FloatArray
+    distance: FloatArray
+
+
 class Shape(NamedTuple):
     """A domain as seen on an octree."""
 
@@ -48,8 +57,9 @@ class Shape(NamedTuple):
     everywhere: FloatArray
     """Local feature size at the nodes of the octree, inf where the domain is not next to them."""
     curvature: FloatArray
-    """Of the closest point of the boundary, at the nodes of the inner cells; nan where the
-    boundary does not pass through a leaf at the node."""
+    """Of the closest point of the boundary, at the nodes of the inner cells; nan far from it."""
+    beside: Beside
+    """Larger curvatures at points between the closest points."""
 
 
 def longest_edges(mesh: SimplexMesh) -> FloatArray:
@@ -115,6 +125,8 @@ def _size_of_curvature(shape: Shape, per_radian: float, g: float) -> FloatArray:
     kappa, depth = shape.curvature, shape.nodes.depth[shape.inner.nodes]
     with np.errstate(divide="ignore"):
         size = np.where(kappa > 0.0, 1.0 / (per_radian * kappa), np.inf)
+    beside = shape.beside
+    np.minimum.at(size, beside.nodes, 1.0 / (per_radian * beside.curvature) + g * beside.distance)
     known = np.isfinite(size)
     m = _slopes(shape.inner.mesh, np.where(known, size, 0.0), known)
     slope = np.where(depth < 0.0, np.sqrt(np.maximum(g**2 - m**2, 0.0)), g)
