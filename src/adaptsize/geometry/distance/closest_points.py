@@ -22,13 +22,15 @@ DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 # Points between two progress reports: about 0.2 s.
 _CHUNK = 20_000
-# Step of finite differences, as a share of the extent.  The rounding error, 1e-16 / 1e-6, is as
-# small as the error due to a kink nearby.
-_STEP_SHARE = 1e-6
+# Step of finite differences, as a share of the extent.  The error of rounding is 1e-16 / 1e-7.
+# Steps must be much shorter than the smallest part of an edge on which a kink is located.
+_STEP_SHARE = 1e-7
 # If the length of a gradient differs from 1 by more, the difference mixes several fronts.
 _MIXED = 1e-3
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
+# If that mixes fronts, too, at these multiples of the offset.
+_TIMES_BESIDE = (1.0, -1.0, 2.5, -2.5)
 # The distance of a foot from the boundary must be below this share of that of the node, and ...
 _FOOT_SHARE = 0.01
 # ... at least this share of the nodes must have a foot: all except those at the medial axis.
@@ -186,9 +188,11 @@ class FunctionBoundary:
         gradient = self._gradient(points)
         length = np.linalg.norm(gradient, axis=1)
         # Differences across a kink mix two fronts; next to the kink there is only one.
-        mixed = np.flatnonzero(np.abs(length - 1.0) > _MIXED)
-        if len(mixed):
-            beside = self._step * _BESIDE[: points.shape[1]]
+        for times in _TIMES_BESIDE:
+            mixed = np.flatnonzero(np.abs(length - 1.0) > _MIXED)
+            if len(mixed) == 0:
+                break
+            beside = times * self._step * _BESIDE[: points.shape[1]]
             gradient[mixed] = self._gradient(points[mixed] + beside)
             length[mixed] = np.linalg.norm(gradient[mixed], axis=1)
         outward = gradient / np.where(length > 0.0, length, 1.0)[:, None]
