@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from adaptsize.background import Octree, SimplexMesh
@@ -12,6 +13,10 @@ from adaptsize.geometry.distance.projection import project
 from adaptsize.geometry.implicit_surface import Implicit, gradient_of
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
+# Step of the gradient at samples, in their spacings.
+_STEP = 1e-3
+# Number of samples around a point whose tangent planes are compared.
+_CANDIDATES = 8
 # Step of the gradient for the test of a distance, as a share of the extent.
 _STEP_SHARE = 1e-6
 # A function is a distance if the length of its gradient differs from 1 by less, at this share of
@@ -40,6 +45,9 @@ class ZeroLevelBoundary:
     def __init__(self, function: Implicit, background: Octree, values: FloatArray) -> None:
         self._function = function
         self._samples, self._spacings = crossings_of(background, function, values)
+        gradient = gradient_of(function, self._samples, _STEP * self._spacings)[1]
+        steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
+        self._normals = gradient / steep[:, None]
         self._tree = cKDTree(self._samples)
 
     def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
@@ -62,9 +70,23 @@ class ZeroLevelBoundary:
         return depths_of(points, feet, distance, self._function(points) <= 0.0)
 
     def _feet(self, points: FloatArray, report: ProgressCallback) -> FloatArray:
-        nearest = self._tree.query(points)[1]
+        nearest = self._starts(points)
         spacings = self._spacings[nearest]
         return project(self._function, points, self._samples[nearest], spacings, report)
+
+    def _starts(self, points: FloatArray) -> npt.NDArray[np.intp]:
+        """Return for each point the sample whose tangent plane is nearest, among near samples.
+
+        At corners, the nearest sample may lie on another piece than the closest point.
+        """
+        count = min(_CANDIDATES, len(self._samples))
+        near = self._tree.query(points, k=count)[1].reshape(len(points), count)
+        away = points[:, None, :] - self._samples[near]
+        height = np.abs(np.einsum("nkd,nkd->nk", away, self._normals[near]))
+        distance = np.linalg.norm(away, axis=2)
+        beside = distance**2 - height**2 <= self._spacings[near] ** 2
+        best = np.where(beside, height, distance).argmin(axis=1)
+        return np.asarray(near[np.arange(len(points)), best])
 
 
 def _silent(text: str, share: float | None) -> None:
