@@ -124,13 +124,8 @@ def limit_gradient(
         * ``"exact"`` computes each size directly from the bounds visible from the node.  It
           needs a flat domain and a single number g or a function g(h).  The result is exact
           to rounding in convex domains and in the plane; see the notes.
-        * ``"factored"`` needs triangles in the plane and a smooth g: a number, or one per
-          node.
-        * ``"hermite"`` needs triangles, in the plane or in space; it propagates gradients
-          with the sizes.
         * ``"fast-marching"`` is of first order and monotone, and works on every background.
-        * ``"auto"`` takes the first of these four that applies.  If g is given per cell, it
-          takes fast marching.
+        * ``"auto"`` takes the exact method where it applies, else fast marching.
         * ``"positive-coefficient"``, on meshes, is the iteration of Barth and Sethian [2]_.
         * ``"hamilton-jacobi"``, on grids, is the upwind iteration of [1]_.
         * ``"edge-based"`` computes shortest paths along edges.  It does not converge and is
