@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import one_of
+from adaptsize._checks import as_path, check_type, one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._size_function import SizeFunction
@@ -96,7 +96,7 @@ def read(
     >>> mesh.point_data["h"]
     array([0.1, 0.2, 0.3, 0.2])
     """
-    file = Path(path)
+    file = as_path("path", path)
     if kind is not None:
         one_of("kind", kind, tuple(KINDS))
     _check_readable(file)
@@ -173,22 +173,21 @@ def write(
     the plane and tetrahedra.
     """
     # Resolve links, except to pipes: /dev/stdout may lead to one, which has no path.
-    target = Path(os.path.realpath(path)) if not _is_special(Path(path)) else Path(path)
-    chosen = writers.format_of(Path(path), file_format)
+    path = as_path("path", path)
+    target = Path(os.path.realpath(path)) if not _is_special(path) else path
+    chosen = writers.format_of(path, file_format)
     background, nodal = _parts_of(obj, fields)
     needed = list(nodal)
     if chosen.holds_fields and not chosen.only_sizes:
         nodal = _growth_of(obj, background.n_points) | nodal
     if needed and not chosen.holds_fields:
         raise ValueError(
-            f"{Path(path).name} cannot hold nodal fields, got {', '.join(needed)}; "
+            f"{path.name} cannot hold nodal fields, got {', '.join(needed)}; "
             "write .vtu, or a .sol with the sizes for a .mesh"
         )
     others = [name for name in needed if name != "h"]
     if others and chosen.only_sizes:
-        raise ValueError(
-            f"{Path(path).name} holds sizes only, as the field 'h', got {', '.join(others)}"
-        )
+        raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {', '.join(others)}")
     try:
         _write_whole(target, _writing(background, nodal, chosen))
     except MeshFileError as error:
@@ -236,7 +235,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     ...     read_size(file)
     SizeFunction(sizes 0.1 to 1.1, on CartesianGrid(3 x 3 nodes, (0, 0) to (1, 1)))
     """
-    file = Path(path)
+    file = as_path("path", path)
     background: SimplexMesh | CartesianGrid
     fields: Mapping[str, npt.NDArray[Any]]
     if file.suffix.lower() == ".vti":
@@ -310,7 +309,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     ...     read_image(file)
     Image(3 x 3 pixels of int64, spacing 0.5, 1)
     """
-    file = Path(path)
+    file = as_path("path", path)
     _check_readable(file)
     try:
         read, notes = raster.load(file, name=name)
@@ -323,7 +322,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
 
 def is_image_file(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is an image for `read_image`, by its name."""
-    return raster.is_image_file(Path(path))
+    return raster.is_image_file(as_path("path", path))
 
 
 def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
@@ -376,7 +375,9 @@ def _parts_of(
             "obj must be a SimplexMesh, CartesianGrid, Octree or a SizeFunction on one, "
             f"got {background!r}"
         )
-    nodal.update(fields or {})
+    if fields is not None:
+        check_type("fields", fields, Mapping)
+        nodal.update(fields)
     return background, nodal
 
 
@@ -418,6 +419,8 @@ def _writing(
 
 
 def _check_readable(file: Path) -> None:
+    if "\0" in str(file):
+        raise MeshFileError(f"path must not contain a null character, got {str(file)!r}")
     if file.is_dir():
         raise MeshFileError(f"{file}: is a directory")
     try:

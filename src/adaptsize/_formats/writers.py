@@ -252,7 +252,7 @@ FORMATS: dict[str, Format] = {
 def format_of(path: Path, file_format: str | None) -> Format:
     """Return the requested format, or the one of the file's suffix."""
     if file_format is not None:
-        if file_format not in FORMATS:
+        if not isinstance(file_format, str) or file_format not in FORMATS:
             raise ValueError(f"file_format must be one of {_listed()}, got {file_format!r}")
         return FORMATS[file_format]
     name = path.name.lower()

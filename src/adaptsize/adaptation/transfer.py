@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import as_plain_array, check_type, describe, refuse_where
+from adaptsize._checks import as_flag, as_plain_array, check_type, describe, refuse_where
 from adaptsize._kernels.overlap import combine, fill_overlaps
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
@@ -235,6 +235,8 @@ class FieldTransfer:
             triangles in space.
         """
         field = as_field("values", values, self.old.n_cells)
+        conservative = as_flag("conservative", conservative)
+        keep_integral = as_flag("keep_integral", keep_integral)
         if field.dtype.kind in "biu":
             return np.asarray(field[self._holders])
         if not conservative:
@@ -262,8 +264,10 @@ class FieldTransfer:
         -------
         before, after : ndarray of the trailing shape
         """
-        before = np.tensordot(self.old.measures, old_values, axes=1)
-        return before, np.tensordot(self.new.measures, new_values, axes=1)
+        old = as_field("old_values", old_values, self.old.n_cells)
+        new = as_field("new_values", new_values, self.new.n_cells)
+        before = np.tensordot(self.old.measures, old, axes=1)
+        return before, np.tensordot(self.new.measures, new, axes=1)
 
     @cached_property
     def coverage(self) -> FloatArray:
