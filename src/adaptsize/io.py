@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_path, check_type, one_of
+from adaptsize._checks import as_path, check_type, describe, one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._size_function import SizeFunction
@@ -373,10 +373,12 @@ def _parts_of(
     if not isinstance(background, SimplexMesh | CartesianGrid):
         raise ValueError(
             "obj must be a SimplexMesh, CartesianGrid, Octree or a SizeFunction on one, "
-            f"got {background!r}"
+            f"got {describe(background)}"
         )
     if fields is not None:
         check_type("fields", fields, Mapping)
+        for name in fields:
+            check_type("names of fields", name, str)
         nodal.update(fields)
     return background, nodal
 
@@ -419,14 +421,16 @@ def _writing(
 
 
 def _check_readable(file: Path) -> None:
-    if "\0" in str(file):
-        raise MeshFileError(f"path must not contain a null character, got {str(file)!r}")
-    if file.is_dir():
-        raise MeshFileError(f"{file}: is a directory")
     try:
+        if file.is_dir():
+            raise MeshFileError(f"{file}: is a directory")
         with file.open("rb") as opened:
             empty = not opened.read(1)
     except OSError as error:
         raise MeshFileError(f"{file}: {error.strerror or error}") from error
+    except MeshFileError:
+        raise
+    except ValueError as error:  # a null character, or one that no name of a file can have
+        raise MeshFileError(f"path must be the name of a file, got {str(file)!r}") from error
     if empty:
         raise MeshFileError(f"{file}: is empty")

@@ -3,6 +3,7 @@
 import argparse
 import json
 import secrets
+import signal
 import sys
 import time
 from collections import Counter
@@ -24,6 +25,8 @@ def main() -> int:
             for number in range(start, start + arguments.cases)
             if arguments.only in (None, class_of(number))
         ]
+    # End the children as well.
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     began = time.monotonic()
     tried, failed, kinds = Counter(), Counter(), Counter()
     with open(arguments.report, "a", encoding="utf-8") as report:

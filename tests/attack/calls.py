@@ -75,7 +75,7 @@ def _call(subject: Subject, given: dict[str, Any], world: Any) -> str:
     except OfTheCaller:
         return "raised by an argument"
     except Exception as error:
-        _check_error(error)
+        check_error(error)
         return f"{type(error).__name__}"
     if _digest(given) != before:
         raise Failure("an argument was changed")
@@ -112,7 +112,7 @@ def _is_no_number(annotation: str, value: Any) -> bool:
         return True
 
 
-def _check_error(error: Exception) -> None:
+def check_error(error: Exception) -> None:
     """Raise a `Failure` unless adaptsize raises this error itself, with a clear message."""
     text = str(error)
     if isinstance(error, MemoryError) and text:

@@ -138,6 +138,7 @@ def plot_mesh(
     >>> plot_mesh(mesh, path="square.png")  # doctest: +SKIP
     """
     _check_output(path, width)
+    check_type("mesh", mesh, SimplexMesh)
     values, on_nodes = _values_to_show(mesh, color)
     label = "radius ratio" if color == "quality" else color
     scene = make_scene(

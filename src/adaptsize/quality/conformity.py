@@ -169,7 +169,8 @@ def size_conformity(
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     wanted = _size_at_midpoints(mesh, size)
-    ratio = np.where(np.isfinite(wanted), mesh.edge_lengths / wanted, np.nan)
+    with np.errstate(over="ignore"):
+        ratio = np.where(np.isfinite(wanted), mesh.edge_lengths / wanted, np.nan)
     edges = _ratio_statistics(ratio)
     if edges is None:
         raise ValueError("size must be finite on one edge at least, got inf everywhere")
