@@ -167,6 +167,12 @@ def check_type(name: str, value: object, *kinds: type) -> None:
     raise ValueError(f"{name} must be {wanted}, got {describe(value)}")
 
 
+def check_function(name: str, value: object, of: str) -> None:
+    """Raise a ValueError if ``value`` cannot be called; ``of`` says with what it is called."""
+    if not callable(value):
+        raise ValueError(f"{name} must be a function of {of}, got {describe(value)}")
+
+
 def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
     """Return ``value`` if it is one of ``choices``."""
     if not isinstance(value, str) or value not in choices:

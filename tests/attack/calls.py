@@ -9,6 +9,7 @@ import dataclasses
 import hashlib
 import inspect
 import linecache
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -185,7 +186,7 @@ def _short(value: Any) -> str:
         head = " ".join(str(v) for v in value.ravel()[:4])
         return f"{value.dtype}{list(value.shape)} {head}"[:70]
     try:
-        text = repr(value)
+        text = re.sub(r" at 0x[0-9a-f]+", "", repr(value))
     except Exception as error:
         return f"<{type(value).__name__}, whose repr raises {type(error).__name__}>"
     return text if len(text) <= 70 else text[:67] + "..."

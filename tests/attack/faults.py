@@ -109,7 +109,7 @@ def _job(rng: np.random.Generator, folder: Path) -> _Job:
     sphere = make("grid 3-D", rng).boundary
     field = np.full(sphere.n_points, 0.2)
     field[0] = 0.05
-    ads.write(folder / "part.vtu", sphere, fields={"h0": field})
+    ads.write(folder / "part.vtu", sphere, fields={"h0": field, "h": field})
     jobs = (
         _Job(["info", "part.vtu"], None),
         _Job(["check", "part.vtu"], None),

@@ -1,6 +1,5 @@
 """Every public function, class and method of adaptsize, found by walking the package."""
 
-import dataclasses
 import importlib
 import inspect
 from collections.abc import Callable, Iterator
@@ -72,4 +71,5 @@ def _is_record(thing: type) -> bool:
     """Return whether a class holds results only: a plain dataclass or a named tuple."""
     if issubclass(thing, tuple):
         return True
-    return dataclasses.is_dataclass(thing) and not hasattr(thing, "__post_init__")
+    parameters = getattr(thing, "__dataclass_params__", None)
+    return parameters is not None and parameters.init and not hasattr(thing, "__post_init__")

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_type
+from adaptsize._checks import as_sizes, check_range, check_type
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.quality.elements import minimum_angles, radius_ratios
@@ -175,7 +175,11 @@ def size_conformity(
     if edges is None:
         raise ValueError("size must be finite on one edge at least, got inf everywhere")
     ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
-    distance = None if surface is None else _hausdorff(mesh, surface)
+    distance = relative = None
+    if surface is not None:
+        check_range("surface", surface.points)
+        distance = _hausdorff(mesh, surface)
+        relative = distance / surface.diagonal if surface.diagonal > 0.0 else np.inf
     return Conformity(
         n_points=mesh.n_points,
         n_cells=mesh.n_cells,
@@ -189,7 +193,7 @@ def size_conformity(
         angle_p01=float(np.quantile(angles, 0.01)),
         n_inverted=int(np.count_nonzero(_inverted(mesh))),
         hausdorff=distance,
-        hausdorff_relative=None if distance is None else distance / surface.diagonal,  # type: ignore[union-attr]
+        hausdorff_relative=relative,
     )
 
 

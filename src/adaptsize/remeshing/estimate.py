@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_type, describe
+from adaptsize._checks import as_sizes, check_function, check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import TooManyElementsError
 from adaptsize.remeshing.sizing import Size
@@ -41,8 +41,7 @@ def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
     115
     """
     check_type("mesh", mesh, SimplexMesh)
-    if not callable(size):
-        raise ValueError(f"size must be a function of points, got {describe(size)}")
+    check_function("size", size, "points")
     k = mesh.cell_dim
     sizes = as_sizes("size(points)", size(mesh.points), (mesh.n_points,))
     corners = sizes[mesh.cells]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, check_type, describe, refuse_where
+from adaptsize._checks import as_float_array, as_number, check_function, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.sizes.budget import (
     as_goal,
@@ -280,8 +280,8 @@ def size_from_hessian(
 def _finished(
     h0: FloatArray, hmin: float | None, hmax: float | None, limit: Limiter | None
 ) -> FloatArray:
-    if limit is not None and not callable(limit):
-        raise ValueError(f"limit must be a function of sizes, got {describe(limit)}")
+    if limit is not None:
+        check_function("limit", limit, "sizes")
     held = minimum(h0, hmin=hmin, hmax=hmax)
     return held if limit is None else as_float_array("limit(sizes)", limit(held), h0.shape)
 
