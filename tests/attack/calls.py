@@ -83,7 +83,7 @@ def _call(subject: Subject, given: dict[str, Any], world: Any) -> str:
     if not has_nan and subject.name not in _MAY_BE_NAN and _has_nan(result):
         raise Failure(f"NaN in the result {_short(result)}")
     for name, parameter in subject.parameters.items():
-        if name in given and _is_no_number(str(parameter.annotation), given[name]):
+        if name in given and _is_wrong(str(parameter.annotation), given[name]):
             raise Failure(f"{name}={_short(given[name])} was accepted")
     return "ok"
 
@@ -100,10 +100,12 @@ def _bound(subject: Subject, given: dict[str, Any]) -> tuple[list[Any], dict[str
     return arguments, options
 
 
-def _is_no_number(annotation: str, value: Any) -> bool:
-    """Return whether a parameter wants one number and did not get one."""
+def _is_wrong(annotation: str, value: Any) -> bool:
+    """Return whether a parameter wants one number, or True or False, and did not get it."""
     kinds = {part.strip() for part in annotation.strip("'\"").split("|")}
-    if not kinds & {"float", "int"} or kinds - {"float", "int", "None", "bool"}:
+    if kinds == {"bool"}:
+        return not isinstance(value, bool | np.bool_)
+    if not kinds & {"float", "int"} or kinds - {"float", "int", "None"}:
         return False
     if value is None and "None" in kinds:
         return False
