@@ -57,7 +57,7 @@ class Program:
             **options,
         )
 
-    def finish(self, seconds: float = 120.0) -> tuple[int, str]:
+    def finish(self, seconds: float = 240.0) -> tuple[int, str]:
         """Wait for the end; return the exit code and what was printed to standard error."""
         try:
             errors = self.process.communicate(timeout=seconds)[1]
@@ -240,7 +240,7 @@ def _damaged_cache(rng: np.random.Generator, folder: Path) -> str:
     job = _job(rng, folder)
     job = _Job(["-m", "adaptsize", "info", "part.vtu"], None) if rng.random() < 0.5 else job
     program = Program(folder, job.command, environment={"NUMBA_CACHE_DIR": str(cache)})
-    code, errors = program.finish(300.0)
+    code, errors = program.finish(350.0)
     what = f"{len(files)} files, {job.command[2]}, exit {code}"
     try:
         _check_errors(errors)
