@@ -163,6 +163,30 @@ WRONG = {
         lambda: TRANSFER.cells([1.0, 2.0], conservative=SEVERAL),
         "conservative must be True or False, got array",
     ),
+    "a transfer of fields that is conservative in parts": (
+        lambda: ads.transfer_fields(SQUARE, SQUARE, conservative=SEVERAL),
+        "conservative must be True or False, got array",
+    ),
+    "coarsen_converged that is text": (
+        lambda: ads.adapt(SQUARE, [0.1, 0.2], target_elements=10, coarsen_converged="no"),
+        "coarsen_converged must be True or False, got 'no'",
+    ),
+    "flatten that is text": (
+        lambda: ads.SimplexMesh.from_meshio(SQUARE.to_meshio(), flatten="no"),
+        "flatten must be True or False, got 'no'",
+    ),
+    "flatten of a file that is NaN": (
+        lambda: ads.read("part.stl", flatten=np.nan),
+        "flatten must be True or False, got nan",
+    ),
+    "a clip that is text": (
+        lambda: ads.mesh_from_distance(distance, 0.1, [0, 0], [1, 1], clip="no"),
+        "clip must be True or False, got 'no'",
+    ),
+    "a tag name that is an array": (
+        lambda: SQUARE.to_meshio(tag_name=SEVERAL),
+        "tag_name must be a str, got array",
+    ),
     "a limit that is text": (
         lambda: ads.size_from_error(
             SQUARE, [0.1, 0.2], order=1, tolerance=0.1, limit="limit_gradient"

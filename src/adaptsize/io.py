@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_path, check_type, describe, one_of
+from adaptsize._checks import as_flag, as_path, check_type, describe, one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._size_function import SizeFunction
@@ -97,6 +97,7 @@ def read(
     array([0.1, 0.2, 0.3, 0.2])
     """
     file = as_path("path", path)
+    flatten = as_flag("flatten", flatten)
     if kind is not None:
         one_of("kind", kind, tuple(KINDS))
     _check_readable(file)

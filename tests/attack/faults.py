@@ -227,12 +227,11 @@ def _damaged_cache(rng: np.random.Generator, folder: Path) -> str:
         if rng.random() < 0.3:
             data = bytearray(path.read_bytes())
             cut = int(rng.integers(0, len(data) + 1))
-            damage = str(rng.choice(["empty", "cut", "noise", "unreadable"]))
+            damage = str(rng.choice(["empty", "cut", "noise", "gone"]))
             if damage == "noise" and path.suffix == ".nbi":
                 data[cut : cut + 20] = rng.bytes(20)
-            elif damage == "unreadable":
+            elif damage == "gone":
                 path.unlink()
-                path.mkdir()
                 continue
             else:
                 data = data[: 0 if damage == "empty" else cut]

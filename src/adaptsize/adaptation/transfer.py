@@ -77,6 +77,8 @@ def transfer_fields(
     >>> made.cell_fields["heat"]
     array([2., 2.])
     """
+    conservative = as_flag("conservative", conservative)
+    keep_integral = as_flag("keep_integral", keep_integral)
     transfer = FieldTransfer(old, new, progress=progress)
     nodal = as_fields("fields", fields, old.n_points)
     by_cell = as_fields("cell_fields", cell_fields, old.n_cells)

@@ -208,7 +208,7 @@ def mesh_from_distance(
     domain = _as_domain(distance, lower, upper)
     wanted = sized(_as_function(size), domain)
     max_iter = int(as_number("max_iter", max_iter, lower=1.0))
-    full_output = as_flag("full_output", full_output)
+    clip, full_output = as_flag("clip", clip), as_flag("full_output", full_output)
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
     rng = _as_generator(seed)
     with reporting(progress) as report:
