@@ -66,7 +66,7 @@ WRONG = {
     ),
     "a floor that is an array": (
         lambda: ads.limit_gradient(SQUARE, H0, 0.3, floor=SEVERAL),
-        "floor must be one of 'hopf-lax', got array",
+        "floor must be 'hopf-lax' or None, got array",
     ),
     "a method that is a list": (
         lambda: ads.limit_gradient(SQUARE, H0, 0.3, method=["exact"]),
@@ -134,6 +134,10 @@ WRONG = {
             [0, 0], [1, 1], lambda x, h: x[:, 0] < 0, max_level=2, balanced=SEVERAL
         ),
         "balanced must be True or False, got array",
+    ),
+    "names of tags that are a function": (
+        lambda: ads.SimplexMesh(SQUARE.points, SQUARE.cells, tag_names=distance),
+        "tag_names must be a Mapping, got <function distance",
     ),
     "a surface out of range": (
         lambda: geometry.surface_curvature(ads.SimplexMesh(1e-150 * SURFACE.points, SURFACE.cells)),

@@ -263,8 +263,8 @@ def limit_gradient(
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
     order = as_whole_number("order", order, lower=1, upper=2)
-    if floor is not None:
-        one_of("floor", floor, ("hopf-lax",))
+    if floor is not None and not (isinstance(floor, str) and floor == "hopf-lax"):
+        raise ValueError(f"floor must be 'hopf-lax' or None, got {describe(floor)}")
     face_sources = as_flag("face_sources", face_sources)
     tol = as_number("tol", tol, lower=0.0, strict=True)
     max_iter, threads = _as_count("max_iter", max_iter), _as_count("threads", threads)
