@@ -21,7 +21,7 @@ def attack(*options, module="tests.attack"):
 
 
 @pytest.mark.parametrize(
-    ("only", "cases"), [("calls", 1500), ("limiting", 1500), ("files", 2500), ("faults", 400)]
+    ("only", "cases"), [("calls", 1500), ("limiting", 1500), ("files", 2500), ("faults", 300)]
 )
 def test_survives_a_short_attack(only, cases, tmp_path):
     report = tmp_path / "report.jsonl"
