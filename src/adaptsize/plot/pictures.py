@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_path, as_whole_number, check_type, one_of
+from adaptsize._checks import as_float_array, as_number, as_path, check_type, one_of
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport
@@ -256,7 +256,8 @@ def _not_missing(size: npt.ArrayLike | None) -> npt.ArrayLike:
 def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
     if path is not None and as_path("path", path).suffix.lower() not in _SUFFIXES:
         raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, got {os.fspath(path)!r}")
-    as_whole_number("width", width, lower=_SMALLEST, upper=_LARGEST)
+    if not _SMALLEST <= as_number("width", width, lower=-np.inf) <= _LARGEST:
+        raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} pixels, got {width}")
     if find_spec("pyvista") is None:
         raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
 
