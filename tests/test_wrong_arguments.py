@@ -139,6 +139,10 @@ WRONG = {
         lambda: ads.SimplexMesh(SQUARE.points, SQUARE.cells, tag_names=distance),
         "tag_names must be a Mapping, got <function distance",
     ),
+    "a minimum of ragged sizes": (
+        lambda: ads.minimum(RAGGED),
+        "h0[0] must be an array of numbers, got [[1.0], [1.0, 2.0]]",
+    ),
     "a surface out of range": (
         lambda: geometry.surface_curvature(ads.SimplexMesh(1e-150 * SURFACE.points, SURFACE.cells)),
         "surface must have coordinates of 1e-60 to 1e+60 in size, got 1e-150 as the largest",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_sizes
+from adaptsize._checks import as_float_array, as_number, as_sizes
 from adaptsize.typing import FloatArray
 
 
@@ -50,7 +50,7 @@ def minimum(*h0: npt.ArrayLike, hmin: float | None = None, hmax: float | None = 
     """
     if not h0:
         raise ValueError("minimum needs at least one array of sizes, got none")
-    shape = np.shape(h0[0])
+    shape = as_float_array("h0[0]", h0[0]).shape
     smallest = as_sizes("h0[0]", h0[0], shape).copy()
     for number, bound in enumerate(h0[1:], start=1):
         np.minimum(smallest, as_sizes(f"h0[{number}]", bound, shape), out=smallest)
