@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import one_of
+from adaptsize._checks import as_flag, as_path, check_type, describe, one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.whole_files import about_file, check_readable, is_special, write_whole
@@ -100,7 +100,8 @@ def read(
     >>> mesh.point_data["h"]
     array([0.1, 0.2, 0.3, 0.2])
     """
-    file = Path(path)
+    file = as_path("path", path)
+    flatten = as_flag("flatten", flatten)
     if kind is not None:
         one_of("kind", kind, tuple(KINDS))
     notes: list[str] = []
@@ -177,22 +178,21 @@ def write(
     the plane and tetrahedra.
     """
     # Resolve links, except to pipes: /dev/stdout may lead to one, which has no path.
-    target = Path(os.path.realpath(path)) if not is_special(Path(path)) else Path(path)
-    chosen = writers.format_of(Path(path), file_format)
+    path = as_path("path", path)
+    target = Path(os.path.realpath(path)) if not is_special(path) else path
+    chosen = writers.format_of(path, file_format)
     background, nodal = _parts_of(obj, fields)
     needed = list(nodal)
     if chosen.holds_fields and not chosen.only_sizes:
         nodal = _growth_of(obj, background.n_points) | nodal
     if needed and not chosen.holds_fields:
         raise ValueError(
-            f"{Path(path).name} cannot hold nodal fields, got {', '.join(needed)}; "
+            f"{path.name} cannot hold nodal fields, got {', '.join(needed)}; "
             "write .vtu, or a .sol with the sizes for a .mesh"
         )
     others = [name for name in needed if name != "h"]
     if others and chosen.only_sizes:
-        raise ValueError(
-            f"{Path(path).name} holds sizes only, as the field 'h', got {', '.join(others)}"
-        )
+        raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {', '.join(others)}")
     try:
         write_whole(target, _writing(background, nodal, chosen))
     except (MeshFileError, OSError) as error:
@@ -238,7 +238,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     ...     read_size(file)
     SizeFunction(sizes 0.1 to 1.1, on CartesianGrid(3 x 3 nodes, (0, 0) to (1, 1)))
     """
-    file = Path(path)
+    file = as_path("path", path)
     background: SimplexMesh | CartesianGrid
     fields: Mapping[str, npt.NDArray[Any]]
     if file.suffix.lower() == ".vti":
@@ -312,7 +312,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     ...     read_image(file)
     Image(3 x 3 pixels of int64, spacing 0.5, 1)
     """
-    file = Path(path)
+    file = as_path("path", path)
     try:
         check_readable(file)
         read, notes = raster.load(file, name=name)
@@ -325,7 +325,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
 
 def is_image_file(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is an image for `read_image`, by its name."""
-    return raster.is_image_file(Path(path))
+    return raster.is_image_file(as_path("path", path))
 
 
 def _parts_of(
@@ -342,9 +342,13 @@ def _parts_of(
     if not isinstance(background, SimplexMesh | CartesianGrid):
         raise ValueError(
             "obj must be a SimplexMesh, CartesianGrid, Octree or a SizeFunction on one, "
-            f"got {background!r}"
+            f"got {describe(background)}"
         )
-    nodal.update(fields or {})
+    if fields is not None:
+        check_type("fields", fields, Mapping)
+        for name in fields:
+            check_type("names of fields", name, str)
+        nodal.update(fields)
     return background, nodal
 
 

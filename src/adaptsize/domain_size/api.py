@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_points, describe
+from adaptsize._checks import as_flag, as_float_array, as_points, check_type, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
@@ -191,6 +191,9 @@ def size_function(
     >>> report
     SizeReport(curvature 100.0%)
     """
+    full_output = as_flag("full_output", full_output)
+    if background is not None and not isinstance(background, str):
+        check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     with reporting(progress) as report:
         request = as_request(
             elements_per_radian=elements_per_radian,

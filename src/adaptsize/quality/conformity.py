@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_type
+from adaptsize._checks import as_sizes, check_range, check_type
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.quality.boundary import distances_from
@@ -172,7 +172,11 @@ def size_conformity(
     edges = _ratio_statistics(ratio)
     assert edges is not None
     ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
-    distance = None if surface is None else _hausdorff(mesh, surface)
+    distance = relative = None
+    if surface is not None:
+        check_range("surface", surface.points)
+        distance = _hausdorff(mesh, surface)
+        relative = distance / surface.diagonal if surface.diagonal > 0.0 else np.inf
     return Conformity(
         n_points=mesh.n_points,
         n_cells=mesh.n_cells,
@@ -186,7 +190,7 @@ def size_conformity(
         angle_p01=float(np.quantile(angles, 0.01)),
         n_inverted=int(np.count_nonzero(inverted_cells(mesh))),
         hausdorff=distance,
-        hausdorff_relative=None if distance is None else distance / surface.diagonal,  # type: ignore[union-attr]
+        hausdorff_relative=relative,
     )
 
 
@@ -202,7 +206,8 @@ def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     finite = np.isfinite(wanted)
     if not finite.any():
         raise ValueError("size must be finite on one edge at least, got inf everywhere")
-    return np.where(finite, mesh.edge_lengths / wanted, np.nan)
+    with np.errstate(over="ignore"):
+        return np.where(finite, mesh.edge_lengths / wanted, np.nan)
 
 
 def is_in_band(ratio: FloatArray) -> BoolArray:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe, one_of
+from adaptsize._checks import as_flag, as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
@@ -172,6 +172,7 @@ def remesh(
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
     g = as_number("g", g, lower=0.0)
     hmax = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
+    strict = as_flag("strict", strict)
     if timeout is not None:
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
