@@ -249,8 +249,8 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_wrong_arguments_are_refused_by_one_clear_line(case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    call, told = WRONG[case]
-    with pytest.raises(ValueError, match=re.escape(told)) as raised:
+    call, expected = WRONG[case]
+    with pytest.raises(ValueError, match=re.escape(expected)) as raised:
         call()
     assert len(str(raised.value)) < 1000
     assert "\n" not in str(raised.value)

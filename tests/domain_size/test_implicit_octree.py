@@ -167,7 +167,7 @@ def test_between_two_parts_sizes_do_not_pass():
 
 
 @pytest.mark.parametrize(
-    ("function", "box", "told"),
+    ("function", "box", "expected"),
     [
         (disc, ([2.0, 2.0], [3.0, 3.0]), "negative at a node"),
         (disc, ([-0.2, -0.2], [0.2, 0.2]), "boundary in the background"),
@@ -175,8 +175,8 @@ def test_between_two_parts_sizes_do_not_pass():
         (lambda x: x, ([-1, -1], [1, 1]), "must have shape"),
     ],
 )
-def test_bad_functions_are_refused(function, box, told):
-    with pytest.raises(ValueError, match=told):
+def test_bad_functions_are_refused(function, box, expected):
+    with pytest.raises(ValueError, match=expected):
         size_function(function, box=box)
 
 

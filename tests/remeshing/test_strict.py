@@ -41,13 +41,13 @@ def sloppy(monkeypatch):
 
 def test_a_smaller_tolerance_is_tried_before_giving_up(sloppy):
     # 3 * 0.4 > 1 > 3 * 0.15: the third route keeps the tolerance.
-    with pytest.warns(ResolutionWarning, match=r"made by fake with 0.15 x tolerance after") as told:
+    with pytest.warns(ResolutionWarning, match=r"made by fake with 0.15 x tolerance after") as seen:
         mesh = sloppy(tolerance=1e-2, strict=True)
     assert sloppy.calls == pytest.approx([1e-2, 4e-3, 1.5e-3])
     assert check_mesh(mesh, original=CUBE, tolerance=1e-2).is_met
-    message = str(told[0].message)
+    message = str(seen[0].message)
     assert "fake: boundary within 0.03 of the diagonal, 0.01 allowed" in message
-    assert told[0].filename == __file__
+    assert seen[0].filename == __file__
 
 
 def test_without_strict_the_first_mesh_is_returned(sloppy):
