@@ -29,7 +29,7 @@ def along_curve(points: FloatArray) -> IntArray:
         return np.empty(0, np.int32)
     lower = np.array([points[:, d].min() for d in range(dim)])
     width = max(float(points[:, d].max() - lower[d]) for d in range(dim))
-    scale = (2.0**BITS - 1.0) / width if width > 0.0 else 0.0
+    scale = (2.0**BITS - 1.0) / width if width > 1e-300 else 0.0  # below, it overflows
     keys, order = np.empty((2, n), np.int64), np.empty((2, n), np.int32)
     counts = np.empty(2**DIGIT, np.int64)
     given = read_only(np.ascontiguousarray(points))
