@@ -20,6 +20,7 @@ from adaptsize.domain_size.request import (
     CREASE_ANGLE,
     GRADIENT_LIMIT,
     MAX_ELEMENTS,
+    TOLERANCE,
     AnyBackground,
     Implicit,
     as_request,
@@ -47,6 +48,7 @@ def size_function(
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
+    tolerance: float = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float = ...,
@@ -65,6 +67,7 @@ def size_function(
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
+    tolerance: float = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float = ...,
@@ -82,6 +85,7 @@ def size_function(
     hmin: float | None = None,
     hmax: float | None = None,
     crease_angle: float = CREASE_ANGLE,
+    tolerance: float = TOLERANCE,
     sources: Any = (),
     h0: npt.ArrayLike | Implicit | None = None,
     max_elements: float = MAX_ELEMENTS,
@@ -127,6 +131,11 @@ def size_function(
         spacing.  For an image it is at least two.
     crease_angle : float, default 40
         Angle in degrees above which an edge is a feature edge, see `size_from_curvature`.
+    tolerance : float, default 1e-3
+        Allowed distance of the boundary of a mesh of these sizes from that of the domain, over
+        the diagonal; the one of `remesh`.  Sizes on curved boundaries of radius r are at most
+        2 sqrt(tolerance * diagonal * r), if ``elements_per_radian`` is not 0 and the sizes are
+        carried by the mesh or the surface itself.  inf disables this bound.
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
@@ -199,6 +208,7 @@ def size_function(
             h0=h0,
             max_elements=max_elements,
             report=report,
+            tolerance=tolerance,
         )
         domain_ = _as_domain(domain, None if background == "auto" else background, box, report)
         size, found = within_budget(domain_, request)

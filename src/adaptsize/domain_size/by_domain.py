@@ -210,9 +210,12 @@ class MeshDomain:
         bounds = {}
         angle: dict[str, Any] = {"crease_angle": request.crease_angle}
         if request.per_radian > 0.0:
-            bounds["curvature"] = size_from_curvature(
+            h = size_from_curvature(
                 background, boundary, elements_per_radian=request.per_radian, **angle
             )
+            if boundary is None:  # on other backgrounds, h is not the size on the boundary alone
+                h = request.within_tolerance(h, self.mesh.diagonal)
+            bounds["curvature"] = h
         if request.across > 0.0:
             width = self._width.get(
                 lambda: size_from_feature(

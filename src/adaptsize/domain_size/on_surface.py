@@ -100,6 +100,7 @@ def _bounds_at_nodes(mesh: SimplexMesh, request: Request) -> dict[str, FloatArra
         bounds["curvature"] = size_from_curvature(
             mesh, elements_per_radian=request.per_radian, crease_angle=request.crease_angle
         )
+        bounds["curvature"] = request.within_tolerance(bounds["curvature"], mesh.diagonal)
     if request.h0 is not None:
         bounds["h0"] = bound_at_nodes(request.h0, mesh)
     return bounds

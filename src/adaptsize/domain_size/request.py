@@ -23,6 +23,7 @@ ELEMENTS_PER_RADIAN = 4.0
 ELEMENTS_ACROSS = 2.0
 GRADIENT_LIMIT = 0.25
 CREASE_ANGLE = 40.0
+TOLERANCE = 1e-3
 MAX_ELEMENTS = 300_000.0
 
 _LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
@@ -43,6 +44,7 @@ class Request:
     h0: npt.ArrayLike | Implicit | None
     max_elements: float
     report: ProgressCallback | None
+    tolerance: float = np.inf
     relaxation: float = 1.0
     """Factor by which parameters that are not given are relaxed, for ``max_elements``."""
 
@@ -64,6 +66,15 @@ class Request:
         if self.elements_across is not None:
             return self.elements_across
         return max(ELEMENTS_ACROSS / self.relaxation, 1.0)
+
+    def within_tolerance(self, h: FloatArray, diagonal: float) -> FloatArray:
+        """Return sizes 1 / (K kappa) lowered to those of a mesh within the tolerance.
+
+        An edge of length l on a curve of radius r leaves the distance l^2 / (8 r).  Edges may be
+        longer than the size by sqrt 2, so the size is at most 2 sqrt(tolerance r).
+        """
+        radius = self.per_radian * h
+        return np.minimum(h, 2.0 * np.sqrt(self.tolerance * diagonal * radius))
 
     def relaxed(self, relaxation: float) -> Request:
         """Return the same request with another relaxation factor."""
@@ -119,6 +130,7 @@ def as_request(
     h0: npt.ArrayLike | Implicit | None = None,
     max_elements: float = MAX_ELEMENTS,
     report: ProgressCallback | None = None,
+    tolerance: float = np.inf,
 ) -> Request:
     """Return a request after checking its values."""
     for name, value in (("hmin", hmin), ("hmax", hmax)):
@@ -143,6 +155,7 @@ def as_request(
         h0,
         as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
         report,
+        as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True),
     )
 
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
+from adaptsize.remeshing import netgen
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.frame import Frame
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -32,6 +33,7 @@ from adaptsize.remeshing.sizing import (
     as_size,
     known_points,
 )
+from adaptsize.remeshing.surface import refine_surface
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 Target = Literal["auto", "tetrahedra", "triangles"]
@@ -174,8 +176,9 @@ def remesh(
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
-            part = _Part.of("tetrahedra", _first_volume(part, run), None, tolerance)
-            part = part.with_size(own_size, known)
+            volume, ridges = _first_volume(part, run)
+            part = _Part.of("tetrahedra", volume, None, tolerance)
+            part = part.with_size(own_size, known).with_ridges(ridges)
             _refuse_too_many(part.problem, limit)
         new = part.restored(chosen.solve(part.problem, run), chosen.name)
     return frame.restored(new, repaired.mesh)
@@ -221,15 +224,28 @@ class _Part:
     def with_size(self, size: Size | None, known: FloatArray) -> _Part:
         return replace(self, problem=replace(self.problem, size=size, size_nodes=known))
 
+    def with_ridges(self, ridges: IntArray) -> _Part:
+        return replace(self, problem=replace(self.problem, ridges=ridges))
+
     def restored(self, raw: RawMesh, backend: str) -> SimplexMesh:
         return restore(raw, self.problem, self.facets, self.region_tags, backend)
 
 
-def _first_volume(part: _Part, run: IsolatedRunner) -> SimplexMesh:
-    """Return tetrahedra of the generator's default size, to carry the sizes."""
-    problem = replace(part.problem, size=None)
+def _first_volume(part: _Part, run: IsolatedRunner) -> tuple[SimplexMesh, IntArray]:
+    """Return tetrahedra in a surface, to carry the sizes, and the edges that must stay sharp.
+
+    Netgen keeps the surface as it is.  Where it cannot fill it, fTetWild does, with edges of its
+    default length and without feature edges.
+    """
+    problem = part.problem
+    assert problem.size is not None
+    surface, ridges = refine_surface(problem.mesh, problem.size, problem.tolerance)
+    raw = netgen.fill(surface, run)
+    if raw is not None:
+        return part.restored(raw, "netgen"), ridges
+    problem = replace(problem, size=None)
     raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
-    return part.restored(raw, "tetwild")
+    return part.restored(raw, "tetwild"), np.empty((0, 2), np.int32)
 
 
 def _refuse_too_many(problem: Problem, limit: float) -> None:
