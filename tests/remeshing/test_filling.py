@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-import adaptsize as ads
 from adaptsize import SimplexMesh, remesh, size_conformity, size_function
 from adaptsize.remeshing import driver, netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -254,19 +253,3 @@ def test_ftetwild_takes_over_where_netgen_fails(monkeypatch):
     new = remesh(both(cube(), cube([0.5, 0.3, 0.4])), 0.3)
     assert called == ["tetwild"]
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
-
-
-def test_sizes_on_round_surfaces_allow_the_tolerance():
-    surface = cylinder(60, radius=0.5)
-    at_rim = np.hypot(surface.points[:, 0], surface.points[:, 1]) > 0.4
-    for tolerance in (1e-4, 1e-3):
-        size = size_function(surface, tolerance=tolerance, elements_across=0, hmax=1.0, g=10.0)
-        expected = min(2.0 * np.sqrt(tolerance * surface.diagonal * 0.5), 0.5 / 4.0)
-        assert_allclose(size(surface.points[at_rim]), expected, rtol=0.02)
-    free = size_function(surface, tolerance=np.inf, elements_across=0, hmax=1.0, g=10.0)
-    assert_allclose(free(surface.points[at_rim]), 0.5 / 4.0, rtol=0.02)
-
-
-def test_a_tolerance_must_be_positive():
-    with pytest.raises(ValueError, match="tolerance must be"):
-        ads.size_function(cube(), tolerance=0.0)

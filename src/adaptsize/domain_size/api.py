@@ -20,7 +20,6 @@ from adaptsize.domain_size.request import (
     CREASE_ANGLE,
     GRADIENT_LIMIT,
     MAX_ELEMENTS,
-    TOLERANCE,
     AnyBackground,
     Implicit,
     as_request,
@@ -48,7 +47,7 @@ def size_function(
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
-    tolerance: float = ...,
+    tolerance: float | None = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float = ...,
@@ -67,7 +66,7 @@ def size_function(
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
-    tolerance: float = ...,
+    tolerance: float | None = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float = ...,
@@ -85,7 +84,7 @@ def size_function(
     hmin: float | None = None,
     hmax: float | None = None,
     crease_angle: float = CREASE_ANGLE,
-    tolerance: float = TOLERANCE,
+    tolerance: float | None = None,
     sources: Any = (),
     h0: npt.ArrayLike | Implicit | None = None,
     max_elements: float = MAX_ELEMENTS,
@@ -131,11 +130,11 @@ def size_function(
         spacing.  For an image it is at least two.
     crease_angle : float, default 40
         Angle in degrees above which an edge is a feature edge, see `size_from_curvature`.
-    tolerance : float, default 1e-3
+    tolerance : float, optional
         Allowed distance of the boundary of a mesh of these sizes from that of the domain, over
-        the diagonal; the one of `remesh`.  Sizes on curved boundaries of radius r are at most
-        2 sqrt(tolerance * diagonal * r), if ``elements_per_radian`` is not 0 and the sizes are
-        carried by the mesh or the surface itself.  inf disables this bound.
+        the diagonal, as in `remesh`.  Sizes on curved boundaries of radius r are at most
+        2 sqrt(tolerance * diagonal * r), if the mesh or the surface itself carries the sizes.
+        The default is 1e-3 if ``elements_per_radian`` is not given, and inf otherwise.
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
@@ -143,8 +142,8 @@ def size_function(
         if ``background`` is not given), or a function of points.
     max_elements : float, default 300 000
         Limit on the predicted number of elements.  To stay within it, those of
-        ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin`` and ``hmax`` that are
-        not given are relaxed.  inf disables the limit.
+        ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin``, ``hmax`` and
+        ``tolerance`` that are not given are relaxed.  inf disables the limit.
     full_output : bool
         Whether to return a `SizeReport` too.
     progress : callable or bool, optional

@@ -190,7 +190,7 @@ class MeshDomain:
         limits = request.limits(mesh.diagonal)
         if background is None:
             bounds = self._bounds(mesh, None, request) | request.external(mesh)
-            return limited_on(mesh, bounds, limits, request)
+            return limited_on(mesh, bounds, limits, request, with_tolerance="curvature" in bounds)
         encloses = mesh.cell_dim == mesh.dim - 1
         boundary = mesh if encloses else mesh.boundary().mesh
         bounds = self._bounds(background, boundary, request)
@@ -232,7 +232,11 @@ def limited_on(
     limits: tuple[float, float],
     request: Request,
     weights: FloatArray | None = None,
+    *,
+    with_tolerance: bool = False,
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the limited minimum of several bounds as a size function, and its report."""
-    h, report = limit_requested(background, bounds, limits, request, weights)
+    h, report = limit_requested(
+        background, bounds, limits, request, weights, with_tolerance=with_tolerance
+    )
     return SizeFunction(background, h, sources=report.info.sources), report

@@ -131,5 +131,5 @@ def _limited(
     every = bounds if across is None else bounds | {"feature size": across}
     every = every | request.from_sources(mesh)
     limits = request.limits(mesh.diagonal)
-    h, report = limit_requested(mesh, every, limits, request)
+    h, report = limit_requested(mesh, every, limits, request, with_tolerance="curvature" in bounds)
     return SizeFunction(mesh, h, g=request.g, hmax=limits[1]), report
