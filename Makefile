@@ -14,7 +14,7 @@ test:
 test-nojit:
 	NUMBA_DISABLE_JIT=1 $(PYTHON) -m pytest tests/kernels
 
-# A cache of its own: numba does not tell kernels with bounds checks from those without.
+# A cache of its own: numba does not distinguish kernels with bounds checks from those without.
 test-bounds:
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba_cache/bounds $(PYTHON) -m pytest tests/kernels tests/laws
 

@@ -82,7 +82,7 @@ def solve(problem, options):
 
 
 def errors(error):
-    """Return what there is to tell of errors; nodes in no cell are infinite in both."""
+    """Return the statistics of the errors; nodes in no cell are infinite in both."""
     error = np.nan_to_num(error, nan=0.0)
     size = np.abs(error)
     return {

@@ -100,7 +100,7 @@ def measure(dim, size, name):
         "nodes": mesh.n_points,
         "cells": mesh.n_cells,
         "steps": report.n_steps,
-        "at_rest": report.at_rest,
+        "converged": report.converged,
         "triangulations": report.n_triangulations,
         "seconds": seconds,
         "share_in_band": c.share_in_band,

@@ -127,7 +127,7 @@ def hamilton_jacobi(grid, h0, **step):
 
 
 def limited(background, h0, method="fast-marching", **options):
-    """Return the sizes of `limit_gradient`; the number of steps is told for iterations only."""
+    """Return the sizes of `limit_gradient`; and the number of steps of an iteration."""
     if "initial" not in options:
         return limit_gradient(background, h0, G, method=method, **options), None
     h, info = limit_gradient(background, h0, G, method=method, full_output=True, **options)

@@ -85,7 +85,7 @@ def make_deer(path: Path) -> None:
     contour = grid.contour([0.0], "f").triangulate().clean()
     raw = ads.SimplexMesh(contour.points, contour.faces.reshape(-1, 4)[:, 1:])
     width = ads.size_from_feature(raw, elements_across=3.0)
-    h0 = ads.minimum(width, hmin=FINEST, hmax=COARSEST)
+    h0 = width.clip(FINEST, COARSEST)
     size = ads.SizeFunction(raw, ads.limit_gradient(raw, h0, 0.3))
     scan = ads.remesh(raw, size, target="triangles")
     surface = trimesh.Trimesh(scan.points, scan.cells, process=False)

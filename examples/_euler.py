@@ -114,7 +114,7 @@ class FlowMesh:
 
     @classmethod
     def of(cls, mesh: ads.SimplexMesh, is_wall: Callable[[FloatArray], Any]) -> FlowMesh:
-        """Return what the solver needs; ``is_wall`` tells it of midpoints of boundary edges."""
+        """Return what the solver needs; ``is_wall`` selects midpoints of boundary edges."""
         n_faces = len(mesh.facets)
         cell_faces = mesh.cell_facets.astype(np.int64)
         right = np.full(n_faces, FAR, np.int64)

@@ -73,7 +73,7 @@ AROUND, AT_SHOCK = (-1.0, 3.0, 0.0, 2.5), (0.95, 1.95, 0.0, 0.625)
 NAMES = ("without", "with")
 
 
-class Turn(NamedTuple):
+class Cycle(NamedTuple):
     """A mesh and the flow on it."""
 
     mesh: ads.SimplexMesh
@@ -88,16 +88,16 @@ def main(
     """Adapt in so many cycles, without and with gradient limiting, from the same first mesh."""
     first = solve(mesh_for(first_size(n_triangles)), tolerance=10.0 * TOLERANCE)
     found: dict[str, float | str] = {}
-    turns = {}
+    results = {}
     for name in NAMES:
-        turn = first
+        result = first
         for cycle in range(n_cycles):
             wanted = n_triangles * min(1.0, 0.4 * 2.0**cycle)
-            turn = adapted(turn, wanted, limited=name == "with")
-        turns[name] = turn
-        found |= {f"{key}, {name} limiting": value for key, value in told(turn).items()}
-    draw_meshes(output_dir / "euler_bump.png", turns, width)
-    draw_comparison(output_dir / "euler_bump_comparison.png", turns, width)
+            result = adapted(result, wanted, limited=name == "with")
+        results[name] = result
+        found |= {f"{key}, {name} limiting": value for key, value in summary(result).items()}
+    draw_meshes(output_dir / "euler_bump.png", results, width)
+    draw_comparison(output_dir / "euler_bump_comparison.png", results, width)
     return found
 
 
@@ -109,7 +109,7 @@ def channel(x: FloatArray) -> FloatArray:
 
 
 def is_wall(x: FloatArray) -> npt.NDArray[np.bool_]:
-    """Tell of points of the boundary whether they are on the lower wall."""
+    """Return which points of the boundary are on the lower wall."""
     inside = (x[:, 0] > LOW[0] + 1e-9) & (x[:, 0] < HIGH[0] - 1e-9)
     return np.asarray(inside & (x[:, 1] < THICKNESS + 1e-9))
 
@@ -126,7 +126,7 @@ def first_size(n_triangles: int) -> ads.SizeFunction:
 def mesh_for(size: ads.SizeFunction) -> ads.SimplexMesh:
     """Return a mesh of the channel; its boundary nodes lie on the true boundary."""
     with warnings.catch_warnings():
-        # Sizes that are not limited cannot be met; how bad the triangles are is told below.
+        # Sizes that are not limited cannot be met; how bad the triangles are is shown below.
         warnings.simplefilter("ignore", ConvergenceWarning)
         warnings.simplefilter("ignore", ResolutionWarning)
         return ads.mesh_from_distance(channel, size, LOW - 0.1, HIGH + 0.1, fixed_points=CORNERS)
@@ -134,23 +134,19 @@ def mesh_for(size: ads.SizeFunction) -> ads.SimplexMesh:
 
 def solve(
     mesh: ads.SimplexMesh, start: FloatArray | None = None, *, tolerance: float = TOLERANCE
-) -> Turn:
+) -> Cycle:
     """Return the flow on a mesh."""
     flow = euler.FlowMesh.of(mesh, is_wall)
     stream = euler.free_stream(MACH)
-    return Turn(mesh, euler.solve(flow, stream, start, tolerance=tolerance, max_steps=400))
+    return Cycle(mesh, euler.solve(flow, stream, start, tolerance=tolerance, max_steps=400))
 
 
-def adapted(turn: Turn, n_triangles: float, *, limited: bool) -> Turn:
+def adapted(result: Cycle, n_triangles: float, *, limited: bool) -> Cycle:
     """Return the next mesh and the flow on it, from that on the present mesh."""
-    mesh, solution = turn.mesh, turn.solution
+    mesh, solution = result.mesh, result.solution
     density = solution.at_nodes(solution.w)[:, 0]
-
-    def limit(h0: FloatArray) -> FloatArray:
-        return ads.limit_gradient(mesh, h0, G, method="fast-marching") if limited else h0
-
     h = ads.size_from_hessian(
-        mesh, density, target_elements=n_triangles, hmin=HMIN, hmax=HMAX, limit=limit
+        mesh, density, target_elements=n_triangles, hmin=HMIN, hmax=HMAX, g=G if limited else None
     )
     new = mesh_for(ads.SizeFunction(mesh, h))
     fields = {"conserved": euler.conserved(solution.w)}
@@ -160,14 +156,14 @@ def adapted(turn: Turn, n_triangles: float, *, limited: bool) -> Turn:
     return solve(new, euler.primitive(start))._replace(slope=slope)
 
 
-def told(turn: Turn) -> dict[str, float | str]:
+def summary(result: Cycle) -> dict[str, float | str]:
     """Return the figures of a mesh and of the flow on it."""
-    mesh, solution = turn.mesh, turn.solution
+    mesh, solution = result.mesh, result.solution
     angles, ratios = minimum_angles(mesh), radius_ratios(mesh)
     boundary = mesh.points[mesh.boundary().nodes]
     wave = euler.mach_number(solution.w)
     return {
-        "steepest slope of the sizes": turn.slope,
+        "steepest slope of the sizes": result.slope,
         "triangles": mesh.n_cells,
         "smallest edge": float(mesh.edge_lengths.min()),
         "smallest angle": float(angles.min()),
@@ -184,12 +180,12 @@ def told(turn: Turn) -> dict[str, float | str]:
     }
 
 
-def draw_meshes(path: Path, turns: dict[str, Turn], width: int) -> None:
+def draw_meshes(path: Path, results: dict[str, Cycle], width: int) -> None:
     """Draw meshes, whole and at the shocks, and Mach numbers: without above, with below."""
     figure, panels = drawing(3, 2, width, shape=0.62)
     for row, name in enumerate(NAMES):
-        turn = turns[name]
-        mesh, solution = turn.mesh, turn.solution
+        result = results[name]
+        mesh, solution = result.mesh, result.solution
         triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
         angles = minimum_angles(mesh)
         whole, zoom, flow = panels[3 * row : 3 * row + 3]
@@ -200,15 +196,15 @@ def draw_meshes(path: Path, turns: dict[str, Turn], width: int) -> None:
                                  edgecolors="black", linewidth=0.2)  # fmt: skip
         figure.colorbar(colours, ax=zoom, label="smallest angle", shrink=0.7)
         window(zoom, AT_SHOCK, f"at the shocks; worst {angles.min():.1f}°")
-        draw_flow(flow, turn)
+        draw_flow(flow, result)
         end = "" if solution.converged else ", not converged"
         window(flow, AROUND, f"Mach number; {solution.steps} steps{end}")
     save_drawing(path, figure)
 
 
-def draw_flow(panel: Axes, turn: Turn) -> None:
+def draw_flow(panel: Axes, result: Cycle) -> None:
     """Draw the Mach number, and the line where it is 1."""
-    mesh, solution = turn.mesh, turn.solution
+    mesh, solution = result.mesh, result.solution
     mach = solution.at_nodes(euler.mach_number(solution.w))
     triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
     colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap="turbo")
@@ -222,12 +218,12 @@ def window(panel: Axes, box: tuple[float, float, float, float], title: str) -> N
     panel.set_title(title, fontsize="medium")
 
 
-def draw_comparison(path: Path, turns: dict[str, Turn], width: int) -> None:
+def draw_comparison(path: Path, results: dict[str, Cycle], width: int) -> None:
     """Draw angles, convergence, and the density along a line, with and without limiting."""
     figure, (angle, steps, line) = drawing(3, 1, width, shape=0.75)
     along = np.column_stack([np.linspace(0.9, 2.4, 1500), np.full(1500, 0.3)])
     for name, colour in zip(NAMES, ("tab:red", "tab:green"), strict=True):
-        mesh, solution = turns[name].mesh, turns[name].solution
+        mesh, solution = results[name].mesh, results[name].solution
         look = {"color": colour, "label": f"{name} limiting"}
         angle.hist(minimum_angles(mesh), bins=np.arange(0, 61, 2), histtype="step", **look)
         steps.semilogy(np.arange(solution.steps), solution.history, **look)

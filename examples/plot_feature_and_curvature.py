@@ -2,7 +2,7 @@
 
 A plate between arcs, with holes close to each other and to its edge.  The feature size drops
 where walls come together, faster than elements may shrink from one to the next, and curvature asks
-at the boundary only: limiting mends both.
+at the boundary only: limiting corrects both.
 """
 
 from __future__ import annotations

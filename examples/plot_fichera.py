@@ -45,7 +45,7 @@ G = 0.3
 OCTANT = (1.0, -1.0, 1.0)  # the one that is missing: pictures are taken from there
 
 
-class Turn(NamedTuple):
+class Cycle(NamedTuple):
     """A mesh and what was found on it."""
 
     mesh: ads.SimplexMesh
@@ -72,19 +72,21 @@ def main(
         "fTetWild": adapted(start, "tetwild", tetwild_targets),
     }
     draw(output_dir / "fichera.png", loops, width)
-    return {key: value for name, turns in loops.items() for key, value in told(name, turns).items()}
+    return {
+        key: value for name, cycles in loops.items() for key, value in summary(name, cycles).items()
+    }
 
 
-def adapted(start: Turn, backend: str, targets: Sequence[int]) -> list[Turn]:
-    """Return the turns of a loop."""
-    turns = [start]
+def adapted(start: Cycle, backend: str, targets: Sequence[int]) -> list[Cycle]:
+    """Return the cycles of a loop."""
+    cycles = [start]
     for target in targets:
         result = ads.adapt(
-            turns[-1].mesh, turns[-1].indicator, order=1, target_elements=target, g=G,
+            cycles[-1].mesh, cycles[-1].indicator, order=1, target_elements=target, g=G,
             max_refine=8.0, backend=backend,
         )  # fmt: skip
-        turns.append(solve(result.mesh))
-    return turns
+        cycles.append(solve(result.mesh))
+    return cycles
 
 
 def fichera(n: int) -> ads.SimplexMesh:
@@ -96,7 +98,7 @@ def fichera(n: int) -> ads.SimplexMesh:
     return ads.SimplexMesh(m.p.T, m.t.T)
 
 
-def solve(mesh: ads.SimplexMesh) -> Turn:
+def solve(mesh: ads.SimplexMesh) -> Cycle:
     """Return error, indicators and iterations (conjugate gradients, diagonal preconditioner)."""
     m = MeshTet(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
     basis = Basis(m, ElementTetP1(), intorder=4)
@@ -109,7 +111,7 @@ def solve(mesh: ads.SimplexMesh) -> Turn:
     u[free], _ = cg(matrix, load, rtol=1e-8, M=diagonal, callback=steps.append)
     square = energy_error.assemble(basis, u=basis.interpolate(u))
     eta = ads.zz_indicator(mesh, u)
-    return Turn(mesh, len(free), float(square) ** 0.5, eta, len(steps))
+    return Cycle(mesh, len(free), float(square) ** 0.5, eta, len(steps))
 
 
 @BilinearForm
@@ -147,15 +149,15 @@ def from_edges(x: FloatArray) -> list[FloatArray]:
     return vectors
 
 
-def told(name: str, turns: list[Turn]) -> dict[str, float | str]:
+def summary(name: str, cycles: list[Cycle]) -> dict[str, float | str]:
     """Return what is to be said of a loop."""
-    last = turns[-1]
-    adapted_meshes = [t.mesh for t in turns[1:]]
+    last = cycles[-1]
+    adapted_meshes = [t.mesh for t in cycles[1:]]
     return {
         f"{name}: tetrahedra": last.mesh.n_cells,
         f"{name}: unknowns": last.unknowns,
         f"{name}: error": last.error,
-        f"{name}: rate": rate(turns[-3:]),
+        f"{name}: rate": rate(cycles[-3:]),
         f"{name}: estimate over error": float(np.linalg.norm(last.indicator)) / last.error,
         f"{name}: iterations": last.iterations,
         f"{name}: smallest angle": min(float(minimum_angles(m).min()) for m in adapted_meshes),
@@ -164,17 +166,17 @@ def told(name: str, turns: list[Turn]) -> dict[str, float | str]:
     }
 
 
-def rate(turns: list[Turn]) -> float:
+def rate(cycles: list[Cycle]) -> float:
     """Return the power of the number of unknowns with which the error goes, by least squares."""
-    unknowns, errors = (np.log([getattr(t, k) for t in turns]) for k in ("unknowns", "error"))
+    unknowns, errors = (np.log([getattr(t, k) for t in cycles]) for k in ("unknowns", "error"))
     return float(np.polyfit(unknowns, errors, 1)[0])
 
 
-def draw(path: Path, loops: dict[str, list[Turn]], width: int) -> None:
+def draw(path: Path, loops: dict[str, list[Cycle]], width: int) -> None:
     """Draw errors, a mesh from outside, and meshes behind a cut through the corner."""
     figure, panels = drawing(2, 2, width, shape=0.85)
     draw_errors(panels[0], loops)
-    shown = {name: turns[min(3, len(turns) - 1)].mesh for name, turns in loops.items()}
+    shown = {name: cycles[min(3, len(cycles) - 1)].mesh for name, cycles in loops.items()}
     for panel, name, clip in zip(
         panels[1:], ("Mmg", "Mmg", "fTetWild"), (None, "x", "x"), strict=True
     ):
@@ -191,10 +193,10 @@ def edges_at_nodes(mesh: ads.SimplexMesh) -> FloatArray:
     return total / np.bincount(mesh.edges.ravel())
 
 
-def draw_errors(panel: Axes, loops: dict[str, list[Turn]]) -> None:
+def draw_errors(panel: Axes, loops: dict[str, list[Cycle]]) -> None:
     """Draw the error over the unknowns, and the slopes of theory."""
-    for (name, turns), style in zip(loops.items(), ("ks--", "o-", "^-"), strict=True):
-        x, y = [t.unknowns for t in turns], [t.error for t in turns]
+    for (name, cycles), style in zip(loops.items(), ("ks--", "o-", "^-"), strict=True):
+        x, y = [t.unknowns for t in cycles], [t.error for t in cycles]
         panel.loglog(x, y, style, markersize=5, label=name)
     for name, power, label in (("uniform", -2 / 9, "$N^{-2/9}$"), ("Mmg", -1 / 3, "$N^{-1/3}$")):
         last = loops[name][-1]

@@ -133,7 +133,7 @@ class Follower:
     def __init__(self, background: ads.SimplexMesh, plan: Plan) -> None:
         self.background, self.plan = background, plan
         self.h0 = np.full(background.n_points, HMAX)
-        self.info: ads.LimitingInfo | None = None
+        self.info: ads.limiting.LimitingInfo | None = None
         self.changed: list[float] = []
         self.differences: list[float] = []
         self.seconds: list[tuple[float, float]] = []

@@ -169,7 +169,7 @@ def draw(path: Path, states: list[tuple[ads.SimplexMesh, FloatArray]], width: in
     (old, in_file), (new, stress) = states[0], states[-1]
     for panel, mesh, values, name in (
         (panels[0], old, in_file, "the file"),
-        (panels[1], new, stress, "after three turns"),
+        (panels[1], new, stress, "after three cycles"),
     ):
         image = draw_stress(panel, mesh, values, top, 0.25)
         panel.set_title(f"{name}: {mesh.n_cells} triangles,\nhighest stress {values.max():.0f} MPa")

@@ -26,7 +26,7 @@ def main(
 ) -> dict[str, Any]:
     """Draw the four stages for data/objects.png; ``every`` takes each n-th pixel only."""
     picture = ads.read_image(DATA / "objects.png")
-    image = ads.Image(picture.values[::every, ::every], spacing=float(every))
+    image = ads.background.Image(picture.values[::every, ::every], spacing=float(every))
     mask = mask_of(image)
     phi = distance_to_edge(mask)
     size, report = ads.size_function_from_image(
@@ -55,7 +55,7 @@ def main(
     }
 
 
-def _draw_mask(panel: Axes, image: ads.Image) -> None:
+def _draw_mask(panel: Axes, image: ads.background.Image) -> None:
     step = image.spacing[0]
     far = step * (np.array(image.shape) - 0.5)
     extent = (-0.5 * step, far[0], -0.5 * step, far[1])

@@ -62,7 +62,7 @@ ELEMENTS = {1: ElementTriP1(), 2: ElementTriP2()}
 RATES = {1: (-1 / 3, -1 / 2), 2: (-1 / 3, -1)}  # of uniform and of the best meshes, per unknown
 
 
-class Turn(NamedTuple):
+class Cycle(NamedTuple):
     """A mesh and what was found on it."""
 
     mesh: ads.SimplexMesh
@@ -75,7 +75,7 @@ class Turn(NamedTuple):
 def main(
     output_dir: Path, *, width: int = 640, n_targets: int = 7, also_not_limited: bool = True
 ) -> dict[str, float | str]:
-    loops: dict[int, dict[str, list[Turn]]] = {}
+    loops: dict[int, dict[str, list[Cycle]]] = {}
     found: dict[str, float | str] = {}
     for order in (1, 2):
         loops[order] = {
@@ -84,43 +84,43 @@ def main(
         }
         if also_not_limited:
             loops[order]["not limited"] = adapted(order, n_targets, None)
-        for name, turns in loops[order].items():
-            found |= told(f"P{order} {name}", turns)
+        for name, cycles in loops[order].items():
+            found |= summary(f"P{order} {name}", cycles)
     jump = {
         name: solve(marked_mesh(solve(l_shape(4), 1), g), 1)
         for name, g in (("not limited", None), ("limited", G))
     }
-    for name, turn in jump.items():
-        found |= told(f"marked {name}", [turn])
+    for name, state in jump.items():
+        found |= summary(f"marked {name}", [state])
     draw(output_dir / "lshape.png", loops, jump, width)
     return found
 
 
-def adapted(order: int, n_targets: int, g: float | None) -> list[Turn]:
-    """Return the start, and the last turn for each of the numbers 200, 400, ... of triangles.
+def adapted(order: int, n_targets: int, g: float | None) -> list[Cycle]:
+    """Return the start, and the last cycle for each of the numbers 200, 400, ... of triangles.
 
-    Quadratic elements get two turns for each: their triangles in the corner are to be 2.8 times
+    Quadratic elements get two cycles for each: their triangles in the corner are to be 2.8 times
     smaller, and indicators there say less, for they go with h^(2/3) and not with h^2.
     """
-    turn = solve(l_shape(2), order)
-    turns = [turn]
+    state = solve(l_shape(2), order)
+    cycles = [state]
     for k in range(n_targets):
         for _ in range(order):
             result = ads.adapt(
-                turn.mesh, turn.indicator, order=order, target_elements=200 * 2**k, g=g,
+                state.mesh, state.indicator, order=order, target_elements=200 * 2**k, g=g,
                 max_refine=16.0, enough=2.0,
             )  # fmt: skip
-            turn = solve(result.mesh, order)
-        turns.append(turn)
-    return turns
+            state = solve(result.mesh, order)
+        cycles.append(state)
+    return cycles
 
 
-def marked_mesh(turn: Turn, g: float | None) -> ads.SimplexMesh:
+def marked_mesh(state: Cycle, g: float | None) -> ads.SimplexMesh:
     """Return the next mesh if the worst cells, half of the error, are to be 16 times smaller."""
-    worst = np.argsort(-turn.indicator)
-    sums = np.cumsum(turn.indicator[worst] ** 2)
+    worst = np.argsort(-state.indicator)
+    sums = np.cumsum(state.indicator[worst] ** 2)
     marked = worst[: np.searchsorted(sums, 0.5 * sums[-1]) + 1]
-    mesh = turn.mesh
+    mesh = state.mesh
     wanted = np.sqrt(4.0 / np.sqrt(3.0) * mesh.measures)  # edge of the equilateral triangle
     wanted[marked] /= 16.0
     h0 = np.full(mesh.n_points, np.inf)
@@ -137,7 +137,7 @@ def l_shape(refinements: int) -> ads.SimplexMesh:
     return ads.SimplexMesh(m.p.T, m.t.T)
 
 
-def solve(mesh: ads.SimplexMesh, order: int) -> Turn:
+def solve(mesh: ads.SimplexMesh, order: int) -> Cycle:
     """Return error, indicators and iterations (conjugate gradients, diagonal preconditioner)."""
     m = MeshTri(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
     basis = Basis(m, ELEMENTS[order], intorder=8)
@@ -147,7 +147,7 @@ def solve(mesh: ads.SimplexMesh, order: int) -> Turn:
     diagonal = diags_array(1.0 / matrix.diagonal())
     u[free], _ = cg(matrix, load, rtol=1e-10, M=diagonal, callback=steps.append)
     square = energy_error.assemble(basis, u=basis.interpolate(u))
-    return Turn(mesh, len(free), float(square) ** 0.5, residuals(basis, u), len(steps))
+    return Cycle(mesh, len(free), float(square) ** 0.5, residuals(basis, u), len(steps))
 
 
 @BilinearForm
@@ -201,31 +201,31 @@ def exact_gradient(x: FloatArray) -> FloatArray:
     return 2.0 / 3.0 * np.hypot(*x) ** (-1.0 / 3.0) * np.stack([-np.sin(third), np.cos(third)])
 
 
-def told(name: str, turns: list[Turn]) -> dict[str, float | str]:
+def summary(name: str, cycles: list[Cycle]) -> dict[str, float | str]:
     """Return what is to be said of a loop."""
-    last = turns[-1]
+    last = cycles[-1]
     numbers: dict[str, float | str] = {
         f"{name}: unknowns": last.unknowns,
         f"{name}: error": last.error,
         f"{name}: estimate over error": float(np.linalg.norm(last.indicator)) / last.error,
         f"{name}: iterations": last.iterations,
         f"{name}: iterations over root of unknowns": last.iterations / last.unknowns**0.5,
-        f"{name}: smallest angle": min(float(minimum_angles(t.mesh).min()) for t in turns),
-        f"{name}: worst radius ratio": min(float(radius_ratios(t.mesh).min()) for t in turns),
+        f"{name}: smallest angle": min(float(minimum_angles(t.mesh).min()) for t in cycles),
+        f"{name}: worst radius ratio": min(float(radius_ratios(t.mesh).min()) for t in cycles),
     }
-    if len(turns) > 2:
-        numbers[f"{name}: rate"] = rate(turns[-3:])
+    if len(cycles) > 2:
+        numbers[f"{name}: rate"] = rate(cycles[-3:])
     return numbers
 
 
-def rate(turns: list[Turn]) -> float:
+def rate(cycles: list[Cycle]) -> float:
     """Return the power of the number of unknowns with which the error goes, by least squares."""
-    unknowns, errors = (np.log([getattr(t, k) for t in turns]) for k in ("unknowns", "error"))
+    unknowns, errors = (np.log([getattr(t, k) for t in cycles]) for k in ("unknowns", "error"))
     return float(np.polyfit(unknowns, errors, 1)[0])
 
 
 def draw(
-    path: Path, loops: dict[int, dict[str, list[Turn]]], jump: dict[str, Turn], width: int
+    path: Path, loops: dict[int, dict[str, list[Cycle]]], jump: dict[str, Cycle], width: int
 ) -> None:
     figure, panels = drawing(2, 2, width, shape=0.9)
     draw_errors(panels[0], loops)
@@ -236,23 +236,23 @@ def draw(
     magnified = 10.0 ** np.floor(np.log10(0.05 / middle.mesh.edge_lengths.min()))
     draw_mesh(corner, middle.mesh, 1.0 / magnified)
     corner.set_title(f"the corner, {magnified:.0f} times", fontsize="small")
-    for panel, (name, turn) in zip(panels[2:], jump.items(), strict=True):
-        image = draw_mesh(panel, turn.mesh, 0.3)
-        angle = minimum_angles(turn.mesh).min()
+    for panel, (name, state) in zip(panels[2:], jump.items(), strict=True):
+        image = draw_mesh(panel, state.mesh, 0.3)
+        angle = minimum_angles(state.mesh).min()
         panel.set_title(
-            f"marked triangles to 1/16, {name}\n{turn.mesh.n_cells} triangles, "
-            f"smallest angle {angle:.0f} degrees, error {turn.error:.4f}", fontsize="medium",
+            f"marked triangles to 1/16, {name}\n{state.mesh.n_cells} triangles, "
+            f"smallest angle {angle:.0f} degrees, error {state.error:.4f}", fontsize="medium",
         )  # fmt: skip
     figure.colorbar(image, ax=panels[2:], label="radius ratio", shrink=0.8)
     save_drawing(path, figure)
 
 
-def draw_errors(panel: Axes, loops: dict[int, dict[str, list[Turn]]]) -> None:
+def draw_errors(panel: Axes, loops: dict[int, dict[str, list[Cycle]]]) -> None:
     """Draw the error over the unknowns, and the slopes of theory."""
     for order, colour in ((1, "#4477aa"), (2, "#cc3311")):
         styles = {"uniform": "s--", "limited": "o-", "not limited": "x:"}
-        for name, turns in loops[order].items():
-            x, y = [t.unknowns for t in turns], [t.error for t in turns]
+        for name, cycles in loops[order].items():
+            x, y = [t.unknowns for t in cycles], [t.error for t in cycles]
             label = name if name == "uniform" else f"adapted, {name}"
             panel.loglog(x, y, styles[name], color=colour, markersize=5, label=f"P{order}, {label}")
         draw_slope(panel, loops[order]["limited"], RATES[order][1])
@@ -263,10 +263,10 @@ def draw_errors(panel: Axes, loops: dict[int, dict[str, list[Turn]]]) -> None:
     panel.grid(alpha=0.3)
 
 
-def draw_slope(panel: Axes, turns: list[Turn], power: float) -> None:
+def draw_slope(panel: Axes, cycles: list[Cycle], power: float) -> None:
     """Draw the slope that theory promises above the later half of a curve."""
-    ends = np.array([turns[len(turns) // 2].unknowns, turns[-1].unknowns], float)
-    y = 1.4 * turns[-1].error * (ends / ends[-1]) ** power
+    ends = np.array([cycles[len(cycles) // 2].unknowns, cycles[-1].unknowns], float)
+    y = 1.4 * cycles[-1].error * (ends / ends[-1]) ** power
     panel.loglog(ends, y, "0.4", linewidth=1)
     names = {-1 / 3: "$N^{-1/3}$", -1 / 2: "$N^{-1/2}$", -1: "$N^{-1}$"}
     panel.annotate(names[power], (ends[1], y[1]), (4, -9), textcoords="offset points")

@@ -109,7 +109,7 @@ def three_parabolas(x: Array, *, bend: float = 1.4, reach: float = 0.85) -> Arra
 
 
 def draw(
-    panel: Axes, grid: ads.CartesianGrid, phi: Array, size: Array, medial: ads.MedialAxis
+    panel: Axes, grid: ads.CartesianGrid, phi: Array, size: Array, medial: ads.geometry.MedialAxis
 ) -> None:
     """Draw the feature size inside, the boundary and the points of the medial axis."""
     shown = np.ma.masked_invalid(size)

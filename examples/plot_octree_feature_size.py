@@ -98,7 +98,7 @@ def at(
 
 
 def draw_tree(
-    panel: Axes, tree: ads.Octree, medial: ads.MedialAxis, boundary: ads.SimplexMesh
+    panel: Axes, tree: ads.Octree, medial: ads.geometry.MedialAxis, boundary: ads.SimplexMesh
 ) -> None:
     """Draw the leaves, and the points of the medial axis by their distance from the boundary."""
     from matplotlib.collections import LineCollection

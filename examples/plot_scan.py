@@ -48,7 +48,7 @@ def main(
     curvature = ads.size_from_curvature(
         grid, scan, elements_per_radian=ELEMENTS_PER_RADIAN, smoothing=SMOOTHING
     )
-    h0 = ads.minimum(curvature, 2.0 * feature / ELEMENTS_ACROSS, hmin=spacing, hmax=hmax)
+    h0 = np.minimum(curvature, 2.0 * feature / ELEMENTS_ACROSS).clip(spacing, hmax)
     h = ads.limit_gradient(grid, h0, G)
     size = ads.SizeFunction(grid, h)
     mesh = ads.remesh(scan, size, hmax=hmax)

@@ -77,11 +77,8 @@ def problem(
     phi = ads.signed_distance(grid, function)
     medial = ads.medial_axis(grid, phi)
     feature = ads.feature_size(grid, phi, medial)
-    h0 = ads.minimum(
-        ads.size_from_curvature(grid, phi, elements_per_radian=ELEMENTS_PER_RADIAN, g=g),
-        2.0 * feature / ELEMENTS_ACROSS,
-        hmin=2.0 * spacing,
-    )
+    curvature = ads.size_from_curvature(grid, phi, elements_per_radian=ELEMENTS_PER_RADIAN, g=g)
+    h0 = np.minimum(curvature, 2.0 * feature / ELEMENTS_ACROSS).clip(min=2.0 * spacing)
     return Problem(
         grid, phi, medial, feature, ads.SizeFunction(grid, ads.limit_gradient(grid, h0, g))
     )

@@ -28,10 +28,10 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, 
 
     left, right = node_at(mesh, (-1, 0)), node_at(mesh, (1, 0))
     grown = [h[left] - SMALLEST, h[right] - SMALLEST]
-    ways = np.linalg.norm(mesh.points[[left, right]] - mesh.points[sources], axis=1)
+    paths = np.linalg.norm(mesh.points[[left, right]] - mesh.points[sources], axis=1)
     found = {
-        "mean slope on the left": float(grown[0] / ways[0]),
-        "mean slope on the right": float(grown[1] / ways[1]),
+        "mean slope on the left": float(grown[0] / paths[0]),
+        "mean slope on the right": float(grown[1] / paths[1]),
         "largest slope over g": info.largest_edge_slope,
     }
     halves = mesh.with_data(cell_data={"gradient limit g": g})

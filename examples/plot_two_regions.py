@@ -25,7 +25,7 @@ def main(
 ) -> dict[str, float]:
     mesh = ads.read(DATA / "block.vtu")
     sources = [ads.RegionSource(2, in_ball), ads.PointSource((40.0, 10.0, 10.0), at_point)]
-    h0 = ads.minimum(ads.size_from_sources(mesh, sources, g=G), hmax=5.0)
+    h0 = np.minimum(ads.size_from_sources(mesh, sources, g=G), 5.0)
     size = ads.SizeFunction(mesh, ads.limit_gradient(mesh, h0, G))
     new = ads.remesh(mesh, size)
 

@@ -25,7 +25,9 @@ def main(
 ) -> dict[str, Any]:
     """Mesh data/organs.nii.gz, of which each n-th voxel is taken along each axis."""
     volume = ads.read_image(DATA / "organs.nii.gz")
-    image = ads.Image(volume.values[(slice(None, None, every),) * 3], every * volume.spacing)
+    image = ads.background.Image(
+        volume.values[(slice(None, None, every),) * 3], every * volume.spacing
+    )
     options: dict[str, Any] = {"elements_per_radian": elements_per_radian, "elements_across": 3.0}
     size, report = ads.size_function_from_image(image, **options, full_output=True)
     with warnings.catch_warnings():

@@ -24,8 +24,8 @@ from adaptsize._checks import (
 from adaptsize.background import Image
 
 
-def message(told):
-    return pytest.raises(ValueError, match="^" + re.escape(told) + "$")
+def message(expected):
+    return pytest.raises(ValueError, match="^" + re.escape(expected) + "$")
 
 
 def test_float_arrays_keep_their_shape_and_become_float64():
@@ -251,28 +251,28 @@ CALLS = {
 @pytest.mark.parametrize("bad", ["mesh.vtu", 3.5])
 @pytest.mark.parametrize("name", CALLS)
 def test_another_type_is_refused_by_the_name_of_the_argument(name, bad):
-    call, told = CALLS[name]
-    with message(f"{told}{bad!r}"):
+    call, expected = CALLS[name]
+    with message(f"{expected}{bad!r}"):
         call(bad)
 
 
 def test_smoothing_without_end_is_refused():
     grid = CartesianGrid([-1.0, -1.0], 0.2, (11, 11))
     phi = grid.sample(lambda x: np.linalg.norm(x, axis=1) - 0.5)
-    told = f"smoothing must be at most 1000, got {2.0**40:g}"
-    with message(told):
+    expected = f"smoothing must be at most 1000, got {2.0**40:g}"
+    with message(expected):
         ads.size_from_curvature(TRIANGLE, smoothing=2**40)
-    with message(told):
+    with message(expected):
         ads.size_from_curvature(grid, phi, smoothing=2**40)
 
 
 def test_slopes_whose_square_overflows_are_refused():
     grid = CartesianGrid([-1.0, -1.0], 0.2, (11, 11))
     phi = grid.sample(lambda x: np.linalg.norm(x, axis=1) - 0.5)
-    told = "g must be at most 1e+30, got 1e+300"
-    with message(told):
+    expected = "g must be at most 1e+30, got 1e+300"
+    with message(expected):
         ads.size_from_curvature(grid, phi, g=1e300)
-    with message(told):
+    with message(expected):
         ads.size_from_sources(SQUARE, ads.PointSource([0.4, 0.5], 0.1), g=1e300)
-    with message(told):
+    with message(expected):
         ads.limit_gradient(SQUARE, np.ones(4), 1e300)

@@ -1,7 +1,7 @@
 """What the pages say is so: their commands run, and nothing is left out of the site.
 
 Commands run word for word in a folder whose ``data`` are coarser files of the same names;
-where that does not make them quick, COARSER tells what is replaced.  Links, references and
+where that does not make them quick, COARSER lists what is replaced.  Links, references and
 formulas are checked by Sphinx, in .ci/run.
 """
 
@@ -205,7 +205,7 @@ def test_every_example_is_in_the_gallery_with_its_pictures(extension):
     assert extension.missing_pictures(examples, DOCS / "figures") == []
 
 
-def test_a_missing_picture_is_told(extension, tmp_path):
+def test_a_missing_picture_is_reported(extension, tmp_path):
     script = tmp_path / "plot_new.py"
     script.write_text('"""New."""\n\ndef main(output_dir):\n    save(output_dir / "new.png")\n')
     example = extension.read_example(script)

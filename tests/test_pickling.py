@@ -71,7 +71,7 @@ MAKE = {
     "Boundary": lambda: tagged_square().boundary(),
     "CartesianGrid": masked_grid,
     "Octree": a_tree,
-    "Image": lambda: ads.Image([[True, False], [False, True]], spacing=0.5),
+    "Image": lambda: ads.background.Image([[True, False], [False, True]], spacing=0.5),
     "SizeFunction": size_with_sources,
     "SizeFunction on a grid": lambda: ads.SizeFunction(masked_grid(), np.full((6, 5), 0.5)),
     "SizeFunction on an octree": lambda: ads.SizeFunction(a_tree(), np.full(16, 0.5)),
@@ -91,7 +91,7 @@ MAKE = {
 }  # fmt: skip
 WAYS = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "deepcopy": copy.deepcopy}
 READ_ONLY = (
-    ads.SimplexMesh, ads.CartesianGrid, ads.Octree, ads.Image, ads.MedialAxis
+    ads.SimplexMesh, ads.CartesianGrid, ads.Octree, ads.background.Image, ads.geometry.MedialAxis
 )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from adaptsize._progress import reporting
 
 
 @pytest.mark.parametrize("progress", [None, False])
-def test_nothing_is_told_unless_asked_for(progress, capfd):
+def test_nothing_is_printed_unless_requested(progress, capfd):
     with reporting(progress) as report:
         report("working", 0.5)
         report("working", None)
@@ -14,11 +14,11 @@ def test_nothing_is_told_unless_asked_for(progress, capfd):
 
 
 def test_the_callback_of_the_caller_is_called():
-    told = []
-    with reporting(lambda *args: told.append(args)) as report:
+    reports = []
+    with reporting(lambda *args: reports.append(args)) as report:
         report("a", 0.5)
         report("b", None)
-    assert told == [("a", 0.5), ("b", None)]
+    assert reports == [("a", 0.5), ("b", None)]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, LookupError])

@@ -57,7 +57,7 @@ LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 
 
 def write_pages(app: Sphinx) -> None:
-    """Write the pages that are made from other files, and tell of missing pictures."""
+    """Write the pages that are made from other files, and report missing pictures."""
     examples = gallery.read_examples(ROOT / "examples")
     for line in gallery.missing_pictures(examples, DOCS / "figures"):
         LOG.warning(line)
@@ -85,10 +85,10 @@ def mend_page(app: Sphinx, docname: str, source: list[str]) -> None:
     homes = {name: path for path, name in _copies().items()}
     folder = Path(homes.get(docname, f"docs/{docname}.md")).parent
 
-    def mended(match: re.Match[str]) -> str:
+    def resolved(match: re.Match[str]) -> str:
         return f"]({target_of(match[1], folder, docname)}{match[2] or ''})"
 
-    source[0] = LINK.sub(mended, source[0])
+    source[0] = LINK.sub(resolved, source[0])
     if docname == app.config.root_doc:
         source[0] += contents()
     elif docname == "decisions/README":
@@ -110,7 +110,7 @@ def target_of(link: str, folder: Path, docname: str) -> str:
     if path in pages:
         path = f"docs/{pages[path]}.md"
     elif not (ROOT / path).is_file():
-        return link  # to be told by the reader of the page
+        return link  # broken, which the build reports
     return os.path.relpath(path, Path("docs", docname).parent)
 
 

@@ -61,13 +61,8 @@ def lshape():
               f"estimate / error {np.linalg.norm(eta) / error:.3f}; next {wanted}")  # fmt: skip
         if wanted is not None:
             h = ads.size_from_error(mesh, eta, order=1, target_elements=wanted, max_refine=8,
-                                    limit=limiter(mesh))  # fmt: skip
+                                    g=G)  # fmt: skip
             mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h), backend="mmg")
-
-
-def limiter(mesh):
-    """Return what limits sizes on a mesh."""
-    return lambda h0: ads.limit_gradient(mesh, h0, G, method="fast-marching")
 
 
 def shell(x):
@@ -93,14 +88,14 @@ def layers():
         mesh = start
         for wanted in counts:
             h = ads.size_from_hessian(mesh, shell(mesh.points), target_elements=wanted,
-                                      hmin=0.004, hmax=0.5, limit=limiter(mesh))  # fmt: skip
+                                      hmin=0.004, hmax=0.5, g=G)  # fmt: skip
             mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h), backend="mmg")
             print(f"wanted {wanted}, got {mesh.n_cells}, {mesh.n_cells / wanted:.3f}")
     for tolerance in (0.04, 0.01, 0.0025):
         mesh = jittered_square(24, 5, half_width=1.0)
         for _ in range(5):
             h = ads.size_from_hessian(mesh, shell(mesh.points), tolerance=tolerance,
-                                      hmin=0.002, hmax=0.5, limit=limiter(mesh))  # fmt: skip
+                                      hmin=0.002, hmax=0.5, g=G)  # fmt: skip
             mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h), backend="mmg")
         print(f"tolerance {tolerance}: {mesh.n_cells} triangles, {interpolation_error(mesh):.5f}")
 

@@ -99,12 +99,12 @@ def counts(backend, dim):
         for shape in ("uniform", "corner", "layer", "wave" if dim == 2 else "edge"):
             for wanted in {2: (1000, 8000), 3: (5000, 20_000) if fine else (3000, 8000)}[dim]:
                 mesh = make() if dim == 2 else make(fine)
-                for turn in range(2 if fine or wanted < 5000 else 1):
+                for cycle in range(2 if fine or wanted < 5000 else 1):
                     h = sizes_for(mesh, SHAPES[shape](mesh.points), wanted)
                     predicted = predicted_elements(mesh, h)
                     mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h), backend=backend)
                     ratios.append(mesh.n_cells / predicted)
-                    print(name, shape, wanted, turn, round(predicted), mesh.n_cells,
+                    print(name, shape, wanted, cycle, round(predicted), mesh.n_cells,
                           f"{ratios[-1]:.3f}", flush=True)  # fmt: skip
     print(len(ratios), np.quantile(ratios, [0.0, 0.1, 0.5, 0.9, 1.0]).round(3))
 
@@ -155,11 +155,11 @@ def held_out(backend, dim):
         for kind in ("two points", "line", "random")[: 3 if fine else 2]:
             for wanted in numbers:
                 mesh = make(fine)
-                for turn in range(2 if fine else 1):
+                for cycle in range(2 if fine else 1):
                     result = ads.adapt(mesh, indicator(mesh, kind), target_elements=wanted,
                                        backend=backend, enough=2.0, max_refine=8.0)  # fmt: skip
                     mesh = result.mesh
-                    print(name, kind, wanted, turn, mesh.n_cells, f"{mesh.n_cells / wanted:.3f}",
+                    print(name, kind, wanted, cycle, mesh.n_cells, f"{mesh.n_cells / wanted:.3f}",
                           f"{result.report.n_meshes} meshes", flush=True)  # fmt: skip
 
 
@@ -175,15 +175,15 @@ def boundary():
         ("ball", rounded(8, [0, 1, 2]), 12_000, "mmg", 4),
         ("ball", rounded(6, [0, 1, 2]), 4000, "tetwild", 2),
     )
-    for name, start, wanted, backend, turns in cases:
+    for name, start, wanted, backend, n_cycles in cases:
         for project in (None, on_unit_sphere):
             mesh = start
             exact = np.pi if mesh.dim == 2 else 4.0 / 3.0 * np.pi
             print(name, backend, "projected" if project else "as it is",
                   f"{mesh.measures.sum() / exact - 1.0:.2e}")  # fmt: skip
-            for turn in range(turns):
+            for cycle in range(n_cycles):
                 place = np.zeros(mesh.dim)
-                place[:2] = np.cos(turn), np.sin(turn)
+                place[:2] = np.cos(cycle), np.sin(cycle)
                 x = mesh.points[mesh.cells].mean(axis=1)
                 eta = mesh.measures ** (1.0 / mesh.dim + 0.5)
                 eta *= np.exp(-3.0 * np.linalg.norm(x - place, axis=1))
@@ -191,7 +191,7 @@ def boundary():
                                    project=project, enough=2.0)  # fmt: skip
                 mesh, report = result.mesh, result.report
                 radii = np.linalg.norm(mesh.points[mesh.boundary().nodes], axis=1)
-                print(f"  turn {turn}: {mesh.n_cells} cells, "
+                print(f"  cycle {cycle}: {mesh.n_cells} cells, "
                       f"measure {mesh.measures.sum() / exact - 1.0:.2e}, "
                       f"radii {radii.min() - 1.0:.1e} {radii.max() - 1.0:.1e}, from the old "
                       f"boundary {report.boundary_distance / mesh.diagonal:.1e} diagonals, "

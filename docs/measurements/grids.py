@@ -1,4 +1,4 @@
-"""Measure the errors and steps on grids that docs/limiting.md tells; takes half a minute.
+"""Measure the errors and steps on grids given in docs/limiting.md; takes half a minute.
 
 python docs/measurements/grids.py
 """

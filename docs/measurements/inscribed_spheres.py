@@ -24,7 +24,7 @@ def radii(boundary, points=None):
     return (finder.at_nodes() if points is None else finder.near(points)).smallest()
 
 
-def told(name, ratio):
+def report(name, ratio):
     """Print the least, the median and the largest radius over the exact one."""
     low = (ratio < 0.5).mean()
     print(
@@ -41,12 +41,12 @@ def ellipse():
     length = np.linalg.norm(normal, axis=1)
     with np.errstate(invalid="ignore"):
         exact = np.where(np.abs(y) > 1e-12, np.abs(y) * length / np.abs(normal[:, 1]), 0.5)
-    told("ellipse 2:1, 400 segments", radii(solids.outline(np.column_stack([x, y]))) / exact)
+    report("ellipse 2:1, 400 segments", radii(solids.outline(np.column_stack([x, y]))) / exact)
 
 
 def shapes():
     """Print the radii of boundaries of known width."""
-    told("box 10 x 10 x 1", radii(solids.box(10, 10, 1)) / 0.5)
+    report("box 10 x 10 x 1", radii(solids.box(10, 10, 1)) / 0.5)
     for degrees in (10, 20, 29):
         angle = np.radians(degrees)
         x = np.linspace(0.05, 3.5, 50)
@@ -55,32 +55,34 @@ def shapes():
         # Tangent to the x axis at x and to the other side, until the third side is nearer.
         exact = x * np.tan(0.5 * angle)
         near = x < 2.5
-        told(f"wedge of {degrees}", found[near] / exact[near])
+        report(f"wedge of {degrees}", found[near] / exact[near])
     ring = solids.outline(solids.circle(48, 2.0), solids.circle(48, 1.5)[::-1])
-    told("annulus, 48 segments around", radii(ring) / 0.25)
+    report("annulus, 48 segments around", radii(ring) / 0.25)
     ellipse()
-    told("cylinder of 32 uneven strips", radii(sliver_cylinder(32, 814)))
-    told("sphere of 5000 random nodes", radii(random_sphere(5000, 815)))
+    report("cylinder of 32 uneven strips", radii(sliver_cylinder(32, 814)))
+    report("sphere of 5000 random nodes", radii(random_sphere(5000, 815)))
 
 
 def rough():
     """Print the radii of a torus whose nodes are moved, and of one with holes."""
     for n in (24, 48):
         torus, _ = irregular_torus(n, 825)
-        told(f"torus of {torus.n_points} nodes", radii(torus) / 0.4)
+        report(f"torus of {torus.n_points} nodes", radii(torus) / 0.4)
     edge = float(np.median(torus.edge_lengths))
     for share in (0.01, 0.05, 0.1):
         noise = np.random.default_rng(20061121).normal(size=torus.points.shape)
         noise *= share * edge / np.linalg.norm(noise, axis=1)[:, None]
         found = radii(ads.SimplexMesh(torus.points + noise, torus.cells)) / 0.4
-        told(f"... moved by {share:g} edges", found)
+        report(f"... moved by {share:g} edges", found)
         print(f"    {100 * (found < 0.13).mean():.2f} % below .13")
     rng = np.random.default_rng(20061122)
     cells = np.array(torus.cells[rng.random(torus.n_cells) > 0.05])
     turned = rng.random(len(cells)) < 1.0 / 3.0
     cells[turned] = cells[turned][:, [1, 0, 2]]
     used = np.unique(cells)
-    told("... with holes, a third turned", radii(ads.SimplexMesh(torus.points, cells))[used] / 0.4)
+    report(
+        "... with holes, a third turned", radii(ads.SimplexMesh(torus.points, cells))[used] / 0.4
+    )
 
 
 def speed():

@@ -32,7 +32,7 @@ from test_sizes_error import means_of_cell_gradients, root_mean_square, wave
 G = _problems.G
 FIGURES = Path(__file__).parents[1] / "figures"
 MARKS = "osD^vP"
-EXACT = 1e-8  # smaller errors are not drawn, but told
+EXACT = 1e-8  # smaller errors are not drawn, but listed
 
 
 class Curve(NamedTuple):
@@ -465,8 +465,8 @@ def draw(name: str, panels: list[Panel]) -> None:
         for mark, c in zip(MARKS, seen, strict=False):
             axis.loglog(c.spacings, c.errors, f"{mark}-", label=f"{c.name}: {abs(c.order):.1f}")
         exact = [c.name for c in panel.curves if c.errors.max() <= EXACT]
-        for told in exact:
-            axis.plot([], [], " ", label=f"{told}: errors below {EXACT:.0e}")
+        for curve in exact:
+            axis.plot([], [], " ", label=f"{curve}: errors below {EXACT:.0e}")
         low = min(c.errors.min() for c in seen)
         ends = np.array([min(c.spacings.min() for c in seen), max(c.spacings.max() for c in seen)])
         for order, style in ((1, ":"), (2, "--")):

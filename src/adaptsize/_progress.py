@@ -5,6 +5,9 @@ from contextlib import contextmanager
 
 from adaptsize.typing import ProgressCallback
 
+#: The time left is not estimated from a smaller share.
+_LEAST_SHARE = 0.05
+
 
 @contextmanager
 def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCallback]:
@@ -22,6 +25,19 @@ def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCall
         yield progress
 
 
+def remaining(seconds: float, share: float | None) -> str:
+    """Return the time left in words, from the time a share took; empty if it is not known.
+
+    Examples
+    --------
+    >>> remaining(30.0, 0.25)
+    'about 90 s left'
+    """
+    if share is None or not _LEAST_SHARE <= share < 1.0:
+        return ""
+    return f"about {seconds * (1.0 - share) / share:.0f} s left"
+
+
 def _ignore(text: str, share: float | None) -> None:
     """Report nothing."""
 
@@ -32,18 +48,27 @@ def _rich_bar() -> Iterator[ProgressCallback]:
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}", markup=False),
+    )
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as bar:
-        tasks: dict[str, int] = {}
+        shown = ""
+        task = bar.add_task(shown, total=None, left="", visible=False)
 
         def report(text: str, share: float | None) -> None:
-            if text not in tasks:
-                for done in tasks.values():
-                    bar.update(done, visible=False)  # type: ignore[arg-type]
-                tasks[text] = int(bar.add_task(text, total=None if share is None else 1.0))
+            nonlocal shown, task
+            if text != shown:
+                bar.remove_task(task)
+                task = bar.add_task(text, total=None, left="")
+                shown = text
             if share is not None:
-                bar.update(tasks[text], total=1.0, completed=share)  # type: ignore[arg-type]
+                passed = bar.tasks[0].elapsed or 0.0
+                bar.update(task, total=1.0, completed=share, left=remaining(passed, share))
 
         yield report

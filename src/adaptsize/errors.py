@@ -41,6 +41,13 @@ class MeshRepairWarning(UserWarning):
     """An input mesh was repaired: points merged, cells dropped.  The message gives the counts."""
 
 
+class OpenSurfaceWarning(UserWarning):
+    """A surface is open, or has bodies that nearly touch: what it encloses must be guessed.
+
+    The message says where.
+    """
+
+
 class ImageWarning(UserWarning):
     """Part of an image was left out or interpreted differently.  The message says which."""
 

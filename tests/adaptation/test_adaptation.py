@@ -1,4 +1,4 @@
-"""One turn of an adaptive loop: sizes, budget, decision, transfer, boundary, report."""
+"""One cycle of an adaptive loop: sizes, budget, decision, transfer, boundary, report."""
 
 import math
 import warnings
@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from shapes import facet_areas, two_region_block, two_region_rectangle
 
 from adaptsize import SimplexMesh, SizeFunction, adapt, remesh
-from adaptsize.adaptation import turn
+from adaptsize.adaptation import new_mesh
 from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.errors import BackendUnavailableError, ResolutionWarning
 from adaptsize.remeshing import registry
@@ -63,7 +63,7 @@ def generator(monkeypatch):
             return SimplexMesh(made.points, made.cells, cell_tags=np.zeros(made.n_cells, int))
 
     made = Generator()
-    monkeypatch.setattr(turn, "remesh", made)
+    monkeypatch.setattr(new_mesh, "remesh", made)
     monkeypatch.setattr(registry, "_is_installed", lambda backend: True)
     return made
 
@@ -112,7 +112,7 @@ def test_the_number_of_elements_is_that_of_the_generator():
 
 
 @pytest.mark.parametrize("factor", [0.3, 0.7, 1.05, 1.9])
-def test_a_missed_number_is_mended_by_another_mesh(generator, factor):
+def test_a_missed_number_is_corrected_by_another_mesh(generator, factor):
     generator.factor = factor
     mesh = jittered_square(12, SEED, half_width=1.0)
     result = adapt(mesh, indicator(mesh), target_elements=3000, max_refine=20)
@@ -130,7 +130,7 @@ def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
             return super().__call__(mesh, size, **options)
 
     jumping = Jumping()
-    monkeypatch.setattr(turn, "remesh", jumping)
+    monkeypatch.setattr(new_mesh, "remesh", jumping)
     mesh = jittered_square(12, SEED, half_width=1.0)
     result = adapt(mesh, indicator(mesh), target_elements=3000)
     assert result.report.n_meshes == 3
@@ -139,7 +139,7 @@ def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
     assert max(result.mesh.n_cells / 3000, 3000 / result.mesh.n_cells) < best
 
 
-def test_a_number_out_of_reach_is_approached_once_and_told(generator):
+def test_a_number_out_of_reach_is_approached_once_and_reported(generator):
     mesh = jittered_square(12, SEED, half_width=1.0)
     result = adapt(mesh, indicator(mesh), target_elements=100_000, hmin=0.1)
     assert generator.calls == 1
@@ -474,7 +474,7 @@ def test_a_projection_that_returns_nonsense_is_named():
         move_to_boundary(mesh, lambda x: x / 0.0 if len(x) == 0 else np.nan * x, 30.0)
 
 
-# ---- bad input, and what must be told
+# ---- bad input and warnings
 
 
 MESH = structured_square(3, half_width=1.0)
@@ -568,4 +568,4 @@ def test_progress_stops_the_work(generator):
 
 def test_remesh_is_what_adapt_calls():
     # The fixture above replaces this name.
-    assert turn.remesh is remesh
+    assert new_mesh.remesh is remesh

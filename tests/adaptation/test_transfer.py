@@ -204,7 +204,7 @@ def polygon(n):
     return SimplexMesh(points, np.column_stack([0 * ring, 1 + ring, 1 + (ring + 1) % n]))
 
 
-def test_where_domains_differ_means_are_over_the_common_part_and_the_defect_is_told():
+def test_where_domains_differ_means_are_over_the_common_part_and_the_defect_is_reported():
     old, new = polygon(6), polygon(12)
     transfer = FieldTransfer(old, new)
     # Triangles of a twelfth stick out of the hexagon: sin 60 / 2 per two over sin 30.

@@ -10,7 +10,7 @@ from adaptsize import Octree, refine_at_boundary
 
 
 def lies_on_box(tree, facets):
-    """Tell which facets lie in a side of the box."""
+    """Return which facets lie in a side of the box."""
     x = tree.points[facets]
     on_side = [(x[:, :, d] == end[d]).all(axis=1) for d in range(tree.dim)
                for end in (tree.lower, tree.upper)]  # fmt: skip

@@ -175,8 +175,8 @@ REFUSED = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_refuses_and_says_why(case):
-    points, cells, others, told = REFUSED[case]
-    with pytest.raises(ValueError, match=re.escape(told)):
+    points, cells, others, expected = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(expected)):
         SimplexMesh(points, cells, **others)
 
 

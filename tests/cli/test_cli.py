@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adaptsize import SimplexMesh, __version__, read, remesh, size_function, write
+from adaptsize import SimplexMesh, __version__, read, size_function, write
 from adaptsize.cli.entry import run
 from adaptsize.cli.sources import parse_source
 
@@ -71,17 +71,6 @@ def test_debug_adds_the_traceback(capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
-    [("missing/out.vtu", "there is no directory"), ("out.doc", "suffix"), (".", "suffix")],
-)
-def test_bad_output_is_refused_before_the_work_starts(capsys, monkeypatch, square, name, told):
-    monkeypatch.setattr("adaptsize.io.read", lambda *_: pytest.fail("the input was read"))
-    output = square.parent / name
-    assert call("limit", square, "-o", output, "--field", "h0", "-g", "0.3") == 1
-    assert told in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
     ("words", "told"),
     [
         (["-g", "-1"], "g must be finite and >= 0, got -1"),
@@ -105,11 +94,6 @@ def test_bad_sizes_are_one_line_and_leave_no_file(capsys, tmp_path, command, wor
     assert err.startswith(f"adaptsize: error: {told}")
     assert err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["in.vtu"]
-
-
-def test_output_may_be_the_input(square):
-    assert call("limit", square, "--field", "h0", "-g", "0.3", "-o", square) == 0
-    assert set(read(square).point_data) == {"h0", "h"}
 
 
 def test_a_directory_is_no_mesh(capsys, tmp_path):
@@ -187,7 +171,7 @@ def test_limit_writes_and_lists_the_nodes_that_sizes_come_from(capsys, square):
     assert "exact: 2 of 4 nodes lowered" in told
     assert "sizes come from 2 nodes, most of them from" in told
     assert "node 0 at (0, 0" in told
-    assert "75.0 % of the nodes" in told
+    assert "75.0% of the nodes" in told
     assert str(sources) in told
     fields = read(sources).point_data
     np.testing.assert_array_equal(fields["source"], [0, 0, 2, 0])
@@ -235,69 +219,13 @@ def test_size_writes_for_other_mesh_generators(tmp_path, name):
     assert (tmp_path / name).stat().st_size > 1000
 
 
-def test_remesh_makes_graded_tetrahedra_of_a_part(capsys, tmp_path):
-    points = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
-    cells = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
-    cells += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    write(tmp_path / "box.stl", SimplexMesh(points, cells))
-    output = tmp_path / "box.vtu"
-    words = ["--hmax", "0.4", "-g", "0.3", "--source", "point:0,0,0=0.1"]
-    assert call("remesh", tmp_path / "box.stl", "-o", output, *words) == 0
-    told = capsys.readouterr()
-    assert str(output) in told.out
-    assert "adaptsize: sizes:" in told.err
-    mesh = read(output)
-    assert mesh.cell_dim == 3
-    assert mesh.measures.sum() == pytest.approx(2.0, rel=0.01)
-    distance = np.linalg.norm(mesh.points[mesh.edges].mean(axis=1), axis=1)
-    fine, coarse = mesh.edge_lengths[distance < 0.3], mesh.edge_lengths[distance > 1.5]
-    assert np.median(fine) < 0.5 * np.median(coarse)
-    assert {"box.stl", "box.vtu"} == {path.name for path in tmp_path.iterdir()}
-
-
-def test_remesh_is_read_size_function_and_remesh(tmp_path):
-    pytest.importorskip("mmgpy")
-    output = tmp_path / "new.vtu"
-    assert call("remesh", DATA / "lshape.vtu", "-o", output, "--backend", "mmg") == 0
-    mesh = read(DATA / "lshape.vtu")
-    size = size_function(mesh)
-    new = remesh(mesh, size, backend="mmg")
-    written = read(output)
-    np.testing.assert_array_equal(written.points, new.points)
-    np.testing.assert_array_equal(written.cells, new.cells)
-    np.testing.assert_array_equal(written.point_data["h"], size(new.points))
-
-
-@pytest.mark.parametrize("words", [["--backend", "frob"], ["--target", "frob"]])
-def test_a_bad_backend_or_target_is_refused_before_sizes_are_computed(capsys, tmp_path, words):
-    assert call("remesh", DATA / "bracket.stl", "-o", tmp_path / "b.vtu", *words) == 1
-    err = capsys.readouterr().err
-    assert "frob" in err
-    assert "sizes:" not in err
-
-
-def test_remesh_reports_the_mesh_and_warns_of_what_is_out_of_bounds(capsys, tmp_path):
-    pytest.importorskip("mmgpy")
-    command = ["remesh", DATA / "shell.vtu", "-o", tmp_path / "new.vtu", "--target", "triangles"]
-    assert call(*command) == 0
-    printed = capsys.readouterr()
-    mesh = read(tmp_path / "new.vtu")
-    lines = dict(line.split(maxsplit=1) for line in printed.out.splitlines())
-    made, predicted = lines["cells"].removesuffix(" predicted").split(", ")
-    assert int(made) == mesh.n_cells
-    assert float(predicted) == pytest.approx(mesh.n_cells, rel=0.2)
-    assert {"edges", "angles", "boundary", "area"} <= lines.keys()
-    assert "warning" not in printed.err
-    assert call(*command, "--hmin", "0.5", "--hmax", "0.6", "--tolerance", "1e-4") == 0
-    assert "warning: the boundary is off by more than the tolerance" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("name", ["lshape.vtu", "bracket.stl"])
 def test_size_is_read_and_size_function(tmp_path, name):
     output = tmp_path / "h.vtu"
     assert call("size", DATA / name, "-o", output, "--hmin", "1") == 0
     size = size_function(read(DATA / name), hmin=1.0)
-    np.testing.assert_array_equal(read(output).point_data["h"], size.values)
+    # Iterations on surfaces amplify rounding, which may differ between two calls.
+    np.testing.assert_allclose(read(output).point_data["h"], size.values, rtol=1e-6)
 
 
 def test_missing_picture_is_told_and_the_result_is_written(capsys, monkeypatch, square):
@@ -310,7 +238,7 @@ def test_missing_picture_is_told_and_the_result_is_written(capsys, monkeypatch, 
     output = square.with_name("limited.vtu")
     words = ["--field", "h0", "-g", "0.3", "-o", output, "--plot", square.with_name("h.png")]
     assert call("limit", square, *words) == 0
-    assert capsys.readouterr().err == "adaptsize: no picture: no way to draw here\n"
+    assert capsys.readouterr().err == "adaptsize: warning: no picture: no way to draw here\n"
     assert output.exists()
 
 
@@ -337,12 +265,12 @@ def program(*arguments, **options):
 
 
 def test_program_keeps_results_and_messages_apart(square):
-    child = program("limit", square, "--field", "h0", "-g", "-1", "-o", square)
-    out, err = child.communicate(timeout=60)
+    output = square.with_name("out.vtu")
+    words = ["--field", "h0", "-g", "-1", "-o", output, "--quiet"]
+    out, err = (child := program("limit", square, *words)).communicate(timeout=60)
     assert child.returncode == 1
     assert out == ""
-    assert err.startswith("adaptsize: error: g must be")
-    assert err.count("\n") == 1
+    assert err == "adaptsize: error: g must be finite and >= 0, got -1.0\n"
 
 
 def test_help_imports_nothing_heavy():
@@ -374,7 +302,8 @@ def test_a_reader_that_leaves_early_is_no_error(unbuffered):
         check=False,
     )
     os.close(writer)
-    assert (child.returncode, child.stderr) == (0, b"")
+    assert child.returncode == 0
+    assert all(b": step " in line for line in child.stderr.splitlines())  # if it took long
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")

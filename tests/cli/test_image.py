@@ -31,7 +31,9 @@ def test_image_writes_a_mesh_with_sizes_and_regions(mask, tmp_path, capsys):
     assert call("image", mask, "-o", output, "--spacing", "0.5", "--elements-across", "5") == 0
     told = capsys.readouterr()
     mesh = read(output)
-    assert told.out == f"{output}: {mesh.n_points} points, {mesh.n_cells} cells\n"
+    first, *_, last = told.out.splitlines()
+    assert first == f"cells     {mesh.n_cells} triangles"
+    assert last == f"{output}: {mesh.n_points} points, {mesh.n_cells} triangles, field h"
     assert told.err == ""
     assert sorted(set(mesh.cell_tags)) == [5, 9]
     assert mesh.measures[mesh.cell_tags == 5].sum() == pytest.approx(np.pi * 100.0, rel=0.02)

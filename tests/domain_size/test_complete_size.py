@@ -164,10 +164,10 @@ def test_sources_and_separate_runs_tell_the_same_causes(kind, monkeypatch):
     best = np.array([alone[name] for name in ("left", "right", "hmax")])
     sure = np.sort(best, axis=0)[1] > 1.02 * best.min(axis=0)  # no close race
     expected = np.array(["left", "right", "hmax"])[best.argmin(axis=0)]
-    told = np.array(report.causes)[report.cause]
+    causes = np.array(report.causes)[report.cause]
     assert sure.mean() > 0.8
     # Slivers of random points bend a few of the ways.
-    assert (told[sure] == expected[sure]).mean() > 0.99
+    assert (causes[sure] == expected[sure]).mean() > 0.99
     assert h.max() <= 0.3
 
 
@@ -278,7 +278,7 @@ def test_an_open_line_is_its_own_domain():
 
 
 @pytest.mark.parametrize(
-    ("domain", "options", "told"),
+    ("domain", "options", "message"),
     [
         (disc, {}, "box must be given with a callable domain"),
         (disc, {"box": [0.0]}, "box must be a pair"),
@@ -298,7 +298,7 @@ def test_an_open_line_is_its_own_domain():
         (disc, {"background": GRID, "h0": np.ones(3)}, "h0 must have shape"),
     ],
 )
-def test_bad_arguments_are_one_clear_line(domain, options, told):
-    with pytest.raises(ValueError, match=told) as caught:
+def test_bad_arguments_are_one_clear_line(domain, options, message):
+    with pytest.raises(ValueError, match=message) as caught:
         size_function(domain, **options)
     assert "\n" not in str(caught.value)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from adaptsize import Image, PointSource, mesh_image, size_function, size_function_from_image
+from adaptsize import PointSource, mesh_image, size_function, size_function_from_image
+from adaptsize.background import Image
 from adaptsize.errors import ImageWarning, ResolutionWarning, TooManyElementsError
 
 SHAPE = (100, 80)
@@ -151,7 +152,7 @@ def test_a_threshold_cuts_grey_values():
 
 
 @pytest.mark.parametrize("turn", [0, 1])
-def test_objects_at_the_border_end_there_and_that_is_told(turn):
+def test_objects_at_the_border_end_there_with_a_warning(turn):
     image = np.rot90(block(slice(0, 20), slice(8, 22)), turn)
     with pytest.warns(ImageWarning, match="reach the border of the image at 14 pixels"):
         mesh = mesh_image(image)
@@ -195,7 +196,7 @@ def test_a_volume_becomes_tetrahedra_with_the_labels_as_regions():
     ball = np.sqrt((x - 14.6) ** 2 + (y - 15.2) ** 2 + (2.0 * (z - 9.7)) ** 2) < 12.0
     labels = np.where(ball, np.where(x < 14.6, 1, 2), 0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a sliver may be told of
+        warnings.simplefilter("ignore")  # slivers give a warning
         mesh = mesh_image(labels, [1.0, 1.0, 2.0], elements_per_radian=2.0, hmax=5.0)
     assert mesh.cell_dim == 3
     assert (mesh.measures > 0.0).all()
@@ -214,7 +215,7 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
 
 
 @pytest.mark.parametrize(
-    ("image", "options", "told"),
+    ("image", "options", "message"),
     [
         (block(slice(0, 0)), {}, "a pixel that is not 0, got none"),
         (~block(slice(0, 0)), {}, "pixels outside the objects, got none.*inverted"),
@@ -246,8 +247,8 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
         (disc(9.0), {"hmin": 3.0, "hmax": 2.0}, "hmin must be at most hmax"),
     ],
 )
-def test_bad_input_is_one_clear_line(image, options, told):
-    with pytest.raises(ValueError, match=told) as caught:
+def test_bad_input_is_one_clear_line(image, options, message):
+    with pytest.raises(ValueError, match=message) as caught:
         mesh_image(image, **options)
     assert "\n" not in str(caught.value)
 

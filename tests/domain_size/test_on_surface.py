@@ -159,8 +159,8 @@ def test_the_bound_holds_on_the_slivers_of_a_cad_surface(method):
     for _ in range(2):
         mesh = split_edges(mesh, mesh.edge_lengths > 4.0).mesh
     h0 = np.where(mesh.points[:, 2] < 1.0, 0.5, 6.0)
-    _, told = limit_gradient(mesh, h0, 0.25, method=method, full_output=True)
-    assert told.largest_edge_slope <= 1.0 + 1e-9
+    _, info = limit_gradient(mesh, h0, 0.25, method=method, full_output=True)
+    assert info.largest_edge_slope <= 1.0 + 1e-9
 
 
 def test_defaults_are_shares_of_the_diagonal_and_given_values_are_kept():

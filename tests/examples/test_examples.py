@@ -40,7 +40,7 @@ def test_sizes_on_the_arcs_are_their_radii_over_elements_per_radian(run, tmp_pat
     assert (tmp_path / "curved_boundary.png").exists()
 
 
-def test_mesh_of_the_curved_domain_obeys_the_sizes(run):
+def test_mesh_of_the_curved_domain_follows_the_sizes(run):
     pytest.importorskip("mmgpy")
     found = run("plot_curved_boundary")
     assert found["share of edges in band"] > 0.9

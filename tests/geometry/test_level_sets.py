@@ -223,7 +223,7 @@ def test_smoothing_keeps_circles_and_damps_noise(dim):
     assert error[2] < error[1] / 1.5
 
 
-def test_smoothing_is_as_often_as_told_and_kinks_are_those_of_the_distance():
+def test_smoothing_is_as_often_as_requested_and_kinks_are_those_of_the_distance():
     grid = box(40)
     phi = grid.sample(ball)
     phi[3, 5] += 0.02  # something that shows

@@ -156,7 +156,7 @@ def test_volumes_lie_where_the_file_says_along_the_axes_of_space(tmp_path, name,
 
 
 @pytest.mark.parametrize(("name", "write"), [("v.nii", write_nifti), ("v.nrrd", write_nrrd)])
-def test_volumes_that_are_askew_keep_their_own_axes_and_that_is_told(tmp_path, name, write):
+def test_volumes_that_are_askew_keep_their_own_axes_with_a_warning(tmp_path, name, write):
     c, s = np.cos(0.3), np.sin(0.3)
     write(tmp_path / name, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) * 1.5)
     with pytest.warns(ImageWarning, match="oblique in space"):
@@ -210,7 +210,7 @@ def test_damaged_files_are_one_line_with_their_name(tmp_path, name, content):
     assert "\n" not in str(caught.value)
 
 
-def test_missing_files_and_other_kinds_are_told(tmp_path):
+def test_missing_files_and_other_kinds_are_refused(tmp_path):
     with pytest.raises(MeshFileError, match="No such file"):
         read_image(tmp_path / "no.png")
     (tmp_path / "part.stl").write_bytes(b"solid")
@@ -229,7 +229,7 @@ def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (
             (np.ones(4),),
@@ -242,8 +242,8 @@ def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypa
         ((np.ones((3, 4)), 1.0, [0.0, np.nan]), "origin must be 2 finite numbers"),
     ],
 )
-def test_images_refuse_what_is_none(arguments, told):
-    with pytest.raises(ValueError, match=told):
+def test_images_refuse_what_is_none(arguments, message):
+    with pytest.raises(ValueError, match=message):
         Image(*arguments)
 
 

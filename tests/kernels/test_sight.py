@@ -41,7 +41,7 @@ def turn(a, b, c):
 
 
 def separates(p, q, a, b):
-    """Tell whether a and b are strictly on either side of the closed wall pq that they cross."""
+    """Return whether a and b are strictly on either side of the closed wall pq that they cross."""
     return turn(p, q, a) * turn(p, q, b) < 0 and turn(a, b, p) * turn(a, b, q) <= 0
 
 

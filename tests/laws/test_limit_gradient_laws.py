@@ -171,7 +171,7 @@ def test_info_agrees_with_the_field(case, background, h0, g, data):
     assert info.converged
     assert info.residual <= case.residual
     if case.linear_g and np.shape(g) == background.nodal_shape:
-        return  # the slope is told as a multiple of the mean of g in each cell
+        return  # the slope is given as a multiple of the mean of g in each cell
     if np.max(g) > 0.0 and info.largest_edge_slope != np.inf:
         # Of differences of sizes over edges as short as 0.01.
         assert info.largest_edge_slope <= 1.0 + 1e3 * case.rounding

@@ -62,9 +62,9 @@ def test_seeds_are_lowered_only_by_others(lowered):
 
 def test_without_seeds_nothing_is_reached():
     grid = CartesianGrid([0.0, 0.0], 0.1, (4, 4))
-    told = []
+    reports = []
     found = march_distance(
-        grid, np.full((4, 4), np.inf), report=lambda text, share: told.append(share)
+        grid, np.full((4, 4), np.inf), report=lambda text, share: reports.append(share)
     )
     assert np.isinf(found).all()
-    assert told == [1.0]
+    assert reports == [1.0]

@@ -265,7 +265,7 @@ def test_the_residual_is_the_last_rate_over_g():
     assert rate <= 0.02 < before.residual
 
 
-def test_progress_is_told_and_may_stop_the_work():
+def test_progress_is_reported_and_may_stop_the_work():
     grid, h0, _ = _two_sources(101)
     shares = []
     _solve(grid, h0, 0.3, 1, tol=1e-3, report=lambda text, share: shares.append(share))

@@ -21,8 +21,8 @@ CUBIC = ("factored", "hermite")  # on triangles only
 ALL = ("exact", *CUBIC, *MARCHING, "positive-coefficient")
 
 
-def message(told):
-    return pytest.raises(ValueError, match=re.escape(told))
+def message(expected):
+    return pytest.raises(ValueError, match=re.escape(expected))
 
 
 SIZES = {
@@ -49,8 +49,8 @@ SIZES = {
 @pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize("case", SIZES)
 def test_refuses_bad_sizes(case, method):
-    h0, told = SIZES[case]
-    with message(told):
+    h0, expected = SIZES[case]
+    with message(expected):
         limit_gradient(SQUARE, h0, 0.3, method=method)
 
 
@@ -74,8 +74,8 @@ LIMITS = {
 @pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize("case", LIMITS)
 def test_refuses_bad_limits(case, method):
-    g, told = LIMITS[case]
-    with message(told):
+    g, expected = LIMITS[case]
+    with message(expected):
         limit_gradient(SQUARE, H0, g, method=method)
 
 
@@ -97,9 +97,9 @@ LIMITS_OF_SIZE = {
 
 @pytest.mark.parametrize("case", LIMITS_OF_SIZE)
 def test_refuses_bad_functions_of_the_size(case):
-    g, told = LIMITS_OF_SIZE[case]
+    g, expected = LIMITS_OF_SIZE[case]
     far = SimplexMesh(1000.0 * SQUARE.points, SQUARE.cells)
-    with message(told):
+    with message(expected):
         limit_gradient(far, H0, g)
 
 
@@ -113,9 +113,9 @@ def test_what_g_of_h_raises_comes_through():
 
 @pytest.mark.parametrize("method", ["fastmarching", "", "Exact"])
 def test_refuses_unknown_methods_and_lists_the_known(method):
-    told = "method must be one of 'auto', 'exact', 'factored', 'hermite', "
-    told += f"'fast-marching', 'positive-coefficient', 'edge-based', got {method!r}"
-    with message(told):
+    expected = "method must be one of 'auto', 'exact', 'factored', 'hermite', "
+    expected += f"'fast-marching', 'positive-coefficient', 'edge-based', got {method!r}"
+    with message(expected):
         limit_gradient(SQUARE, H0, 0.3, method=method)
 
 
@@ -230,12 +230,12 @@ OPTIONS = {
 
 @pytest.mark.parametrize("case", OPTIONS)
 def test_the_iteration_refuses_bad_options(case):
-    options, told = OPTIONS[case]
-    with message(told):
+    options, expected = OPTIONS[case]
+    with message(expected):
         limit_gradient(SQUARE, H0, 0.3, method="positive-coefficient", **options)
 
 
-def test_stopping_at_max_iter_warns_and_tells():
+def test_stopping_at_max_iter_warns_and_is_in_the_info():
     mesh = jittered_square(11, seed=92)
     h0 = np.where(np.arange(mesh.n_points) == 60, 1.0, np.inf)
     with pytest.warns(ConvergenceWarning, match="stopped after max_iter = 1 steps") as caught:
@@ -268,12 +268,14 @@ def _long_problem():
     return mesh, h0
 
 
-def test_progress_is_told_and_ends_at_one():
-    told = []
-    limit_gradient(*_long_problem(), 0.3, progress=lambda text, share: told.append((text, share)))
-    shares = [share for _, share in told]
-    assert len(told) >= 2
-    assert {text for text, _ in told} == {"limiting the gradient"}
+def test_progress_is_reported_and_ends_at_one():
+    reports = []
+    limit_gradient(
+        *_long_problem(), 0.3, progress=lambda text, share: reports.append((text, share))
+    )
+    shares = [share for _, share in reports]
+    assert len(reports) >= 2
+    assert {text for text, _ in reports} == {"limiting the gradient"}
     assert shares == sorted(shares)
     assert 0.0 < shares[0] < shares[-1] == 1.0
 

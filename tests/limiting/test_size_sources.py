@@ -210,7 +210,7 @@ def test_components_have_sources_of_their_own_between_the_nodes():
 # --- where sizes come from --------------------------------------------------------------------
 
 
-def assert_sources_tell_the_sizes(background, h0, **options):
+def assert_sources_give_the_sizes(background, h0, **options):
     """Compare sizes with what each source allows; return sizes and sources."""
     h, info = limit_gradient(background, h0, G, method="exact", full_output=True, **options)
     sources, h, bound = info.sources, h.ravel(), np.ravel(h0)
@@ -243,7 +243,7 @@ def blocked_grid(rng):
     return CartesianGrid([0.0, 0.0], [1.0, 0.7], active.shape, active=active)
 
 
-TOLD = {
+BACKGROUNDS = {
     **CONVEX,
     "slit": lambda: slit_square(500)[0],
     "maze": lambda: domains.maze(900)[0],
@@ -253,9 +253,9 @@ TOLD = {
 
 
 @pytest.mark.parametrize("face_sources", [False, True])
-@pytest.mark.parametrize("name", TOLD)
-def test_sources_tell_the_sizes(name, face_sources):
-    background, rng = TOLD[name](), np.random.default_rng(949)
+@pytest.mark.parametrize("name", BACKGROUNDS)
+def test_sources_give_the_sizes(name, face_sources):
+    background, rng = BACKGROUNDS[name](), np.random.default_rng(949)
     extent = float(np.ptp(coordinates(background)))
     active = getattr(background, "active", None)
     for share in (0.02, 0.3, 1.0):
@@ -264,14 +264,14 @@ def test_sources_tell_the_sizes(name, face_sources):
         h0.flat[0 if active is None else np.flatnonzero(active)[0]] = 0.1 * extent
         if active is not None:
             h0[~active] = np.inf
-        assert_sources_tell_the_sizes(background, h0, face_sources=face_sources)
+        assert_sources_give_the_sizes(background, h0, face_sources=face_sources)
 
 
-def test_sources_on_edges_tell_the_sizes_too():
+def test_sources_on_edges_give_the_sizes_too():
     grid = CartesianGrid([0.0, 0.0], [1.0, 0.7], (9, 15))
     h0 = np.full(grid.shape, np.inf)
     h0[0] = 2.0 + 0.1 * np.arange(15)
-    h, sources = assert_sources_tell_the_sizes(grid, h0)
+    h, sources = assert_sources_give_the_sizes(grid, h0)
     on_edge = np.flatnonzero(sources.nodes[:, 1] >= 0)
     a, b = sources.nodes[on_edge].T
     assert len(on_edge) > 50

@@ -11,7 +11,8 @@ from meshes import jittered_cube, random_square
 from meshes import slit_square as crack
 from numpy.testing import assert_allclose, assert_array_equal
 
-from adaptsize import CartesianGrid, LimitingInfo, Octree, SimplexMesh, limit_gradient
+from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
+from adaptsize.limiting import LimitingInfo
 
 G = 0.3
 
@@ -179,14 +180,14 @@ def test_many_changes_in_a_row_give_what_a_solution_from_nothing_gives(name, sha
         h0 = bounds.step(STEPS[number % len(STEPS)])
         kept = h0.copy()
         h, info = limit_gradient(mesh, h0, G, initial=info, **options)
-        full, told = limit_gradient(mesh, h0, G, **options)
+        full, of_full = limit_gradient(mesh, h0, G, **options)
         assert_array_equal(h, full)
         assert_array_equal(h0, kept)
         n_other += not np.array_equal(h, before)
         # The info is as good as one from nothing, too.
-        assert (info.n_changed, info.n_free) == (told.n_changed, told.n_free)
-        assert (info.iterations, info.n_proved) == (told.iterations, told.n_proved)
-        assert_array_equal(info.sources.evaluate(places), told.sources.evaluate(places))
+        assert (info.n_changed, info.n_free) == (of_full.n_changed, of_full.n_free)
+        assert (info.iterations, info.n_proved) == (of_full.iterations, of_full.n_proved)
+        assert_array_equal(info.sources.evaluate(places), of_full.sources.evaluate(places))
         has = info.sources.nodes[:, 0] >= 0
         assert_array_equal(has, np.isfinite(h))
     assert n_other > 2 * len(STEPS)
@@ -274,18 +275,18 @@ def test_folds_make_no_difference(seed):
 def test_arrays_of_the_caller_may_change_afterwards():
     h0 = bounds(PLANE, np.random.default_rng(20272), 0.5)
     h, info = limit_gradient(PLANE, h0, G, full_output=True)
-    told = info.largest_edge_slope
+    before = info.largest_edge_slope
     h[:] = 1.0
     h0[:50] = 2.0 * h0[:50]  # in place: the earlier bounds must have been kept
     again, after = limit_gradient(PLANE, h0, G, initial=info, full_output=True)
     assert_array_equal(again, limit_gradient(PLANE, h0, G, initial=info))
     assert_array_equal(again, limit_gradient(PLANE, h0, G))
-    assert told == info.largest_edge_slope
+    assert before == info.largest_edge_slope
     assert info.n_changed == (info.record.h < info.record.bound).sum()
     assert after.method == info.method
 
 
-def test_info_of_a_warm_start_tells_what_that_of_a_full_solution_tells():
+def test_info_of_a_warm_start_is_that_of_a_full_solution():
     h0 = bounds(PLANE, np.random.default_rng(20273), 0.5)
     options = {"face_sources": False, "full_output": True}
     _, info = limit_gradient(PLANE, h0, G, **options)
@@ -379,9 +380,9 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_another_problem_is_refused(name):
-    call, told = REFUSED[name]
+    call, expected = REFUSED[name]
     _, info = limit_gradient(PLANE, np.linspace(0.1, 2.0, 300), G, full_output=True)
-    with pytest.raises(ValueError, match=re.escape(told)):
+    with pytest.raises(ValueError, match=re.escape(expected)):
         call(info)
 
 

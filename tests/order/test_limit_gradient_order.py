@@ -44,14 +44,14 @@ def test_order_away_from_the_source(case, family):
         errors.append(_error_from_cone(background, distance, family.tip, family.far, limit))
     spacing = 1.0 / (np.array(family.sizes) - 1.0)
     order = np.polyfit(np.log(spacing), np.log(errors), 1)[0]
-    told = f"errors {errors}, order {order:.2f}"
-    assert order > case.convergence - 0.15, told
+    text = f"errors {errors}, order {order:.2f}"
+    assert order > case.convergence - 0.15, text
     if case.method == "exact":
         # Of the (tip/a)^2 nodes near the source one is off the ray by an angle like a^2 only, and
         # the way over it is longer by its square: order 4, with fewer nodes in space.
         return
     # The sources of the coarsest tetrahedra are few: 2.81 was seen where 2 is right.
-    assert order < (1.35 if case.convergence == 1.0 else 1.5) * case.convergence, told
+    assert order < (1.35 if case.convergence == 1.0 else 1.5) * case.convergence, text
 
 
 def two_discs(x):
@@ -96,9 +96,9 @@ def test_all_backgrounds_converge_to_the_same_size(method):
         for other in names[first + 1 :]:
             apart = [np.abs(fields[one, n] - fields[other, n]).mean() for n in sizes]
             order = -np.polyfit(np.log(sizes), np.log(apart), 1)[0]
-            told = f"{one} and {other}: {apart}, order {order:.2f}"
-            assert order > 0.85, told
-            assert apart[-1] < 0.1, told  # of sizes up to 20
+            text = f"{one} and {other}: {apart}, order {order:.2f}"
+            assert order > 0.85, text
+            assert apart[-1] < 0.1, text  # of sizes up to 20
 
 
 @pytest.mark.parametrize("make", [lambda n: structured_square(n - 1), square_grid])

@@ -53,7 +53,7 @@ def test_colours_are_logarithmic_beyond_a_factor_of_ten():
     assert not scene_of(mesh, np.linspace(0.0, 9.5, 9)).is_logarithmic  # no logarithm of zero
 
 
-def test_edges_are_drawn_only_when_they_can_be_told_apart():
+def test_edges_are_drawn_only_when_they_can_be_distinguished():
     assert scene_of(structured_square(20), np.ones(21**2)).shows_edges
     assert not scene_of(structured_square(500), np.ones(501**2)).shows_edges
 

@@ -93,7 +93,7 @@ def test_quality_does_not_depend_on_unit_order_of_corners_or_place(seed, width, 
     assert 0.0 < radius_ratios(mesh)[0] <= 1.0
 
 
-def test_cells_are_told_apart():
+def test_cells_are_distinguished():
     mesh = SimplexMesh(
         [[0, 0], [1, 0], [0, 1], [0.5, -np.sqrt(0.75)], [2, 0]],
         [[0, 1, 2], [0, 1, 3], [0, 1, 4]],

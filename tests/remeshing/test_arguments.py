@@ -169,7 +169,7 @@ def triangle_soup():
     return SimplexMesh(points, cells)
 
 
-def test_soup_is_mended_and_the_repairs_are_counted():
+def test_soup_is_repaired_and_the_repairs_are_counted():
     soup = triangle_soup()
     cube = CUBE.boundary().mesh
     message = f"{soup.n_points - cube.n_points} duplicate points merged, 2 degenerate or duplicate"

@@ -1,4 +1,4 @@
-"""What every mesh generator must do: obey sizes, keep the domain, return clean meshes."""
+"""What every mesh generator must do: follow the sizes, keep the domain, return clean meshes."""
 
 from functools import cache
 

@@ -28,7 +28,7 @@ def test_beside_the_active_nodes_the_size_of_the_nearest_one_holds():
     np.testing.assert_array_equal(size(grid.points), [1, 2, 3, 4, 2, 3, 4, 2, 3, 4, 2, 3])
 
 
-def test_of_a_grid_only_nodes_that_say_something_are_handed_on():
+def test_of_a_grid_only_nodes_with_a_smaller_size_are_passed_on():
     grid = CartesianGrid([0.0, 0.0, 0.0], 1.0, (9, 8, 7))
     cone = SizeFunction(grid, grid.sample(lambda x: 1.0 + np.linalg.norm(x - [4, 3, 2], axis=1)))
     known = {tuple(p) for p in known_points(cone, 3).tolist()}

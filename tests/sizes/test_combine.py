@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from adaptsize import minimum
+from adaptsize.sizes.combine import minimum
 
 sizes = st.lists(st.floats(1e-6, 1e6) | st.just(np.inf), min_size=4, max_size=4)
 

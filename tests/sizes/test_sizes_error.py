@@ -303,8 +303,8 @@ def test_number_of_elements_is_that_after_limiting_and_clipping(way):
     x = mesh.points
     u = np.exp(-30.0 * ((x - 0.3) ** 2).sum(axis=1))
     eta = zz_indicator(mesh, u)
-    away = np.linalg.norm(x[:, None] - x, axis=2)  # in a convex domain that is all there is to it
-    options = {"hmin": 0.02, "hmax": 0.3, "limit": lambda h: (h + 0.2 * away).min(axis=1)}
+    away = np.linalg.norm(x[:, None] - x, axis=2)  # the distances in a convex domain
+    options = {"hmin": 0.02, "hmax": 0.3, "g": 0.2}
     for wanted in (500, 3000):
         if way == "error":
             h = size_from_error(
@@ -411,8 +411,8 @@ def test_bad_arguments_are_named():
         size_from_hessian(mesh, u, tolerance=1.0, norm=0.5)
     with pytest.raises(ValueError, match="values must be finite"):
         recovered_hessian(mesh, np.full(mesh.n_points, np.nan))
-    with pytest.raises(ValueError, match=r"limit\(sizes\) must have shape"):
-        size_from_error(mesh, eta, order=1, tolerance=1.0, limit=lambda h: h[:3])
+    with pytest.raises(ValueError, match="g must be"):
+        size_from_error(mesh, eta, order=1, tolerance=1.0, g=-1.0)
     line = SimplexMesh([[0.0], [1.0]], [[0, 1]])
     for function in (recovered_gradient, recovered_hessian, zz_indicator):
         with pytest.raises(ValueError, match="mesh must consist of triangles in 2-D or tetra"):

@@ -96,7 +96,7 @@ _SECOND_ORDER = {
 _ONCE = "the limited sizes, linear on edges and faces, bound more than the first ones did"
 _EXACT: dict[str, Any] = {
     "limits": ("number",), "convergence": 2.0, "is_exact": True, "residual": 0.0,
-    "rounding": 1e-11,  # lines beside walls and corners are told apart to 1e-11 of the extent
+    "rounding": 1e-11,  # lines beside walls and corners are distinguished to 1e-11 of the extent
     "exempt": {"limiting_twice_changes_nothing": _ONCE},
 }  # fmt: skip
 _NODES_ONLY: dict[str, Any] = {
@@ -257,7 +257,7 @@ def domain(background: Background) -> SimplexMesh | CartesianGrid:
 
 
 def active_nodes(background: Background) -> np.ndarray:
-    """Tell which nodes take part, bool[nodal_shape]."""
+    """Return which nodes take part, bool[nodal_shape]."""
     active = getattr(background, "active", None)
     return np.ones(background.nodal_shape, bool) if active is None else active
 

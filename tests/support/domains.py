@@ -80,7 +80,7 @@ def round_holes(n, *, seed=1004):
 
 def disc(n, *, radius=50.0, seed=1005):
     """A disc; the domain is the convex polygon of its boundary nodes, which are on the circle."""
-    # A provisional polygon tells the spacing, the spacing how many corners the real one has.
+    # A provisional polygon gives the spacing, and the spacing the number of corners.
     spacing = _spacing((_regular((0.0, 0.0), radius, 1000),), n)
     rings = (_regular((0.0, 0.0), radius, round(2.0 * np.pi * radius / spacing)),)
     return _triangulated(rings, n, seed), rings

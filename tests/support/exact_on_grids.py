@@ -1,7 +1,7 @@
 """Exact limited sizes on small Cartesian grids by brute force, straight from the definition.
 
 The domain is the cubical complex of the active nodes.  A line stays inside if every
-cell is active of which it meets the inside; this is told from the overlap of
+cell is active of which it meets the inside; this is decided by the overlap of
 intervals along the line, for all cells around it.
 """
 
@@ -14,7 +14,7 @@ _TOUCH = 1e-9
 
 
 def sees(active, start, stop):
-    """Tell whether the line between two points, in multiples of the spacings, stays inside."""
+    """Return whether the line between two points, in multiples of the spacings, stays inside."""
     start, stop = np.asarray(start, float), np.asarray(stop, float)
     move = stop - start
     extended = np.flatnonzero(move)

@@ -81,7 +81,7 @@ def _corners(points, cells, ends, n_cells, flat):
 
 
 def plane_sees(domain, pairs):
-    """Tell for pairs of nodes, int[k, 2], whether the straight lines stay in the domain."""
+    """Return for pairs of nodes, int[k, 2], whether the straight lines stay in the domain."""
     scratch = new_scratch()
     return np.array([sees(p, q, domain.mesh, domain.tolerance, scratch) for p, q in pairs])
 

@@ -225,14 +225,14 @@ def reflex_corners(rings):
 
 
 def contains(rings, points):
-    """Tell which points lie in the domain or on its boundary, bool[n]."""
+    """Return which points lie in the domain or on its boundary, bool[n]."""
     result = np.empty(len(points), bool)
     fill_inside(np.ascontiguousarray(points, float), *_walls(rings), result)
     return result
 
 
 def sees(rings, a, b):
-    """Tell for which i the segment from a[i] to b[i] stays in the domain, bool[n].
+    """Return for which i the segment from a[i] to b[i] stays in the domain, bool[n].
 
     Running along the boundary and touching corners is allowed.  a, b: float64[n, 2], in the domain.
     """

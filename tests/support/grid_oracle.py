@@ -85,7 +85,7 @@ def fill_lengths(active, shape, nodes, spacing, lengths):
 
 @njit(cache=True)
 def is_inside(active, shape, p, q):
-    """Tell whether every cell is active of which the line between two nodes meets the inside."""
+    """Return whether every cell is active of which the line between two nodes meets the inside."""
     dim = len(shape)
     low, high = np.empty(dim, np.int64), np.empty(dim, np.int64)
     for d in range(dim):

@@ -22,7 +22,7 @@ def new_scratch():
 
 @njit(cache=True, nogil=True)
 def sees(p, q, mesh, tolerance, scratch):
-    """Tell whether the straight line between the nodes p and q stays in the mesh."""
+    """Return whether the straight line between the nodes p and q stays in the mesh."""
     points, cells, cell_edges, edge_start, edge_cells, node_start, node_cells = mesh
     stack, far, passed = scratch
     if p == q:
@@ -82,7 +82,7 @@ def _place(node, points, line):
 
 @njit(cache=True, nogil=True)
 def _is_tangent(corner, before, after, node, points):
-    """Tell whether the line from a node to a corner can go on there.
+    """Return whether the line from a node to a corner can go on there.
 
     Where it would go on into what is cut out, between the next node of the boundary and
     the one before, no shortest path that bends at the corner comes or goes this way.

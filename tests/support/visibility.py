@@ -79,7 +79,7 @@ def fill_inside(points, walls, depth, out):
 
 @njit(cache=True, nogil=True)
 def _is_visible(px, py, qx, qy, walls, depth, cuts):
-    """Tell whether the segment pq of points of the domain stays in it.
+    """Return whether the segment pq of points of the domain stays in it.
 
     A wall crossed clearly, all four ends farther than ``depth`` from the other line, hides q.
     Where the segment touches walls it is cut, and the middle of each piece decides.
@@ -139,7 +139,7 @@ def _insert(cut, cuts, n):
 
 @njit(cache=True, nogil=True)
 def _is_inside(x, y, walls, depth):
-    """Tell whether a ray to the right crosses an odd number of walls, or a wall is here."""
+    """Return whether a ray to the right crosses an odd number of walls, or a wall is here."""
     inside = False
     for w in range(len(walls)):
         ax, ay, bx, by = walls[w, 0], walls[w, 1], walls[w, 2], walls[w, 3]

@@ -36,6 +36,10 @@ class Format:
     """Whether the file holds Cartesian grids instead of meshes."""
     only_sizes: bool = False
     """Whether the file holds only nodal sizes for a mesh generator."""
+    only_triangles: bool = False
+    """Whether the file holds only triangles: of tetrahedra, those of the boundary."""
+    only_full: bool = False
+    """Whether the cells must be triangles in the plane or tetrahedra."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +225,7 @@ def _refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
 
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
-    "jigsaw": Format((".jig.msh",), _write_jigsaw, only_sizes=True),
+    "jigsaw": Format((".jig.msh",), _write_jigsaw, only_sizes=True, only_full=True),
     "gmsh-view": Format(
         (".pos",),
         lambda p, mesh: sizes.write_gmsh_view(p, mesh, sizes_of(mesh, "Gmsh")),
@@ -238,13 +242,19 @@ FORMATS: dict[str, Format] = {
     "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
     "gmsh": Format((".msh",), _write_gmsh),
     "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
-    "ply": Format((".ply",), _write_ply),
-    "stl": Format((".stl",), _write_stl, holds_fields=False),
+    "ply": Format((".ply",), _write_ply, only_triangles=True),
+    "stl": Format((".stl",), _write_stl, holds_fields=False, only_triangles=True),
     "obj": Format(
-        (".obj",), lambda p, mesh: _write_bare_surface(p, mesh, "obj"), holds_fields=False
+        (".obj",),
+        lambda p, mesh: _write_bare_surface(p, mesh, "obj"),
+        holds_fields=False,
+        only_triangles=True,
     ),
     "off": Format(
-        (".off",), lambda p, mesh: _write_bare_surface(p, mesh, "off"), holds_fields=False
+        (".off",),
+        lambda p, mesh: _write_bare_surface(p, mesh, "off"),
+        holds_fields=False,
+        only_triangles=True,
     ),
 }
 

@@ -5,7 +5,7 @@ kernel serves every dimension.  A query point and the vectors are tuples of thre
 floats, which the compiler keeps in registers.
 
 The weights that come back are barycentric, >= 0 and of sum 1 to rounding.  A simplex
-too flat to tell its inside from its outside is replaced by its faces, down to its
+too flat to have a reliable inside is replaced by its faces, down to its
 vertices; that moves no closest point by more than its height.
 """
 
@@ -16,7 +16,7 @@ from adaptsize._kernels.compiling import inner, kernel
 # |sine| of a corner (solid for tetrahedra) below which a simplex counts as flat: the
 # determinant, of relative error 1e-16 / sine, still has three digits there.
 _FLAT = 1e-13
-# Below this the weights are refined and the signs of the weights are not trusted.
+# Below this the weights are refined and the signs of the weights are not reliable.
 _NEARLY_FLAT = 1e-3
 # Squares of lengths below this are near the end of the range of float64.
 _TINY = 1e-290
@@ -132,16 +132,16 @@ def triangle_weights(points, a, b, c, x):
         return NO_WEIGHTS, 1.0, 0.0, 0.0, 0.0
     w_b = _dot(_cross(r, e2), n) / nn
     w_c = _dot(_cross(e1, r), n) / nn
-    trust = ACCURATE
+    accuracy = ACCURATE
     rest = _without(_without(r, w_b, e1), w_c, e2)
     if nn < _NEARLY_FLAT * _NEARLY_FLAT * sides:
-        trust = REFINED
+        accuracy = REFINED
         for _ in range(2):
             w_b += _dot(_cross(rest, e2), n) / nn
             w_c += _dot(_cross(e1, rest), n) / nn
             rest = _without(_without(r, w_b, e1), w_c, e2)
     height2 = 0.0 if _dot(r, n) == 0.0 else _dot(rest, rest)
-    return trust, 1.0 - w_b - w_c, w_b, w_c, height2
+    return accuracy, 1.0 - w_b - w_c, w_b, w_c, height2
 
 
 @inner
@@ -164,17 +164,17 @@ def closest_on_triangle(points, a, b, c, x):
     float64, float64, float64
         Weights.
     """
-    trust, w_a, w_b, w_c, height2 = triangle_weights(points, a, b, c, x)
+    accuracy, w_a, w_b, w_c, height2 = triangle_weights(points, a, b, c, x)
     best = math.inf
-    if trust != NO_WEIGHTS and min(w_a, w_b, w_c) >= 0.0:
-        if trust == ACCURATE:
+    if accuracy != NO_WEIGHTS and min(w_a, w_b, w_c) >= 0.0:
+        if accuracy == ACCURATE:
             return height2, w_a, w_b, w_c
         best = height2
     corners = (a, b, c)
     signs = (w_a, w_b, w_c)
     at = (w_a, w_b, w_c)
     for k in range(3):  # one loop body instead of three: it compiles three times as fast
-        if trust == ACCURATE and signs[k] >= 0.0:
+        if accuracy == ACCURATE and signs[k] >= 0.0:
             continue
         i, j = (k + 1) % 3, (k + 2) % 3
         d2, s, t = closest_on_segment(points, corners[i], corners[j], x)
@@ -219,15 +219,15 @@ def tetrahedron_weights(points, a, b, c, d, x):
     w1 = _dot(r, n1) / volume
     w2 = _dot(r, n2) / volume
     w3 = _dot(r, n3) / volume
-    trust = ACCURATE
+    accuracy = ACCURATE
     if abs(volume) < _NEARLY_FLAT * sides:
-        trust = REFINED
+        accuracy = REFINED
         for _ in range(3):
             rest = _without(_without(_without(r, w1, e1), w2, e2), w3, e3)
             w1 += _dot(rest, n1) / volume
             w2 += _dot(rest, n2) / volume
             w3 += _dot(rest, n3) / volume
-    return trust, 1.0 - w1 - w2 - w3, w1, w2, w3
+    return accuracy, 1.0 - w1 - w2 - w3, w1, w2, w3
 
 
 @inner
@@ -250,15 +250,15 @@ def closest_on_tetrahedron(points, a, b, c, d, x):
     float64, float64, float64, float64
         Weights.
     """
-    trust, w_a, w_b, w_c, w_d = tetrahedron_weights(points, a, b, c, d, x)
-    if trust != NO_WEIGHTS and min(w_a, w_b, w_c, w_d) >= 0.0:
+    accuracy, w_a, w_b, w_c, w_d = tetrahedron_weights(points, a, b, c, d, x)
+    if accuracy != NO_WEIGHTS and min(w_a, w_b, w_c, w_d) >= 0.0:
         return 0.0, w_a, w_b, w_c, w_d
     best = math.inf
     corners = (a, b, c, d)
     signs = (w_a, w_b, w_c, w_d)
     at = signs
     for k in range(4):
-        if trust == ACCURATE and signs[k] >= 0.0:
+        if accuracy == ACCURATE and signs[k] >= 0.0:
             continue
         # The face without corner k, in the order of the corners.
         face_a = corners[0 if k > 0 else 1]
@@ -325,11 +325,11 @@ def find_inside(points, cells, c, x):
     tuple of 4 float64
     """
     if cells.shape[1] == 3:
-        trust, s, t, u, _ = triangle_weights(points, cells[c, 0], cells[c, 1], cells[c, 2], x)
+        accuracy, s, t, u, _ = triangle_weights(points, cells[c, 0], cells[c, 1], cells[c, 2], x)
         v = 0.0
     else:
-        trust, s, t, u, v = tetrahedron_weights(
+        accuracy, s, t, u, v = tetrahedron_weights(
             points, cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3], x
         )
-    inside = trust != NO_WEIGHTS and min(s, t, u, v) >= 0.0
+    inside = accuracy != NO_WEIGHTS and min(s, t, u, v) >= 0.0
     return inside, (s, t, u, v)

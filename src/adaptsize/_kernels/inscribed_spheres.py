@@ -17,65 +17,24 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import inner, kernel, part
+from adaptsize._kernels.corner_walls import (
+    N_DIRECTIONS,
+    add_wall,
+    holding_wall,
+    radius_between,
+    tangents,
+)
 from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
+from adaptsize._kernels.sphere_trees import EXCESS, cannot_shrink, nearer_half
 
 # A path from the root to a leaf leaves one node behind per level.
 _STACK = 64
-# Radii may come out larger than the least one by this share.  Without it all boxes would be opened
-# where the ball touches the boundary all around, as in a sphere.
-_EXCESS = 1e-2
 _MAX_STEPS = 40
 # Squared sine of the angle over the tangent plane from which on a facet is opposite: 60 degrees.
-# Only such facets count at creases, where the normal is that of one side and, on rough
+# Only such facets count at feature edges, where the normal is that of one side and, on rough
 # surfaces, the next facets stand across it.
 _OPPOSITE = 0.75
-# Corners around a point are remembered for walls of so many directions.
-_DIRECTIONS = 12
-
-
-@kernel
-def fill_slabs(points, cells, normals, measures, slabs):
-    """Fill a direction, and the interval that the cells take along it, for each node of a tree.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells : int32[m, k + 1]
-        In the order of the tree.
-    normals : float64[m, 3]
-        Unit normals, zero if there is none.
-    measures : float64[m]
-        Their weights.
-    slabs : float64[2 * n_leaves, 5]
-        Out: direction (zero: none), lower and upper end; row 0 is not used.
-    """
-    m, width = cells.shape
-    n_leaves = slabs.shape[0] // 2
-    for node in range(2 * n_leaves - 1, 0, -1):
-        leaves, first = 1, node
-        while first < n_leaves:
-            first *= 2
-            leaves *= 2
-        begin = (first - n_leaves) * m // n_leaves
-        end = (first - n_leaves + leaves) * m // n_leaves
-        u = np.zeros(3)
-        for c in range(begin, end):
-            for d in range(3):
-                u[d] += measures[c] * normals[c, d]
-        length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-        low, high = math.inf, -math.inf
-        for d in range(3):
-            u[d] = u[d] / length if length > 0.0 else 0.0
-            slabs[node, d] = u[d]
-        for c in range(begin, end):
-            for v in range(width):
-                i = cells[c, v]
-                along = u[0] * points[i, 0] + u[1] * points[i, 1] + u[2] * points[i, 2]
-                low = min(low, along)
-                high = max(high, along)
-        slabs[node, 3] = low
-        slabs[node, 4] = high
 
 
 @inner
@@ -170,94 +129,103 @@ def _touch(points, cells, t, p, n, bound, r):
     return rr, q[0], q[1], q[2]
 
 
-@inner
-def _radius_between(held, last, widest):
-    """Return the radius of the ball on the tangent plane that fits between two walls.
+@part
+def _is_on_side(cells, normals, t, own, flat, smooth):
+    """Return whether cell t continues the side of the boundary that holds the probe.
 
-    A ball at p meets a wall at a distance s = r cot(a / 2) of p from a corner of angle a.  One
-    that rolls away from p meets two opposite walls where r is the mean of both radii, weighted by
-    the cotangents.
+    It does if it turns from cell ``own`` by less than the separation angle, of cosine ``flat``,
+    or if it has a node in common with it and turns by less than the crease angle, of cosine
+    ``smooth``.
+    """
+    turn = 0.0
+    for d in range(3):
+        turn += normals[t, d] * normals[own, d]
+    if t == own or turn >= flat:
+        return True
+    if turn > smooth:
+        width = cells.shape[1]
+        for k in range(width * width):
+            if cells[t, k // width] == cells[own, k % width]:
+                return True
+    return False
+
+
+@part
+def _is_small_and_low(points, cells, t, p, n, sine):
+    """Return whether a cell is small as seen from p, and low over the tangent plane there."""
+    a = cells[t, 0]
+    highest, to_probe, extent = 0.0, math.inf, 0.0
+    for k in range(cells.shape[1]):
+        b = cells[t, k]
+        above, way, length = 0.0, 0.0, 0.0
+        for d in range(3):
+            above += n[d] * (points[b, d] - p[d])
+            way += (points[b, d] - p[d]) ** 2
+            length += (points[b, d] - points[a, d]) ** 2
+        highest = max(highest, above)
+        to_probe = min(to_probe, way)
+        extent = max(extent, length)
+    return extent < 0.04 * to_probe and highest * highest < sine * sine * to_probe
+
+
+@part
+def _meet_at_edge(
+    edge_points, edges, edge_boxes, p, n, q, normal, above, height, cos, share, reach, stack
+):
+    """Return whether the tangent plane at p and the plane of q meet at an edge of the boundary.
 
     Parameters
     ----------
-    held : float64[k, 6]
-        As for `_holding_wall`.
-    last : int
-        What that returned; the other wall is the nearer one most opposite to it.
-    widest : float64
-        Less than 2 pi - ``widest`` apart are no opposite walls.
-
-    Returns
-    -------
-    float64
-        The radius of the last wall if none is opposite.
+    edge_points, edges, edge_boxes
+        As in `shrink_balls`.
+    p, n, q, normal : tuple of 3 float64
+        Probe, its unit normal, the other point, and the unit normal of its cell.
+    above, height : float64
+        Distance of q from the tangent plane, and of p from the plane of q.
+    cos : float64
+        Cosine of the angle between the normals.
+    share : float64
+        Distance of edges from the line where the planes meet, over that of p or q.
+    reach : float64
+        Distance of the probe to the edges.
+    stack : int64[64]
+        Scratch.
     """
-    best = 2.0 * math.pi - widest - 1e-5
-    radius = held[last, 0]
-    for k in range(held.shape[0]):
-        if held[k, 0] <= held[last, 0]:
-            apart = abs(held[k, 1] - held[last, 1])
-            apart = min(apart, 2.0 * math.pi - apart)
-            if apart > best:
-                best = apart
-                total = held[k, 5] + held[last, 5]
-                radius = (held[k, 5] * held[k, 0] + held[last, 5] * held[last, 0]) / total
-    return radius
+    sin2 = 1.0 - cos * cos
+    for seen_from in range(2):
+        # The point of the line that is closest to q, or to p.
+        if seen_from == 0:
+            far = above / sin2
+            foot = (
+                q[0] - far * (n[0] - cos * normal[0]),
+                q[1] - far * (n[1] - cos * normal[1]),
+                q[2] - far * (n[2] - cos * normal[2]),
+            )
+        else:
+            far = height / sin2
+            foot = (
+                p[0] - far * (normal[0] - cos * n[0]),
+                p[1] - far * (normal[1] - cos * n[1]),
+                p[2] - far * (normal[2] - cos * n[2]),
+            )
+        way = 0.0
+        for d in range(3):
+            way += (foot[d] - p[d]) ** 2
+        within = share * far * math.sqrt(sin2)
+        in_reach = reach <= math.sqrt(way) + within
+        if in_reach and _is_near(edge_points, edges, edge_boxes, foot, within, stack):
+            return True
+    return False
 
 
-@inner
-def _tangents(n):
-    """Return two unit vectors that are perpendicular to a unit vector and to each other."""
-    if abs(n[2]) < 0.9:  # in the plane, n[2] = 0, the second one is the normal of the plane
-        length = math.hypot(n[0], n[1])
-        a = (-n[1] / length, n[0] / length, 0.0)
-    else:
-        length = math.hypot(n[1], n[2])
-        a = (0.0, -n[2] / length, n[1] / length)
-    b = (
-        n[1] * a[2] - n[2] * a[1],
-        n[2] * a[0] - n[0] * a[2],
-        n[0] * a[1] - n[1] * a[0],
-    )
-    return a, b
-
-
-@inner
-def _holding_wall(held, widest):
-    """Return the last of the walls that leave no gap between them that is too wide.
-
-    Parameters
-    ----------
-    held : float64[k, 6]
-        Radius at which the ball meets the wall, inf: none; direction of the wall; where it
-        meets it; cotangent of half the angle in the corner.  Sorted by direction, 0 to 2 pi.
-    widest : float64
-        Gap between the directions of neighbouring walls that is not too wide.
-
-    Returns
-    -------
-    int
-        That with the largest radius of the nearest walls that do; -1: there are none.
-    """
-    best = math.inf
-    last = -1
-    for i in range(held.shape[0]):
-        if held[i, 0] >= best:
-            continue
-        # All walls up to this radius, from the last one around to the first.
-        before = math.inf
-        largest = 0.0
-        for k in range(2 * held.shape[0]):
-            j = k % held.shape[0]
-            if held[j, 0] <= held[i, 0]:
-                direction = held[j, 1] + (2.0 * math.pi if k >= held.shape[0] else 0.0)
-                if not math.isinf(before):
-                    largest = max(largest, direction - before)
-                before = direction
-        if largest <= widest:
-            best = held[i, 0]
-            last = i
-    return last
+@part
+def _are_near_tip(tips, k, p, q, within):
+    """Return whether both p and q are as near to tip k as ``within``."""
+    from_p, from_q = 0.0, 0.0
+    for d in range(3):
+        from_p += (tips[k, d] - p[d]) ** 2
+        from_q += (tips[k, d] - q[d]) ** 2
+    return max(from_p, from_q) <= within * within
 
 
 @kernel
@@ -285,12 +253,13 @@ def shrink_balls(
     tips : float64[n_tips, 3]
         Tips of cones.
     probes, origins, probe_normals : float64[n_probes, 3]
-        A probe at a crease stands a little beside its origin; cells that hold the origin
-        are walls at most.
+        A probe at a feature edge lies a little beside its origin; cells that hold the
+        origin are walls at most.
     probe_cells : int32[n_probes]
         Cell that holds each probe, -1 at nodes.  Cells are on its side, and are left out, that
-        turn by less than the separation angle from it, or hang together with it and turn by
-        less than a crease; the normal at the probe may turn from that of its cell as well.
+        turn by less than the separation angle from it, or have a node in common with it and
+        turn by less than the crease angle.  The normal at the probe may differ from that of
+        its cell.
     reaches : float64[n_probes]
         Distance of each probe to the edges.
     tip_of : int32[n_probes]
@@ -299,7 +268,7 @@ def shrink_balls(
         Least sine of the angle between q - p and the tangent plane; cosine of the least
         opening angle of a corner; distance of edges from the line where the planes of p and q
         meet, over that of p or q; distance of tips from p and q, over the radius; widest gap
-        between walls that hold a ball; cosine of the turn of a crease.
+        between walls that hold a ball; cosine of the crease angle.
     largest : float64
         Radius to start from.
     order : int64[n_probes]
@@ -311,17 +280,18 @@ def shrink_balls(
     contacts : float64[n_probes, 3]
         Out: where the ball touches the boundary again; the probe itself where nothing is met.
     touched : int32[n_probes]
-        Out: cell that the ball touches, -1: none; between walls, one of them.
+        In/Out: cell that the ball touches, -1: none; between walls, one of them.
     """
     stack = np.empty(_STACK, np.int64)
     edge_stack = np.empty(_STACK, np.int64)
-    held = np.empty((_DIRECTIONS, 6))
-    m, width = cells.shape
+    held = np.empty((N_DIRECTIONS, 6))
+    m = cells.shape[0]
     n_leaves = boxes.shape[0] // 2
     sine, cosine, share = angles[0], angles[1], angles[2]
     tip_share, gap_of_walls, smooth = angles[3], angles[4], angles[5]
     flat = math.sqrt(1.0 - sine * sine)
-    guess = -1
+    # The result must not depend on how many probes one call processes.
+    guess = touched[order[first - 1]] if first > 0 else -1
     for place in range(first, last):
         i = order[place]
         p = (probes[i, 0], probes[i, 1], probes[i, 2])
@@ -330,11 +300,11 @@ def shrink_balls(
         radius = math.inf
         found = -1
         at = p
-        e1, e2 = _tangents(n)
-        at_crease = False
+        e1, e2 = tangents(n)
+        at_feature_edge = False
         for d in range(3):
-            at_crease = at_crease or probes[i, d] != origins[i, d]
-        for k in range(_DIRECTIONS):
+            at_feature_edge = at_feature_edge or probes[i, d] != origins[i, d]
+        for k in range(N_DIRECTIONS):
             held[k, 0] = math.inf
         stack[0] = 1
         top = 1
@@ -346,42 +316,11 @@ def shrink_balls(
             node = stack[top]
             begin, end = guess, guess + 1
             if node > 0:
-                # Is any of it in the ball, and high enough over the tangent plane?
-                to_centre, to_probe, from_probe = 0.0, 0.0, 0.0
-                highest, lowest, along = 0.0, 0.0, 0.0
-                for d in range(3):
-                    low, high = boxes[node, d], boxes[node, 3 + d]
-                    centre = p[d] + r * n[d]
-                    gap = max(low - centre, centre - high)
-                    if gap > 0.0:
-                        to_centre += gap * gap
-                    gap = max(low - p[d], p[d] - high)
-                    if gap > 0.0:
-                        to_probe += gap * gap
-                    from_probe += max(high - p[d], p[d] - low) ** 2
-                    above, below = (high, low) if n[d] > 0.0 else (low, high)
-                    highest += n[d] * (above - p[d])
-                    lowest += n[d] * (below - p[d])
-                    along += slabs[node, d] * centre
-                if highest <= 0.0 or highest * highest < sine * sine * to_probe:
-                    continue
-                # What reaches as deep as b r into a ball, at an angle a over the tangent plane,
-                # makes it smaller by the share b / (2 sin(a)^2).
-                depth = max(sine, lowest / math.sqrt(from_probe)) if from_probe > 0.0 else sine
-                reach = r * (1.0 - 2.0 * _EXCESS * depth * depth)
-                if to_centre >= reach * reach:
-                    continue
-                if max(slabs[node, 3] - along, along - slabs[node, 4]) >= reach:
+                if cannot_shrink(boxes, slabs, node, p, n, r, sine):
                     continue
                 if node < n_leaves:
-                    near, far = 2 * node, 2 * node + 1
-                    to_near, to_far = 0.0, 0.0
-                    for d in range(3):
-                        to_near += abs(boxes[near, d] + boxes[near, 3 + d] - 2.0 * p[d])
-                        to_far += abs(boxes[far, d] + boxes[far, 3 + d] - 2.0 * p[d])
-                    if to_far < to_near:
-                        near, far = far, near
-                    stack[top] = far
+                    near = nearer_half(boxes, node, p)
+                    stack[top] = near ^ 1  # the other half
                     stack[top + 1] = near
                     top += 2
                     continue
@@ -395,35 +334,15 @@ def shrink_balls(
                     at_origin += normals[t, d] * (origins[i, d] - points[a, d])
                     cos += normals[t, d] * n[d]
                 own = probe_cells[i]
-                if own >= 0:
-                    turn = 0.0
-                    for d in range(3):
-                        turn += normals[t, d] * normals[own, d]
-                    same_side = t == own or turn >= flat
-                    if turn > smooth:
-                        for k in range(width * width):
-                            same_side = same_side or cells[t, k // width] == cells[own, k % width]
-                    if same_side:
-                        continue
+                if own >= 0 and _is_on_side(cells, normals, t, own, flat, smooth):
+                    continue
                 # Seen from behind, in the tangent plane, or without a normal; no steeper than
                 # the separation angle, and so not higher over the tangent plane; out of the ball.
                 if height <= 1e-9 * largest or cos >= flat:
                     continue
-                if height >= (1.0 - _EXCESS) * r * (1.0 - cos):
+                if height >= (1.0 - EXCESS) * r * (1.0 - cos):
                     continue
-                # Small, as seen from p, and low over the tangent plane?
-                highest, to_probe, extent = 0.0, math.inf, 0.0
-                for k in range(width):
-                    b = cells[t, k]
-                    above, way, length = 0.0, 0.0, 0.0
-                    for d in range(3):
-                        above += n[d] * (points[b, d] - p[d])
-                        way += (points[b, d] - p[d]) ** 2
-                        length += (points[b, d] - points[a, d]) ** 2
-                    highest = max(highest, above)
-                    to_probe = min(to_probe, way)
-                    extent = max(extent, length)
-                if extent < 0.04 * to_probe and highest * highest < sine * sine * to_probe:
+                if _is_small_and_low(points, cells, t, p, n, sine):
                     continue
                 bound = height / (1.0 - cos)
                 rr, x, y, z = _touch(points, cells, t, p, n, bound, r)
@@ -431,73 +350,40 @@ def shrink_balls(
                     continue
                 v = (x - p[0], y - p[1], z - p[2])
                 above = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
-                if above * above < sine * sine * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]):
+                way2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+                if above * above < sine * sine * way2:
                     continue
-                # Does its plane meet the tangent plane at an edge, seen from q or from p?
-                sin2 = 1.0 - cos * cos
+                parallel = 1.0 - cos * cos <= 1e-12
                 in_corner = abs(at_origin) <= 1e-9 * largest
-                if in_corner and (cos >= cosine or sin2 <= 1e-12):
-                    continue  # beside the probe, on the same side of the crease
-                if -cos < cosine and sin2 > 1e-12 and not in_corner:
-                    for seen_from in range(2):
-                        way = 0.0
-                        if seen_from == 0:
-                            far = above / sin2
-                            foot = (
-                                x - far * (n[0] - cos * normals[t, 0]),
-                                y - far * (n[1] - cos * normals[t, 1]),
-                                z - far * (n[2] - cos * normals[t, 2]),
-                            )
-                        else:
-                            far = height / sin2
-                            foot = (
-                                p[0] - far * (normals[t, 0] - cos * n[0]),
-                                p[1] - far * (normals[t, 1] - cos * n[1]),
-                                p[2] - far * (normals[t, 2] - cos * n[2]),
-                            )
-                        for d in range(3):
-                            way += (foot[d] - p[d]) ** 2
-                        within = share * far * math.sqrt(sin2)
-                        if reaches[i] <= math.sqrt(way) + within and not in_corner:
-                            in_corner = _is_near(
-                                edge_points, edges, edge_boxes, foot, within, edge_stack
-                            )
+                if in_corner and (cos >= cosine or parallel):
+                    continue  # beside the probe, on the same side of the feature edge
+                normal = (normals[t, 0], normals[t, 1], normals[t, 2])
+                if -cos < cosine and not parallel and not in_corner:
+                    q = (x, y, z)
+                    in_corner = _meet_at_edge(
+                        edge_points, edges, edge_boxes, p, n, q, normal, above, height, cos, share,
+                        reaches[i], edge_stack,
+                    )  # fmt: skip
                     if tip_of[i] >= 0 and not in_corner:
-                        k = tip_of[i]
-                        from_p, from_q = 0.0, 0.0
-                        for d in range(3):
-                            from_p += (tips[k, d] - p[d]) ** 2
-                        from_q = (
-                            (tips[k, 0] - x) ** 2 + (tips[k, 1] - y) ** 2 + (tips[k, 2] - z) ** 2
-                        )
-                        in_corner = max(from_p, from_q) <= (tip_share * rr) ** 2
+                        in_corner = _are_near_tip(tips, tip_of[i], p, q, tip_share * rr)
+                between = rr
                 if in_corner:
-                    # One corner does not stop the ball, walls on all sides do.
-                    u, v = 0.0, 0.0
-                    for d in range(3):
-                        u += normals[t, d] * e1[d]
-                        v += normals[t, d] * e2[d]
-                    direction = math.atan2(v, u) + math.pi
-                    k = min(int(direction * _DIRECTIONS / (2.0 * math.pi)), _DIRECTIONS - 1)
-                    if rr >= held[k, 0]:
+                    u = normal[0] * e1[0] + normal[1] * e1[1] + normal[2] * e1[2]
+                    w = normal[0] * e2[0] + normal[1] * e2[1] + normal[2] * e2[2]
+                    direction = math.atan2(w, u) + math.pi
+                    cotangent = math.sqrt((1.0 - cos) / (1.0 + cos))
+                    if not add_wall(held, direction, rr, x, y, z, cotangent):
                         continue
-                    held[k, 0], held[k, 1] = rr, direction
-                    held[k, 2], held[k, 3], held[k, 4] = x, y, z
-                    held[k, 5] = math.sqrt((1.0 - cos) / (1.0 + cos))
-                    k = _holding_wall(held, gap_of_walls)
+                    k = holding_wall(held, gap_of_walls)
                     if k < 0 or held[k, 0] > r:
                         continue
-                    between = _radius_between(held, k, gap_of_walls)
+                    between = radius_between(held, k, gap_of_walls)
                     if held[k, 0] == r:  # the nearer wall has come nearer
                         radius = min(radius, between)
                         continue
                     rr, x, y, z = held[k, 0], held[k, 2], held[k, 3], held[k, 4]
-                else:
-                    if at_crease and above * above < _OPPOSITE * (
-                        v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-                    ):
-                        continue
-                    between = rr
+                elif at_feature_edge and above * above < _OPPOSITE * way2:
+                    continue
                 if rr >= r:
                     continue
                 r = rr
@@ -507,5 +393,4 @@ def shrink_balls(
         touched[i] = found
         radii[i] = radius
         contacts[i, 0], contacts[i, 1], contacts[i, 2] = at[0], at[1], at[2]
-        if found >= 0:
-            guess = found
+        guess = found

@@ -110,7 +110,7 @@ def sort_for_tree(centroids, n_leaves, order):
     """Put cells in the order of a tree: each node is halved along the longest side.
 
     Halving by number keeps the tree complete; unlike runs along a space-filling curve,
-    the halves of a box do not overlap but for the size of the cells.
+    the halves of a box overlap by no more than the size of a cell.
 
     Parameters
     ----------

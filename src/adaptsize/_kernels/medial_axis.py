@@ -1,7 +1,7 @@
 """Crossings of the fronts of a distance function along the edges of a Cartesian grid.
 
 The grid comes as a flat array with a border of three nodes on every side.  ``strides`` and
-``spacing`` always have three entries; an axis that the grid has not got has the stride 0, so
+``spacing`` always have three entries; an axis that the grid lacks has the stride 0, so
 that every difference along it is zero.  NaN (inactive nodes) fails every comparison.
 """
 
@@ -16,7 +16,7 @@ _ROUNDING = 1e-9
 # them: around the centre of a ball it is as large.
 _SURELY = 0.5
 
-# Crossings this close to a node, in spacings, are as good as at it.
+# Crossings this close to a node, in spacings, count as being at it.
 _AT_NODE = 0.25
 
 # A node farther from the crossing must be better by this much.

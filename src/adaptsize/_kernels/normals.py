@@ -112,7 +112,7 @@ def _open_frame(points, i, ends, normal, u, v):
     i : int
         The node.
     ends : int32[2]
-        Far nodes of the creases that bound the fan.
+        Far nodes of the feature edges that bound the fan.
     normal, u, v : float64[3]
         Out: u and v.
     """
@@ -223,7 +223,7 @@ def correct_open_normals(
         _open_frame(points, cells[corner // 3, corner % 3], ends[s], normals[s], u, v)
         first, last = fan_ptr[s], fan_ptr[s + 1]
         _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, sums)
-        # Next to nothing on a sound fan; keeps a fan of needles from a division by zero.
+        # Negligible for regular fans; avoids a division by zero for a fan of needles.
         damp = 1e-6 * (sums[0] + sums[2])
         if damp == 0.0:
             continue

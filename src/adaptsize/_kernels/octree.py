@@ -283,7 +283,7 @@ def _cut_square(
                 n_points += 1
             place = _fan(keys, numbers, low, a, b, edge, centre, apex, flip, cells, place)
         else:
-            # Round the square from the end of a diagonal that both triangles have.
+            # Around the square from the end of a diagonal that both triangles have.
             turn = 1 if is_odd else 0
             p = find_node(keys, numbers, low + edge * (turn * a))
             q = find_node(keys, numbers, low + edge * (a + turn * b))
@@ -352,7 +352,7 @@ def cut_leaves(
     -------
     n_points, n_cells : int
     """
-    # Explicit types keep the compiler from trying others, which takes it seconds.
+    # Explicit types save the compiler some seconds of type inference.
     dim = indices.shape[1]
     stack = np.empty((_STACK, 3), np.int64)
     n_points = np.int64(n_corners)

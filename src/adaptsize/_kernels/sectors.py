@@ -64,7 +64,7 @@ def _local(cells, c, i):
 
 @inner
 def _agreement(cells, c, other, i, j):
-    """Return 1 if two triangles run along their common edge (i, j) in opposite ways, else -1.
+    """Return 1 if two triangles run along their common edge (i, j) in opposite directions, else -1.
 
     They do in an oriented surface.
     """
@@ -178,7 +178,7 @@ def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_cr
 
 @inner
 def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, sign, fan, count):
-    """Walk around a node from corner to corner until a crease; return the new count.
+    """Walk around a node from corner to corner until a feature edge; return the new count.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, si
     count : int
         It grew by the corners met.
     last : int
-        Node at the far end of the crease where the walk stopped; -1: came round.
+        Far node of the feature edge where the walk stopped; -1: the fan is closed.
     """
     c, v = start // 3, start % 3
     out = (v + towards) % 3
@@ -220,13 +220,13 @@ def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, si
         sign[corner] = sign[3 * c + v] * _agreement(cells, c, other, i, j)
         fan[count] = corner
         count += 1
-        # Leave through the other edge at i, opposite to the node we came along.
+        # Leave through the other edge at i, opposite to the node of the edge just crossed.
         c, v, out = other, w, _local(cells, other, j)
 
 
 @kernel
 def fill_sectors(cells, cell_facets, facet_cells, is_crease, sector, sign, fan, fan_ptr, ends):
-    """Group the corners of triangles into sectors: fans around a node between creases.
+    """Group the corners of triangles into sectors: fans around a node between feature edges.
 
     Parameters
     ----------
@@ -236,13 +236,13 @@ def fill_sectors(cells, cell_facets, facet_cells, is_crease, sector, sign, fan, 
     sector : int32[3 m]
         Out: number of the sector of corner 3 c + v.
     sign : float64[3 m]
-        Out: -1 where the triangle runs against the first one of its sector, else 1.
+        Out: -1 where the triangle is oriented against the first one of its sector, else 1.
     fan : int32[3 m]
         Out: the corners of sector s are ``fan[fan_ptr[s]:fan_ptr[s + 1]]``.
     fan_ptr : int32[3 m + 1]
         Out: filled up to the number of sectors.
     ends : int32[3 m, 2]
-        Out: far nodes of the two creases that bound the sector; -1: closed.
+        Out: far nodes of the two feature edges that bound the sector; -1: closed.
 
     Returns
     -------

@@ -166,7 +166,7 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
 
 
 @kernel
-def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
+def swap(points, cells, ring_ptr, ring, bad, quality, removed, made):
     """Replace cells around bad ones by others on the same nodes, if the worst quality improves.
 
     For each bad cell, two operations are considered.  An interior edge is removed: the ring of
@@ -184,7 +184,7 @@ def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
         Cells to remove, the worst first.
     quality : float64[m]
         Of each cell.
-    dead : bool[m]
+    removed : bool[m]
         In/Out: all False; True for the cells that are replaced.
     made : int32[capacity, 4]
         Out: new cells; swapping stops when it is full.
@@ -208,7 +208,7 @@ def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
     n_made = 0
     for turn in range(bad.shape[0]):
         c = bad[turn]
-        if dead[c] or n_made + 2 * most > made.shape[0]:
+        if removed[c] or n_made + 2 * most > made.shape[0]:
             continue
         gain = _GAIN
         n_chosen = 0
@@ -231,7 +231,7 @@ def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
                         has = has or cells[t, v] == b
                     if not has:
                         continue
-                    if dead[t] or n == most:
+                    if removed[t] or n == most:
                         usable = False
                         break
                     u = -1
@@ -334,7 +334,7 @@ def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
                     if count == 2:
                         across = t
                         break
-                if across < 0 or dead[across]:
+                if across < 0 or removed[across]:
                     continue
                 around[0] = c
                 around[1] = across
@@ -360,7 +360,7 @@ def swap(points, cells, ring_ptr, ring, bad, quality, dead, made):
             for s in range(n):
                 gone[s] = around[s]
         for s in range(n_gone):
-            dead[gone[s]] = True
+            removed[gone[s]] = True
         for s in range(n_chosen):
             for v in range(4):
                 made[n_made, v] = chosen[s, v]

@@ -187,7 +187,7 @@ def _nearest_point_around(points, ring_ptr, ring, f, x):
 
 
 @kernel
-def hand_on_facets(
+def propagate_features(
     points,
     facets,
     corners,

@@ -1,8 +1,8 @@
 """One adaptation cycle: estimate, size, limit, remesh, transfer."""
 
+from adaptsize.adaptation.api import AdaptResult, adapt
 from adaptsize.adaptation.report import AdaptReport
 from adaptsize.adaptation.transfer import FieldTransfer, TransferredFields, transfer_fields
-from adaptsize.adaptation.turn import AdaptResult, adapt
 
 __all__ = [
     "AdaptReport",

@@ -15,8 +15,10 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
-from adaptsize.sizes import minimum, predicted_elements, size_from_error
+from adaptsize.sizes import predicted_elements
 from adaptsize.sizes.budget import scale_to
+from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.error import scaled_by_error
 from adaptsize.typing import FloatArray, GradientLimit
 
 #: Types that ``adapt`` accepts as ``h0``.
@@ -143,10 +145,10 @@ def next_sizes(mesh: SimplexMesh, request: SizeRequest, factor: float) -> NextSi
 
     def from_error(tolerance: float | None, target: float | None) -> FloatArray:
         assert request.indicator is not None
-        return size_from_error(
-            mesh, request.indicator, order=request.order, max_refine=request.max_refine,
-            max_coarsen=request.max_coarsen, hmin=request.hmin, hmax=request.hmax, limit=finished,
-            tolerance=tolerance, target_elements=target,
+        return scaled_by_error(
+            mesh, request.indicator, finished, order=request.order, tolerance=tolerance,
+            target_elements=target, max_refine=request.max_refine,
+            max_coarsen=request.max_coarsen,
         )  # fmt: skip
 
     target, capped = request.target_elements, False

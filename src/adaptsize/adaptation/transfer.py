@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import as_plain_array, check_type, describe, refuse_where
-from adaptsize._kernels.overlap import combine, fill_overlaps
+from adaptsize._checks import check_type, describe
+from adaptsize._kernels.overlap import combine
 from adaptsize._progress import reporting
+from adaptsize.adaptation._fields import as_columns, as_field, as_fields, from_columns
+from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -21,10 +22,6 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 _OUTSIDE = 1e-9
 #: Distance, over the size, by which a point is moved into a cell to find its side of a slit.
 _ASIDE = 1e-8
-# A compiled loop cannot be interrupted.  One call should take about this long.
-_SECONDS_PER_CALL = 0.3
-# Overlaps of a call; grows if one new cell has more.
-_ROOM = 1_000_000
 
 
 class TransferredFields(NamedTuple):
@@ -290,7 +287,7 @@ class FieldTransfer:
         """
         self.refuse_surfaces()
         with reporting(self._progress) as report:
-            return _overlaps(self.old, self.new, report)
+            return overlaps_of(self.old, self.new, report)
 
     @cached_property
     def _located(self) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -316,12 +313,12 @@ class FieldTransfer:
         # Weights of the node itself in that cell, which it may miss by rounding.
         corners = old.points[old.cells[cells]]
         edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
-        sound = np.abs(np.linalg.det(edges)) > 0.0
-        found = np.linalg.solve(edges[sound], (points - corners[:, 0])[sound][..., None])[..., 0]
+        valid = np.abs(np.linalg.det(edges)) > 0.0
+        found = np.linalg.solve(edges[valid], (points - corners[:, 0])[valid][..., None])[..., 0]
         found = np.column_stack([1.0 - found.sum(axis=1), found])
-        near = np.abs(found - weights[sound]).max(axis=1) <= 1e3 * _ASIDE
+        near = np.abs(found - weights[valid]).max(axis=1) <= 1e3 * _ASIDE
         found = np.clip(found, 0.0, 1.0)
-        kept = np.flatnonzero(sound)[near]
+        kept = np.flatnonzero(valid)[near]
         weights[kept] = found[near] / found[near].sum(axis=1, keepdims=True)
         return cells, weights
 
@@ -342,7 +339,7 @@ class FieldTransfer:
         at_boundary = np.zeros(self.new.n_cells, np.bool_)
         if not self.new.is_closed:
             at_boundary[self.new.boundary().cells] = True
-        old, new = _columns(field), _columns(made)
+        old, new = as_columns(field), as_columns(made)
         for j in range(new.shape[1]):
             low, high = old[:, j].min(), old[:, j].max()
             for where in (at_boundary, np.ones_like(at_boundary)):
@@ -353,7 +350,7 @@ class FieldTransfer:
                 if missing != 0.0 and total != 0.0:
                     new[:, j] += min(missing / total, 1.0) * room
             np.clip(new[:, j], low, high, out=new[:, j])
-        return _like(new, made)
+        return from_columns(new, made)
 
 
 def _has_slits(mesh: SimplexMesh) -> bool:
@@ -364,40 +361,6 @@ def _has_slits(mesh: SimplexMesh) -> bool:
     return len(np.unique(points, axis=0)) < len(points)
 
 
-def as_fields(
-    name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
-) -> dict[str, npt.NDArray[Any]]:
-    """Return checked fields with n rows each."""
-    given = {} if fields is None else fields
-    check_type(name, given, Mapping)
-    return {key: as_field(f"{name}[{key!r}]", values, n) for key, values in given.items()}
-
-
-def as_field(name: str, values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
-    """Return a field with n rows as integers, booleans, float64 or complex128."""
-    array = as_plain_array(name, values)
-    if array.dtype.kind not in "biufc":
-        raise ValueError(f"{name} must be an array of numbers, got {describe(values)}")
-    if array.ndim == 0 or len(array) != n:
-        raise ValueError(f"{name} must have {n} rows, got shape {array.shape}")
-    if array.dtype.kind in "biu":
-        return array
-    array = array.astype(np.complex128 if array.dtype.kind == "c" else np.float64)
-    refuse_where(name, ~np.isfinite(array), array, "must be finite")
-    return array
-
-
-def _columns(field: npt.NDArray[Any]) -> FloatArray:
-    """Return a float or complex field as float64[n, k], a copy if need be."""
-    flat = np.ascontiguousarray(field).reshape(len(field), -1)
-    return flat.view(np.float64)
-
-
-def _like(columns: FloatArray, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return columns in the type and the trailing shape of a field."""
-    return columns.view(field.dtype).reshape((len(columns), *field.shape[1:]))
-
-
 def _combined(
     start: npt.NDArray[Any],
     found: npt.NDArray[Any],
@@ -406,45 +369,11 @@ def _combined(
     otherwise: npt.NDArray[Any] | None = None,
 ) -> npt.NDArray[Any]:
     """Return weighted means of rows of a field; ``otherwise`` where all weights are zero."""
-    columns = np.array(_columns(field))
+    columns = np.array(as_columns(field))
     result = np.zeros((len(start) - 1, columns.shape[1]))
     if otherwise is not None:
-        result[:] = _columns(otherwise)
+        result[:] = as_columns(otherwise)
     combine(
         np.array(start, np.int64), np.array(found, np.int32), np.array(weights), columns, result
     )
-    return _like(result, field)
-
-
-def _overlaps(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) -> csr_array:
-    """Return the measures of the overlaps of the cells of two meshes."""
-    tree = old.locator.tree
-    points = np.zeros((new.n_points, 3))
-    points[:, : new.dim] = new.points * tree.scale
-    cells = np.array(new.cells)
-    order = old.locator.along_curve(new.points[new.cells].mean(axis=1))
-    counts = np.zeros(new.n_cells, np.int64)
-    parts: list[tuple[IntArray, FloatArray]] = []
-    first, step, room = 0, 256, _ROOM
-    found, measures = np.empty(room, np.int32), np.empty(room)
-    while first < new.n_cells:
-        last = min(first + step, new.n_cells)
-        begin = time.perf_counter()
-        reached, used = fill_overlaps(
-            tree.points, tree.cells, tree.boxes, points, cells, order, first, last,
-            counts, found, measures,
-        )  # fmt: skip
-        seconds = time.perf_counter() - begin
-        if reached == first:  # a single cell has more overlaps
-            room *= 2
-            found, measures = np.empty(room, np.int32), np.empty(room)
-            continue
-        parts.append((found[:used].copy(), measures[:used].copy()))
-        step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
-        first = reached
-        report("overlaps of the cells of two meshes", first / new.n_cells)
-    columns = tree.cell_of_place[np.concatenate([part[0] for part in parts])]
-    data = np.concatenate([part[1] for part in parts]) / tree.scale**new.dim
-    rows = np.repeat(order, counts[order])
-    shape = (new.n_cells, old.n_cells)
-    return csr_array((data, (rows, columns)), shape=shape)
+    return from_columns(result, field)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate_grid import interpolate_grid
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class GridLocator:
         farthest = np.maximum(np.abs(grid.lower), np.abs(grid.upper)) / grid.spacing
         self._snap = _in_space(_ROUNDINGS * np.finfo(float).eps * farthest, 0.0)
         none = np.empty(0, np.bool_)
-        self._active = _read_only(none if grid.active is None else grid.active.reshape(-1))
+        self._active = read_only(none if grid.active is None else grid.active.reshape(-1))
 
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
@@ -78,8 +79,8 @@ class GridLocator:
         ValueError
             If a shape is wrong or a coordinate is not finite.
         """
-        nodal = _read_only(as_float_array("values", values, self._shape).reshape(-1))
-        where = _read_only(as_points("points", points, self._dim))
+        nodal = read_only(as_float_array("values", values, self._shape).reshape(-1))
+        where = read_only(as_points("points", points, self._dim))
         n = len(where)
         result, distances = np.empty(n), np.empty(n)
         axes = (self._lower, self._spacing, self._nodes, self._snap)
@@ -131,10 +132,3 @@ def _in_space(per_axis: npt.NDArray[Any], missing: float) -> npt.NDArray[Any]:
     padded = np.full(3, missing, per_axis.dtype)
     padded[: len(per_axis)] = per_axis
     return padded
-
-
-def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only view; writable arrays would compile the kernel a second time."""
-    view = array.view()
-    view.flags.writeable = False
-    return view

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_plain_array, describe, refuse_where
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background._octree_nodes import Lattice, Parts, cut, lattice_of, number_nodes
 from adaptsize.background.octree_location import OctreeLocator
 from adaptsize.background.refinement import NeedsRefinement
@@ -91,7 +92,7 @@ class Octree(ReadOnlyState):
         own = given.astype(np.int8)
         _refuse_gaps(own, shape)
         for name, value in (("lower", lower), ("upper", upper), ("levels", own)):
-            object.__setattr__(self, name, _read_only(value))  # needed for a frozen dataclass
+            object.__setattr__(self, name, read_only(value))  # needed for a frozen dataclass
         object.__setattr__(self, "root_shape", shape)
 
     @classmethod
@@ -220,7 +221,7 @@ class Octree(ReadOnlyState):
     def leaf_sizes(self) -> FloatArray:
         """Edge lengths of each leaf, float64[n_leaves, dim]."""
         roots = (self.upper - self.lower) / np.array(self.root_shape)
-        return _read_only(np.ldexp(roots, -self.levels[:, None].astype(np.int32)))
+        return read_only(np.ldexp(roots, -self.levels[:, None].astype(np.int32)))
 
     @cached_property
     def leaf_corners(self) -> IntArray:
@@ -229,7 +230,7 @@ class Octree(ReadOnlyState):
         Corner j lies at the upper end of axis d if bit ``dim - 1 - d`` of j is 1.  The corners
         are thus ordered row by row, the last axis fastest.
         """
-        return _read_only(self._parts.corners)
+        return read_only(self._parts.corners)
 
     @cached_property
     def points(self) -> FloatArray:
@@ -242,7 +243,7 @@ class Octree(ReadOnlyState):
         for d, stride in enumerate(self._lattice.strides):
             index, rest = np.divmod(rest, stride)
             points[:, d] = self._coordinates(index, d)
-        return _read_only(points)
+        return read_only(points)
 
     @cached_property
     def mesh(self) -> SimplexMesh:
@@ -259,7 +260,7 @@ class Octree(ReadOnlyState):
         tetrahedra are 45 to 120 degrees.  If they are not balanced, there are flat cells at
         small pieces of the boundary of large leaves.
         """
-        return SimplexMesh(self.points, _read_only(cut(self._parts)))
+        return SimplexMesh(self.points, read_only(cut(self._parts)))
 
     @cached_property
     def locator(self) -> OctreeLocator:
@@ -277,7 +278,7 @@ class Octree(ReadOnlyState):
     def _planes(self, indices: npt.NDArray[Any]) -> FloatArray:
         """Return the points with given coordinates on the lattice."""
         columns = [self._coordinates(indices[:, d], d) for d in range(self.dim)]
-        return _read_only(np.stack(columns, axis=1))
+        return read_only(np.stack(columns, axis=1))
 
     def _coordinates(self, index: npt.NDArray[Any], d: int) -> FloatArray:
         """Return the coordinates of lattice planes, at the ends exactly those of the box.
@@ -287,13 +288,6 @@ class Octree(ReadOnlyState):
         share = index / self._lattice.counts[d]
         coordinates: FloatArray = self.lower[d] * (1.0 - share) + self.upper[d] * share
         return coordinates
-
-
-def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only view; kernels are compiled for writable arrays."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
 
 
 def _as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

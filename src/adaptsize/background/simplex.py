@@ -5,35 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
 from math import factorial
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    as_index_array,
-    as_plain_array,
-    as_points,
-    check_type,
-    describe,
-    refuse_where,
-)
+from adaptsize._checks import as_points
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize._pickling import ReadOnlyState
+from adaptsize.background import _mesh_arrays as arrays
 from adaptsize.background import topology
 from adaptsize.background.location import SimplexLocator
 from adaptsize.typing import FloatArray, IntArray
 
-_LEAST_TAG, _LARGEST_TAG = -(2**31), 2**31 - 1
-_TAG_WANTED = f"must fit into 32 bits, from {_LEAST_TAG} to {_LARGEST_TAG}"
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
 class Boundary(NamedTuple):
-    """The boundary of a mesh and its relation to that mesh."""
+    """The boundary of a mesh."""
 
     mesh: SimplexMesh
     """The boundary facets as a separate mesh, normals outward."""
@@ -115,24 +105,22 @@ class SimplexMesh(ReadOnlyState):
         point_data: Mapping[str, npt.ArrayLike] | None = None,
         cell_data: Mapping[str, npt.ArrayLike] | None = None,
     ) -> None:
-        own_points = _own(as_points("points", points), points)
-        own_cells = _own(_as_cells(cells, own_points), cells)
-        n_cells, width = len(own_cells), own_cells.shape[1] - 1
-        _set(self, "points", own_points)
-        _set(self, "cells", own_cells)
-        _set(self, "cell_tags", _as_tags("cell_tags", cell_tags, n_cells))
-        if (tagged_facets is None) != (facet_tags is None):
-            raise ValueError("tagged_facets and facet_tags must be given together")
-        if tagged_facets is not None:
-            facets = as_index_array("tagged_facets", tagged_facets, len(own_points), width=width)
-            _set(self, "tagged_facets", _own(facets, tagged_facets))
-            _set(self, "facet_tags", _as_tags("facet_tags", facet_tags, len(facets)))
-        else:
-            _set(self, "tagged_facets", None)
-            _set(self, "facet_tags", None)
-        _set(self, "tag_names", _as_tag_names(tag_names))
-        _set(self, "point_data", _as_fields("point_data", point_data, len(own_points)))
-        _set(self, "cell_data", _as_fields("cell_data", cell_data, n_cells))
+        own_points = arrays.own(as_points("points", points), points)
+        own_cells = arrays.own(arrays.as_cells(cells, own_points), cells)
+        n_points, (n_cells, width) = len(own_points), own_cells.shape
+        facets, tags = arrays.as_tagged_facets(tagged_facets, facet_tags, n_points, width - 1)
+        checked = {
+            "points": own_points,
+            "cells": own_cells,
+            "cell_tags": arrays.as_tags("cell_tags", cell_tags, n_cells),
+            "tagged_facets": facets,
+            "facet_tags": tags,
+            "tag_names": arrays.as_tag_names(tag_names),
+            "point_data": arrays.as_fields("point_data", point_data, n_points),
+            "cell_data": arrays.as_fields("cell_data", cell_data, n_cells),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)  # needed for a frozen dataclass
 
     def __repr__(self) -> str:
         """Return the numbers of points and cells and the kind of cells."""
@@ -177,7 +165,7 @@ class SimplexMesh(ReadOnlyState):
         """Length, area or volume of each cell, float64[n_cells], >= 0."""
         measures = np.empty(self.n_cells)
         fill_measures(self.points, self.cells, measures)
-        return _read_only(measures)
+        return arrays.read_only(measures)
 
     @cached_property
     def signed_measures(self) -> FloatArray:
@@ -186,23 +174,23 @@ class SimplexMesh(ReadOnlyState):
             raise ValueError(f"signed_measures needs cells of full dimension, got {self!r}")
         corners = self.points[self.cells]
         volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / factorial(self.dim)
-        return _read_only(volumes)
+        return arrays.read_only(volumes)
 
     @cached_property
     def edges(self) -> IntArray:
         """Unique edges, int32[n_edges, 2], ``i < j``, in lexicographic order."""
-        return _read_only(topology.edges_of(self.cells, self.n_points))
+        return arrays.read_only(topology.edges_of(self.cells, self.n_points))
 
     @cached_property
     def edge_lengths(self) -> FloatArray:
         """Length of each edge in ``edges``, float64[n_edges]."""
         i, j = self.edges.T
-        return _read_only(np.linalg.norm(self.points[i] - self.points[j], axis=1))
+        return arrays.read_only(np.linalg.norm(self.points[i] - self.points[j], axis=1))
 
     @cached_property
     def _facets(self) -> tuple[IntArray, IntArray]:
         facets, cell_facets = topology.facets_of(self.cells, self.n_points)
-        return _read_only(facets), _read_only(cell_facets)
+        return arrays.read_only(facets), arrays.read_only(cell_facets)
 
     @property
     def facets(self) -> IntArray:
@@ -218,13 +206,13 @@ class SimplexMesh(ReadOnlyState):
     def facet_cell_counts(self) -> IntArray:
         """Number of cells at each facet: 1 on the boundary, 2 inside, 3 or more non-manifold."""
         counts = np.bincount(self.cell_facets.ravel(), minlength=len(self.facets))
-        return _read_only(counts.astype(np.int32))
+        return arrays.read_only(counts.astype(np.int32))
 
     @cached_property
     def rings(self) -> tuple[IntArray, IntArray]:
         """Cells around each node as compressed rows ``(ring_ptr, ring)``, cells ascending."""
         ring_ptr, ring = topology.rings(self.cells, self.n_points)
-        return _read_only(ring_ptr), _read_only(ring)
+        return arrays.read_only(ring_ptr), arrays.read_only(ring)
 
     @cached_property
     def locator(self) -> SimplexLocator:
@@ -262,11 +250,15 @@ class SimplexMesh(ReadOnlyState):
         if not on_boundary.any():
             raise ValueError("the mesh is closed: it has no boundary")
         cell, opposite = np.nonzero(on_boundary)
-        facets = self._oriented_facets(cell, opposite)
+        inverted = None if self.cell_dim < self.dim else self.signed_measures[cell] < 0.0
+        facets = topology.oriented_facets(self.cells[cell], opposite, inverted)
         nodes, local = np.unique(facets, return_inverse=True)
         tags = None
-        if self.tagged_facets is not None:
-            tags = self._tags_of_facets()[self.cell_facets[cell, opposite]]
+        if self.tagged_facets is not None and self.facet_tags is not None:
+            all_tags = topology.tags_of_facets(
+                self.facets, self.tagged_facets, self.facet_tags, self.n_points
+            )
+            tags = all_tags[self.cell_facets[cell, opposite]]
         mesh = SimplexMesh(
             self.points[nodes],
             local.reshape(facets.shape),
@@ -275,27 +267,6 @@ class SimplexMesh(ReadOnlyState):
             point_data={name: values[nodes] for name, values in self.point_data.items()},
         )
         return Boundary(mesh, nodes.astype(np.int32), cell.astype(np.int32))
-
-    def _oriented_facets(self, cell: npt.NDArray[Any], opposite: npt.NDArray[Any]) -> IntArray:
-        """Return the facets opposite to the given vertices, normals out of their cells."""
-        k = self.cell_dim
-        around = np.array([[v for v in range(k + 1) if v != out] for out in range(k + 1)])
-        facets: IntArray = self.cells[cell[:, None], around[opposite]]
-        flip = opposite % 2 == 1
-        if self.cell_dim == self.dim:
-            flip = flip ^ (self.signed_measures[cell] < 0.0)
-        facets[flip, :2] = facets[flip, 1::-1]
-        return facets
-
-    def _tags_of_facets(self) -> IntArray:
-        """Return one tag per entry of ``facets``, 0 where none was given."""
-        assert self.tagged_facets is not None
-        assert self.facet_tags is not None
-        rows = np.concatenate([self.facets, self.tagged_facets])
-        number = topology.unique_rows(rows, self.n_points)[1]
-        tag_of_row = np.zeros(int(number.max()) + 1, np.int32)
-        tag_of_row[number[len(self.facets) :]] = self.facet_tags
-        return tag_of_row[number[: len(self.facets)]]
 
     @classmethod
     def from_meshio(
@@ -387,8 +358,7 @@ class SimplexMesh(ReadOnlyState):
         Raises
         ------
         ValueError
-            If the argument is not a data set, has no such cells, or has polygons of more than
-            four corners.
+            If it is not a data set, has no such cells, or has polygons of over four corners.
 
         Warns
         -----
@@ -422,111 +392,9 @@ class SimplexMesh(ReadOnlyState):
         """Return the same mesh with fields added or replaced; topology is shared."""
         new = replace(
             self,
-            point_data={**self.point_data, **_as_arrays("point_data", point_data)},
-            cell_data={**self.cell_data, **_as_arrays("cell_data", cell_data)},
+            point_data={**self.point_data, **arrays.as_arrays("point_data", point_data)},
+            cell_data={**self.cell_data, **arrays.as_arrays("cell_data", cell_data)},
         )
         for name, value in self.__dict__.items():  # values of cached properties
             new.__dict__.setdefault(name, value)
         return new
-
-
-def _set(mesh: SimplexMesh, name: str, value: object) -> None:
-    object.__setattr__(mesh, name, value)  # needed for a frozen dataclass
-
-
-def _own(array: npt.NDArray[Any], given: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Return ``array`` read-only, copied if the caller could still modify it."""
-    theirs = isinstance(given, np.ndarray) and np.may_share_memory(array, given)
-    if theirs and given.flags.writeable:  # type: ignore[union-attr]
-        array = array.copy()
-    return _read_only(array)
-
-
-def _as_mapping(
-    name: str, fields: Mapping[str, npt.ArrayLike] | None
-) -> Mapping[str, npt.ArrayLike]:
-    given: Mapping[str, npt.ArrayLike] = {} if fields is None else fields
-    check_type(name, given, Mapping)
-    return given
-
-
-def _as_arrays(
-    name: str, fields: Mapping[str, npt.ArrayLike] | None
-) -> dict[str, npt.NDArray[Any]]:
-    return {
-        key: as_plain_array(f"{name}[{key!r}]", values)
-        for key, values in _as_mapping(name, fields).items()
-    }
-
-
-def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only view; ``array`` itself stays writable."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
-def _as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
-    cells = as_index_array("cells", value, len(points))
-    dim = points.shape[1]
-    if not 2 <= cells.shape[1] <= dim + 1:
-        raise ValueError(
-            f"cells must have 2 to {dim + 1} nodes each in {dim}-D, got {cells.shape[1]}"
-        )
-    if len(cells) == 0:
-        raise ValueError("cells must hold at least one cell, got an empty array")
-    repeated = np.zeros(len(cells), bool)
-    for a, b in combinations(range(cells.shape[1]), 2):
-        repeated |= cells[:, a] == cells[:, b]
-    if repeated.any():
-        first = int(np.argmax(repeated))
-        nodes = cells[first].tolist()
-        raise ValueError(f"cells must not name a node twice, got cells[{first}] = {nodes}")
-    return cells
-
-
-def _as_tags(name: str, value: npt.ArrayLike | None, n: int) -> IntArray | None:
-    if value is None:
-        return None
-    raw = as_plain_array(name, value)
-    if raw.shape != (n,):
-        raise ValueError(f"{name} must have shape {(n,)}, got {raw.shape}")
-    if raw.dtype.kind == "f":
-        refuse_where(name, raw != np.floor(raw), raw, "must be integers")
-    elif raw.dtype.kind not in "iub":
-        raise ValueError(f"{name} must be integers, got {raw.dtype}")
-    refuse_where(name, (raw < _LEAST_TAG) | (raw > _LARGEST_TAG), raw, _TAG_WANTED)
-    return _read_only(raw.astype(np.int32))
-
-
-def _as_tag_names(names: Mapping[tuple[int, int], str] | None) -> Mapping[tuple[int, int], str]:
-    """Return a read-only copy of names of tags, with plain integers as keys."""
-    own: dict[tuple[int, int], str] = {}
-    for key, name in (names or {}).items():
-        good = isinstance(key, tuple) and len(key) == 2
-        good = good and all(isinstance(n, int | np.integer) for n in key)
-        if not good or not 0 <= key[0] <= 3:
-            raise ValueError(
-                f"tag_names must have keys (dimension 0 to 3, tag), got {describe(key)}"
-            )
-        if not _LEAST_TAG <= key[1] <= _LARGEST_TAG:
-            raise ValueError(f"tag_names: the tag {_TAG_WANTED}, got {describe(key)}")
-        if not isinstance(name, str) or not name.strip() or '"' in name or "\n" in name:
-            raise ValueError(
-                f"tag_names[{key}] must be a name on one line, without double quotes, "
-                f"got {describe(name)}"
-            )
-        own[int(key[0]), int(key[1])] = name
-    return MappingProxyType(own)
-
-
-def _as_fields(
-    name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
-) -> Mapping[str, npt.NDArray[Any]]:
-    arrays = {}
-    for key, value in _as_mapping(name, fields).items():
-        array = as_plain_array(f"{name}[{key!r}]", value)
-        if array.ndim == 0 or len(array) != n:
-            raise ValueError(f"{name}[{key!r}] must have {n} rows, got shape {array.shape}")
-        arrays[key] = _own(array, value)
-    return MappingProxyType(arrays)

@@ -1,6 +1,7 @@
 """Edges, facets and rings of simplices, from the cell array alone."""
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -71,3 +72,43 @@ def facets_of(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     opposite = [np.delete(cells, v, axis=1) for v in range(k)]
     facets, number = unique_rows(np.concatenate(opposite), n_points)
     return facets, np.ascontiguousarray(number.reshape(k, n_cells).T)
+
+
+def oriented_facets(
+    cells: IntArray, opposite: npt.NDArray[Any], inverted: npt.NDArray[np.bool_] | None
+) -> IntArray:
+    """Return the facets opposite to the given vertices, normals out of their cells.
+
+    Parameters
+    ----------
+    cells : int32[n, k + 1]
+    opposite : int[n]
+        A vertex of each cell, 0 to k.
+    inverted : bool[n] or None
+        Cells of negative measure; None for cells that are not of full dimension.
+    """
+    k = cells.shape[1] - 1
+    around = np.array([[v for v in range(k + 1) if v != out] for out in range(k + 1)])
+    facets = np.take_along_axis(cells, around[opposite], axis=1)
+    flip = opposite % 2 == 1
+    if inverted is not None:
+        flip = flip ^ inverted
+    facets[flip, :2] = facets[flip, 1::-1]
+    return facets
+
+
+def tags_of_facets(facets: IntArray, tagged: IntArray, tags: IntArray, n_points: int) -> IntArray:
+    """Return one tag per facet, 0 where none was given.
+
+    Parameters
+    ----------
+    facets : int32[n_facets, k]
+    tagged : int32[n_tagged, k]
+        Facets that carry a tag.
+    tags : int32[n_tagged]
+    n_points : int
+    """
+    number = unique_rows(np.concatenate([facets, tagged]), n_points)[1]
+    tag_of_row = np.zeros(int(number.max()) + 1, np.int32)
+    tag_of_row[number[len(facets) :]] = tags
+    return tag_of_row[number[: len(facets)]]

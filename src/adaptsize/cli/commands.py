@@ -2,44 +2,32 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from adaptsize.cli.files import check_outputs, nodal_field
+from adaptsize.cli.console import Console, with_console
+from adaptsize.cli.files import check_cells, check_files, nodal_field
 from adaptsize.cli.image import image
-from adaptsize.cli.options import (
-    MAX_ELEMENTS,
-    Across,
-    AsJson,
-    Crease,
-    Field,
-    Gradient,
-    Input,
-    Largest,
-    MaxElements,
-    Output,
-    PerRadian,
-    Picture,
-    Smallest,
-    Sources,
-)
-from adaptsize.cli.output import draw, print_written
-from adaptsize.cli.result import print_quality
-from adaptsize.cli.size import size, size_of_mesh
-from adaptsize.cli.sources import describe_roots, parse_source
+from adaptsize.cli.options import Gradient, Input, Picture, SizesOutput
+from adaptsize.cli.output import draw, print_written, write_sizes
+from adaptsize.cli.remesh import remesh
+from adaptsize.cli.size import size
+from adaptsize.cli.sources import controlling_nodes, describe_roots
 from adaptsize.cli.warmup import announce_compilation, warmup
+
+if TYPE_CHECKING:
+    from adaptsize.limiting.options import Method
 
 app = typer.Typer(
     name="adaptsize",
     epilog="With --debug, an error shows its traceback.  Results go to standard output, "
     "messages to standard error.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -53,6 +41,7 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def options(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option(
@@ -61,137 +50,116 @@ def options(
     ] = False,
 ) -> None:
     """Mesh size functions with gradient limiting."""
-    announce_compilation()
+    announce_compilation(context.obj)
 
 
 @app.command()
-def info(file: Input, as_json: AsJson = False) -> None:
+@with_console
+def info(console: Console, file: Input) -> None:
     """Summarize a mesh file: counts, extent, tags, fields, topology, quality."""
     from adaptsize.io import read
     from adaptsize.quality import summarize
 
-    summary = summarize(read(file))
-    print(json.dumps(summary.as_dict(), indent=2) if as_json else summary)
+    with console.steps(2) as steps:
+        steps.begin("reading")
+        mesh = read(file)
+        steps.begin("checks")
+        summary = summarize(mesh)
+    console.record(input=str(file), **summary.as_dict())
+    console.print(summary)
 
 
 app.command()(size)
 
 
 @app.command()
+@with_console
 def limit(
+    console: Console,
     file: Input,
-    output: Output,
-    field: Annotated[str, typer.Option("--field", help="Nodal field with the upper bounds.")],
+    output: SizesOutput,
+    field: Annotated[
+        str,
+        typer.Option("--field", metavar="NAME", help="Nodal field with the upper bounds."),
+    ],
     gradient: Gradient,
     method: Annotated[
         str,
-        typer.Option(help="auto, or a method of limit_gradient, such as fast-marching."),
+        typer.Option(
+            metavar="NAME", help="auto, or a method of limit_gradient, such as fast-marching."
+        ),
     ] = "auto",
     sources: Annotated[
         Path | None,
-        typer.Option(help="Also write this file, with the controlling node as the field source."),
+        typer.Option(
+            metavar="FILE",
+            help="Also write this file, with the controlling node as the field source.  "
+            "[default: none]",
+        ),
     ] = None,
     plot: Picture = None,
 ) -> None:
     """Limit the gradient of a nodal field.  The result is written as the field h."""
-    from adaptsize.io import read, write
+    from adaptsize.io import read
     from adaptsize.limiting import limit_gradient
 
-    check_outputs(output, plot)
-    if sources is not None:
-        check_outputs(sources)
-    mesh = read(file)
-    h, limiting = limit_gradient(
-        mesh, nodal_field(mesh, field), gradient, method=method, full_output=True, progress=True
-    )
-    if sources is not None and limiting.sources is None:
-        raise ValueError(
-            "--sources needs the exact method (a flat mesh, one gradient limit), "
-            f"got method {limiting.method!r}"
+    outputs = {
+        "--output": (output, "sizes"),
+        "--sources": (sources, "fields"),
+        "--plot": (plot, "picture"),
+    }
+    check_files([file], outputs)  # type: ignore[arg-type]
+    with console.steps(3) as steps:
+        steps.begin("reading")
+        mesh = read(file)
+        for path in (output, sources):
+            if path is not None:
+                check_cells(path, mesh)
+        h0 = nodal_field(mesh, field)
+        steps.begin("limiting")
+        h, found = limit_gradient(
+            mesh,
+            h0,
+            gradient,
+            method=cast("Method", method),
+            full_output=True,
+            progress=steps.report,
         )
-    write(output, mesh, fields={"h": h})
-    draw(plot, mesh, h)
-    levels = ", ".join(
-        f"{share:g}: {q:.3f}" for share, q in limiting.cell_gradient_quantiles.items()
-    )
-    print(f"{limiting.method}: {limiting.n_changed} of {mesh.n_points} nodes lowered")
-    print(f"largest slope along an edge over g: {limiting.largest_edge_slope:.6f}")
-    print(f"gradient in the cells over g, quantiles: {levels}")
-    print_written(output, mesh)
-    if sources is not None and limiting.sources is not None:
-        roots = limiting.sources.roots()
-        write(sources, mesh, fields={"h": h, "source": roots})
+        if sources is not None and found.sources is None:
+            raise ValueError(
+                "--sources needs the exact method (a flat mesh, one gradient limit), "
+                f"got method {found.method!r}"
+            )
+        quantiles = found.cell_gradient_quantiles
+        steps.begin("writing")
+        written = [write_sizes(output, mesh, {"h": h})]
+        roots = None
+        if sources is not None and found.sources is not None:
+            roots = found.sources.roots()
+            written.append(write_sizes(sources, mesh, {"h": h, "source": roots}))
+        draw(console, plot, mesh, h)
+    result: dict[str, Any] = {
+        "method": found.method,
+        "g": gradient,
+        "n_points": mesh.n_points,
+        "n_lowered": found.n_changed,
+        "largest_edge_slope": found.largest_edge_slope,
+        "cell_gradient_quantiles": quantiles,
+    }
+    console.record(input=str(file), **result)
+    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in quantiles.items())
+    console.print(f"{found.method}: {found.n_changed} of {mesh.n_points} nodes lowered")
+    console.print(f"largest slope along an edge over g: {found.largest_edge_slope:.6f}")
+    console.print(f"gradient in the cells over g, quantiles: {levels}")
+    print_written(console, written[0])
+    if roots is not None:
+        console.record(sources=controlling_nodes(mesh.points, roots))
         for line in describe_roots(mesh.points, roots):
-            print(line)
-        print_written(sources, mesh)
+            console.print(line)
+        print_written(console, written[1])
 
 
-@app.command()
-def remesh(
-    file: Input,
-    output: Output,
-    elements_per_radian: PerRadian = None,
-    elements_across: Across = None,
-    gradient: Gradient = 0.25,
-    hmin: Smallest = None,
-    hmax: Largest = None,
-    crease_angle: Crease = 40.0,
-    source: Sources = None,
-    field: Field = None,
-    target: Annotated[
-        str,
-        typer.Option(help="Cells to make from a surface: auto, tetrahedra or triangles."),
-    ] = "auto",
-    backend: Annotated[
-        str, typer.Option(help="Mesh generator: auto, tetwild, mmg or gmsh.")
-    ] = "auto",
-    tolerance: Annotated[
-        float,
-        typer.Option(help="Distance of the new boundary from the old one, over the diagonal."),
-    ] = 1e-3,
-    max_elements: MaxElements = MAX_ELEMENTS,
-    timeout: Annotated[float, typer.Option(help="Time limit in seconds.")] = 3600.0,
-    plot: Picture = None,
-) -> None:
-    """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
-
-    Parameters that are not given are chosen from the part, and the values are printed.
-    """
-    from adaptsize import remeshing
-    from adaptsize.io import read, write
-    from adaptsize.remeshing.driver import check_backend
-
-    check_outputs(output, plot)
-    mesh = read(file)
-    check_backend(mesh, target, backend)  # type: ignore[arg-type]
-    found, report = size_of_mesh(
-        mesh,
-        field,
-        elements_per_radian=elements_per_radian,
-        elements_across=elements_across,
-        g=gradient,
-        hmin=hmin,
-        hmax=hmax,
-        crease_angle=crease_angle,
-        sources=[parse_source(text) for text in source or ()],
-        max_elements=max_elements,
-    )
-    new = remeshing.remesh(
-        mesh,
-        found,
-        target=target,
-        backend=backend,
-        g=gradient,
-        hmax=report.hmax,
-        tolerance=tolerance,
-        timeout=timeout,
-        progress=True,
-    )
-    new = new.with_data(point_data={"h": found(new.points)})
-    write(output, new)
-    draw(plot, new)
-    print_quality(new, mesh, found, report, tolerance)
-    print_written(output, new)
+app.command()(remesh)
 
 
 app.command()(image)
@@ -201,19 +169,30 @@ app.command()(warmup)
 
 
 @app.command()
+@with_console
 def check(
+    console: Console,
     file: Input,
-    field: Annotated[str, typer.Option("--field", help="Nodal field with the sizes.")] = "h",
+    field: Annotated[
+        str, typer.Option("--field", metavar="NAME", help="Nodal field with the sizes.")
+    ] = "h",
     surface: Annotated[
-        Path | None, typer.Option(help="File of the surface to measure the distance to.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Mesh of the surface to measure the distance to.  [default: none]",
+        ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Report the quality of a mesh and its conformity with the sizes in a nodal field."""
     from adaptsize.io import read
     from adaptsize.quality import size_conformity
 
-    mesh = read(file)
-    other = None if surface is None else read(surface)
-    found = size_conformity(mesh, nodal_field(mesh, field), surface=other)
-    print(json.dumps(found.as_dict(), indent=2) if as_json else found)
+    with console.steps(2) as steps:
+        steps.begin("reading")
+        mesh = read(file)
+        other = None if surface is None else read(surface)
+        steps.begin("checks")
+        found = size_conformity(mesh, nodal_field(mesh, field), surface=other)
+    console.record(input=str(file), **found.as_dict())
+    console.print(found)

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import sys
+import threading
 import traceback
 import warnings
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from adaptsize.cli.console import Console
 
 DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit: 0 done, 1 refused or failed, 2 usage, 130 interrupted.
+    """Run the command line and exit.
+
+    The codes are 0 done, 1 refused or failed, 2 wrong usage, 130 interrupted, 143 terminated.
 
     Parameters
     ----------
@@ -29,36 +37,49 @@ def run(arguments: list[str]) -> int:
     from typer.main import get_command
 
     from adaptsize.cli.commands import app
+    from adaptsize.cli.console import Console
     from adaptsize.errors import (
         ConvergenceWarning,
         ImageWarning,
         MeshRepairWarning,
+        OpenSurfaceWarning,
         OutsideWarning,
         ResolutionWarning,
     )
 
     # typer vendors click or imports it.  This finds the class in both cases.
     usage_error: Any = typer.BadParameter.__bases__[0]
-    ours = (ConvergenceWarning, ImageWarning, MeshRepairWarning, OutsideWarning, ResolutionWarning)
+    ours = (
+        ConvergenceWarning,
+        ImageWarning,
+        MeshRepairWarning,
+        OpenSurfaceWarning,
+        OutsideWarning,
+        ResolutionWarning,
+    )
+    console = Console()
+    received: list[signal.Signals] = []
     debug = "--debug" in arguments  # at any position
     arguments = [word for word in arguments if word != "--debug"]
     try:
-        with warnings.catch_warnings():
+        with _signals_as_interrupt(received), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warnings of other packages
             for category in ours:
                 warnings.simplefilter("always", category)
-            warnings.showwarning = _show_warning  # restored by catch_warnings
-            result = get_command(app).main(arguments, prog_name="adaptsize", standalone_mode=False)
+            # Restored by catch_warnings.
+            warnings.showwarning = lambda message, *_, **__: console.warn(_in_one_line(message))
+            result = get_command(app).main(
+                arguments, prog_name="adaptsize", standalone_mode=False, obj=console
+            )
             sys.stdout.flush()
         if result == INTERRUPTED:  # typer's exit code for Ctrl-C
-            _say("interrupted")
+            return _stopped(console, received)
         return result if isinstance(result, int) else DONE
     except usage_error as error:
         error.show(file=sys.stderr)
         return USAGE
     except (KeyboardInterrupt, typer.Abort):
-        _say("interrupted")
-        return INTERRUPTED
+        return _stopped(console, received)
     except (BrokenPipeError, SystemExit) as error:  # typer converts the first to the second
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
@@ -68,18 +89,46 @@ def run(arguments: list[str]) -> int:
     except (ValueError, RuntimeError, ImportError, OSError, MemoryError) as error:
         if debug:
             traceback.print_exc()
-        _say(f"error: {_in_one_line(error)}")
+        console.fail(_in_one_line(error))
         return REFUSED
+
+
+@contextlib.contextmanager
+def _signals_as_interrupt(received: list[signal.Signals]) -> Iterator[None]:
+    """Raise KeyboardInterrupt on SIGTERM and SIGHUP, so that nothing is left half-written."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [signal.Signals[name] for name in names]
+
+    def interrupt(number: int, _frame: object) -> None:
+        for other in numbers:  # no second interrupt while files are removed
+            signal.signal(other, signal.SIG_IGN)
+        received.append(signal.Signals(number))
+        raise KeyboardInterrupt
+
+    # A signal that is ignored, as SIGHUP under nohup, stays ignored.
+    before = {number: signal.getsignal(number) for number in numbers}
+    changed = {number: old for number, old in before.items() if old is signal.SIG_DFL}
+    for number in changed:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number, old in changed.items():
+            signal.signal(number, old)
+
+
+def _stopped(console: Console, received: list[signal.Signals]) -> int:
+    """Say that the command was stopped, and return the exit code."""
+    if received:
+        console.stopped(f"stopped by {received[0].name}")
+        return 128 + received[0]
+    console.stopped("interrupted")
+    return INTERRUPTED
 
 
 def _in_one_line(error: BaseException | str) -> str:
     text = " ".join(str(error).split())
     return text or type(error).__name__
-
-
-def _say(text: str) -> None:
-    print(f"adaptsize: {text}", file=sys.stderr)
-
-
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    _say(f"warning: {_in_one_line(message)}")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,23 +15,86 @@ if TYPE_CHECKING:
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
+#: What a command writes: a mesh, sizes on a mesh, sizes and other fields, or sizes on a grid.
+Content = Literal["mesh", "sizes", "fields", "sizes of an image"]
 
-def check_outputs(output: Path, plot: Path | None = None) -> None:
-    """Refuse output files that cannot be written.
+
+def check_files(
+    inputs: Sequence[Path | None],
+    outputs: Mapping[str, tuple[Path | None, Content | Literal["picture"]]],
+) -> None:
+    """Refuse output files that cannot be written, or would replace an input or each other.
+
+    Parameters
+    ----------
+    inputs : sequence of Path or None
+    outputs : mapping of str to tuple
+        The name of the option, the file or None, and what is to be written.
 
     Raises
     ------
     ValueError
-        If the suffix is unknown, or the directory is missing or not writable.
+        If a suffix is unknown or the format cannot hold the content, a directory is missing
+        or not writable, or two files are the same.
+    """
+    taken = {os.path.realpath(path): "the input" for path in inputs if path is not None}
+    for option, (path, content) in outputs.items():
+        if path is None:
+            continue
+        if content == "picture":
+            if path.suffix.lower() not in _PICTURES:
+                raise ValueError(f"{option} must end in {', '.join(_PICTURES)}, got {str(path)!r}")
+        else:
+            _check_format(path, content)
+        _check_place(path)
+        for written in (path, beside(path) if content == "mesh" else None):
+            if written is None:
+                continue
+            place = os.path.realpath(written)
+            if place in taken:
+                raise ValueError(f"{option} {written} is also {taken[place]}; give another name")
+            taken[place] = option
+
+
+def beside(path: Path) -> Path | None:
+    """Return the file with the sizes that is written beside a mesh without fields, if any."""
+    return path.with_suffix(".sol") if path.suffix.lower() in (".mesh", ".meshb") else None
+
+
+def _check_format(path: Path, content: Content) -> None:
+    from adaptsize._formats.writers import format_of
+
+    chosen = format_of(path, None)
+    name = path.name
+    if content == "mesh" and chosen.only_sizes:
+        raise ValueError(f"{name} would hold sizes but no mesh; write .vtu, or .mesh with a .sol")
+    if content != "sizes of an image" and chosen.holds_grids:
+        raise ValueError(f"{name} holds grids, not meshes; write .vtu")
+    if content != "mesh" and not chosen.holds_fields:
+        hint = ".sol (for Mmg) or .vtu" if content == "sizes" else ".vtu"
+        raise ValueError(f"{name} cannot hold nodal fields such as the sizes; write {hint}")
+    if content == "fields" and chosen.only_sizes:
+        raise ValueError(f"{name} holds only sizes and no other fields; write .vtu")
+
+
+def check_cells(path: Path, mesh: SimplexMesh) -> None:
+    """Refuse a format that cannot hold the cells of a mesh.
+
+    Raises
+    ------
+    ValueError
+        If the file holds only triangles and the mesh has segments, or only cells of full
+        dimension and the mesh is a surface in space.
     """
     from adaptsize._formats.writers import format_of
 
-    format_of(output, None)
-    _check_place(output)
-    if plot is not None:
-        if plot.suffix.lower() not in _PICTURES:
-            raise ValueError(f"--plot must end in {', '.join(_PICTURES)}, got {str(plot)!r}")
-        _check_place(plot)
+    chosen = format_of(path, None)
+    if chosen.only_triangles and mesh.cell_dim == 1:
+        raise ValueError(f"{path.name} cannot hold segments; write .vtu")
+    if chosen.only_full and (mesh.cell_dim < mesh.dim or mesh.dim == 1):
+        raise ValueError(
+            f"{path.name} holds triangles in the plane or tetrahedra, got {mesh!r}; write .vtu"
+        )
 
 
 def _check_place(path: Path) -> None:

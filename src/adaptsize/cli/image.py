@@ -2,39 +2,45 @@
 
 from __future__ import annotations
 
-from adaptsize.cli.files import check_outputs, numbers
+from adaptsize.cli.console import Console, with_console
+from adaptsize.cli.files import check_files, numbers
 from adaptsize.cli.options import (
     MAX_ELEMENTS,
-    Across,
     Gradient,
+    ImageAcross,
     ImageFile,
+    ImagePerRadian,
+    ImageSmallest,
     Label,
     Largest,
     MaxElements,
-    Output,
-    PerRadian,
+    MeshOutput,
     Picture,
-    Smallest,
     Smoothing,
     Sources,
     Spacing,
     Threshold,
 )
-from adaptsize.cli.output import draw, print_written
+from adaptsize.cli.output import draw, print_written, write_mesh
 from adaptsize.cli.sources import parse_source
 
+#: Name of the step that begins with a text of the progress of `mesh_image`.
+_STEPS = {"placing nodes": "meshing"}
 
+
+@with_console
 def image(
+    console: Console,
     file: ImageFile,
-    output: Output,
+    output: MeshOutput,
     spacing: Spacing = None,
     label: Label = None,
     threshold: Threshold = None,
     smoothing: Smoothing = None,
-    elements_per_radian: PerRadian = None,
-    elements_across: Across = None,
+    elements_per_radian: ImagePerRadian = None,
+    elements_across: ImageAcross = None,
     gradient: Gradient = 0.25,
-    hmin: Smallest = None,
+    hmin: ImageSmallest = None,
     hmax: Largest = None,
     source: Sources = None,
     max_elements: MaxElements = MAX_ELEMENTS,
@@ -45,25 +51,40 @@ def image(
     A picture gives triangles, a volume gives tetrahedra.  Sizes come from the curvature of the
     boundaries of the objects and from their width.  Labels become the regions of the mesh.
     """
+    from adaptsize.cli.result import outcome_of_mesh
     from adaptsize.domain_size.images import mesh_image
-    from adaptsize.io import read_image, write
+    from adaptsize.io import read_image
 
-    check_outputs(output, plot)
-    mesh = mesh_image(
-        read_image(file),
-        None if spacing is None else numbers("--spacing", spacing),
-        label=label,
-        threshold=threshold,
-        smoothing=2.0 if smoothing is None else smoothing,
-        elements_per_radian=elements_per_radian,
-        elements_across=elements_across,
-        g=gradient,
-        hmin=hmin,
-        hmax=hmax,
-        sources=[parse_source(text) for text in source or ()],
-        max_elements=max_elements,
-        progress=True,
-    )
-    write(output, mesh)
-    draw(plot, mesh)
-    print_written(output, mesh)
+    check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
+    sources = [parse_source(text) for text in source or ()]
+    size_of_pixel = None if spacing is None else numbers("--spacing", spacing)
+    with console.steps(5) as steps:
+        steps.begin("reading")
+        pixels = read_image(file)
+        steps.begin("sizes")
+        mesh = mesh_image(
+            pixels,
+            size_of_pixel,
+            label=label,
+            threshold=threshold,
+            smoothing=2.0 if smoothing is None else smoothing,
+            elements_per_radian=elements_per_radian,
+            elements_across=elements_across,
+            g=gradient,
+            hmin=hmin,
+            hmax=hmax,
+            sources=sources,
+            max_elements=max_elements,
+            progress=steps.following(_STEPS.get),
+        )
+        steps.begin("writing")
+        written = write_mesh(output, mesh)
+        steps.begin("checks")
+        outcome = outcome_of_mesh(mesh)
+        draw(console, plot, mesh)
+    console.record(input=str(file), mesh=outcome.as_dict())
+    console.print(outcome)
+    for text in outcome.warnings():
+        console.warn(text)
+    for held in written:
+        print_written(console, held)

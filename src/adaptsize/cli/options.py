@@ -1,4 +1,7 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options that several commands share.
+
+Lengths are in the unit of the coordinates in the file.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,26 @@ from typing import Annotated
 import typer
 
 Input = Annotated[Path, typer.Argument(metavar="FILE", help="Mesh: STL, VTU, .msh, .mesh, ...")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="File to write.")]
+MeshOutput = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Mesh to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .mesh (with "
+        "a .sol); .ply, .stl, .obj and .off hold triangles only.",
+    ),
+]
+SizesOutput = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="File to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .ply; .pos "
+        "(for Gmsh), .sol (for Mmg), .jig.msh (for JIGSAW); .vti for images.",
+    ),
+]
 ImageFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="Image: PNG, TIFF, NIfTI, NRRD, .npy, .npz")
 ]
@@ -17,51 +39,132 @@ PerRadian = Annotated[
     typer.Option(
         "-K",
         "--elements-per-radian",
-        help="Elements per radian of curved boundaries.  0 disables.",
+        metavar="NUMBER",
+        help="Elements per radian of curved boundaries.  0 disables.  "
+        "[default: 4; with --field: 0]",
     ),
 ]
 Across = Annotated[
     float | None,
-    typer.Option("--elements-across", help="Elements across narrow regions.  0 disables."),
+    typer.Option(
+        "--elements-across",
+        metavar="NUMBER",
+        help="Elements across narrow regions.  0 disables.  [default: 2; with --field: 0]",
+    ),
 ]
-Gradient = Annotated[float, typer.Option("-g", "--gradient", help="Gradient limit.")]
-Smallest = Annotated[float | None, typer.Option("--hmin", help="Smallest size.")]
-Largest = Annotated[float | None, typer.Option("--hmax", help="Largest size.")]
+ImagePerRadian = Annotated[
+    float | None,
+    typer.Option(
+        "-K",
+        "--elements-per-radian",
+        metavar="NUMBER",
+        help="Elements per radian of curved boundaries.  0 disables.  [default: 4]",
+    ),
+]
+ImageAcross = Annotated[
+    float | None,
+    typer.Option(
+        "--elements-across",
+        metavar="NUMBER",
+        help="Elements across narrow regions.  0 disables.  [default: 2]",
+    ),
+]
+Gradient = Annotated[
+    float,
+    typer.Option(
+        "-g", "--gradient", metavar="NUMBER", help="Gradient limit: growth of the size per length."
+    ),
+]
+Smallest = Annotated[
+    float | None,
+    typer.Option(
+        "--hmin",
+        metavar="LENGTH",
+        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diagonal]",
+    ),
+]
+ImageSmallest = Annotated[
+    float | None,
+    typer.Option(
+        "--hmin",
+        metavar="LENGTH",
+        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diagonal; of "
+        "an image at least 2 pixels]",
+    ),
+]
+Largest = Annotated[
+    float | None,
+    typer.Option(
+        "--hmax",
+        metavar="LENGTH",
+        help="Largest size, in the unit of the coordinates.  [default: 1/20 of the diagonal]",
+    ),
+]
 Crease = Annotated[
     float,
     typer.Option(
         "--crease-angle",
-        help="Angle in degrees above which an edge is a feature edge, not curvature.",
+        metavar="DEGREES",
+        help="Angle above which an edge is a feature edge, not curvature.",
     ),
 ]
 Sources = Annotated[
     list[str] | None,
     typer.Option(
         "--source",
+        metavar="SOURCE",
         help="point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
-        "region:tag=h.  In the plane, omit the z coordinates.  May be repeated.",
+        "region:tag=h; lengths in the unit of the coordinates.  In the plane, omit the z "
+        "coordinates.  May be repeated.  [default: none]",
     ),
 ]
-Field = Annotated[str | None, typer.Option("--field", help="Nodal field to use as upper bounds.")]
-Picture = Annotated[Path | None, typer.Option("--plot", help="Also draw the result (.png).")]
+Field = Annotated[
+    str | None,
+    typer.Option(
+        "--field",
+        metavar="NAME",
+        help="Nodal field of the file to use as upper bounds.  [default: none]",
+    ),
+]
+Picture = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot",
+        metavar="FILE",
+        help="Also draw the result (.png).  [default: none]",
+    ),
+]
 Label = Annotated[
     list[int] | None,
-    typer.Option("--label", help="Label of the objects.  May be repeated.  All but 0 by default."),
+    typer.Option(
+        "--label",
+        metavar="NUMBER",
+        help="Label of the objects in an image.  May be repeated.  [default: all but 0]",
+    ),
 ]
 Threshold = Annotated[
     float | None,
-    typer.Option("--threshold", help="Pixels with larger values belong to the objects."),
+    typer.Option(
+        "--threshold",
+        metavar="NUMBER",
+        help="Pixels with larger values belong to the objects, instead of labels.  [default: none]",
+    ),
 ]
 Spacing = Annotated[
     str | None,
     typer.Option(
-        "--spacing", help="Pixel size: 0.5 or 0.5,0.5,1.25.  By default that of the file."
+        "--spacing",
+        metavar="LENGTHS",
+        help="Size of a pixel, in the unit of the mesh: 0.5 or 0.5,0.5,1.25.  "
+        "[default: that of the file]",
     ),
 ]
 Smoothing = Annotated[
     float | None,
     typer.Option(
-        "--smoothing", help="Width of the low-pass filter of the mask, in pixels.  2 by default."
+        "--smoothing",
+        metavar="PIXELS",
+        help="Width of the low-pass filter of the mask.  [default: 2 pixels]",
     ),
 ]
 #: Equal to `adaptsize.domain_size.request.MAX_ELEMENTS`, which is slow to import.
@@ -70,8 +173,9 @@ MaxElements = Annotated[
     float,
     typer.Option(
         "--max-elements",
+        metavar="NUMBER",
+        show_default=False,  # typer prints 300000.0
         help="Parameters that are not given are relaxed until the mesh has about this many "
-        "elements.",
+        "elements.  [default: 300000]",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]

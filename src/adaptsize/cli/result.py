@@ -1,53 +1,135 @@
-"""What ``adaptsize remesh`` reports: how good the new mesh is, and what is out of bounds."""
+"""What ``adaptsize remesh`` and ``image`` report: how good a mesh is, and what is out of bounds."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from adaptsize.cli.output import say
+from adaptsize.cli.output import kind_of
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
     from adaptsize.domain_size.report import SizeReport
+    from adaptsize.quality import Conformity
     from adaptsize.typing import FloatArray
 
-# What is worth a warning: a number of cells this far from the predicted one, as a factor, ...
-_FAR_OFF = 1.5
+# What is worth a warning: a number of cells off the predicted one by more than this share, ...
+_FAR_OFF = 0.25
 # ... fewer edges than this within the band, ...
 _LEAST_IN_BAND = 0.8
+# ... a smaller angle than this, in degrees, ...
+_LEAST_ANGLE = 5.0
 # ... and a volume that has changed by more than this share.
 _VOLUME_CHANGE = 0.01
 
 
-def print_quality(
+@dataclass(frozen=True)
+class Outcome:
+    """A new mesh compared with the request."""
+
+    kind: str
+    conformity: Conformity
+    predicted: float | None = None
+    """Number of cells."""
+    tolerance: float | None = None
+    """Allowed distance of the boundary over the diagonal."""
+    change: float | None = None
+    """Relative change of the area or volume; None if the old mesh encloses none."""
+
+    @property
+    def excess(self) -> float | None:
+        """Number of cells over the predicted one, minus 1."""
+        if self.predicted is None:
+            return None
+        return self.conformity.n_cells / max(self.predicted, 1.0) - 1.0
+
+    @property
+    def distance(self) -> float | None:
+        """Distance of the boundary over the diagonal."""
+        return self.conformity.hausdorff_relative
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the keys of the JSON object."""
+        result: dict[str, Any] = {"kind": self.kind, **self.conformity.as_dict()}
+        result["share_in_band"] = self.conformity.share_in_band
+        if self.predicted is not None:
+            result["n_cells_predicted"] = self.predicted
+            result["tolerance"] = self.tolerance
+            result["measure_change"] = self.change
+        return result
+
+    def __str__(self) -> str:
+        """Return one line per topic."""
+        found = self.conformity
+        cells = f"{found.n_cells} {self.kind}"
+        if self.excess is not None:
+            cells += f", {self.predicted:.0f} predicted ({self.excess:+.1%})"
+        angles = f"{'dihedral, ' if found.cell_dim == 3 else ''}least {found.angle_min:.1f} degrees"
+        rows = [
+            ("cells", cells),
+            ("edges", f"{found.share_in_band:.1%} within a factor sqrt 2 of the size"),
+            ("angles", f"{angles}, 1 % below {found.angle_p01:.1f}"),
+        ]
+        if self.distance is not None:
+            text = f"{self.distance:.2g} of the diagonal from the old one"
+            rows.append(("boundary", f"{text}, tolerance {self.tolerance:.2g}"))
+        if self.change is not None:
+            rows.append((self._measure, f"changed by {self.change:+.2%}"))
+        return "\n".join(f"{name:10}{text}" for name, text in rows)
+
+    @property
+    def _measure(self) -> str:
+        return "volume" if self.conformity.cell_dim == 3 else "area"
+
+    def warnings(self) -> list[str]:
+        """Return one line for each value that is out of bounds."""
+        found, lines = self.conformity, []
+        if (self.distance or 0.0) > (self.tolerance or np.inf):
+            lines.append(
+                f"the boundary is {self.distance:.2g} of the diagonal from the old one, more "
+                f"than the tolerance, {self.tolerance:.2g}; smaller sizes keep it closer"
+            )
+        if found.share_in_band < _LEAST_IN_BAND:
+            lines.append(
+                f"only {found.share_in_band:.1%} of the edges are within a factor sqrt 2 of the "
+                "size; details of the boundary may not allow it"
+            )
+        if self.excess is not None and abs(self.excess) > _FAR_OFF:
+            lines.append(
+                f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
+                f"{'more' if self.excess > 0.0 else 'fewer'} than predicted"
+            )
+        if found.angle_min < _LEAST_ANGLE:
+            lines.append(f"the smallest angle is {found.angle_min:.2g} degrees")
+        if self.change is not None and abs(self.change) > _VOLUME_CHANGE:
+            lines.append(f"the {self._measure} has changed by {self.change:+.1%}")
+        return lines
+
+
+def outcome_of_remeshing(
     new: SimplexMesh, old: SimplexMesh, size: SizeFunction, report: SizeReport, tolerance: float
-) -> None:
-    """Print what became of a request, and warn of what is far from it."""
+) -> Outcome:
+    """Compare a new mesh with the old one and with the sizes requested."""
     from adaptsize.quality import size_conformity
 
     surface = old if old.cell_dim < new.cell_dim or old.dim > old.cell_dim else old.boundary().mesh
-    found = size_conformity(new, size, surface=surface)
-    distance = found.hausdorff_relative or 0.0
-    kind = " (dihedral)" if new.cell_dim == 3 else ""
-    predicted = _predicted(new, size, report)
-    print(f"cells     {new.n_cells}, {predicted:.0f} predicted")
-    print(f"edges     {found.share_in_band:.1%} within a factor sqrt 2 of the size")
-    print(f"angles    from {found.angle_min:.1f} degrees{kind}, 1 % below {found.angle_p01:.1f}")
-    print(f"boundary  off by {distance:.3g} of the diagonal, tolerance {tolerance:.3g}")
-    change = _change(new, old)
-    if change is not None:
-        print(f"{'volume' if new.cell_dim == 3 else 'area':9} changed by {change:+.2%}")
-        if abs(change) > _VOLUME_CHANGE:
-            say("warning: the measure of the domain has changed by more than 1 %")
-    if distance > tolerance:
-        say("warning: the boundary is off by more than the tolerance")
-    if found.share_in_band < _LEAST_IN_BAND:
-        say("warning: many edges miss the size; details of the boundary may forbid it")
-    if not 1.0 / _FAR_OFF < new.n_cells / max(predicted, 1.0) < _FAR_OFF:
-        say("warning: the number of cells is far from the predicted one")
+    return Outcome(
+        kind_of(new),
+        size_conformity(new, size, surface=surface),
+        _predicted(new, size, report),
+        tolerance,
+        _change(new, old),
+    )
+
+
+def outcome_of_mesh(mesh: SimplexMesh) -> Outcome:
+    """Compare a mesh with its nodal field h."""
+    from adaptsize.quality import size_conformity
+
+    return Outcome(kind_of(mesh), size_conformity(mesh, mesh.point_data["h"]))
 
 
 def _predicted(new: SimplexMesh, size: SizeFunction, report: SizeReport) -> float:
@@ -71,9 +153,9 @@ def _change(new: SimplexMesh, old: SimplexMesh) -> float | None:
 
 def _enclosed(surface: SimplexMesh) -> float | None:
     """Return the volume that a closed surface encloses; None if it is open."""
-    from adaptsize.remeshing.preparation import repair_mesh
+    from adaptsize.remeshing.hole_filling import merged_surface
 
-    mesh = repair_mesh(surface).mesh
+    mesh = merged_surface(surface)
     if not (mesh.facet_cell_counts == 2).all():
         return None
     corners: FloatArray = mesh.points[mesh.cells] - mesh.points.mean(axis=0)

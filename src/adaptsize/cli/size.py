@@ -7,27 +7,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from adaptsize.cli.files import check_outputs, holds_more_than_sizes, nodal_field, numbers
+from adaptsize.cli.console import Console, with_console
+from adaptsize.cli.files import (
+    check_cells,
+    check_files,
+    holds_more_than_sizes,
+    nodal_field,
+    numbers,
+)
 from adaptsize.cli.options import (
     MAX_ELEMENTS,
     Across,
     Crease,
     Field,
     Gradient,
+    ImageSmallest,
     Label,
     Largest,
     MaxElements,
-    Output,
     PerRadian,
     Picture,
-    Smallest,
+    SizesOutput,
     Smoothing,
     Sources,
     Spacing,
     Threshold,
 )
-from adaptsize.cli.output import draw, draw_causes, print_written, say
+from adaptsize.cli.output import draw, draw_causes, print_written, write_sizes
 from adaptsize.cli.sources import parse_source
+from adaptsize.cli.steps import Steps
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
@@ -35,18 +43,20 @@ if TYPE_CHECKING:
     from adaptsize.domain_size.report import SizeReport
 
 
+@with_console
 def size(
+    console: Console,
     file: Annotated[
         Path,
         typer.Argument(
             metavar="FILE", help="Mesh: STL, VTU, .msh ...; or image: PNG, TIFF, NIfTI, NRRD ..."
         ),
     ],
-    output: Output,
+    output: SizesOutput,
     elements_per_radian: PerRadian = None,
     elements_across: Across = None,
     gradient: Gradient = 0.25,
-    hmin: Smallest = None,
+    hmin: ImageSmallest = None,
     hmax: Largest = None,
     crease_angle: Crease = 40.0,
     source: Sources = None,
@@ -58,7 +68,11 @@ def size(
     max_elements: MaxElements = MAX_ELEMENTS,
     plot: Picture = None,
     plot_causes: Annotated[
-        Path | None, typer.Option(help="Also draw which cause controls which part (.png).")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also draw which cause controls which part (.png).  [default: none]",
+        ),
     ] = None,
 ) -> None:
     """Compute the size function of a mesh or an image.
@@ -67,22 +81,25 @@ def size(
     are written as the field h.  The field cause holds what controls each of them; the shares of
     the causes are printed.
 
-    The suffix of the output selects the format.  .pos, .sol and .jig.msh hold sizes for Gmsh,
-    Mmg and JIGSAW.  A surface in space is refined where its triangles are long.  The sizes of
-    an image are on the grid of its pixels: write .vti.
+    A surface in space is refined where its triangles are long.  The sizes of an image are on the
+    grid of its pixels: write .vti.
     """
-    from adaptsize.io import is_image_file, read, write
+    from adaptsize.io import is_image_file, read
 
-    check_outputs(output, plot)
-    if plot_causes is not None:
-        check_outputs(output, plot_causes)
+    of_image = is_image_file(file)
+    outputs = {
+        "--output": (output, "sizes of an image" if of_image else "sizes"),
+        "--plot": (plot, "picture"),
+        "--plot-causes": (plot_causes, "picture"),
+    }
+    check_files([file], outputs)  # type: ignore[arg-type]
     for_images = {
         "--label": label,
         "--threshold": threshold,
         "--spacing": spacing,
         "--smoothing": smoothing,
     }
-    _refuse_idle(file, {"--field": field} if is_image_file(file) else for_images)
+    _refuse_idle(file, {"--field": field} if of_image else for_images)
     options: dict[str, Any] = {
         "elements_per_radian": elements_per_radian,
         "elements_across": elements_across,
@@ -92,23 +109,32 @@ def size(
         "sources": [parse_source(text) for text in source or ()],
         "max_elements": max_elements,
     }
-    if is_image_file(file):
-        filters = {"label": label, "threshold": threshold, "smoothing": smoothing}
-        found, report = _of_image(file, spacing, **filters, **options)
-    else:
-        found, report = size_of_mesh(read(file), field, crease_angle=crease_angle, **options)
-    fields = {"cause": report.cause.astype("int32")} if holds_more_than_sizes(output) else {}
-    write(output, found, fields=fields)
-    draw(plot, found)
-    draw_causes(plot_causes, report)
-    print(report)
+    with console.steps(3) as steps:
+        steps.begin("reading")
+        options["progress"] = steps.report
+        if of_image:
+            filters = {"label": label, "threshold": threshold, "smoothing": smoothing}
+            found, report = _of_image(console, steps, file, spacing, **filters, **options)
+        else:
+            mesh = read(file)
+            check_cells(output, mesh)
+            steps.begin("sizes")
+            found, report = size_of_mesh(console, mesh, field, crease_angle=crease_angle, **options)
+        steps.begin("writing")
+        fields = {"cause": report.cause.astype("int32")} if holds_more_than_sizes(output) else {}
+        written = write_sizes(output, found, fields)
+        draw(console, plot, found)
+        draw_causes(console, plot_causes, report)
+    console.record(input=str(file), size=as_dict(report))
+    console.print(report)
     if fields:
-        print("field cause: " + ", ".join(f"{k} {name}" for k, name in enumerate(report.causes)))
-    print_written(output, found.background)  # type: ignore[arg-type]
+        names = ", ".join(f"{k} {name}" for k, name in enumerate(report.causes))
+        console.print(f"field cause: {names}")
+    print_written(console, written)
 
 
 def size_of_mesh(
-    mesh: SimplexMesh, field: str | None, **options: Any
+    console: Console, mesh: SimplexMesh, field: str | None, **options: Any
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the size function and its report, and print the parameters used.
 
@@ -121,21 +147,51 @@ def size_of_mesh(
         for name in ("elements_per_radian", "elements_across"):
             if options[name] is None:
                 options[name] = 0.0
-    found, report = size_function(mesh, **options, full_output=True, progress=True)
-    say(f"sizes: {report.choices}")
+    found, report = size_function(mesh, **options, full_output=True)
+    console.say(f"sizes: {report.choices}")
     return found, report
 
 
-def _of_image(file: Path, spacing: str | None, **options: Any) -> tuple[SizeFunction, SizeReport]:
+def as_dict(report: SizeReport) -> dict[str, Any]:
+    """Return the parameters, sizes and causes of a size function, for the JSON object."""
+    causes = [
+        {
+            "code": code,
+            "name": name,
+            "domain_share": report.domain_shares[name],
+            "element_share": report.element_shares[name],
+            "smallest": report.smallest[name],
+        }
+        for code, name in enumerate(report.causes)
+    ]
+    return {
+        "elements_per_radian": report.elements_per_radian,
+        "elements_across": report.elements_across,
+        "g": report.g,
+        "hmin": report.hmin,
+        "hmax": report.hmax,
+        "relaxation": report.relaxation,
+        "smallest": min(report.smallest.values()),
+        "largest": report.largest,
+        "n_elements": report.n_elements,
+        "causes": causes,
+    }
+
+
+def _of_image(
+    console: Console, steps: Steps, file: Path, spacing: str | None, **options: Any
+) -> tuple[SizeFunction, SizeReport]:
     from adaptsize.domain_size.images import size_function_from_image
     from adaptsize.io import read_image
 
     if options["smoothing"] is None:
         del options["smoothing"]
     size_of_pixel = None if spacing is None else numbers("--spacing", spacing)
-    return size_function_from_image(
-        read_image(file), size_of_pixel, **options, full_output=True, progress=True
-    )
+    image = read_image(file)
+    steps.begin("sizes")
+    found, report = size_function_from_image(image, size_of_pixel, **options, full_output=True)
+    console.say(f"sizes: {report.choices}")
+    return found, report
 
 
 def _refuse_idle(file: Path, options: dict[str, Any]) -> None:

@@ -66,12 +66,25 @@ def describe_roots(points: npt.NDArray[Any], roots: npt.NDArray[Any]) -> Iterato
     >>> for line in describe_roots(np.eye(3), np.array([1, 1, 0])):
     ...     print(line)
     sizes come from 2 nodes, most of them from
-      node 1 at (0, 1, 0): 66.7 % of the nodes
-      node 0 at (1, 0, 0): 33.3 % of the nodes
+      node 1 at (0, 1, 0): 66.7% of the nodes
+      node 0 at (1, 0, 0): 33.3% of the nodes
     """
+    found = controlling_nodes(points, roots)
+    yield f"sizes come from {found['n_nodes']} nodes, most of them from"
+    for node in found["largest"]:
+        place = ", ".join(f"{x:.6g}" for x in node["position"])
+        yield f"  node {node['node']} at ({place}): {node['share']:.1%} of the nodes"
+
+
+def controlling_nodes(points: npt.NDArray[Any], roots: npt.NDArray[Any]) -> dict[str, Any]:
+    """Return how many nodes control sizes, and those that control the most."""
     nodes, counts = np.unique(roots[roots >= 0], return_counts=True)
-    yield f"sizes come from {len(nodes)} nodes, most of them from"
-    for which in np.argsort(-counts, kind="stable")[:_LISTED]:
-        place = ", ".join(f"{x:.6g}" for x in points[nodes[which]])
-        share = 100.0 * counts[which] / len(roots)
-        yield f"  node {nodes[which]} at ({place}): {share:.1f} % of the nodes"
+    largest = [
+        {
+            "node": int(nodes[which]),
+            "position": points[nodes[which]].tolist(),
+            "share": float(counts[which] / len(roots)),
+        }
+        for which in np.argsort(-counts, kind="stable")[:_LISTED]
+    ]
+    return {"n_nodes": len(nodes), "largest": largest}

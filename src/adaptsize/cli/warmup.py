@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
-from adaptsize.cli.output import say
+from adaptsize.cli.console import Console, with_console
 
 _said = False
 
 
-def announce_compilation() -> None:
+def announce_compilation(console: Console) -> None:
     """Print one line when the first kernel of this process is compiled."""
     from numba.core import event
 
@@ -22,7 +21,9 @@ def announce_compilation() -> None:
         def on_start(self, _event: event.Event) -> None:
             global _said  # noqa: PLW0603 - once in a process
             if not _said:
-                say("compiling kernels; this happens once and takes 10 to 30 s (adaptsize warmup)")
+                console.say(
+                    "compiling kernels; this happens once and takes 10 to 30 s (adaptsize warmup)"
+                )
             _said = True
 
         def on_end(self, _event: event.Event) -> None:
@@ -32,21 +33,22 @@ def announce_compilation() -> None:
         event.register("numba:compile", First())
 
 
-def warmup() -> None:
+@with_console
+def warmup(console: Console) -> None:
     """Compile all that the commands need, and keep it in numba's cache.
 
     For container images, clusters and read-only homes: set NUMBA_CACHE_DIR to a directory that
     stays.  Without this the first commands take 10 to 30 s longer each.
     """
-    began = time.monotonic()
     workers = min(len(_TASKS), os.cpu_count() or 1)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
         waiting = {pool.submit(_run, name): name for name in _TASKS}
         for count, done in enumerate(as_completed(waiting), 1):
             done.result()
-            say(f"compiled for {waiting[done]} ({count} of {len(_TASKS)})")
-    print(f"kernels compiled in {time.monotonic() - began:.0f} s")
+            console.say(f"compiled for {waiting[done]} ({count} of {len(_TASKS)})")
+    console.record(compiled=list(_TASKS))
+    console.print(f"kernels compiled in {console.seconds:.0f} s")
 
 
 def _run(name: str) -> None:

@@ -61,7 +61,8 @@ def as_image(
     if values.ndim == 3 and values.shape[2] in (3, 4) and min(values.shape[:2]) > 16:
         raise ValueError(
             f"image must have one number per pixel, got an array of shape {values.shape}, which "
-            "looks like colours: segment it first (pass a volume of so few planes as an Image)"
+            "looks like colours: segment it first (pass a volume of so few planes as a "
+            "background.Image)"
         )
     try:
         made = Image(values, 1.0 if spacing is None else spacing, origin)

@@ -75,7 +75,7 @@ class SizeReport:
                 *parts,
                 f"g = {self.g:.3g}",
                 f"h from {least:.3g} to {self.largest:.3g} {limits}",
-                f"about {self.n_elements:.2g} elements",
+                f"about {float(f'{self.n_elements:.2g}'):.0f} elements",
             ]
         )
 
@@ -173,19 +173,19 @@ def limit_bounds(
     if low > high:
         raise ValueError(f"hmin must be at most hmax, got {low:g} > {high:g}")
     names = (*bounds, "hmin", "hmax")
-    asked = np.full(background.nodal_shape, high)
+    requested = np.full(background.nodal_shape, high)
     own = np.full(background.nodal_shape, len(names) - 1, dtype=np.int8)
     for k, bound in enumerate(bounds.values()):
-        smaller = bound < asked
-        asked[smaller], own[smaller] = bound[smaller], k
-    own[asked < low] = len(names) - 2
-    asked = np.maximum(asked, low)
+        smaller = bound < requested
+        requested[smaller], own[smaller] = bound[smaller], k
+    own[requested < low] = len(names) - 2
+    requested = np.maximum(requested, low)
     if points is not None and _measure_dim(background) < background.dim:
         points = None  # on surfaces, point sources act at the nodes around them
     if points is not None:
         points = (points[0], np.clip(points[1], low, high))
     h, info = limit_gradient(
-        background, asked, g, full_output=True, progress=progress, point_sources=points
+        background, requested, g, full_output=True, progress=progress, point_sources=points
     )
     if info.sources is not None:
         roots = info.sources.roots().reshape(own.shape)
@@ -194,7 +194,7 @@ def limit_bounds(
         cause = np.where(roots < own.size, of_node, of_point)
         cause = np.where(roots >= 0, cause, NONE).astype(np.int8)
     else:
-        cause = _by_separate_runs(background, asked, own, len(names) - 1, g)
+        cause = _by_separate_runs(background, requested, own, len(names) - 1, g)
     weights = nodal_measures(background) if weights is None else weights
     cause[weights <= 0.0] = NONE
     report = _report(background, names, cause, h, weights, dict(bounds), info)
@@ -203,7 +203,7 @@ def limit_bounds(
 
 def _by_separate_runs(
     background: SimplexMesh | CartesianGrid | Octree,
-    asked: FloatArray,
+    requested: FloatArray,
     own: npt.NDArray[np.int8],
     constant: int,
     g: float,
@@ -215,9 +215,9 @@ def _by_separate_runs(
     cause = np.full(own.shape, NONE, dtype=np.int8)
     best = np.full(own.shape, np.inf)
     for k in np.unique(own):
-        alone = np.where(own == k, asked, np.inf)
+        alone = np.where(own == k, requested, np.inf)
         if k == constant:
-            alone[...] = asked[own == k][0]
+            alone[...] = requested[own == k][0]
         else:
             alone = limit_gradient(background, alone, g)
         better = alone < best

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from adaptsize._kernels import edge_based as kernels
-from adaptsize.limiting.fast_marching import march_to_rest
-from adaptsize.limiting.fast_marching_grid import march_grid_to_rest
+from adaptsize.limiting.fast_marching import march_until_converged
+from adaptsize.limiting.fast_marching_grid import march_grid_until_converged
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -27,7 +27,7 @@ def solve_edge_based(
 
     Parameters and result are those of `solve_fast_marching`.  No scheme is cheaper.
     """
-    return march_to_rest(
+    return march_until_converged(
         mesh, h0, slope, kernels.sweep_edges, kernels.march_edges, residual, report
     )
 
@@ -47,4 +47,4 @@ def solve_grid_edges(
     enforce the bound along edges on second-order sizes.  Parameters and result are those of
     `solve_grid_marching`.
     """
-    return march_grid_to_rest(grid, h0, slope, 1, True, residual, report)
+    return march_grid_until_converged(grid, h0, slope, 1, True, residual, report)

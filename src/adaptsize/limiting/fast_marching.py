@@ -83,10 +83,12 @@ def solve_fast_marching(
     .. [1] F. Bornemann, C. Rasch, Comput. Vis. Sci. 9 (2006) 57-69.
     .. [2] J. A. Sethian, Proc. Natl. Acad. Sci. 93 (1996) 1591-1595.
     """
-    return march_to_rest(mesh, h0, slope, kernels.sweep_cells, kernels.march, residual, report)
+    return march_until_converged(
+        mesh, h0, slope, kernels.sweep_cells, kernels.march, residual, report
+    )
 
 
-def march_to_rest(
+def march_until_converged(
     mesh: SimplexMesh,
     h0: FloatArray,
     slope: Slope,

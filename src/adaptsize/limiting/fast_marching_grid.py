@@ -83,10 +83,10 @@ def solve_grid_marching(
     .. [1] P.-O. Persson, Engineering with Computers 22 (2006) 95-109.
     .. [2] J. A. Sethian, SIAM Review 41 (1999) 199-235.
     """
-    return march_grid_to_rest(grid, h0, slope, order, False, residual, report)
+    return march_grid_until_converged(grid, h0, slope, order, False, residual, report)
 
 
-def march_grid_to_rest(
+def march_grid_until_converged(
     grid: CartesianGrid,
     h0: FloatArray,
     slope: Slope,

@@ -34,8 +34,12 @@ class MeshSummary:
     edge_max: float
     cell_tags: dict[int, int]
     """Number of cells by tag."""
+    cell_tag_names: dict[int, str]
+    """Names of cell tags that have one: physical groups of Gmsh."""
     facet_tags: dict[int, int]
     """Number of tagged facets by tag."""
+    facet_tag_names: dict[int, str]
+    """Names of facet tags that have one."""
     point_fields: tuple[str, ...]
     cell_fields: tuple[str, ...]
     n_components: int
@@ -68,8 +72,8 @@ class MeshSummary:
             (_MEASURES[self.kind], f"{self.measure:g}"),
             ("edges", f"{self.edge_min:g} to {self.edge_max:g}, median {self.edge_median:g}"),
             ("topology", f"{closed}{self.n_components} component(s), facets: {facets}"),
-            ("cell tags", _counted(self.cell_tags)),
-            ("facet tags", _counted(self.facet_tags)),
+            ("cell tags", _counted(self.cell_tags, self.cell_tag_names)),
+            ("facet tags", _counted(self.facet_tags, self.facet_tag_names)),
             ("point fields", ", ".join(self.point_fields) or "none"),
             ("cell fields", ", ".join(self.cell_fields) or "none"),
             ("points", f"{self.n_duplicate_points} duplicate, {self.n_unused_points} unused"),
@@ -107,6 +111,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
     """
     check_type("mesh", mesh, SimplexMesh)
     used = np.unique(mesh.cells)
+    cell_tags, facet_tags = _counts(mesh.cell_tags), _counts(mesh.facet_tags)
     points = mesh.points[used]
     ratios = None if mesh.cell_dim == 1 else radius_ratios(mesh)
     return MeshSummary(
@@ -121,8 +126,10 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
         edge_min=float(mesh.edge_lengths.min()),
         edge_median=float(np.median(mesh.edge_lengths)),
         edge_max=float(mesh.edge_lengths.max()),
-        cell_tags=_counts(mesh.cell_tags),
-        facet_tags=_counts(mesh.facet_tags),
+        cell_tags=cell_tags,
+        cell_tag_names=_names(mesh, mesh.cell_dim, cell_tags),
+        facet_tags=facet_tags,
+        facet_tag_names=_names(mesh, mesh.cell_dim - 1, facet_tags),
         point_fields=tuple(mesh.point_data),
         cell_fields=tuple(mesh.cell_data),
         n_components=_n_components(mesh),
@@ -139,12 +146,17 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
 def _counts(tags: Any) -> dict[int, int]:
     if tags is None:
         return {}
-    names, counts = np.unique(tags, return_counts=True)
-    return dict(zip(names.tolist(), counts.tolist(), strict=True))
+    unique, counts = np.unique(tags, return_counts=True)
+    return dict(zip(unique.tolist(), counts.tolist(), strict=True))
 
 
-def _counted(counts: dict[int, int]) -> str:
-    return ", ".join(f"{tag} ({n})" for tag, n in counts.items()) or "none"
+def _names(mesh: SimplexMesh, dim: int, tags: dict[int, int]) -> dict[int, str]:
+    return {tag: mesh.tag_names[dim, tag] for tag in tags if (dim, tag) in mesh.tag_names}
+
+
+def _counted(counts: dict[int, int], names: dict[int, str]) -> str:
+    named = {tag: f'{tag} "{names[tag]}"' if tag in names else str(tag) for tag in counts}
+    return ", ".join(f"{named[tag]} ({n})" for tag, n in counts.items()) or "none"
 
 
 def _n_components(mesh: SimplexMesh) -> int:

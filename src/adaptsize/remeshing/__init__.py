@@ -14,17 +14,27 @@ _HOMES = {
     "Backend": "protocol",
     "Problem": "protocol",
     "estimate_n_cells": "estimate",
+    "close_holes": "hole_filling",
+    "open_boundary": "open_surface",
+    "OpenBoundary": "open_surface",
+    "near_bodies": "open_surface",
+    "NearBodies": "open_surface",
     "mesh_from_distance": "distmesh.api",
     "SmoothingReport": "distmesh.api",
 }
 
 __all__ = [
     "Backend",
+    "NearBodies",
+    "OpenBoundary",
     "Problem",
     "SmoothingReport",
     "available_backends",
+    "close_holes",
     "estimate_n_cells",
     "mesh_from_distance",
+    "near_bodies",
+    "open_boundary",
     "register_backend",
     "remesh",
 ]

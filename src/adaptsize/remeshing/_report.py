@@ -20,7 +20,7 @@ from adaptsize.typing import IntArray
 #: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.
 SLIVER_ANGLE = 10.0
 #: The mesh has not converged while nodes move more than this per step, in sizes.
-_RESTLESS = 0.03
+_NOT_CONVERGED = 0.03
 #: Share of the domain's measure that the mesh may miss or have in excess.  Tetrahedra with
 #: edges of 0.6 radii miss 6 % of a ball.
 _MEASURE_OFF = 0.1
@@ -40,7 +40,7 @@ class SmoothingReport:
     ----------
     n_steps, n_triangulations : int
         Number of smoothing steps, and of Delaunay triangulations.
-    at_rest : bool
+    converged : bool
         Whether the nodes converged within ``max_iter`` steps.
     last_move : float
         Mean displacement of a node in the last step, in sizes.
@@ -69,7 +69,7 @@ class SmoothingReport:
 
     n_steps: int
     n_triangulations: int
-    at_rest: bool
+    converged: bool
     last_move: float
     conformity: Conformity
     n_slivers: int
@@ -84,7 +84,7 @@ class SmoothingReport:
 
     def __str__(self) -> str:
         """Return a small table."""
-        state = "converged" if self.at_rest else "not converged"
+        state = "converged" if self.converged else "not converged"
         return "\n".join(
             [
                 str(self.conformity),
@@ -125,7 +125,7 @@ def describe(
     return SmoothingReport(
         n_steps=relaxed.n_steps,
         n_triangulations=relaxed.n_triangulations,
-        at_rest=relaxed.at_rest,
+        converged=relaxed.converged,
         last_move=relaxed.last_move,
         conformity=size_conformity(mesh, size),
         n_slivers=int(np.count_nonzero(minimum_angles(mesh) < SLIVER_ANGLE)),
@@ -168,15 +168,15 @@ def _n_broken(
     near = np.linalg.norm(a - b, axis=1) < _NEIGHBOURS * size(0.5 * (a + b))
     pairs = near & (part[edges[:, 0]] != part[edges[:, 1]])
     a, b = a[pairs], b[pairs]
-    sees = np.ones(len(a), np.bool_)
+    visible = np.ones(len(a), np.bool_)
     for t in np.linspace(0.1, 0.9, 9):
-        sees &= domain.phi(a + t * (b - a)) < 0.0
-    return int(np.count_nonzero(sees))
+        visible &= domain.phi(a + t * (b - a)) < 0.0
+    return int(np.count_nonzero(visible))
 
 
 def warn_of_faults(report: SmoothingReport) -> None:
     """Warn of a mesh that has not converged or does not resolve its domain."""
-    if not report.at_rest and report.last_move > _RESTLESS:
+    if not report.converged and report.last_move > _NOT_CONVERGED:
         warnings.warn(
             f"nodes still moved by {report.last_move:.2g} sizes per step after "
             f"{report.n_steps} steps; raise max_iter, or limit the gradient of the sizes",

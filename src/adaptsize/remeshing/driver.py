@@ -17,6 +17,7 @@ from adaptsize.remeshing import netgen
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.frame import Frame
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.open_surface import warn_of_surface
 from adaptsize.remeshing.preparation import (
     Facets,
     as_required,
@@ -114,6 +115,9 @@ def remesh(
     -----
     MeshRepairWarning
         If points of a surface were merged or triangles dropped.
+    OpenSurfaceWarning
+        If a surface to be filled is open, or has bodies that are closer to each other than the
+        tolerance: what it encloses is then decided by the generator.  See `close_holes`.
 
     Notes
     -----
@@ -166,6 +170,8 @@ def remesh(
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
     wanted = as_size(size, mesh, g=g, hmax=hmax)
     repaired = repair_mesh(mesh)
+    if task == "surface to tetrahedra":
+        warn_of_surface(repaired.mesh, tolerance * repaired.mesh.diagonal)
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
     part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)

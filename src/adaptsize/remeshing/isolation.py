@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -27,6 +28,8 @@ import numpy.typing as npt
 from adaptsize.errors import BackendError, BackendTimeoutError
 
 _WORKER = "adaptsize.remeshing._worker"
+#: The messages of the generators; they are silent unless its level is DEBUG.
+_LOGGER = logging.getLogger("adaptsize.remeshing")
 _POLL_SECONDS = 0.1
 _LAST_LINES = 8
 #: A child that prints more than this is stopped.
@@ -64,6 +67,8 @@ class IsolatedRunner:
     ) -> dict[str, npt.NDArray[Any]]:
         """Call ``module:name`` with (arrays, options) in a child; return the arrays it returns.
 
+        The option ``verbose`` is added: whether what the child prints will be logged.
+
         Raises
         ------
         BackendError
@@ -71,6 +76,7 @@ class IsolatedRunner:
         BackendTimeoutError
             If it was stopped at the deadline.
         """
+        options = {**options, "verbose": _LOGGER.isEnabledFor(logging.DEBUG)}
         # On Windows, a killed child may keep its files open a little longer.
         with tempfile.TemporaryDirectory(
             prefix="adaptsize-", ignore_cleanup_errors=True
@@ -85,6 +91,7 @@ class IsolatedRunner:
             result = folder / "result.npz"
             if code != 0 or not result.exists():
                 self._fail(folder, code)
+            _log_messages(self.backend, folder / "log.txt")
             with np.load(result, allow_pickle=False) as loaded:
                 return {name: loaded[name] for name in loaded.files}
 
@@ -133,6 +140,14 @@ class IsolatedRunner:
         lines = [line.strip() for line in tail.splitlines() if line.strip()][-_LAST_LINES:]
         said = f"; its last lines: {' | '.join(lines)}" if lines else ""
         raise BackendError(f"{self.backend} failed: {reason}{said}")
+
+
+def _log_messages(backend: str, log: Path) -> None:
+    """Log what a generator has printed, if that is wanted."""
+    if _LOGGER.isEnabledFor(logging.DEBUG):
+        for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.strip():
+                _LOGGER.debug("%s: %s", backend, line.strip())
 
 
 def _environment() -> dict[str, str]:

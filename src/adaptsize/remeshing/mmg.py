@@ -181,7 +181,8 @@ def adapt(
         mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
     mesh["metric"] = np.ascontiguousarray(arrays["sizes"].reshape(-1, 1))
-    settings = {"hausd": options["hausd"], "hgrad": options["hgrad"], "verbose": -1}
+    settings = {"hausd": options["hausd"], "hgrad": options["hgrad"]}
+    settings["verbose"] = 1 if options.get("verbose", False) else -1
     settings |= {"ar": options["ridge_angle"], "nosizreq": 1}
     if options["open_boundaries"] and cell_name == "tetrahedra":
         settings["opnbdy"] = 1

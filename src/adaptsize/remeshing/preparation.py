@@ -151,9 +151,9 @@ def collect_facets(mesh: SimplexMesh, regions: IntArray, required: IntArray | No
     n = len(mesh.facets)
     lowest = np.full(n, np.iinfo(np.int32).max, np.int64)
     highest = np.full(n, -1, np.int64)
-    beside = np.repeat(regions[:, None], mesh.cell_dim + 1, axis=1)
-    np.minimum.at(lowest, mesh.cell_facets, beside)
-    np.maximum.at(highest, mesh.cell_facets, beside)
+    of_cells = np.repeat(regions[:, None], mesh.cell_dim + 1, axis=1)
+    np.minimum.at(lowest, mesh.cell_facets, of_cells)
+    np.maximum.at(highest, mesh.cell_facets, of_cells)
     between = (mesh.facet_cell_counts != 2) | (lowest != highest)
     tags = np.full(n, NO_TAG)
     if mesh.tagged_facets is not None and mesh.facet_tags is not None:

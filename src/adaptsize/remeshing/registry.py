@@ -91,6 +91,23 @@ def choose_backend(name: str, task: Task, *, keep_facets: bool) -> Backend:
     return next((b for b in able if _is_installed(b)), None) or _installed_or_raise(able[0], task)
 
 
+def check_installed(name: str) -> None:
+    """Raise what `choose_backend` would raise, whatever the task, for a name.
+
+    Raises
+    ------
+    ValueError
+        If there is no adapter of that name.
+    BackendUnavailableError
+        If it is not installed.
+    """
+    one_of("backend", name, ("auto", *_BACKENDS))
+    if name != "auto" and not _is_installed(_BACKENDS[name]):
+        raise BackendUnavailableError(
+            f"backend {name!r} is not installed; install it with: {_BACKENDS[name].install}"
+        )
+
+
 def is_usable(name: str) -> bool:
     """Whether the adapter of that name is known and its generator installed."""
     return name in _BACKENDS and _is_installed(_BACKENDS[name])

@@ -101,7 +101,7 @@ def tetrahedralize(
         edge_length_abs=options["edge_length"],
         epsilon=options["epsilon"],
         vtk_ordering=True,  # the other ordering gives negative volumes
-        quiet=True,
+        quiet=not options.get("verbose", False),
         coarsen=options["coarsen"],
         disable_filtering=not options["filtered"],
         **field,

@@ -1,10 +1,10 @@
 """Upper bounds on the size, one nodal array per cause; inf where there is no bound."""
 
 from adaptsize.sizes.budget import predicted_elements
-from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
+from adaptsize.sizes.from_sources import size_from_sources
 from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
 from adaptsize.sizes.sources import (
     BallSource,
@@ -14,7 +14,6 @@ from adaptsize.sizes.sources import (
     PointSource,
     RegionSource,
     Source,
-    size_from_sources,
 )
 
 __all__ = [
@@ -25,7 +24,6 @@ __all__ = [
     "PointSource",
     "RegionSource",
     "Source",
-    "minimum",
     "predicted_elements",
     "recovered_gradient",
     "recovered_hessian",

@@ -79,9 +79,9 @@ def lower_in_ball(
         inside = np.clip(centre[d], grid.lower[d], grid.upper[d])
         beyond = np.maximum(np.abs(x - inside) - grid.spacing[d], 0.0)
         of_boxes.append(beyond + abs(centre[d] - inside))
-    asked = size + g * np.maximum(np.sqrt(_sum_of_squares(away)) - radius, 0.0)
-    asked[_sum_of_squares(of_boxes) > radius**2] = np.inf
-    _lower_window(grid, window, asked, h0)
+    requested = size + g * np.maximum(np.sqrt(_sum_of_squares(away)) - radius, 0.0)
+    requested[_sum_of_squares(of_boxes) > radius**2] = np.inf
+    _lower_window(grid, window, requested, h0)
 
 
 def at_active_nodes(
@@ -188,8 +188,8 @@ def _coordinates(grid: CartesianGrid, nodes: _Indices) -> FloatArray:
     return grid.origin + grid.spacing * nodes
 
 
-def _lower(h0: FloatArray, nodes: _Indices, asked: FloatArray) -> None:
-    np.minimum.at(h0, tuple(nodes.T), asked)
+def _lower(h0: FloatArray, nodes: _Indices, requested: FloatArray) -> None:
+    np.minimum.at(h0, tuple(nodes.T), requested)
 
 
 def _pieces_in_boxes(
@@ -287,7 +287,7 @@ def _sum_of_squares(per_axis: list[FloatArray]) -> FloatArray:
 
 
 def _lower_window(
-    grid: CartesianGrid, window: tuple[slice, ...], asked: FloatArray, h0: FloatArray
+    grid: CartesianGrid, window: tuple[slice, ...], requested: FloatArray, h0: FloatArray
 ) -> None:
     active = True if grid.active is None else grid.active[window]
-    np.minimum(h0[window], asked, out=h0[window], where=active)
+    np.minimum(h0[window], requested, out=h0[window], where=active)

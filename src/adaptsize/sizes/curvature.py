@@ -79,7 +79,7 @@ def size_from_curvature(
     g : float, default 0.25
         Only with distances: the gradient limit that is used afterwards, >= 0, no unit.
     hmin, hmax : float, optional
-        Limits of the size, as in `minimum`.
+        Limits of the size; ``hmin`` overrides the bound.
 
     Returns
     -------

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, check_type, refuse_where
 from adaptsize.background import SimplexMesh
+from adaptsize.limiting import limit_gradient
 from adaptsize.sizes.budget import (
     as_goal,
     predicted_elements,
@@ -18,10 +19,10 @@ from adaptsize.sizes.budget import (
 )
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.recovery import as_nodal_field, recovered_hessian
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, GradientLimit
 
-#: Gradient limiting of sizes, such as ``lambda h0: limit_gradient(mesh, h0, 0.25)``.
-Limiter = Callable[[FloatArray], FloatArray]
+#: Applies all limits to nodal sizes.
+Finish = Callable[[FloatArray], FloatArray]
 
 
 def size_from_error(
@@ -35,7 +36,7 @@ def size_from_error(
     max_coarsen: float = 2.0,
     hmin: float | None = None,
     hmax: float | None = None,
-    limit: Limiter | None = None,
+    g: GradientLimit | None = None,
     backend: str | None = None,
 ) -> FloatArray:
     r"""Return the size that gives all elements of the next mesh the same share of the error.
@@ -68,10 +69,11 @@ def size_from_error(
         Indicators predict little about much smaller cells at a singular point, and nothing
         where they are zero.
     hmin, hmax : float, optional
-        Limits of the size, as in `minimum`.
-    limit : callable, optional
-        Takes sizes and returns the sizes that will be used, see the examples.
-        ``target_elements`` is then the number after it.  It must be non-decreasing.
+        Limits of the size; ``hmin`` overrides the bound.
+    g : float, array_like, callable or tuple, optional
+        Gradient limit, as in `limit_gradient`, which is then applied to the sizes.
+        ``target_elements`` is the number after it.  By default the sizes are not limited, so that
+        other bounds can be added before limiting.
     backend : str, optional
         If given, ``target_elements`` is the number that this mesh generator makes ("mmg",
         "tetwild"), see `adaptsize.sizes.predicted_elements`.  Otherwise it is a number of regular
@@ -80,7 +82,7 @@ def size_from_error(
     Returns
     -------
     ndarray of float64, shape (n_points,)
-        Sizes, with ``limit`` applied if it is given.  ``inf`` at nodes in no cell of positive
+        Sizes, limited if ``g`` is given.  ``inf`` at nodes in no cell of positive
         measure, unless ``hmax`` is given.  If the limits do not allow the target, the sizes come
         as close as possible.
 
@@ -93,13 +95,13 @@ def size_from_error(
     See Also
     --------
     zz_indicator : an indicator, if the solver has none.
-    limit_gradient : the next step, or the function to pass as ``limit``.
+    limit_gradient : the next step if ``g`` is not given.
 
     Notes
     -----
     Cell values are transferred to nodes by averaging the number of elements per volume, weighted
     by volume, so that the total number is preserved.  Errors are predicted as
-    :math:`\eta_K (h / h_K)^p` in each cell, before this averaging and before ``limit``.  The
+    :math:`\eta_K (h / h_K)^p` in each cell, before this averaging and before limiting.  The
     prediction is unreliable where the solution is singular.  The cost is O(n) for each of
     about ten trials of s.
 
@@ -119,13 +121,30 @@ def size_from_error(
 
     One step of an adaptive loop, with 5000 elements after limiting::
 
-        h = ads.size_from_error(
-            mesh, eta, order=1, target_elements=5000,
-            limit=lambda h0: ads.limit_gradient(mesh, h0, 0.25),
-        )
+        h = ads.size_from_error(mesh, eta, order=1, target_elements=5000, g=0.25)
         mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h))
     """
     check_type("mesh", mesh, SimplexMesh)
+    return scaled_by_error(
+        mesh, indicator, _finishing(mesh, hmin, hmax, g), order=order, tolerance=tolerance,
+        target_elements=target_elements, max_refine=max_refine, max_coarsen=max_coarsen,
+        backend=backend,
+    )  # fmt: skip
+
+
+def scaled_by_error(
+    mesh: SimplexMesh,
+    indicator: npt.ArrayLike,
+    finish: Finish,
+    *,
+    order: float,
+    tolerance: float | None,
+    target_elements: float | None,
+    max_refine: float,
+    max_coarsen: float,
+    backend: str | None = None,
+) -> FloatArray:
+    """Return the sizes of `size_from_error`, with limits by a function."""
     eta = as_float_array("indicator", indicator, (mesh.n_cells,))
     refuse_where("indicator", ~(eta >= 0.0) | np.isinf(eta), eta, "must be finite and >= 0")
     p = as_number("order", order, lower=0.0, strict=True)
@@ -141,7 +160,7 @@ def size_from_error(
         return np.asarray(np.clip(scale * shape, finest, coarsest))
 
     def sizes(scale: float) -> FloatArray:
-        return _finished(_nodal_sizes(mesh, now * ratios(scale)), hmin, hmax, limit)
+        return finish(_nodal_sizes(mesh, now * ratios(scale)))
 
     if goal == "tolerance":
         moving = eta > 0.0
@@ -165,7 +184,7 @@ def size_from_hessian(
     norm: float = math.inf,
     hmin: float | None = None,
     hmax: float | None = None,
-    limit: Limiter | None = None,
+    g: GradientLimit | None = None,
     backend: str | None = None,
 ) -> FloatArray:
     r"""Return the size at which linear elements interpolate a field equally well everywhere.
@@ -194,17 +213,17 @@ def size_from_hessian(
     norm : float, default inf
         q >= 1.
     hmin, hmax : float, optional
-        Limits of the size, as in `minimum`.  Where the field jumps, its derivatives grow as
-        the mesh is refined.  Only ``hmin`` or ``target_elements`` stops this.
-    limit : callable, optional
-        Takes sizes and returns the sizes that will be used, as in `size_from_error`.
+        Limits of the size; ``hmin`` overrides the bound.  Where the field jumps, its
+        derivatives grow as the mesh is refined.  Only ``hmin`` or ``target_elements`` stops this.
+    g : float, array_like, callable or tuple, optional
+        Gradient limit, as in `size_from_error`.
     backend : str, optional
         As in `size_from_error`.
 
     Returns
     -------
     ndarray of float64, shape (n_points,)
-        Sizes, with ``limit`` applied if it is given; ``inf`` where the second derivatives of the
+        Sizes, limited if ``g`` is given; ``inf`` where the second derivatives of the
         field are zero, unless ``hmax`` is given.
 
     Raises
@@ -224,7 +243,7 @@ def size_from_hessian(
     \le \lambda h^2 d / (4 (d + 1))` for edges up to h: a third of the tolerance in the plane and
     3/8 in space.  Edges may therefore be 1.7 or 1.6 times as long as requested, and generators
     rarely exceed the root of 2.  ``tolerance`` applies to sizes before ``hmin``, ``hmax`` and
-    ``limit``.
+    ``g``.
 
     References
     ----------
@@ -255,8 +274,10 @@ def size_from_hessian(
     with np.errstate(divide="ignore"):
         shape = steepest**-exponent
 
+    finish = _finishing(mesh, hmin, hmax, g)
+
     def sizes(scale: float) -> FloatArray:
-        return _finished(scale * shape, hmin, hmax, limit)
+        return finish(scale * shape)
 
     if goal == "tolerance":
         share = 1.0
@@ -277,11 +298,16 @@ def size_from_hessian(
     )
 
 
-def _finished(
-    h0: FloatArray, hmin: float | None, hmax: float | None, limit: Limiter | None
-) -> FloatArray:
-    held = minimum(h0, hmin=hmin, hmax=hmax)
-    return held if limit is None else as_float_array("limit(sizes)", limit(held), h0.shape)
+def _finishing(
+    mesh: SimplexMesh, hmin: float | None, hmax: float | None, g: GradientLimit | None
+) -> Finish:
+    """Return a function that clips sizes to two limits and limits their gradient."""
+
+    def finish(h0: FloatArray) -> FloatArray:
+        clipped = minimum(h0, hmin=hmin, hmax=hmax)
+        return clipped if g is None else limit_gradient(mesh, clipped, g)
+
+    return finish
 
 
 def _nodal_sizes(mesh: SimplexMesh, size: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ def size_from_feature(
         the boxes that the boundary passes have a size.  Otherwise it is 0.001 of the
         diagonal of the boundary.  Only for spheres, with ``boundary``.
     hmin, hmax : float, optional
-        Limits of the size, as in `minimum`.
+        Limits of the size; ``hmin`` overrides the bound.
     progress : callable, bool or None
         As in `limit_gradient`.
 

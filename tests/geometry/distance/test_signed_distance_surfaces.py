@@ -352,7 +352,7 @@ def test_corners_that_differ_by_rounding_are_one_wherever_they_lie():
     assert (merged.facet_cell_counts == 2).all()
 
 
-def test_cycles_are_told_from_surfaces_with_holes():
+def test_cycles_are_distinguished_from_surfaces_with_holes():
     clean = torus(12)
     soup = clean.points[clean.cells].reshape(-1, 3)
     assert is_cycle(clean)
@@ -363,15 +363,15 @@ def test_cycles_are_told_from_surfaces_with_holes():
     assert not is_cycle(SimplexMesh(clean.points, turned))
 
 
-def test_arguments_are_left_alone_and_progress_is_told():
+def test_arguments_are_left_alone_and_progress_is_reported():
     surface = torus(12)
     points, cells = surface.points.copy(), surface.cells.copy()
-    told = []
-    signed_distance(grid_around(surface, 20), surface, progress=lambda *a: told.append(a))
+    reports = []
+    signed_distance(grid_around(surface, 20), surface, progress=lambda *a: reports.append(a))
     assert_array_equal(surface.points, points)
     assert_array_equal(surface.cells, cells)
-    assert {"distance in the band", "distance beyond the band", "sign"} <= {t for t, _ in told}
-    assert all(0.0 <= share <= 1.0 for _, share in told)
+    assert {"distance in the band", "distance beyond the band", "sign"} <= {t for t, _ in reports}
+    assert all(0.0 <= share <= 1.0 for _, share in reports)
 
 
 GRID = CartesianGrid([0.0, 0.0, 0.0], 0.5, (3, 3, 3))

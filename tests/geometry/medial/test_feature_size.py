@@ -249,7 +249,7 @@ def test_bad_arguments_are_refused():
 
 def test_progress_ends_at_one():
     grid, phi = planar.sampled(planar.disc(0.9), 0.1)
-    told = []
-    feature_size(grid, phi, progress=lambda text, share: told.append((text, share)))
-    assert {text for text, share in told if share == 1.0} == {text for text, _ in told}
-    assert len({text for text, _ in told}) >= 2
+    reports = []
+    feature_size(grid, phi, progress=lambda text, share: reports.append((text, share)))
+    assert {text for text, share in reports if share == 1.0} == {text for text, _ in reports}
+    assert len({text for text, _ in reports}) >= 2

@@ -10,6 +10,7 @@ from solids import box, circle, hull, outline, wedge_plate
 
 from adaptsize import SimplexMesh
 from adaptsize.geometry import inscribed_spheres
+from adaptsize.geometry.medial import inscribed_spheres as module
 
 # What the descent may leave undone: 1 / 0.99.
 EXCESS = 1.0102
@@ -290,6 +291,16 @@ TORUS, _ = irregular_torus(30, 831)
 LOW = 1.0 - 4.3 * sagitta(TORUS, 0.4) / 0.4
 
 
+def test_radii_do_not_depend_on_the_number_of_probes_of_a_call(monkeypatch):
+    boundary = irregular_torus(40, 619)[0]
+    monkeypatch.setattr(module, "_SECONDS_PER_CALL", np.inf)  # calls of 1024, 2048, ... probes
+    one = inscribed_spheres(boundary)
+    monkeypatch.setattr(module, "_SECONDS_PER_CALL", 0.0)  # calls of 1024, 512, 256, ... probes
+    other = inscribed_spheres(boundary)
+    np.testing.assert_array_equal(other.radii, one.radii)
+    np.testing.assert_array_equal(other.contacts, one.contacts)
+
+
 def test_triangle_soup():
     soup = SimplexMesh(
         TORUS.points[TORUS.cells].reshape(-1, 3), np.arange(TORUS.cells.size).reshape(-1, 3)
@@ -299,14 +310,14 @@ def test_triangle_soup():
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
-def test_orientation_is_mended(share):
+def test_orientation_is_repaired(share):
     mesh = sliver_cylinder(32, 832)
     flipped = np.random.default_rng(833).random(mesh.n_cells) < share
     cells = np.where(flipped[:, None], mesh.cells[:, [1, 0, 2]], mesh.cells)
     np.testing.assert_allclose(smallest(SimplexMesh(mesh.points, cells)), smallest(mesh), rtol=0.02)
 
 
-def test_orientation_of_outlines_is_mended():
+def test_orientation_of_outlines_is_repaired():
     ring = outline(circle(40, 2.0)[::-1], circle(40, 1.5))
     assert_radii(smallest(ring), 0.25, 0.95)
 
@@ -372,14 +383,14 @@ def test_other_meshes_are_refused():
 
 
 def test_no_points_and_progress():
-    told = []
+    reports = []
     spheres = inscribed_spheres(
-        box(1, 1, 1), np.empty((0, 3)), progress=lambda text, share: told.append(share)
+        box(1, 1, 1), np.empty((0, 3)), progress=lambda text, share: reports.append(share)
     )
     assert len(spheres.radii) == 0
     assert spheres.smallest().shape == (0,)
-    inscribed_spheres(TORUS, progress=lambda text, share: told.append(share))
-    assert told[-1] == 1.0
+    inscribed_spheres(TORUS, progress=lambda text, share: reports.append(share))
+    assert reports[-1] == 1.0
 
 
 def test_within_coarse_facets_no_sphere_stops_at_the_facets_beside():

@@ -329,7 +329,7 @@ def test_walls_form_a_corner_from_the_corner_angle_on(angle):
         assert (len(at_wedge) > 20) == (angle < corner_angle)
 
 
-def test_corners_are_told_where_they_are():
+def test_corners_are_reported_where_they_are():
     shape = planar.turned(planar.rectangle(1.6, 0.8), 20.0)
     grid, phi = planar.sampled(shape, 0.02)
     corners = medial_axis(grid, phi).corners

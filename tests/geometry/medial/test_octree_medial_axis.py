@@ -183,7 +183,7 @@ def test_walls_form_a_corner_from_the_corner_angle_on(angle):
         assert (at_wedge.sum() > 5) == (angle < corner_angle)
 
 
-def test_corners_are_told_where_they_are():
+def test_corners_are_reported_where_they_are():
     corners = np.array([[-0.8, -0.4], [0.8, -0.4], [0.8, 0.4], [-0.8, 0.4]])
     boundary = outline(corners)
     found = medial_axis(around(to(boundary), 0.1), boundary).corners

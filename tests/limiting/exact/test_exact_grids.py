@@ -71,7 +71,7 @@ def test_sizes_in_the_plane_of_many_small_grids():
 
 
 def assert_in_space(seed, face_sources):
-    """Compare with bends at nodes and on edges cut in 4; tell how many are above the former."""
+    """Compare with bends at nodes and on edges cut in 4; return how many are above the former."""
     grid, h0 = random_problem(seed, 3)
     h = limit(grid, h0, face_sources=face_sources)
     at_nodes = exact_sizes(grid.shape, grid.spacing, grid.active, h0, G, segments=face_sources)
@@ -90,7 +90,7 @@ def assert_in_space(seed, face_sources):
 
 
 def is_pure(active):
-    """Tell whether every face of active nodes belongs to a box of active nodes."""
+    """Return whether every face of active nodes belongs to a box of active nodes."""
     boxes = np.ones([n - 1 for n in active.shape], bool)
     for corner in np.ndindex(2, 2, 2):
         boxes &= active[

@@ -23,7 +23,7 @@ from adaptsize import SimplexMesh, limit_gradient
 METHOD = "exact"
 G = 0.3
 
-#: Sizes are up to 60; lines that touch a corner are told from others to 1e-11 of the extent.
+#: Sizes are up to 60; lines that touch a corner are recognised to 1e-11 of the extent.
 TOLERANCE = 1e-9
 
 #: Two sources far apart, three such that their regions meet within the domain, and more.
@@ -50,7 +50,7 @@ def limit(mesh, h0, g=G, **options):
 
 
 def assert_exact(mesh, h0, g=G, nodes=None):
-    """Compare with the visibility graph, at all nodes or some; tell how many are off."""
+    """Compare with the visibility graph, at all nodes or some; return how many are off."""
     h = limit(mesh, h0, g)
     nodes = np.arange(mesh.n_points) if nodes is None else nodes
     exact = plane_sizes(plane_domain(mesh), h0, g, nodes)

@@ -270,7 +270,7 @@ def test_sizes_in_a_jagged_part_are_near_those_of_paths_over_a_fine_graph(share)
 
 
 def clearly_seen_minimisers(mesh, h0):
-    """Tell which nodes see the node of formula (11) along a line that stays clear of the boundary.
+    """Return which nodes see the node of formula (11) along a line clear of the boundary.
 
     The line meets no triangle of the boundary, enlarged by 1e-6, but those at its ends, these only
     there, and the boundary winds around its middle.

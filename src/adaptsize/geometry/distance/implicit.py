@@ -15,8 +15,8 @@ from adaptsize.geometry.distance.propagation import (
     Features,
     Nodes,
     frame_of,
-    hand_on,
     places_of,
+    propagate,
 )
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -184,7 +184,7 @@ def _nearest_feet(
     cells = np.arange(len(feet), dtype=np.int32)[:, None]
     features = Features(in_space, cells, cells, *_neighbours(background.shape, layer, number))
     nearest = number.copy()
-    hand_on(frame_of(background), features, distance, nearest, report)
+    propagate(frame_of(background), features, distance, nearest, report)
     return nearest.astype(np.int64), distance
 
 
@@ -323,13 +323,13 @@ def _distance_to_parabola(x: FloatArray, feet: _Feet, which: Nodes, spacing: flo
     matrix = height[:, None, None] * bend + np.eye(bend.shape[1])
     if bend.shape[1] == 0:
         return np.full(len(x), np.inf)
-    trusted = _least_eigenvalue(matrix) > _OFF_FOCUS
-    matrix[~trusted] = np.eye(bend.shape[1])
+    reliable = _least_eigenvalue(matrix) > _OFF_FOCUS
+    matrix[~reliable] = np.eye(bend.shape[1])
     to = np.linalg.solve(matrix, sideways[:, :, None])[:, :, 0]
-    trusted &= np.linalg.norm(to, axis=1) <= _WITHIN * spacing
+    reliable &= np.linalg.norm(to, axis=1) <= _WITHIN * spacing
     drop = 0.5 * np.einsum("mk,mkl,ml->m", to, bend, to)
     along = np.linalg.norm(sideways - to, axis=1)
-    return np.where(trusted, np.hypot(along, height + drop), np.inf)
+    return np.where(reliable, np.hypot(along, height + drop), np.inf)
 
 
 def _least_eigenvalue(matrix: FloatArray) -> FloatArray:

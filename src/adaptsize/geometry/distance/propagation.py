@@ -40,7 +40,7 @@ def frame_of(grid: CartesianGrid) -> GridFrame:
 
 
 class Features(NamedTuple):
-    """Features to which distances are measured; fields as for `hand_on_facets`."""
+    """Features to which distances are measured; fields as for `propagate_features`."""
 
     points: FloatArray
     facets: IntArray
@@ -49,7 +49,7 @@ class Features(NamedTuple):
     ring: IntArray
 
 
-def hand_on(
+def propagate(
     frame: GridFrame,
     features: Features,
     distance: FloatArray,
@@ -64,7 +64,7 @@ def hand_on(
     rest = (*features, *frame, distance, nearest, width)
     accepted, newly = 0, _NODES_AT_ONCE
     while newly == _NODES_AT_ONCE:
-        newly = kernels.hand_on_facets(*rest, first, following, state, _NODES_AT_ONCE)
+        newly = kernels.propagate_features(*rest, first, following, state, _NODES_AT_ONCE)
         accepted += newly
         report("distance beyond the band", min(accepted / distance.size, 1.0))
 

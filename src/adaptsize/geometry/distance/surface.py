@@ -20,8 +20,8 @@ from adaptsize.geometry.distance.propagation import (
     Features,
     Nodes,
     frame_of,
-    hand_on,
     places_of,
+    propagate,
 )
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle, same_places
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -83,7 +83,7 @@ def _on_grid(
         _seed_hull(grid, surface, distance, nearest)
         corners = same_places(points, facets)[facets]
         features = Features(points, facets, corners, *topology.rings(corners, len(points)))
-        hand_on(frame, features, distance, nearest, report)
+        propagate(frame, features, distance, nearest, report)
     return distance.reshape(grid.shape)
 
 

@@ -80,8 +80,8 @@ def medial_axis_on_grid(
     unit = found.gradients / length[:, :, None]
     fronts = look_half_way(grid, phi, Fronts(_positions(grid, found), found.depth, unit))
     turned = max(gamma * tolerance * float(grid.spacing.max()), _LEAST_TURN)
-    sound = (fronts.cosine < 1.0 - 0.5 * turned**2) & come_from_boundary(grid, phi, fronts)
-    found, fronts = found.taken(sound), fronts.taken(sound)
+    valid = (fronts.cosine < 1.0 - 0.5 * turned**2) & come_from_boundary(grid, phi, fronts)
+    found, fronts = found.taken(valid), fronts.taken(valid)
     rounded = None
     if patches is not None:
         rounded = rounding_of_patches(grid, phi, patches, *_nodes_beside(grid, found))

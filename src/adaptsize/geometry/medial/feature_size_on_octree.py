@@ -242,10 +242,10 @@ def _passages(
     ring_ptr, ring = line.rings
     nodes = np.flatnonzero(np.diff(ring_ptr) == 2)
     one, other = (ring[ring_ptr[nodes] + k] for k in range(2))
-    ways = []
+    sides = []
     for segment in (one, other):
         far = line.cells[segment].sum(axis=1) - nodes
-        ways.append(line.points[far] - line.points[nodes])
-    cross = ways[0][:, 0] * ways[1][:, 1] - ways[0][:, 1] * ways[1][:, 0]
-    between = np.arctan2(np.abs(cross), (ways[0] * ways[1]).sum(axis=1))
+        sides.append(line.points[far] - line.points[nodes])
+    cross = sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0]
+    between = np.arctan2(np.abs(cross), (sides[0] * sides[1]).sum(axis=1))
     return nodes, one, other, np.pi - between

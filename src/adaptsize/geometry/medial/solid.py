@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels import inscribed_spheres as kernels
 from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._kernels.sectors import fill_facet_cells
+from adaptsize._kernels.sphere_trees import fill_slabs
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry import curvature as surfaces
 from adaptsize.geometry.distance.orientation import oriented
@@ -99,7 +99,7 @@ class Solid:
         tree = Tree.over(points, mesh.cells)
         inward = -parts.face_normals[tree.order]
         slabs = np.empty((len(tree.boxes), 5))
-        kernels.fill_slabs(points, tree.cells, inward, mesh.measures[tree.order], slabs)
+        fill_slabs(points, tree.cells, inward, mesh.measures[tree.order], slabs)
         lost: BoolArray = ~np.any(parts.sector_normals, axis=1)
         at_corners = parts.sector_normals[parts.sector] * parts.sign[:, None]
         width = mesh.cells.shape[1]
@@ -112,7 +112,7 @@ class Solid:
         known = np.flatnonzero(~lost)
         known = known[np.argsort(nodes[known], kind="stable")]
         areas = np.bincount(parts.sector, np.repeat(mesh.measures, width), len(lost))
-        aside = _ASIDE * _mean_ways(points, mesh.cells, parts.sector, len(lost))
+        aside = _ASIDE * _mean_steps(points, mesh.cells, parts.sector, len(lost))
         starts = points[nodes] + np.where(parts.is_open[:, None], aside, 0.0)
         return cls(
             mesh,
@@ -280,13 +280,13 @@ def _turns(line: SimplexMesh, along: FloatArray) -> FloatArray:
     return turn
 
 
-def _mean_ways(
+def _mean_steps(
     points: FloatArray, cells: IntArray, sector: npt.NDArray[np.integer], n_sectors: int
 ) -> FloatArray:
     """Return the mean vector from the node of each sector to the centroids of its cells."""
-    ways = np.repeat(points[cells].mean(axis=1), cells.shape[1], axis=0) - points[cells.ravel()]
+    steps = np.repeat(points[cells].mean(axis=1), cells.shape[1], axis=0) - points[cells.ravel()]
     mean = np.zeros((n_sectors, 3))
-    np.add.at(mean, sector, ways)
+    np.add.at(mean, sector, steps)
     return np.asarray(mean / np.bincount(sector, minlength=n_sectors)[:, None])
 
 

@@ -201,12 +201,12 @@ def _swapped(points: FloatArray, cells: IntArray) -> IntArray:
         bad = np.flatnonzero(quality < _BAD[3])
         bad = bad[np.argsort(quality[bad])]
         ring_ptr, ring = topology.rings(cells, len(points))
-        dead = np.zeros(len(cells), np.bool_)
+        removed = np.zeros(len(cells), np.bool_)
         made = np.empty((2 * MOST_AROUND * (len(bad) + 1), 4), np.int32)
-        n_made = swap(points, cells, ring_ptr, ring, bad, quality, dead, made)
+        n_made = swap(points, cells, ring_ptr, ring, bad, quality, removed, made)
         if n_made == 0:
             break
-        cells = np.concatenate([cells[~dead], made[:n_made]])
+        cells = np.concatenate([cells[~removed], made[:n_made]])
     return cells
 
 

@@ -50,7 +50,7 @@ _INSIDE = 0.05
 #: would swing between them for ever.
 _COOLING = 0.985
 #: Mean displacement per step at which the nodes have converged, in sizes.
-_AT_REST = 2.5e-3
+_CONVERGED = 2.5e-3
 #: Convergence is tested only after this step, when the rules above have been applied.
 _FEWEST = 36
 
@@ -65,7 +65,7 @@ class Relaxed(NamedTuple):
     n_triangulations: int
     last_move: float
     """Mean length of the last step, in sizes, as if it had not been shortened."""
-    at_rest: bool
+    converged: bool
 
 
 def triangulate(
@@ -157,7 +157,7 @@ def relax(
     points = uncovered(domain, size, points, probes)
     adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
     known: _Connection | None = None
-    count, k, mean, at_rest = 0, 0, np.inf, False
+    count, k, mean, converged = 0, 0, np.inf, False
     for k in range(1, max_iter + 1):
         report("moving nodes", k / max_iter)
         h = size(points)
@@ -180,10 +180,10 @@ def relax(
         moved = _put_back(domain, points + move, h, known.on_boundary, n_fixed)
         mean = float((np.linalg.norm(moved - points, axis=1) / h).mean()) / shortened
         points = moved
-        at_rest = mean < _AT_REST
-        if at_rest and k >= _FEWEST:
+        converged = mean < _CONVERGED
+        if converged and k >= _FEWEST:
             break
-    return Relaxed(points, n_fixed, k, count, mean, at_rest)
+    return Relaxed(points, n_fixed, k, count, mean, converged)
 
 
 def _is_stale(points: FloatArray, connected: FloatArray, h: FloatArray) -> bool:

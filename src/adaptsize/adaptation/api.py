@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, check_type, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation._fields import as_fields
 from adaptsize.adaptation.boundary_moves import (
-    BoundaryMoves,
     ProjectionLike,
     check_projection,
-    move_to_boundary,
 )
+from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
     Decision,
@@ -32,27 +30,20 @@ from adaptsize.adaptation.next_sizes import (
     next_sizes,
 )
 from adaptsize.adaptation.report import (
-    BUDGET_TOLERANCE,
     AdaptReport,
-    boundary_distance,
     lost_tags,
 )
-from adaptsize.adaptation.transfer import FieldTransfer, as_fields
+from adaptsize.adaptation.transfer import FieldTransfer
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.quality import size_conformity
-from adaptsize.remeshing import remesh
 from adaptsize.remeshing.registry import choose_backend
-from adaptsize.sizes import predicted_elements
 from adaptsize.sizes.budget import calibration
 from adaptsize.typing import GradientLimit, ProgressCallback
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 _Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
-
-#: Maximum number of meshes that are made to meet a number of elements.
-_MOST_MESHES = 3
 
 
 @dataclass(frozen=True)
@@ -279,13 +270,13 @@ def adapt(
     }
     with reporting(progress) as report:
         report("sizes", None)
-        found = next_sizes(mesh, request, calibration(generator, mesh.cell_dim))
-        judged = decide_remeshing(mesh, found, request, enough, coarsen_converged)
-        if not judged.remesh:
-            made = _Made(mesh, 0, 0.0, None)
+        sizes = next_sizes(mesh, request, calibration(generator, mesh.cell_dim))
+        decision = decide_remeshing(mesh, sizes, request, enough, coarsen_converged)
+        if not decision.remesh:
+            made = NewMesh(mesh)
         else:
             options["progress"] = report
-            found, made = _new_mesh(mesh, found, request, options)
+            sizes, made = make_mesh(mesh, sizes, request, options)
             if project is None and made.boundary_distance > options["tolerance"] * mesh.diagonal:
                 # The text is constant, so that Python shows the warning once.
                 warnings.warn(
@@ -296,8 +287,9 @@ def adapt(
                     ResolutionWarning,
                     stacklevel=2,
                 )
-            made = _projected(made, project, corner_angle)
-        return _result(mesh, found, request, judged, made, to_transfer, generator, report)
+            if project is not None:
+                made = made.projected(project, corner_angle)
+        return _result(mesh, sizes, request, decision, made, to_transfer, generator, report)
 
 
 @dataclass(frozen=True)
@@ -308,16 +300,6 @@ class _FieldsToTransfer:
     cell_fields: Arrays
     conservative: bool
     keep_integral: bool
-
-
-@dataclass(frozen=True)
-class _Made:
-    """A new mesh and how it was made."""
-
-    mesh: SimplexMesh
-    n_meshes: int
-    boundary_distance: float
-    moves: BoundaryMoves | None
 
 
 def _task(mesh: SimplexMesh) -> _Task:
@@ -333,63 +315,22 @@ def _task(mesh: SimplexMesh) -> _Task:
     raise ValueError(f"mesh must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}")
 
 
-def _new_mesh(
-    mesh: SimplexMesh, found: NextSizes, request: SizeRequest, options: dict[str, Any]
-) -> tuple[NextSizes, _Made]:
-    """Return a mesh with the sizes; repeat if it misses the requested number of elements."""
-    new = remesh(mesh, SizeFunction(mesh, found.h), **options)
-    best, n_meshes, target = (found, new), 1, request.target_elements
-    asked: list[float] = []
-    made: list[float] = []
-    while target is not None and found.in_reach and n_meshes < _MOST_MESHES:
-        asked.append(math.log(predicted_elements(mesh, found.h)))
-        made.append(math.log(new.n_cells))
-        if abs(math.expm1(made[-1] - math.log(target))) <= BUDGET_TOLERANCE:
-            break
-        found = next_sizes(mesh, request, target / math.exp(_to_ask(asked, made, math.log(target))))
-        new = remesh(mesh, SizeFunction(mesh, found.h), **options)
-        n_meshes += 1
-        if abs(math.log(new.n_cells / target)) < abs(math.log(best[1].n_cells / target)):
-            best = (found, new)
-    found, new = best
-    return found, _Made(new, n_meshes, boundary_distance(mesh, new), None)
-
-
-def _to_ask(asked: list[float], made: list[float], wanted: float) -> float:
-    """Return the logarithm of the number to request next, from requested and actual numbers."""
-    order = np.argsort(made)
-    below = [i for i in order if made[i] < wanted]
-    above = [i for i in order if made[i] >= wanted]
-    if below and above and asked[below[-1]] < asked[above[0]]:
-        i, j = below[-1], above[0]
-        return float(np.interp(wanted, [made[i], made[j]], [asked[i], asked[j]]))
-    nearest = int(np.argmin(np.abs(np.subtract(made, wanted))))
-    return asked[nearest] + wanted - made[nearest]
-
-
-def _projected(made: _Made, project: ProjectionLike | None, angle: float) -> _Made:
-    if project is None:
-        return made
-    new, moves = move_to_boundary(made.mesh, project, angle)
-    return _Made(new, made.n_meshes, made.boundary_distance, moves)
-
-
 def _result(
     old: SimplexMesh,
-    found: NextSizes,
+    sizes: NextSizes,
     request: SizeRequest,
-    judged: Decision,
-    made: _Made,
+    decision: Decision,
+    made: NewMesh,
     to_transfer: _FieldsToTransfer,
     generator: str,
     progress: ProgressCallback,
 ) -> AdaptResult:
     """Return fields on the new mesh, and the report."""
-    size, new = SizeFunction(old, found.h), made.mesh
+    size, new = SizeFunction(old, sizes.h), made.mesh
     fields, cell_fields = to_transfer.fields, to_transfer.cell_fields
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
-    if judged.remesh:
+    if decision.remesh:
         transfer = FieldTransfer(old, new, progress=progress)
         fields = {name: transfer.nodal(values) for name, values in to_transfer.fields.items()}
         cell_fields = {
@@ -400,10 +341,10 @@ def _result(
             )
             for name, values in to_transfer.cell_fields.items()
         }
-        how, integrals = _told(transfer, to_transfer, cell_fields)
+        how, integrals = _how_transferred(transfer, to_transfer, cell_fields)
         new = new.with_data(point_data=fields, cell_data=cell_fields)
     before = size_conformity(old, size)
-    after = size_conformity(new, size) if judged.remesh else before
+    after = size_conformity(new, size) if decision.remesh else before
     lost = lost_tags(old, new)
     if lost:
         warnings.warn(
@@ -416,20 +357,20 @@ def _result(
         n_cells_before=old.n_cells, n_cells_after=new.n_cells,
         backend=generator, n_meshes=made.n_meshes,
         target_elements=request.target_elements, tolerance=request.tolerance,
-        predicted_elements=found.predicted, error=request.error,
-        share_in_band=judged.in_band, share_too_long=judged.too_long,
-        share_too_short=judged.too_short, before=before, after=after,
+        predicted_elements=sizes.predicted, error=request.error,
+        share_in_band=decision.in_band, share_too_long=decision.too_long,
+        share_too_short=decision.too_short, before=before, after=after,
         measure_before=float(old.measures.sum()), measure_after=float(new.measures.sum()),
         boundary_distance=made.boundary_distance, moves=made.moves,
         lost_tags=lost, kept_tags=old.cell_tags is not None or old.facet_tags is not None,
         transferred=how, integrals=integrals,
     )  # fmt: skip
     return AdaptResult(
-        new, size, fields, cell_fields, judged.remesh, judged.converged, judged.reason, report
+        new, size, fields, cell_fields, decision.remesh, decision.converged, decision.reason, report
     )
 
 
-def _told(
+def _how_transferred(
     transfer: FieldTransfer, to_transfer: _FieldsToTransfer, cell_fields: Arrays
 ) -> tuple[dict[str, str], dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
     """Return how fields were transferred, and the integrals of cell fields."""

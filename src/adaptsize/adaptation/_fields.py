@@ -1,0 +1,46 @@
+"""Fields with one row per node or cell: checks, and a view as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_plain_array, check_type, describe, refuse_where
+from adaptsize.typing import FloatArray
+
+
+def as_fields(
+    name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
+) -> dict[str, npt.NDArray[Any]]:
+    """Return checked fields with n rows each."""
+    given = {} if fields is None else fields
+    check_type(name, given, Mapping)
+    return {key: as_field(f"{name}[{key!r}]", values, n) for key, values in given.items()}
+
+
+def as_field(name: str, values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
+    """Return a field with n rows as integers, booleans, float64 or complex128."""
+    array = as_plain_array(name, values)
+    if array.dtype.kind not in "biufc":
+        raise ValueError(f"{name} must be an array of numbers, got {describe(values)}")
+    if array.ndim == 0 or len(array) != n:
+        raise ValueError(f"{name} must have {n} rows, got shape {array.shape}")
+    if array.dtype.kind in "biu":
+        return array
+    array = array.astype(np.complex128 if array.dtype.kind == "c" else np.float64)
+    refuse_where(name, ~np.isfinite(array), array, "must be finite")
+    return array
+
+
+def as_columns(field: npt.NDArray[Any]) -> FloatArray:
+    """Return a float or complex field as float64[n, k], a copy if need be."""
+    flat = np.ascontiguousarray(field).reshape(len(field), -1)
+    return flat.view(np.float64)
+
+
+def from_columns(columns: FloatArray, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return columns in the type and the trailing shape of a field."""
+    return columns.view(field.dtype).reshape((len(columns), *field.shape[1:]))

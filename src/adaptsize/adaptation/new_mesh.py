@@ -1,0 +1,70 @@
+"""A mesh with given sizes, and with a requested number of elements."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation.boundary_moves import BoundaryMoves, ProjectionLike, move_to_boundary
+from adaptsize.adaptation.next_sizes import NextSizes, SizeRequest, next_sizes
+from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance
+from adaptsize.background import SimplexMesh
+from adaptsize.remeshing import remesh
+from adaptsize.sizes import predicted_elements
+
+#: Maximum number of meshes that are made to meet a number of elements.
+_MOST_MESHES = 3
+
+
+@dataclass(frozen=True)
+class NewMesh:
+    """A new mesh and how it was made; the old mesh if ``n_meshes`` is 0."""
+
+    mesh: SimplexMesh
+    n_meshes: int = 0
+    boundary_distance: float = 0.0
+    moves: BoundaryMoves | None = None
+
+    def projected(self, project: ProjectionLike, corner_angle: float) -> NewMesh:
+        """Return the mesh with its boundary nodes on the true boundary."""
+        mesh, moves = move_to_boundary(self.mesh, project, corner_angle)
+        return replace(self, mesh=mesh, moves=moves)
+
+
+def make_mesh(
+    mesh: SimplexMesh, sizes: NextSizes, request: SizeRequest, options: dict[str, Any]
+) -> tuple[NextSizes, NewMesh]:
+    """Return a mesh with the sizes; repeat if it misses the requested number of elements."""
+    new = remesh(mesh, SizeFunction(mesh, sizes.h), **options)
+    best, n_meshes, target = (sizes, new), 1, request.target_elements
+    requested: list[float] = []
+    actual: list[float] = []
+    while target is not None and sizes.in_reach and n_meshes < _MOST_MESHES:
+        requested.append(math.log(predicted_elements(mesh, sizes.h)))
+        actual.append(math.log(new.n_cells))
+        if abs(math.expm1(actual[-1] - math.log(target))) <= BUDGET_TOLERANCE:
+            break
+        number = math.exp(_next_request(requested, actual, math.log(target)))
+        sizes = next_sizes(mesh, request, target / number)
+        new = remesh(mesh, SizeFunction(mesh, sizes.h), **options)
+        n_meshes += 1
+        if abs(math.log(new.n_cells / target)) < abs(math.log(best[1].n_cells / target)):
+            best = (sizes, new)
+    sizes, new = best
+    return sizes, NewMesh(new, n_meshes, boundary_distance(mesh, new))
+
+
+def _next_request(requested: list[float], actual: list[float], target: float) -> float:
+    """Return the number to request next; all numbers are logarithms."""
+    order = np.argsort(actual)
+    below = [i for i in order if actual[i] < target]
+    above = [i for i in order if actual[i] >= target]
+    if below and above and requested[below[-1]] < requested[above[0]]:
+        i, j = below[-1], above[0]
+        return float(np.interp(target, [actual[i], actual[j]], [requested[i], requested[j]]))
+    nearest = int(np.argmin(np.abs(np.subtract(actual, target))))
+    return requested[nearest] + target - actual[nearest]

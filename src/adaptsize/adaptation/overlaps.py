@@ -1,0 +1,52 @@
+"""Measures of the overlaps of the cells of two meshes."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from adaptsize._kernels.overlap import fill_overlaps
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+
+# A compiled loop cannot be interrupted.  One call should take about this long.
+_SECONDS_PER_CALL = 0.3
+
+# Overlaps of a call; grows if one new cell has more.
+_ROOM = 1_000_000
+
+
+def overlaps_of(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) -> csr_array:
+    """Return the measures of the overlaps of the cells of two meshes."""
+    tree = old.locator.tree
+    points = np.zeros((new.n_points, 3))
+    points[:, : new.dim] = new.points * tree.scale
+    cells = np.array(new.cells)
+    order = old.locator.along_curve(new.points[new.cells].mean(axis=1))
+    counts = np.zeros(new.n_cells, np.int64)
+    parts: list[tuple[IntArray, FloatArray]] = []
+    first, step, room = 0, 256, _ROOM
+    found, measures = np.empty(room, np.int32), np.empty(room)
+    while first < new.n_cells:
+        last = min(first + step, new.n_cells)
+        begin = time.perf_counter()
+        reached, used = fill_overlaps(
+            tree.points, tree.cells, tree.boxes, points, cells, order, first, last,
+            counts, found, measures,
+        )  # fmt: skip
+        seconds = time.perf_counter() - begin
+        if reached == first:  # a single cell has more overlaps
+            room *= 2
+            found, measures = np.empty(room, np.int32), np.empty(room)
+            continue
+        parts.append((found[:used].copy(), measures[:used].copy()))
+        step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
+        first = reached
+        report("overlaps of the cells of two meshes", first / new.n_cells)
+    columns = tree.cell_of_place[np.concatenate([part[0] for part in parts])]
+    data = np.concatenate([part[1] for part in parts]) / tree.scale**new.dim
+    rows = np.repeat(order, counts[order])
+    shape = (new.n_cells, old.n_cells)
+    return csr_array((data, (rows, columns)), shape=shape)

@@ -1,0 +1,231 @@
+"""``adaptsize remesh``: a new mesh with the requested sizes."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from adaptsize.cli.console import Console, with_console
+from adaptsize.cli.files import beside, check_files
+from adaptsize.cli.options import (
+    MAX_ELEMENTS,
+    Across,
+    Crease,
+    Field,
+    Gradient,
+    Input,
+    Largest,
+    MaxElements,
+    MeshOutput,
+    PerRadian,
+    Picture,
+    Smallest,
+    Sources,
+)
+from adaptsize.cli.output import draw, print_written, write_mesh
+from adaptsize.cli.size import as_dict, size_of_mesh
+from adaptsize.cli.sources import parse_source
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
+    from adaptsize.cli.result import Outcome
+
+_BACKENDS = ("auto", "tetwild", "mmg", "gmsh")
+_TARGETS = ("auto", "tetrahedra", "triangles")
+
+#: Names of the parts of meshing by the texts of the generators' progress.
+_PARTS = {
+    "tetrahedralizing with pytetwild": "first volume",
+    "adapting with Mmg": "Mmg",
+    "meshing with Gmsh": "Gmsh",
+}
+_PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
+
+
+@with_console
+def remesh(
+    console: Console,
+    file: Input,
+    output: MeshOutput,
+    elements_per_radian: PerRadian = None,
+    elements_across: Across = None,
+    gradient: Gradient = 0.25,
+    hmin: Smallest = None,
+    hmax: Largest = None,
+    crease_angle: Crease = 40.0,
+    source: Sources = None,
+    field: Field = None,
+    target: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            autocompletion=lambda: list(_TARGETS),
+            help="Cells to make from a surface: auto, tetrahedra or triangles.",
+        ),
+    ] = "auto",
+    backend: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=lambda: list(_BACKENDS),
+            help="Mesh generator: auto, tetwild, mmg or gmsh.",
+        ),
+    ] = "auto",
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            metavar="NUMBER",
+            help="Distance of the new boundary from the old one, over the diagonal.",
+        ),
+    ] = 1e-3,
+    close: Annotated[
+        bool,
+        typer.Option("--close", help="Close the holes of a surface first, by nearly plane caps."),
+    ] = False,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Refuse a surface that is open, or has bodies closer than the tolerance.",
+        ),
+    ] = False,
+    max_elements: MaxElements = MAX_ELEMENTS,
+    timeout: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
+    ] = 3600.0,
+    plot: Picture = None,
+) -> None:
+    """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
+
+    Parameters that are not given are chosen from the part, and the values are printed.
+    """
+    from adaptsize import remeshing
+    from adaptsize._checks import as_number
+    from adaptsize.cli.result import outcome_of_remeshing
+    from adaptsize.errors import OpenSurfaceWarning
+    from adaptsize.io import read
+    from adaptsize.remeshing.driver import check_backend
+    from adaptsize.remeshing.registry import check_installed, is_usable
+
+    check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
+    check_installed(backend)
+    as_number("tolerance", tolerance, lower=0.0, strict=True)
+    as_number("timeout", timeout, lower=0.0, strict=True)
+    with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
+    parts = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
+    sources = [parse_source(text) for text in source or ()]
+    with console.steps(5) as steps:
+        steps.begin("reading")
+        mesh = read(file)
+        check_backend(mesh, target, backend)  # type: ignore[arg-type]
+        if mesh.cell_dim < mesh.dim and target != "triangles":
+            mesh = _accepted(console, mesh, tolerance * mesh.diagonal, close=close, strict=strict)
+        elif close or strict:
+            which = "--close" if close else "--strict"
+            raise ValueError(f"{which} applies to surfaces that become tetrahedra, got {mesh!r}")
+        _announce_format(console, output, mesh, target)
+        steps.begin("sizes")
+        found, report = size_of_mesh(
+            console,
+            mesh,
+            field,
+            elements_per_radian=elements_per_radian,
+            elements_across=elements_across,
+            g=gradient,
+            hmin=hmin,
+            hmax=hmax,
+            crease_angle=crease_angle,
+            sources=sources,
+            max_elements=max_elements,
+            progress=steps.report,
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
+            new = remeshing.remesh(
+                mesh,
+                found,
+                target=target,
+                backend=backend,
+                g=gradient,
+                hmax=report.hmax,
+                tolerance=tolerance,
+                timeout=timeout,
+                progress=steps.following(lambda text: parts.get(text, text)),
+            )
+        new = new.with_data(point_data={"h": found(new.points)})
+        steps.begin("writing")
+        written = write_mesh(output, new)
+        steps.begin("checks")
+        outcome = outcome_of_remeshing(new, mesh, found, report, tolerance)
+        draw(console, plot, new)
+    console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
+    _print_report(console, outcome, written)
+
+
+def _print_report(console: Console, outcome: Outcome, written: list[dict[str, Any]]) -> None:
+    """Print how good the mesh is, the time of each step, and the files."""
+    console.print(outcome)
+    times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in console.times)
+    console.print(f"{'time':10}{console.seconds:.1f} s: {times}")
+    for text in outcome.warnings():
+        console.warn(text)
+    for held in written:
+        print_written(console, held)
+
+
+def _accepted(
+    console: Console, mesh: SimplexMesh, tolerance: float, *, close: bool, strict: bool
+) -> SimplexMesh:
+    """Return the surface to fill, and say what happens if it is open.
+
+    Raises
+    ------
+    ValueError
+        If the surface is open, or has bodies closer than the tolerance, and this is ``strict``.
+    """
+    from adaptsize.remeshing.hole_filling import close_holes
+    from adaptsize.remeshing.open_surface import near_bodies, open_boundary
+
+    holes = open_boundary(mesh, tolerance)
+    if close and holes is not None:
+        closed = close_holes(mesh)
+        console.record(closed_boundary=vars(holes))
+        count = closed.n_cells - mesh.n_cells
+        console.say(f"surface closed by {count} triangles; it had {holes}")
+        mesh = closed
+    elif holes is not None:
+        console.record(open_boundary=vars(holes))
+        if strict:
+            raise ValueError(f"the surface is open: {holes}; see --close and --target triangles")
+        console.warn(
+            f"the surface is open: {holes}; the mesh generator closes or drops what is "
+            "not clearly enclosed; consider --close, --target triangles or --strict"
+        )
+    near = near_bodies(mesh, tolerance)
+    if near is not None:
+        console.record(near_bodies=vars(near))
+        text = f"{near}, less than the tolerance of {tolerance:.3g}"
+        if strict:
+            raise ValueError(f"{text}; lower --tolerance")
+        console.warn(f"{text}: they may be joined; lower --tolerance to keep them apart")
+    return mesh
+
+
+def _announce_format(console: Console, output: Path, mesh: SimplexMesh, target: str) -> None:
+    """Say what the format of the output does not hold."""
+    from adaptsize._formats.writers import format_of
+
+    chosen = format_of(output, None)
+    if chosen.only_triangles and mesh.dim == 3 and target != "triangles":
+        console.warn(
+            f"{output.name} holds triangles only: the boundary of the tetrahedra is written; "
+            "write .vtu or .msh for the tetrahedra"
+        )
+    sizes = beside(output)
+    if sizes is not None:
+        console.say(f"{output.name} holds no fields: the sizes are written to {sizes.name}")
+    elif not chosen.holds_fields:
+        console.say(f"{output.name} holds no fields: the sizes are not written")

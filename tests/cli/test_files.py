@@ -1,0 +1,166 @@
+"""Files that cannot be written are refused before anything is read or computed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh, write
+from adaptsize.cli.entry import run
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+def call(*arguments):
+    return run([str(word) for word in arguments])
+
+
+@pytest.fixture
+def square(tmp_path):
+    """A file with two triangles and the nodal field h0."""
+    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    write(tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf]})
+    return tmp_path / "square.vtu"
+
+
+@pytest.fixture
+def nothing_is_read(monkeypatch):
+    monkeypatch.setattr("adaptsize.io.read", lambda *_: pytest.fail("the input was read"))
+    monkeypatch.setattr("adaptsize.io.read_image", lambda *_: pytest.fail("the input was read"))
+
+
+COMMANDS = {
+    "size": ["size"],
+    "limit": ["limit", "--field", "h0", "-g", "0.3"],
+    "remesh": ["remesh"],
+}
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("name", "printed"),
+    [
+        ("missing/out.vtu", "there is no directory"),
+        ("out.doc", "suffix"),
+        (".", "suffix"),
+        ("out.vti", "out.vti holds grids, not meshes"),
+        ("square.vtu", "square.vtu is also the input; give another name"),
+        ("../{folder}/square.vtu", "square.vtu is also the input; give another name"),
+    ],
+)
+def test_bad_output_is_refused_before_the_work_starts(capsys, square, command, name, printed):
+    output = square.parent / name.format(folder=square.parent.name)
+    first, *words = COMMANDS[command]
+    assert call(first, square, "-o", output, *words) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert printed in err
+    assert err.count("\n") == 1
+    assert [path.name for path in square.parent.iterdir()] == ["square.vtu"]
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+@pytest.mark.parametrize(
+    ("command", "name", "printed"),
+    [
+        ("size", "o.mesh", "o.mesh cannot hold nodal fields such as the sizes; write .sol"),
+        ("limit", "o.stl", "o.stl cannot hold nodal fields such as the sizes; write .sol"),
+        ("remesh", "o.sol", "o.sol would hold sizes but no mesh"),
+        ("remesh", "o.pos", "o.pos would hold sizes but no mesh"),
+    ],
+)
+def test_a_format_that_cannot_hold_the_result_is_refused(capsys, square, command, name, printed):
+    first, *words = COMMANDS[command]
+    assert call(first, square, "-o", square.with_name(name), *words) == 1
+    assert printed in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+@pytest.mark.parametrize(
+    ("words", "printed"),
+    [
+        (["--sources", "square.vtu"], "--sources square.vtu is also the input"),
+        (["--sources", "out.vtu"], "--sources out.vtu is also --output"),
+        (["--sources", "s.sol"], "s.sol holds only sizes and no other fields"),
+        (["--plot", "out.doc"], "--plot must end in .png"),
+    ],
+)
+def test_files_of_other_options_are_refused_too(capsys, square, monkeypatch, words, printed):
+    monkeypatch.chdir(square.parent)
+    command = ["limit", "square.vtu", "-o", "out.vtu", "--field", "h0", "-g", "0.3"]
+    assert call(*command, *words) == 1
+    assert printed in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+def test_sizes_beside_a_mesh_may_not_replace_the_input(capsys, tmp_path):
+    (tmp_path / "part.sol").touch()
+    assert call("remesh", tmp_path / "part.sol", "-o", tmp_path / "part.mesh") == 1
+    assert "part.sol is also the input" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+def test_a_link_to_the_input_is_the_input(capsys, square):
+    link = square.with_name("link.vtu")
+    link.symlink_to(square)
+    assert call("remesh", square, "-o", link) == 1
+    assert "is also the input" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+def test_an_image_is_not_replaced(capsys, tmp_path):
+    assert call("image", tmp_path / "a.npy", "-o", tmp_path / "a.vtu", "--plot", "a.doc") == 1
+    assert "--plot must end in .png" in capsys.readouterr().err
+    assert call("image", tmp_path / "a.npy", "-o", tmp_path / "a.vti") == 1
+    assert "a.vti holds grids, not meshes" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+@pytest.mark.parametrize(
+    ("words", "printed"),
+    [
+        (["--backend", "frob"], "backend must be one of 'auto', 'tetwild', 'mmg', 'gmsh'"),
+        (["--backend", "mmg"], "backend 'mmg' is not installed; install it with: pip install"),
+        (["--tolerance", "0"], "tolerance must be finite and > 0, got 0"),
+        (["--timeout", "-1"], "timeout must be finite and > 0, got -1"),
+        (["--source", "cone:1=2"], "--source must be one of point"),
+    ],
+)
+def test_bad_options_are_refused_before_the_input_is_read(
+    capsys, monkeypatch, square, words, printed
+):
+    monkeypatch.setattr(
+        "adaptsize.remeshing.registry._is_installed", lambda backend: backend.name != "mmg"
+    )
+    assert call("remesh", square, "-o", square.with_name("o.vtu"), *words) == 1
+    assert printed in capsys.readouterr().err
+
+
+def test_a_bad_target_is_refused_before_sizes_are_computed(capsys, tmp_path):
+    words = ["--target", "frob"]
+    assert call("remesh", DATA / "bracket.stl", "-o", tmp_path / "b.vtu", *words) == 1
+    err = capsys.readouterr().err
+    assert "frob" in err
+    assert "sizes:" not in err
+
+
+@pytest.mark.parametrize(
+    ("points", "cells", "name", "printed"),
+    [
+        ([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.5]], [[0, 1, 2]], "o.jig.msh", "o.jig.msh holds "),
+        ([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.5]], [[0, 1], [1, 2]], "o.ply", "cannot hold segments"),
+    ],
+)
+def test_a_format_that_cannot_hold_the_cells_is_refused(
+    capsys, monkeypatch, tmp_path, points, cells, name, printed
+):
+    def refuse(*_, **__):
+        pytest.fail("the limiting has begun")
+
+    monkeypatch.setattr("adaptsize.limiting.limit_gradient", refuse)
+    mesh = SimplexMesh(points, cells)
+    write(tmp_path / "in.vtu", mesh, fields={"h0": np.ones(3)})
+    words = ["--field", "h0", "-g", "0.3"]
+    assert call("limit", tmp_path / "in.vtu", "-o", tmp_path / name, *words) == 1
+    assert printed in capsys.readouterr().err

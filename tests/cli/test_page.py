@@ -1,0 +1,92 @@
+"""The page on the command line: its listings, options and keys are those of the program."""
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import pytest
+import typer
+
+from adaptsize import quality
+from adaptsize.cli.commands import app
+from adaptsize.cli.entry import run
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+LISTINGS = [
+    (listing.split("\n", 1)[0].split(), listing.split("\n", 1)[1].strip())
+    for kind, block in BLOCKS
+    if kind == ""
+    for listing in re.split(r"^\$ adaptsize ", block, flags=re.MULTILINE)[1:]
+]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "data").symlink_to(ROOT / "data", target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def without_times(text):
+    return re.sub(r"^time .*$", "time", text, flags=re.MULTILINE)
+
+
+def test_listings_are_what_the_program_prints(folder, capsys):
+    pytest.importorskip("mmgpy")
+    assert [words[0] for words, _ in LISTINGS] == ["remesh", "check", "limit", "limit"]
+    for words, listed in LISTINGS:  # in order: the second checks the result of the first
+        assert run(words) == 0
+        printed = capsys.readouterr()
+        lines = without_times(printed.out + printed.err).splitlines()
+        for line in without_times(listed).splitlines():
+            # Numbers may differ in the last digit on another machine, and meshes in a few cells.
+            assert line == "..." or any(similar(line, other) for other in lines), line
+
+
+def similar(line, other):
+    number = re.compile(r"(?<![a-z])[-+]?\d+(?:\.\d+)?")
+    if number.sub("#", line) != number.sub("#", other):
+        return False
+    pairs = zip(number.findall(line), number.findall(other), strict=True)
+    return all(float(a) == pytest.approx(float(b), rel=0.1, abs=0.1) for a, b in pairs)
+
+
+def test_every_option_on_the_page_exists():
+    group = typer.main.get_command(app)
+    known = {"--debug", "--install-completion", "--show-completion"}
+    for command in [group, *group.commands.values()]:
+        known |= {name for parameter in command.params for name in parameter.opts}
+    known |= {"-h", "--help"}
+    named = set(re.findall(r"(?<![\w-])(--?[a-zA-Z][a-z-]*)\b", PAGE.replace("--from", "")))
+    assert named <= known
+
+
+def test_every_command_is_on_the_page():
+    for name in typer.main.get_command(app).commands:
+        assert f"adaptsize {name}" in PAGE, name
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["info", "data/lshape.vtu"],
+        ["check", "data/slit.vtu", "--field", "h0"],
+        ["limit", "data/slit.vtu", "--field", "h0", "-g", "0.3", "-o", "o.vtu"],
+        ["size", "data/lshape.vtu", "-o", "o.vtu"],
+        ["info", "none.vtu"],
+    ],
+    ids=["info", "check", "limit", "size", "error"],
+)
+def test_every_key_of_the_json_object_is_on_the_page(folder, capsys, words):
+    run([*words, "--json"])
+    result = json.loads(capsys.readouterr().out)
+    rows = dict(re.findall(r"^\| (\S+) \| (.*) \|$", PAGE.replace("`", ""), re.MULTILINE))
+    listed = {"input", *re.findall(r"\w+", rows["all"]), *re.findall(r"\w+", rows[words[0]])}
+    for name in {"MeshSummary", "Conformity"} & listed:
+        listed |= {field.name for field in dataclasses.fields(getattr(quality, name))}
+    assert set(result) <= listed
+    assert set(result.get("size", ())) <= listed
+    assert all(set(file) <= listed for file in result["output"])

@@ -1,0 +1,247 @@
+"""``adaptsize remesh``: the mesh, the report on it, its files, and open surfaces."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh, read, remesh, size_function, write
+from adaptsize.cli.entry import run
+from adaptsize.cli.result import Outcome
+from adaptsize.errors import OpenSurfaceWarning
+from adaptsize.quality import size_conformity
+
+DATA = Path(__file__).parents[2] / "data"
+CORNERS = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
+SIDES = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+SIDES += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
+TOP = [[1, 5, 7], [1, 7, 3]]
+
+
+def call(*arguments):
+    return run([str(word) for word in arguments])
+
+
+@pytest.fixture
+def box(tmp_path):
+    write(tmp_path / "box.stl", SimplexMesh(CORNERS, SIDES + TOP))
+    return tmp_path / "box.stl"
+
+
+@pytest.fixture
+def open_box(tmp_path):
+    write(tmp_path / "open.stl", SimplexMesh(CORNERS, SIDES))
+    return tmp_path / "open.stl"
+
+
+@pytest.fixture
+def no_generator(monkeypatch):
+    """Return tetrahedra at once, and keep the surfaces that were to be filled."""
+    filled = []
+
+    def fill(mesh, size, **_):
+        filled.append(mesh)
+        cells = [[0, 4, 6, 7], [0, 6, 2, 7], [0, 2, 3, 7], [0, 3, 1, 7], [0, 1, 5, 7], [0, 5, 4, 7]]
+        return SimplexMesh(CORNERS, cells)
+
+    monkeypatch.setattr("adaptsize.remeshing.remesh", fill)
+    return filled
+
+
+# --- the mesh ---------------------------------------------------------------------
+
+
+def test_remesh_makes_graded_tetrahedra_of_a_part(capsys, box):
+    output = box.with_name("box.vtu")
+    words = ["--hmax", "0.4", "-g", "0.3", "--source", "point:0,0,0=0.1"]
+    assert call("remesh", box, "-o", output, *words, "--json") == 0
+    printed = capsys.readouterr()
+    assert "adaptsize: sizes:" in printed.err
+    mesh = read(output)
+    assert mesh.cell_dim == 3
+    assert mesh.measures.sum() == pytest.approx(2.0, rel=0.01)
+    distance = np.linalg.norm(mesh.points[mesh.edges].mean(axis=1), axis=1)
+    fine, coarse = mesh.edge_lengths[distance < 0.3], mesh.edge_lengths[distance > 1.5]
+    assert np.median(fine) < 0.5 * np.median(coarse)
+    assert {"box.stl", "box.vtu"} == {path.name for path in box.parent.iterdir()}
+    steps = [step["name"] for step in json.loads(printed.out)["steps"]]
+    assert steps[:2] == ["reading", "sizes"]
+    assert steps[2:-2] in (["first volume", "Mmg"], ["fTetWild"])
+    assert steps[-2:] == ["writing", "checks"]
+
+
+def test_remesh_is_read_size_function_and_remesh(tmp_path):
+    pytest.importorskip("mmgpy")
+    output = tmp_path / "new.vtu"
+    assert call("remesh", DATA / "lshape.vtu", "-o", output, "--backend", "mmg") == 0
+    mesh = read(DATA / "lshape.vtu")
+    size = size_function(mesh)
+    new = remesh(mesh, size, backend="mmg")
+    written = read(output)
+    np.testing.assert_array_equal(written.points, new.points)
+    np.testing.assert_array_equal(written.cells, new.cells)
+    np.testing.assert_array_equal(written.point_data["h"], size(new.points))
+
+
+# --- the report -------------------------------------------------------------------
+
+
+def test_remesh_reports_the_mesh_and_warns_of_what_is_out_of_bounds(capsys, tmp_path):
+    pytest.importorskip("mmgpy")
+    command = ["remesh", DATA / "shell.vtu", "-o", tmp_path / "new.vtu", "--target", "triangles"]
+    assert call(*command) == 0
+    printed = capsys.readouterr()
+    mesh = read(tmp_path / "new.vtu")
+    lines = dict(line.split(maxsplit=1) for line in printed.out.splitlines())
+    made, kind, predicted, *_ = lines["cells"].split()
+    assert (int(made), kind) == (mesh.n_cells, "triangles,")
+    assert float(predicted) == pytest.approx(mesh.n_cells, rel=0.2)
+    assert {"edges", "angles", "boundary", "area", "time"} <= lines.keys()
+    assert "warning" not in printed.err
+    assert call(*command, "--hmin", "0.5", "--hmax", "0.6", "--tolerance", "1e-4", "--json") == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert result["mesh"]["tolerance"] == 1e-4
+    assert result["mesh"]["hausdorff_relative"] > 1e-4
+    assert "adaptsize: warning: the boundary is " in printed.err
+    assert any(text.startswith("the boundary is ") for text in result["warnings"])
+
+
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+FLAT = SimplexMesh([[0, 0], [1, 0], [0.5, 0.02]], [[0, 1, 2]])
+
+
+@pytest.mark.parametrize(
+    ("mesh", "size", "predicted", "change", "warned"),
+    [
+        (SQUARE, 1.0, 2.5, 0.009, []),
+        (SQUARE, 3.0, 2.0, 0.0, ["only 0.0% of the edges are within a factor sqrt 2"]),
+        (SQUARE, 1.0, 1.0, 0.0, ["2 triangles are 100% more than predicted"]),
+        (SQUARE, 1.0, 4.0, 0.0, ["2 triangles are 50% fewer than predicted"]),
+        (SQUARE, 1.0, 2.0, -0.2, ["the area has changed by -20.0%"]),
+        (FLAT, 0.6, 1.0, None, ["the smallest angle is 2.3 degrees"]),
+    ],
+)
+def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warned):
+    outcome = Outcome("triangles", size_conformity(mesh, size), predicted, 1e-3, change)
+    printed = [text for text in outcome.warnings() if "edges" not in text or warned]
+    assert len(printed) >= len(warned)
+    assert all(any(text.startswith(part) for text in printed) for part in warned)
+    if not warned:
+        assert printed == []
+
+
+def test_verbose_prints_the_messages_of_the_generator(capsys, tmp_path):
+    pytest.importorskip("mmgpy")
+    words = ["remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", "--backend", "mmg"]
+    assert call(*words, "--hmin", "0.2", "--hmax", "0.3", "-v") == 0
+    err = capsys.readouterr().err
+    assert "adaptsize: mmg: " in err
+    assert "adaptsize: Mmg: " in err  # the time
+    assert call(*words, "--hmin", "0.2", "--hmax", "0.3") == 0
+    assert "mmg: " not in capsys.readouterr().err
+
+
+# --- files ------------------------------------------------------------------------
+
+
+def test_counts_are_those_of_a_file_that_holds_triangles_only(capsys, box, no_generator):
+    output = box.with_name("r.stl")
+    assert call("remesh", box, "-o", output, "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    written = read(output)
+    assert written.cell_dim == 2
+    assert result["mesh"]["n_cells"] == 6
+    (file,) = result["output"]
+    assert (file["kind"], file["n_cells"]) == ("triangles", written.n_cells)
+    assert any("r.stl holds triangles only" in text for text in result["warnings"])
+
+
+def test_sizes_are_written_beside_a_mesh_that_holds_no_fields(capsys, box, no_generator):
+    output = box.with_name("new.mesh")
+    assert call("remesh", box, "-o", output) == 0
+    printed = capsys.readouterr()
+    assert "new.mesh holds no fields: the sizes are written to new.sol" in printed.err
+    lines = printed.out.splitlines()
+    assert lines[-2] == f"{output}: 8 points, 6 tetrahedra"
+    assert lines[-1] == f"{output.with_suffix('.sol')}: 8 points, field h"
+    assert "SolAtVertices\n8\n" in output.with_suffix(".sol").read_text()
+
+
+def test_a_format_without_fields_and_sizes_beside_it_is_said(capsys, tmp_path):
+    pytest.importorskip("mmgpy")
+    words = ["--target", "triangles", "--hmin", "0.3", "--hmax", "0.4"]
+    assert call("remesh", DATA / "shell.vtu", "-o", tmp_path / "new.off", *words) == 0
+    assert "new.off holds no fields: the sizes are not written" in capsys.readouterr().err
+
+
+# --- open surfaces and bodies that nearly touch -----------------------------------
+
+
+def test_an_open_surface_is_reported(capsys, open_box, no_generator):
+    assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--json") == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert result["open_boundary"] == {
+        "n_edges": 4,
+        "n_loops": 1,
+        "n_loose": 0,
+        "length": 6.0,
+        "place": [1.0, 0.5, 1.0],
+    }
+    (text,) = (text for text in result["warnings"] if "open" in text)
+    assert "4 open edges in 1 loop, 6 long around (1, 0.5, 1)" in text
+    assert "--close, --target triangles or --strict" in text
+    assert printed.err.count("the surface is open") == 1
+
+
+def test_a_closed_surface_is_not_called_open(capsys, box, no_generator):
+    assert call("remesh", box, "-o", box.with_name("o.vtu"), "--strict") == 0
+    assert "open" not in capsys.readouterr().err
+
+
+def test_close_fills_the_holes_first(capsys, open_box, no_generator):
+    assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--close", "--strict") == 0
+    err = capsys.readouterr().err
+    assert "surface closed by 2 triangles; it had 4 open edges in 1 loop" in err
+    assert "warning: the surface is open" not in err
+    assert no_generator[0].is_closed
+
+
+def test_strict_refuses_an_open_surface_before_the_sizes(capsys, open_box):
+    assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--strict") == 1
+    err = capsys.readouterr().err
+    assert err.startswith("adaptsize: error: the surface is open: 4 open edges in 1 loop")
+    assert err.count("\n") == 1
+
+
+def test_bodies_closer_than_the_tolerance_are_reported(capsys, tmp_path, no_generator):
+    points = np.concatenate([CORNERS, CORNERS + np.array([0.0, 0.0, 1.001])])
+    cells = np.array(SIDES + TOP)
+    write(tmp_path / "two.stl", SimplexMesh(points, np.concatenate([cells, cells + 8])))
+    words = ["remesh", tmp_path / "two.stl", "-o", tmp_path / "o.vtu"]
+    assert call(*words) == 0
+    err = capsys.readouterr().err
+    assert "1 pair of bodies is only 0.001 apart at (0, 0, 1), less than the tolerance" in err
+    assert call(*words, "--strict") == 1
+    assert "lower --tolerance" in capsys.readouterr().err
+    assert call(*words, "--strict", "--tolerance", "1e-4") == 0
+
+
+@pytest.mark.parametrize("option", ["--close", "--strict"])
+def test_options_for_surfaces_are_refused_elsewhere(capsys, tmp_path, option):
+    assert call("remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", option) == 1
+    assert f"{option} applies to surfaces that become tetrahedra" in capsys.readouterr().err
+
+
+def test_an_open_surface_is_a_warning_in_python_too(open_box, monkeypatch):
+    def refuse(*_):
+        raise RuntimeError("no generator here")
+
+    monkeypatch.setattr("adaptsize.remeshing.isolation.IsolatedRunner.__call__", refuse)
+    with (
+        pytest.warns(OpenSurfaceWarning, match="4 open edges in 1 loop.*see close_holes"),
+        pytest.raises(RuntimeError, match="no generator here"),
+    ):
+        remesh(read(open_box), 0.5)
