@@ -96,6 +96,12 @@ def test_without_netgen_ftetwild_fills(run, monkeypatch):
     assert netgen.fill(cube(), run) is None
 
 
+def test_netgen_is_stopped_at_its_time_limit(run, monkeypatch):
+    monkeypatch.setattr(netgen, "_SECONDS", 0.0)
+    monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
+    assert netgen.fill(cube(), run) is None
+
+
 def test_a_result_that_is_not_the_surface_is_refused():
     surface = cube()
     made = {"points": CUBE, "cells": np.array([[0, 1, 3, 7]])}

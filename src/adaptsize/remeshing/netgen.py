@@ -30,8 +30,8 @@ from adaptsize.remeshing.protocol import RawMesh
 
 #: Seconds for a surface, and for each of its triangles.  On closed parts, fewer than .3 ms per
 #: triangle were needed, except for surfaces with many slivers.
-_SECONDS = 20.0
-_SECONDS_PER_TRIANGLE = 2e-3
+_SECONDS = 5.0
+_SECONDS_PER_TRIANGLE = 1.5e-3
 #: Relative difference of the volume of the tetrahedra to that enclosed by the surface.
 _VOLUME_ERROR = 1e-9
 
@@ -47,10 +47,12 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
     """
     if find_spec("netgen") is None or not _is_closed(surface):
         return None
-    limit = time.monotonic() + _SECONDS + _SECONDS_PER_TRIANGLE * surface.n_cells
-    deadline = limit if run.deadline is None else min(limit, run.deadline)
+    seconds = _SECONDS + _SECONDS_PER_TRIANGLE * surface.n_cells
+    deadline = time.monotonic() + seconds
+    if run.deadline is not None:
+        deadline = min(deadline, run.deadline)
     try:
-        made = replace(run, backend="netgen", deadline=deadline)(
+        made = replace(run, backend="netgen", timeout=seconds, deadline=deadline)(
             "adaptsize.remeshing.netgen:tetrahedralize",
             "filling the surface with Netgen",
             {"points": surface.points, "faces": surface.cells},
