@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: lint test test-nojit test-bounds docs gallery examples bench clean
+.PHONY: lint test test-nojit test-bounds attack docs gallery examples bench clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -17,6 +17,11 @@ test-nojit:
 # A cache of its own: numba does not distinguish kernels with bounds checks from those without.
 test-bounds:
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba_cache/bounds $(PYTHON) -m pytest tests/kernels tests/laws
+
+# 20 000 random cases from a new seed, which is printed; CASES and SEED choose others.
+CASES ?= 20000
+attack:
+	$(PYTHON) -m tests.attack --cases $(CASES) $(if $(SEED),--start $(SEED)) --report attack.jsonl
 
 # Warnings are errors; nothing is fetched.
 docs:
@@ -35,4 +40,4 @@ bench:
 clean:
 	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
 	rm -rf docs/_build docs/api docs/gallery docs/project docs/results
-	rm -f bracket.vtu bracket.png
+	rm -f bracket.vtu bracket.png attack.jsonl corpus.md corpus.md.jsonl

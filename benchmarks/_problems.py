@@ -51,8 +51,6 @@ def named(*methods):
     return {name: {"method": name} for name in methods}
 
 
-IN_THE_PLANE = named("fast-marching", "exact", "hermite", "factored")
-IN_SPACE = named("fast-marching", "exact")
 BOTH = named("fast-marching", "exact")
 NODES = {
     "fast-marching": {"method": "fast-marching"},
@@ -301,45 +299,45 @@ TRIANGLES = (10_000, 40_000, 160_000, 640_000)
 HOLED = (11_000, 45_000, 180_000)
 SERIES = {
     "two sources, jittered triangles": Series(
-        lambda n: two_sources(jittered_triangles(n)), TRIANGLES, {**IN_THE_PLANE, **OTHERS}
+        lambda n: two_sources(jittered_triangles(n)), TRIANGLES, {**BOTH, **OTHERS}
     ),
     "two sources, random triangles": Series(
-        lambda n: two_sources(random_triangles(n)), TRIANGLES, IN_THE_PLANE
+        lambda n: two_sources(random_triangles(n)), TRIANGLES, BOTH
     ),
     "200 sources, random triangles": Series(
-        lambda n: many_sources(random_triangles(n), 200), (40_000,), IN_THE_PLANE
+        lambda n: many_sources(random_triangles(n), 200), (40_000,), BOTH
     ),
     "2000 sources, random triangles": Series(
-        lambda n: many_sources(random_triangles(n), 2000), (40_000, 160_000), IN_THE_PLANE
+        lambda n: many_sources(random_triangles(n), 2000), (40_000, 160_000), BOTH
     ),
     "two sources, tetrahedra": Series(
         lambda n: two_sources(jittered_tetrahedra(n)),
         (10_648, 29_791, 205_379, 1_000_000),
-        {**IN_SPACE, **OTHERS},
+        {**BOTH, **OTHERS},
     ),
     "two sources, grid": Series(on_grid, (101**2, 801**2), ON_GRIDS),
-    "slit": Series(lambda n: around_obstacles("slit", n), HOLED, IN_THE_PLANE),
-    "star holes": Series(lambda n: around_obstacles("star holes", n), HOLED, IN_THE_PLANE),
-    "maze": Series(lambda n: around_obstacles("maze", n), HOLED, IN_THE_PLANE),
-    "round holes": Series(lambda n: around_obstacles("round holes", n), HOLED, IN_THE_PLANE),
+    "slit": Series(lambda n: around_obstacles("slit", n), HOLED, BOTH),
+    "star holes": Series(lambda n: around_obstacles("star holes", n), HOLED, BOTH),
+    "maze": Series(lambda n: around_obstacles("maze", n), HOLED, BOTH),
+    "round holes": Series(lambda n: around_obstacles("round holes", n), HOLED, BOTH),
     "blocks": Series(among_blocks, HOLED, BOTH),
     "6 holes of 40 corners": Series(lambda n: among_holes(n, 6, 40), (180_000,), BOTH),
     "6 holes of 200 corners": Series(lambda n: among_holes(n, 6, 200), (180_000,), BOTH),
     "100 holes of 24 corners": Series(lambda n: among_holes(n, 100, 24), (180_000,), BOTH),
-    "wall": Series(lambda n: around_obstacles("wall", n), (5_000, 15_000, 45_000), IN_SPACE),
-    "window": Series(lambda n: around_obstacles("window", n), (5_000, 15_000, 45_000), IN_SPACE),
-    "leaking slit": Series(leaking_slit, (6_800, 26_000), IN_THE_PLANE),
-    "disc, data on its boundary": Series(disc_boundary, (9_000, 35_000, 140_000), IN_THE_PLANE),
+    "wall": Series(lambda n: around_obstacles("wall", n), (5_000, 15_000, 45_000), BOTH),
+    "window": Series(lambda n: around_obstacles("window", n), (5_000, 15_000, 45_000), BOTH),
+    "leaking slit": Series(leaking_slit, (6_800, 26_000), BOTH),
+    "disc, data on its boundary": Series(disc_boundary, (9_000, 35_000, 140_000), BOTH),
     "disc, to the smooth data": Series(
-        lambda n: disc_boundary(n, smooth=True), (9_000, 35_000, 140_000), IN_THE_PLANE
+        lambda n: disc_boundary(n, smooth=True), (9_000, 35_000, 140_000), BOTH
     ),
-    "disc, smooth field": Series(disc_everywhere, (10_000, 40_000, 160_000), IN_THE_PLANE),
+    "disc, smooth field": Series(disc_everywhere, (10_000, 40_000, 160_000), BOTH),
     "smooth g(x)": Series(
         smooth_limit,
         (10_000, 40_000, 160_000),
-        named("fast-marching", "hermite", "factored"),
+        named("fast-marching"),
     ),
-    "sphere": Series(sphere, (2_500, 10_000, 40_000), named("fast-marching", "hermite")),
-    "noise": Series(noise, (10_000, 40_000, 160_000), IN_THE_PLANE),
+    "sphere": Series(sphere, (2_500, 10_000, 40_000), named("fast-marching")),
+    "noise": Series(noise, (10_000, 40_000, 160_000), BOTH),
     "tetrahedra, smooth field, nodes": Series(waves_in_a_cube, (59_319,), NODES),
 }

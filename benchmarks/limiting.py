@@ -121,25 +121,21 @@ def start_up(workdir):
 def summary(rows):
     """Return errors and times of the schemes that `auto` chooses from, side by side."""
     lines = [
-        "| problem | nodes | fast marching | exact | wrong nodes | time, us/node "
-        "| hermite | time | factored | time |",
-        "|---|" + "---|" * 9,
+        "| problem | nodes | fast marching | exact | wrong nodes | time, us/node |",
+        "|---|" + "---|" * 5,
     ]
     last = None
     by_mesh = {}
     for row in rows:
         by_mesh.setdefault((row["problem"], row["n_points"]), {})[row["method"]] = row
     for (name, n), found in by_mesh.items():
-        line = [name if name != last else "", str(n), "", "", "", "", "", "", "", ""]
+        line = [name if name != last else "", str(n), "", "", "", ""]
         last = name
         seconds = found["fast-marching"]["seconds"]
         line[2] = both_errors(found["fast-marching"])
         if row := found.get("exact"):
             line[3:5] = both_errors(row), share(row["wrong_share"])
             line[5] = f"{row['seconds'] / seconds:.2f}, {row['seconds'] / n * 1e6:.2f}"
-        for column, method in ((6, "hermite"), (8, "factored")):
-            if row := found.get(method):
-                line[column : column + 2] = both_errors(row), f"{row['seconds'] / seconds:.2f}"
         lines.append("| " + " | ".join(line) + " |")
     return "\n".join(lines)
 

@@ -20,6 +20,7 @@ from adaptsize.sizes import recovered_gradient, recovered_hessian
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "sizes"))
 
 import _problems
 import curved_shapes
@@ -147,17 +148,17 @@ def smooth_data() -> list[Panel]:
         Panel(
             "disc, smooth sizes everywhere",
             "mean error",
-            of(_problems.disc_everywhere, plane, "edge-based", "fast-marching", "hermite", "exact"),
+            of(_problems.disc_everywhere, plane, "edge-based", "fast-marching", "exact"),
         ),
         Panel(
             "two sources, smooth g(x)",
             "mean error",
-            of(_problems.smooth_limit, plane, "edge-based", "fast-marching", "hermite", "factored"),
+            of(_problems.smooth_limit, plane, "edge-based", "fast-marching"),
         ),
         Panel(
             "sphere, from a point",
             "mean error",
-            of(_problems.sphere, surface, "edge-based", "fast-marching", "hermite"),
+            of(_problems.sphere, surface, "edge-based", "fast-marching"),
         ),
     ]
 

@@ -4,8 +4,13 @@ Mesh size functions with gradient limiting, after P.-O. Persson, "Mesh size
 functions for implicit geometries and PDE-based gradient limiting".
 """
 
+from __future__ import annotations
+
 from importlib import import_module
-from typing import Any
+
+TYPE_CHECKING = False  # typing itself is not imported, to be quick
+if TYPE_CHECKING:
+    from typing import Any
 
 __version__ = "0.1.0"
 
@@ -38,6 +43,8 @@ _HOMES = {
     "remesh": "remeshing",
     "mesh_from_distance": "remeshing",
     "size_conformity": "quality",
+    "check_mesh": "quality",
+    "MeshCheck": "quality",
     "adapt": "adaptation",
     "transfer_fields": "adaptation",
     "FieldTransfer": "adaptation",

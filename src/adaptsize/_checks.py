@@ -4,6 +4,8 @@ Every failure is a ValueError that names the argument, the requirement, the give
 value and, for an array, the first bad index.
 """
 
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,8 @@ from adaptsize.typing import FloatArray, IntArray
 
 #: Squares of gradients times four lengths must stay in the range of float64.
 STEEPEST = 1e30
+#: Products of four lengths and two such gradients must stay in the range of float64.
+FARTHEST = 1e60
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -104,13 +108,11 @@ def as_number(
     name: str, value: Any, *, lower: float, strict: bool = False, allow_inf: bool = False
 ) -> float:
     """Return a float with ``value >= lower``, or ``> lower`` if ``strict``."""
-    if np.iscomplexobj(value) or value is np.ma.masked:
-        raise ValueError(f"{name} must be a number, got {describe(value)}")
     try:
-        if isinstance(value, str | bytes):
-            raise TypeError("text, which float() would take for a number")
+        if isinstance(value, str | bytes) or np.iscomplexobj(value) or value is np.ma.masked:
+            raise TypeError("text, which float() would take for a number, or a complex number")
         number = float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be a number, got {describe(value)}") from error
     bad = np.isnan(number) or (np.isinf(number) and not allow_inf)
     if bad or number < lower or (strict and number == lower):
@@ -128,6 +130,14 @@ def as_slope(name: str, value: Any) -> float:
     return slope
 
 
+def as_angle(name: str, value: Any) -> float:
+    """Return an angle of 0 to 180 degrees."""
+    angle = as_number(name, value, lower=0.0)
+    if angle > 180.0:
+        raise ValueError(f"{name} must be at most 180 degrees, got {angle:g}")
+    return angle
+
+
 def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
     """Return an integer from ``lower`` to ``upper``.  Floats without a fraction are accepted."""
     number = as_number(name, value, lower=lower)
@@ -136,6 +146,16 @@ def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
     if number > upper:
         raise ValueError(f"{name} must be at most {upper}, got {number:g}")
     return int(number)
+
+
+def check_range(name: str, points: FloatArray) -> None:
+    """Raise a ValueError unless products of four lengths stay in the range of float64."""
+    farthest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))
+    if farthest != 0.0 and not 1.0 / FARTHEST <= farthest <= FARTHEST:
+        raise ValueError(
+            f"{name} must have coordinates of {1.0 / FARTHEST:g} to {FARTHEST:g} in size, "
+            f"got {farthest:g} as the largest: choose another unit of length"
+        )
 
 
 def check_type(name: str, value: object, *kinds: type) -> None:
@@ -147,12 +167,32 @@ def check_type(name: str, value: object, *kinds: type) -> None:
     raise ValueError(f"{name} must be {wanted}, got {describe(value)}")
 
 
+def check_function(name: str, value: object, of: str) -> None:
+    """Raise a ValueError if ``value`` cannot be called; ``of`` says with what it is called."""
+    if not callable(value):
+        raise ValueError(f"{name} must be a function of {of}, got {describe(value)}")
+
+
 def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
     """Return ``value`` if it is one of ``choices``."""
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         listed = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} must be one of {listed}, got {value!r}")
+        raise ValueError(f"{name} must be one of {listed}, got {describe(value)}")
     return value
+
+
+def as_flag(name: str, value: Any) -> bool:
+    """Return True or False.  Refuse everything else, such as an array or text."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} must be True or False, got {describe(value)}")
+    return bool(value)
+
+
+def as_path(name: str, value: Any) -> Path:
+    """Return the path of a file."""
+    if not isinstance(value, str | os.PathLike):
+        raise ValueError(f"{name} must be the path of a file, got {describe(value)}")
+    return Path(value)
 
 
 def refuse_where(

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from adaptsize._checks import describe
 from adaptsize.typing import ProgressCallback
 
 #: The time left is not estimated from a smaller share.
@@ -21,6 +22,8 @@ def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCall
     elif progress is True:
         with _rich_bar() as callback:
             yield callback
+    elif not callable(progress):
+        raise ValueError(f"progress must be callable or True or False, got {describe(progress)}")
     else:
         yield progress
 

@@ -9,9 +9,17 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, one_of
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_points,
+    as_sizes,
+    check_type,
+    describe,
+    one_of,
+)
 from adaptsize._pickling import ReadOnlyState
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
 
@@ -148,7 +156,12 @@ class SizeFunction(ReadOnlyState):
                 )
         elif self.hmax != np.inf:
             raise ValueError(f"hmax needs g, got hmax = {self.hmax:g} alone")
-        if self.sources is not None and self.sources.background is not self.background:
+        if self.sources is None:
+            return
+        from adaptsize.limiting import SizeSources
+
+        check_type("sources", self.sources, SizeSources)
+        if self.sources.background is not self.background:
             raise ValueError(
                 f"sources must be those of the background, {self.background!r}, "
                 f"got {self.sources!r} on {self.sources.background!r}"
@@ -246,6 +259,7 @@ class SizeFunction(ReadOnlyState):
             On the same background, or on another one of the same dimension.  The latter is
             evaluated at the nodes of this one, with its own rule for points outside.
         """
+        check_type("other", other, SizeFunction)
         values = other.values
         if other.background is not self.background:
             values = _at_nodes(other, self.background)
@@ -287,6 +301,7 @@ class SizeFunction(ReadOnlyState):
             Of the same dimension.  ``outside`` determines the values at its nodes outside
             this background.
         """
+        check_type("background", background, SimplexMesh, CartesianGrid, Octree)
         values = _at_nodes(self, background)
         return SizeFunction(background, values, outside=self.outside)
 

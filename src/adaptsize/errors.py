@@ -25,6 +25,17 @@ class BackendTimeoutError(BackendError):
     """A mesh generator did not finish within its time limit and was stopped."""
 
 
+class MeshingError(BackendError):
+    """No mesh met the demands of ``remesh(..., strict=True)``.
+
+    ``check`` is the `MeshCheck` of the last mesh, or None if there was none.
+    """
+
+    def __init__(self, message: str, check: object = None):
+        super().__init__(message)
+        self.check = check
+
+
 class BackendUnavailableError(ImportError):
     """The requested mesh generator is not installed.  The message says how to install it."""
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
-import shutil
-import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -15,9 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import one_of
+from adaptsize._checks import as_flag, as_path, check_type, describe, one_of
 from adaptsize._formats import assembly, image, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
+from adaptsize._formats.whole_files import about_file, check_readable, is_special, write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
@@ -29,10 +27,11 @@ __all__ = ["is_image_file", "read", "read_image", "read_size", "write"]
 def read(
     path: str | os.PathLike[str], *, kind: str | None = None, flatten: bool = True
 ) -> SimplexMesh:
-    """Return the mesh in a file, in any format that meshio or trimesh reads.
+    """Return the mesh in a file.
 
-    STL, OBJ, PLY, OFF, VTK, VTU, Gmsh ``.msh``, Medit ``.mesh`` and ``.meshb``, XDMF,
-    Abaqus, Nastran, SU2, glTF and more.  The suffix determines the format.
+    STL, OBJ, PLY, OFF, glTF, VTK, VTU, XDMF, Gmsh ``.msh``, Medit ``.mesh`` and ``.meshb``,
+    Abaqus ``.inp``, Nastran ``.bdf``, SU2.  The suffix determines the format.  For others,
+    `SimplexMesh.from_meshio` takes what meshio reads.
 
     Parameters
     ----------
@@ -54,9 +53,10 @@ def read(
     Raises
     ------
     MeshFileError
-        If the file is missing, empty, damaged or of an unknown format, has no cells of the
-        requested kind, coordinates that are not finite, or indices out of range.  The message
-        is one line that names the file and the problem.
+        If the file is missing, empty, a device or pipe, damaged, of an unknown format or
+        shorter than it promises, has no cells of the requested kind, coordinates that are not
+        finite, or indices out of range.  The message is one line that names the file and the
+        problem.
     ValueError
         If ``kind`` is unknown.
 
@@ -71,6 +71,10 @@ def read(
     inside).  Hexahedra, wedges and pyramids are split into tetrahedra such that neighbours match.
     Higher-order cells are reduced to their corners.  Cells that contain a node twice are
     dropped.  Flat cells with different nodes are kept.
+
+    *Truncated files.*  Counts and end marks of each format are compared with what was read.  OBJ
+    and Abaqus files have neither: after a cut between two lines, cells are missing without
+    an error.
 
     *STL* files have no shared nodes.  Corners are merged if their coordinates are equal, not
     if they are close.
@@ -96,17 +100,18 @@ def read(
     >>> mesh.point_data["h"]
     array([0.1, 0.2, 0.3, 0.2])
     """
-    file = Path(path)
+    file = as_path("path", path)
+    flatten = as_flag("flatten", flatten)
     if kind is not None:
         one_of("kind", kind, tuple(KINDS))
-    _check_readable(file)
     notes: list[str] = []
     try:
+        check_readable(file)
         raw = readers.load(file)
         notes.extend(raw.notes)
         mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
     except (ValueError, MemoryError) as error:
-        raise MeshFileError(f"{file}: {error}") from error
+        raise about_file(file, error) from error
     if notes:
         warnings.warn(f"{file}: {'; '.join(notes)}", MeshRepairWarning, stacklevel=2)
     return mesh
@@ -173,28 +178,25 @@ def write(
     the plane and tetrahedra.
     """
     # Resolve links, except to pipes: /dev/stdout may lead to one, which has no path.
-    target = Path(os.path.realpath(path)) if not _is_special(Path(path)) else Path(path)
-    chosen = writers.format_of(Path(path), file_format)
+    path = as_path("path", path)
+    target = Path(os.path.realpath(path)) if not is_special(path) else path
+    chosen = writers.format_of(path, file_format)
     background, nodal = _parts_of(obj, fields)
     needed = list(nodal)
     if chosen.holds_fields and not chosen.only_sizes:
         nodal = _growth_of(obj, background.n_points) | nodal
     if needed and not chosen.holds_fields:
         raise ValueError(
-            f"{Path(path).name} cannot hold nodal fields, got {', '.join(needed)}; "
+            f"{path.name} cannot hold nodal fields, got {', '.join(needed)}; "
             "write .vtu, or a .sol with the sizes for a .mesh"
         )
     others = [name for name in needed if name != "h"]
     if others and chosen.only_sizes:
-        raise ValueError(
-            f"{Path(path).name} holds sizes only, as the field 'h', got {', '.join(others)}"
-        )
+        raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {', '.join(others)}")
     try:
-        _write_whole(target, _writing(background, nodal, chosen))
-    except MeshFileError as error:
-        raise MeshFileError(f"{path}: {error}") from error
-    except OSError as error:
-        raise MeshFileError(f"{path}: {error.strerror or error}") from error
+        write_whole(target, _writing(background, nodal, chosen))
+    except (MeshFileError, OSError) as error:
+        raise about_file(path, error) from error
 
 
 def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
@@ -236,25 +238,25 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     ...     read_size(file)
     SizeFunction(sizes 0.1 to 1.1, on CartesianGrid(3 x 3 nodes, (0, 0) to (1, 1)))
     """
-    file = Path(path)
+    file = as_path("path", path)
     background: SimplexMesh | CartesianGrid
     fields: Mapping[str, npt.NDArray[Any]]
     if file.suffix.lower() == ".vti":
-        _check_readable(file)
         try:
+            check_readable(file)
             background, fields = image.read(file)
         except (ValueError, MemoryError) as error:
-            raise MeshFileError(f"{file}: {error}") from error
+            raise about_file(file, error) from error
     else:
         background = read(file)
         fields = background.point_data
     if name not in fields:
         listed = ", ".join(fields) or "none"
-        raise MeshFileError(f"{file}: has no nodal field {name!r} (found: {listed})")
+        raise about_file(file, MeshFileError(f"has no nodal field {name!r} (found: {listed})"))
     try:
         return SizeFunction(background, fields[name], **_growth_in(fields, name))
     except ValueError as error:
-        raise MeshFileError(f"{file}: {name}: {error}") from error
+        raise about_file(file, MeshFileError(f"{name}: {error}")) from error
 
 
 def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Image:
@@ -310,12 +312,12 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     ...     read_image(file)
     Image(3 x 3 pixels of int64, spacing 0.5, 1)
     """
-    file = Path(path)
-    _check_readable(file)
+    file = as_path("path", path)
     try:
+        check_readable(file)
         read, notes = raster.load(file, name=name)
     except (ValueError, MemoryError) as error:
-        raise MeshFileError(f"{file}: {error}") from error
+        raise about_file(file, error) from error
     if notes:
         warnings.warn(f"{file}: {'; '.join(notes)}", ImageWarning, stacklevel=2)
     return read
@@ -323,41 +325,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
 
 def is_image_file(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is an image for `read_image`, by its name."""
-    return raster.is_image_file(Path(path))
-
-
-def _write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
-    """Write under a temporary name in the same directory and rename.  Raises OSError."""
-    if target.is_dir():
-        raise MeshFileError("is a directory")
-    if _is_special(target):
-        _write_into(target, write_to)
-        return
-    if not target.parent.is_dir():
-        raise MeshFileError(f"there is no directory {target.parent}")
-    # Not tempfile: its files are private to the user, and the suffix must be kept.
-    temporary = target.with_name(f".adaptsize-{secrets.token_hex(8)}{target.suffix}")
-    try:
-        write_to(temporary)
-        if target.exists():
-            shutil.copymode(target, temporary)
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _is_special(path: Path) -> bool:
-    """Whether a path exists and is neither a file nor a directory: a device, pipe or socket."""
-    return path.exists() and not path.is_file() and not path.is_dir()
-
-
-def _write_into(special: Path, write_to: Callable[[Path], None]) -> None:
-    """Write to a temporary file and copy its content, because a device must not be replaced."""
-    with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
-        whole = Path(folder, special.name)
-        write_to(whole)
-        with whole.open("rb") as content, special.open("wb", buffering=0) as device:
-            shutil.copyfileobj(content, device)
+    return raster.is_image_file(as_path("path", path))
 
 
 def _parts_of(
@@ -374,9 +342,13 @@ def _parts_of(
     if not isinstance(background, SimplexMesh | CartesianGrid):
         raise ValueError(
             "obj must be a SimplexMesh, CartesianGrid, Octree or a SizeFunction on one, "
-            f"got {background!r}"
+            f"got {describe(background)}"
         )
-    nodal.update(fields or {})
+    if fields is not None:
+        check_type("fields", fields, Mapping)
+        for name in fields:
+            check_type("names of fields", name, str)
+        nodal.update(fields)
     return background, nodal
 
 
@@ -415,15 +387,3 @@ def _writing(
         return partial(image.write, grid=background, fields=arrays)
     at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
     return partial(chosen.write, mesh=background.mesh.with_data(point_data=at_nodes))
-
-
-def _check_readable(file: Path) -> None:
-    if file.is_dir():
-        raise MeshFileError(f"{file}: is a directory")
-    try:
-        with file.open("rb") as opened:
-            empty = not opened.read(1)
-    except OSError as error:
-        raise MeshFileError(f"{file}: {error.strerror or error}") from error
-    if empty:
-        raise MeshFileError(f"{file}: is empty")

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +37,8 @@ def test_version_and_help(capsys):
     assert call("--version") == 0
     assert capsys.readouterr().out.startswith("adaptsize 0.")
     assert call("--help") == 0
-    told = capsys.readouterr().out
-    assert all(name in told for name in ("info", "size", "limit", "remesh", "check"))
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in ("info", "size", "limit", "remesh", "check"))
 
 
 @pytest.mark.parametrize(
@@ -51,27 +52,27 @@ def test_version_and_help(capsys):
 )
 def test_wrong_usage_exits_2_and_says_so_on_stderr(capsys, arguments):
     assert call(*arguments) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert "Error:" in told.err
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "Error:" in printed.err
 
 
 def test_refused_input_is_one_plain_line_and_exit_1(capsys):
     assert call("info", "no-such-file.stl") == 1
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err == "adaptsize: error: no-such-file.stl: No such file or directory\n"
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err == "adaptsize: error: no-such-file.stl: No such file or directory\n"
 
 
 def test_debug_adds_the_traceback(capsys):
     assert call("--debug", "info", "no-such-file.stl") == 1
-    told = capsys.readouterr().err
-    assert told.startswith("Traceback")
-    assert told.endswith("adaptsize: error: no-such-file.stl: No such file or directory\n")
+    printed = capsys.readouterr().err
+    assert printed.startswith("Traceback")
+    assert printed.endswith("adaptsize: error: no-such-file.stl: No such file or directory\n")
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["-g", "-1"], "g must be finite and >= 0, got -1"),
         (["-K", "-1"], "elements_per_radian must be finite and >= 0, got -1"),
@@ -86,12 +87,12 @@ def test_debug_adds_the_traceback(capsys):
     ],
 )
 @pytest.mark.parametrize("command", ["size", "remesh"])
-def test_bad_sizes_are_one_line_and_leave_no_file(capsys, tmp_path, command, words, told):
+def test_bad_sizes_are_one_line_and_leave_no_file(capsys, tmp_path, command, words, expected):
     mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     write(tmp_path / "in.vtu", mesh, fields={"h_nan": [1.0, np.nan, 1.0]})
     assert call(command, tmp_path / "in.vtu", "-o", tmp_path / "out.vtu", *words) == 1
     err = capsys.readouterr().err
-    assert err.startswith(f"adaptsize: error: {told}")
+    assert err.startswith(f"adaptsize: error: {expected}")
     assert err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["in.vtu"]
 
@@ -111,9 +112,9 @@ def test_our_warnings_are_one_line_each(capsys, tmp_path):
     )
     (tmp_path / "dirty.stl").write_text(f"solid dirty\n{facets}endsolid dirty\n")
     assert call("info", tmp_path / "dirty.stl") == 0
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 1
-    assert told[0].startswith("adaptsize: warning: ")
+    printed = capsys.readouterr().err.splitlines()
+    assert len(printed) == 1
+    assert printed[0].startswith("adaptsize: warning: ")
 
 
 # --- commands ---------------------------------------------------------------------
@@ -121,13 +122,13 @@ def test_our_warnings_are_one_line_each(capsys, tmp_path):
 
 def test_info_tells_what_is_in_the_block(capsys):
     assert call("info", DATA / "block.vtu", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["kind"] == "tetrahedra"
-    assert told["measure"] == pytest.approx(40 * 20 * 20)
-    assert set(told["cell_tags"]) == {"1", "2"}
-    assert set(told["facet_tags"]) == {"1", "2", "3", "10"}
-    assert set(told["point_fields"]) == {"temperature", "displacement", "h0"}
-    assert told["n_components"] == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["kind"] == "tetrahedra"
+    assert printed["measure"] == pytest.approx(40 * 20 * 20)
+    assert set(printed["cell_tags"]) == {"1", "2"}
+    assert set(printed["facet_tags"]) == {"1", "2", "3", "10"}
+    assert set(printed["point_fields"]) == {"temperature", "displacement", "h0"}
+    assert printed["n_components"] == 1
 
 
 def test_info_counts_the_faults_of_a_surface(capsys, tmp_path):
@@ -136,19 +137,19 @@ def test_info_counts_the_faults_of_a_surface(capsys, tmp_path):
     mesh = SimplexMesh(points, [[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 1, 6]])
     write(tmp_path / "faults.vtu", mesh)
     assert call("info", tmp_path / "faults.vtu", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["n_nonmanifold_facets"] == 1
-    assert told["n_duplicate_points"] == 1
-    assert told["n_unused_points"] == 1
-    assert told["n_degenerate_cells"] == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["n_nonmanifold_facets"] == 1
+    assert printed["n_duplicate_points"] == 1
+    assert printed["n_unused_points"] == 1
+    assert printed["n_degenerate_cells"] == 1
 
 
 def test_limit_adds_the_field_h(capsys, square):
     output = square.with_name("limited.vtu")
     assert call("limit", square, "--field", "h0", "-g", "0.3", "-o", output) == 0
-    told = capsys.readouterr()
-    assert "3 of 4 nodes lowered" in told.out
-    assert told.err == ""
+    printed = capsys.readouterr()
+    assert "3 of 4 nodes lowered" in printed.out
+    assert printed.err == ""
     limited = read(output).point_data
     # Distances from the corner with 0.1: 1, sqrt 2, 1.
     expected = 0.1 + 0.3 * np.array([0.0, 1.0, np.sqrt(2.0), 1.0])
@@ -167,12 +168,12 @@ def test_limit_writes_and_lists_the_nodes_that_sizes_come_from(capsys, square):
     output, sources = square.with_name("limited.vtu"), square.with_name("sources.vtu")
     words = ["--field", "h0", "-g", "0.3", "-o", output, "--sources", sources]
     assert call("limit", square, *words) == 0
-    told = capsys.readouterr().out
-    assert "exact: 2 of 4 nodes lowered" in told
-    assert "sizes come from 2 nodes, most of them from" in told
-    assert "node 0 at (0, 0" in told
-    assert "75.0% of the nodes" in told
-    assert str(sources) in told
+    printed = capsys.readouterr().out
+    assert "exact: 2 of 4 nodes lowered" in printed
+    assert "sizes come from 2 nodes, most of them from" in printed
+    assert "node 0 at (0, 0" in printed
+    assert "75.0% of the nodes" in printed
+    assert str(sources) in printed
     fields = read(sources).point_data
     np.testing.assert_array_equal(fields["source"], [0, 0, 2, 0])
     np.testing.assert_allclose(fields["h"], [0.1, 0.4, 0.4, 0.4], rtol=1e-12)
@@ -182,8 +183,10 @@ def test_limit_tells_when_the_method_knows_no_sources(capsys, square):
     output, sources = square.with_name("limited.vtu"), square.with_name("sources.vtu")
     words = ["--field", "h0", "-g", "0.3", "-o", output, "--sources", sources]
     assert call("limit", square, *words, "--method", "fast-marching") == 1
-    told = "adaptsize: error: --sources needs the exact method (a flat mesh, one gradient limit), "
-    assert capsys.readouterr().err == told + "got method 'fast-marching'\n"
+    assert capsys.readouterr().err == (
+        "adaptsize: error: --sources needs the exact method (a flat mesh, one gradient limit), "
+        "got method 'fast-marching'\n"
+    )
     assert not sources.exists()
 
 
@@ -191,20 +194,20 @@ def test_check_prints_json(capsys, square):
     mesh = read(square)
     write(square, mesh, fields={"h": np.ones(4)})
     assert call("check", square, "--field", "h", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     # Five edges, four of length 1 and one of sqrt 2, all within [1/sqrt 2, sqrt 2].
-    assert told["edges"]["n_edges"] == 5
-    assert told["edges"]["mean"] == pytest.approx((4 + np.sqrt(2)) / 5)
-    assert told["n_inverted"] == 0
+    assert printed["edges"]["n_edges"] == 5
+    assert printed["edges"]["mean"] == pytest.approx((4 + np.sqrt(2)) / 5)
+    assert printed["n_inverted"] == 0
 
 
 def test_size_writes_limited_sizes_and_says_which(capsys, tmp_path):
     output = tmp_path / "sized.vtu"
     source = "ball:10,10,10,2=0.5"
     assert call("size", DATA / "block.vtu", "-o", output, "--hmax", "4", "--source", source) == 0
-    told = capsys.readouterr()
-    assert "g = 0.25" in told.err
-    assert "hmax = 4" in told.err
+    printed = capsys.readouterr()
+    assert "g = 0.25" in printed.err
+    assert "hmax = 4" in printed.err
     mesh = read(output)
     h = mesh.point_data["h"]
     assert h.min() == pytest.approx(0.5)
@@ -308,12 +311,43 @@ def test_a_reader_that_leaves_early_is_no_error(unbuffered):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
 def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
-    pipe = tmp_path / "never.vtu"
-    os.mkfifo(pipe)
-    child = program("info", pipe)
-    writer = os.open(pipe, os.O_WRONLY)  # waits for the reader, who then waits for ever
+    (tmp_path / "meshio.py").write_text(
+        "import pathlib, time\n"
+        "pathlib.Path(__file__).with_name('reading').touch()\n"
+        "time.sleep(60)\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    child = program("info", DATA / "lshape.vtu", env={**os.environ, "PYTHONPATH": path})
+    while not (tmp_path / "reading").exists():
+        assert child.poll() is None
+        time.sleep(0.01)
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
-    os.close(writer)
     assert child.returncode == 130
     assert (out, err) == ("", "adaptsize: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["typer", "adaptsize.cli.entry"])
+def test_ctrl_c_during_the_imports_gives_no_traceback(tmp_path, module):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {module!r}: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    command = [sys.executable, "-m", "adaptsize", "info", "a.vtu"]
+    child = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=False
+    )
+    assert child.returncode == 130
+    assert b"Traceback" not in child.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+def test_closed_streams_are_no_error(closed):
+    command = f'"{sys.executable}" -m adaptsize info "{DATA / "lshape.vtu"}" {closed}'
+    child = subprocess.run(command, shell=True, capture_output=True, check=False)
+    assert (child.returncode, child.stderr) == (0, b"")

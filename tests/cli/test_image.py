@@ -29,12 +29,12 @@ def mask(tmp_path):
 def test_image_writes_a_mesh_with_sizes_and_regions(mask, tmp_path, capsys):
     output = tmp_path / "mesh.vtu"
     assert call("image", mask, "-o", output, "--spacing", "0.5", "--elements-across", "5") == 0
-    told = capsys.readouterr()
+    printed = capsys.readouterr()
     mesh = read(output)
-    first, *_, last = told.out.splitlines()
+    first, *_, last = printed.out.splitlines()
     assert first == f"cells     {mesh.n_cells} triangles"
     assert last == f"{output}: {mesh.n_points} points, {mesh.n_cells} triangles, field h"
-    assert told.err == ""
+    assert printed.err == ""
     assert sorted(set(mesh.cell_tags)) == [5, 9]
     assert mesh.measures[mesh.cell_tags == 5].sum() == pytest.approx(np.pi * 100.0, rel=0.02)
     assert mesh.point_data["h"].min() > 0.0
@@ -60,10 +60,10 @@ def test_a_warning_of_the_mesh_is_one_line_on_standard_error(mask, tmp_path, cap
 def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     output = tmp_path / "size.vti"
     assert call("size", mask, "-o", output, "--spacing", "0.5,0.5") == 0
-    told = capsys.readouterr().out
-    assert "curvature " in told
-    assert "% of the area" in told
-    assert "field cause: 0 curvature, 1 feature size, 2 hmin, 3 hmax" in told
+    printed = capsys.readouterr().out
+    assert "curvature " in printed
+    assert "% of the area" in printed
+    assert "field cause: 0 curvature, 1 feature size, 2 hmin, 3 hmax" in printed
     assert read_size(output).background.spacing.tolist() == [0.5, 0.5]
     with pytest.raises(ValueError, match=r"cause: .*must be positive"):
         read_size(output, name="cause")  # -1 outside
@@ -72,8 +72,8 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
 def test_size_of_a_mesh_writes_its_causes(tmp_path, capsys):
     output = tmp_path / "size.vtu"
     assert call("size", DATA / "slit.vtu", "-o", output, "--elements-across", "3") == 0
-    told = capsys.readouterr().out
-    assert "feature size" in told
+    printed = capsys.readouterr().out
+    assert "feature size" in printed
     cause = read(output).point_data["cause"]
     assert set(np.unique(cause)) <= {0, 1, 2, 3}
     assert len(set(cause)) > 1
@@ -85,7 +85,7 @@ def test_files_that_hold_sizes_only_get_no_causes(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["--spacing", "a"], "--spacing must be one number or several such as 1,1,2.5, got 'a'"),
         (["--label", "4"], "label must be one of 0, 5, 9, got 4"),
@@ -93,12 +93,12 @@ def test_files_that_hold_sizes_only_get_no_causes(tmp_path, capsys):
         (["--spacing", "0"], "spacing must be finite and > 0"),
     ],
 )
-def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, capsys, words, told):
+def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, capsys, words, expected):
     assert call("image", mask, "-o", tmp_path / "mesh.vtu", *words) == 1
     error = capsys.readouterr().err
     assert error.startswith("adaptsize: error: ")
     assert error.count("\n") == 1
-    assert told in error
+    assert expected in error
     assert not (tmp_path / "mesh.vtu").exists()
 
 
@@ -114,8 +114,8 @@ def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
     rows[:20, 10:30] = 1
     Pillow.fromarray(rows).save(tmp_path / "mask.png")
     assert call("image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu") == 0
-    told = capsys.readouterr().err
-    assert "adaptsize: warning: objects reach the border of the image at 20 pixels" in told
+    printed = capsys.readouterr().err
+    assert "adaptsize: warning: objects reach the border of the image at 20 pixels" in printed
 
 
 def test_colours_are_refused_with_the_name_of_the_file(tmp_path, capsys):

@@ -229,10 +229,23 @@ def test_bodies_closer_than_the_tolerance_are_reported(capsys, tmp_path, no_gene
     assert call(*words, "--strict", "--tolerance", "1e-4") == 0
 
 
-@pytest.mark.parametrize("option", ["--close", "--strict"])
-def test_options_for_surfaces_are_refused_elsewhere(capsys, tmp_path, option):
-    assert call("remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", option) == 1
-    assert f"{option} applies to surfaces that become tetrahedra" in capsys.readouterr().err
+def test_close_is_refused_where_there_is_no_surface(capsys, tmp_path):
+    assert call("remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", "--close") == 1
+    assert "--close applies to surfaces that become tetrahedra" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_strict_is_passed_on_for_every_input(monkeypatch, tmp_path, strict):
+    passed = []
+
+    def keep(mesh, size, **options):
+        passed.append(options["strict"])
+        return mesh
+
+    monkeypatch.setattr("adaptsize.remeshing.remesh", keep)
+    words = ["--strict"] if strict else []
+    assert call("remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", *words) == 0
+    assert passed == [strict]
 
 
 def test_an_open_surface_is_a_warning_in_python_too(open_box, monkeypatch):

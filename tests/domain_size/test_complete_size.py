@@ -219,7 +219,7 @@ def test_one_disc_in_three_forms_has_the_same_sizes(domain):
         size = size_function((GRID, disc(GRID.points).reshape(GRID.shape)), **options)
     else:
         size = size_function(polygon(120), **options)
-    assert isinstance(size.background, CartesianGrid)
+    assert isinstance(size.background, Octree if domain == "callable" else CartesianGrid)
     assert_allclose(size([[1.0, 0.0], [0.0, -0.6], [0.1, 0.0]]), [0.2, 0.3, 0.425], atol=0.01)
 
 
@@ -284,8 +284,9 @@ def test_an_open_line_is_its_own_domain():
         (disc, {"box": [0.0]}, "box must be a pair"),
         (disc, {"box": ([1, 1], [0, 0])}, r"lower < upper"),
         (disc, {"box": ([2.0, 2.0], [3.0, 3.0])}, "zero|negative|boundary"),
-        (disc, {"background": polygon(8)}, "background must be a CartesianGrid for a domain that"),
+        (disc, {"background": polygon(8)}, "background must be a CartesianGrid or an Octree for a"),
         (polygon(8), {"background": Octree([0, 0, 0], [1, 1, 1], (1, 1, 1), [0])}, "must be 2-D"),
+        ((GRID, GRID), {"background": Octree([0, 0], [1, 1], (1, 1), [0])}, "must be a Cartesian"),
         ((GRID, np.ones((3, 3))), {}, "phi must have shape"),
         ((GRID, np.ones(GRID.shape)), {}, "negative at a node"),
         ((GRID, -np.ones(GRID.shape)), {}, "boundary in the background"),

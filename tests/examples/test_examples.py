@@ -129,6 +129,13 @@ def test_leaves_grow_in_number_like_the_boundary_and_follow_the_sizes(run):
     assert found["largest leaf over the size at its centre"] < 1.0
 
 
+def test_the_background_of_an_implicit_domain_is_fine_in_a_thin_wall_only(run):
+    found = run("plot_implicit_background")
+    assert abs(found["size in the wall"] / 0.004 - 1.0) < 0.05  # half its width
+    assert found["smallest leaf"] < 0.005
+    assert found["nodes"] < 20_000
+
+
 def test_each_cause_controls_a_part_and_sizes_from_sources_are_exact(run, tmp_path):
     found = run("plot_sources")
     shares = [share for name, share in found.items() if name.startswith("share of nodes")]

@@ -44,6 +44,7 @@ def package(tmp_path):
         value, hits = map(int, done.stdout.split())
         return value, hits
 
+    run.folder = tmp_path / "cache"
     return run
 
 
@@ -53,3 +54,27 @@ def test_a_kernel_is_compiled_again_after_an_edit_of_one_that_it_calls(package):
     assert package(3) == (6, 1)  # from the cache
     assert package(50) == (100, 0)
     assert package(50) == (100, 1)
+
+
+def _cut(content):
+    return content[: len(content) // 2]
+
+
+def _flip(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+@pytest.mark.parametrize(
+    ("suffix", "damage"),
+    [("nbi", _cut), ("nbi", lambda _: b""), ("nbc", _cut), ("nbc", _flip), ("nbc", lambda _: b"")],
+)
+def test_damaged_files_of_the_cache_are_replaced(package, suffix, damage):
+    assert package(3) == (6, 0)
+    files = list(package.folder.rglob(f"*.{suffix}"))
+    assert files
+    for file in files:
+        file.write_bytes(damage(file.read_bytes()))
+    assert package(3) == (6, 0)  # compiled again
+    assert package(3) == (6, 1)

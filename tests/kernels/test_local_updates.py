@@ -96,3 +96,9 @@ def test_coinciding_points_give_point_updates(g):
     axes = (0, 0, 0)
     assert minimum_on_edge(points, axes, 0, 1, 2, 2.0, 1.0, g)[0] == 1.0 + g
     assert minimum_on_triangle(points, axes, 0, 1, 2, 3, 2.0, 3.0, 1.0, g, True)[0] == 1.0 + g
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 1e155), (1e155, 1.0)])
+def test_a_rise_whose_square_overflows_on_an_edge_without_length(sizes):
+    points = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    assert minimum_on_edge(points, (0, 0), 0, 1, 2, *sizes, 0.3)[0] == 1.3

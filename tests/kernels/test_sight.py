@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from adaptsize._kernels import sight
-from adaptsize._kernels.sight import LEFT, MANY, NARROW, RIGHT, WIDE, Walls
+from adaptsize._kernels.sight import CACHED, LEFT, NARROW, RIGHT, WIDE, Sight
 from adaptsize._kernels.trees import DEPTH
 from adaptsize.limiting.exact.work import boxes_over
 
@@ -21,18 +21,13 @@ def hides(ends, w, ax, ay, bx, by, side, slack):
 
 
 @njit
-def is_hidden(walls, ax, ay, bx, by, side, stack):
-    return sight.is_hidden(walls, ax, ay, bx, by, side, stack)
+def without_hidden(sight_, x, feet, sides, which, m, stack, shaft, cached):
+    return sight.without_hidden(sight_, x, feet, sides, which, m, stack, shaft, cached)
 
 
 @njit
-def find_walls(walls, source, target, planes, stack, found):
-    return sight.find_walls(walls, source, target, planes, stack, found)
-
-
-@njit
-def side_in_cone(cones, kinds, k, dx, dy, slack):
-    return sight.side_in_cone(cones, kinds, k, dx, dy, slack)
+def side_in_cone(sx, sy, ex, ey, kind, dx, dy, slack):
+    return sight.side_in_cone(sx, sy, ex, ey, kind, dx, dy, slack)
 
 
 def turn(a, b, c):
@@ -48,13 +43,19 @@ def separates(p, q, a, b):
 def as_walls(segments):
     ends = np.array(segments, float).reshape(-1, 4)
     lower, upper = np.minimum(ends[:, :2], ends[:, 2:]), np.maximum(ends[:, :2], ends[:, 2:])
-    return Walls(ends, *boxes_over(lower, upper, np.zeros(len(ends))), SLACK)
+    boxes = boxes_over(lower, upper, np.zeros(len(ends)))
+    return Sight(ends, boxes, np.zeros(1, np.int32), np.zeros((0, 5)), SLACK)
 
 
-def seen_walls(walls, source, target):
-    found = np.empty(MANY, np.int32)
-    count = find_walls(walls, source, target, np.empty((8, 3)), np.empty(DEPTH, np.int64), found)
-    return count, found[: max(count, 0)].tolist()
+def visible(walls, x, feet, cached=None):
+    """Return which of the points are left that see their feet."""
+    n = len(x)
+    which, sides = np.arange(n), np.full(n, LEFT + RIGHT)
+    cached = np.full(CACHED, -1) if cached is None else cached
+    places = [np.array(rows, float).reshape(n, 2).T.copy() for rows in (x, feet)]
+    stack, shaft = np.empty(DEPTH, np.int64), np.empty(8)
+    m = without_hidden(walls, *places, sides, which, n, stack, shaft, cached)
+    return which[:m].tolist()
 
 
 @given(point, point, point, point)
@@ -73,42 +74,17 @@ def test_a_wall_that_touches_from_the_other_side_hides_nothing(p, q, a, b):
     assert hides(ends, 0, *map(float, a + b), RIGHT, SLACK) == right
 
 
-@given(st.lists(st.tuples(point, point), min_size=1, max_size=30), point, point)
-def test_the_tree_finds_what_any_of_the_walls_hides(segments, a, b):
-    expected = any(separates(p, q, a, b) for p, q in segments)
-    walls = as_walls(segments)
-    stack = np.empty(DEPTH, np.int64)
-    assert is_hidden(walls, *map(float, a + b), LEFT + RIGHT, stack) == expected
-
-
 @given(
     st.lists(st.tuples(point, point), min_size=1, max_size=30),
-    st.lists(point, min_size=1, max_size=4),
-    st.lists(point, min_size=1, max_size=4),
+    st.lists(st.tuples(point, point), min_size=1, max_size=8),
 )
-def test_a_shaft_meets_all_walls_between_its_boxes(segments, sources, targets):
-    boxes = [np.array([*np.min(x, axis=0), *np.max(x, axis=0)], float) for x in (sources, targets)]
-    count, found = seen_walls(as_walls(segments), *boxes)
-    for a in sources:
-        for b in targets:
-            hiding = [w for w, (p, q) in enumerate(segments) if separates(p, q, a, b)]
-            if count < 0:
-                assert hiding
-            else:
-                assert set(hiding) <= set(found)
-
-
-def test_a_wall_that_cuts_the_shaft_hides_all_at_once_and_one_beside_it_nothing():
-    source, target = np.array([0.0, 0.0, 1.0, 1.0]), np.array([4.0, 0.0, 5.0, 1.0])
-    assert seen_walls(as_walls([((3, -1), (3, 2))]), source, target) == (-1, [])
-    assert seen_walls(as_walls([((3, -1), (3, 0.5))]), source, target) == (1, [0])
-    assert seen_walls(as_walls([((3, 1.5), (3, 2))]), source, target) == (0, [])
-
-
-def test_a_shaft_between_boxes_askew_is_narrower_than_the_box_around_both():
-    source, target = np.array([0.0, 0.0, 1.0, 1.0]), np.array([8.0, 8.0, 9.0, 9.0])
-    assert seen_walls(as_walls([((1, 7), (2, 8))]), source, target) == (0, [])
-    assert seen_walls(as_walls([((4, 4), (5, 4.5))]), source, target) == (1, [0])
+def test_points_are_left_that_no_wall_hides_from_their_feet(segments, pairs):
+    expected = [
+        i for i, (a, b) in enumerate(pairs) if not any(separates(p, q, a, b) for p, q in segments)
+    ]
+    cached = np.full(CACHED, -1)
+    for _ in range(2):  # with and without walls that have hidden points before
+        assert visible(as_walls(segments), *zip(*pairs, strict=True), cached) == expected
 
 
 @given(st.integers(0, 359), st.integers(1, 359), st.integers(0, 359))
@@ -116,8 +92,8 @@ def test_directions_in_cones(start, opening, direction):
     if opening == 180:
         opening = 179
     ends = np.radians([start, start + opening])
-    cone = np.array([[np.cos(ends[0]), np.sin(ends[0]), np.cos(ends[1]), np.sin(ends[1])]])
-    kinds = np.array([WIDE if opening > 180 else NARROW], np.int8)
+    cone = np.cos(ends[0]), np.sin(ends[0]), np.cos(ends[1]), np.sin(ends[1])
+    kind = float(WIDE if opening > 180 else NARROW)
     angle = (direction - start) % 360
     dx, dy = np.cos(np.radians(direction)), np.sin(np.radians(direction))
     expected = LEFT + RIGHT if 0 < angle < opening else 0
@@ -125,4 +101,4 @@ def test_directions_in_cones(start, opening, direction):
         expected = LEFT
     if angle == opening:
         expected = RIGHT
-    assert side_in_cone(cone, kinds, 0, dx, dy, SLACK) == expected
+    assert side_in_cone(*cone, kind, dx, dy, SLACK) == expected

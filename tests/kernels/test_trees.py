@@ -7,16 +7,8 @@ from hypothesis import strategies as st
 from numba import njit
 from numpy.testing import assert_array_equal
 
-from adaptsize._kernels.trees import (
-    LEAF,
-    distance_to_box,
-    fill_boxes,
-    fill_keys,
-    fill_tiles,
-    sort_by_keys,
-)
-
-BITS = 21
+from adaptsize._kernels.trees import BITS, LEAF, distance_to_box, fill_tiles
+from adaptsize.limiting.exact.work import along_curve, boxes_over
 
 
 def interleaved(numbers):
@@ -28,44 +20,24 @@ def interleaved(numbers):
     )
 
 
-def sorted_by_keys(keys, top):
-    keys = keys.copy()
-    order = np.full(len(keys), -1, np.int32)
-    sort_by_keys(keys, order, np.empty_like(keys), np.empty_like(order), top)
-    return keys, order
-
-
 @njit
 def distance(boxes, b, axes, box):
     return distance_to_box(boxes, b, axes, box)
 
 
-@given(st.lists(st.integers(0, 2**BITS - 1), min_size=3, max_size=3))
-def test_keys_have_the_bits_of_the_coordinates_in_turn(numbers):
-    for dim in (1, 2, 3):
-        keys = np.zeros(1, np.uint64)
-        point = np.array([numbers[:dim]], float)
-        fill_keys(point, (0,) * dim, np.zeros(dim), 1.0, keys)
-        assert int(keys[0]) == interleaved(numbers[:dim])
+@given(st.integers(0, 400), st.integers(1, 3), st.integers(1, BITS), st.integers(0, 2**32 - 1))
+def test_points_are_sorted_by_the_bits_of_their_coordinates_in_turn(n, dim, bits, seed):
+    numbers = np.random.default_rng(seed).integers(0, 2**bits, (n, dim))
+    numbers = np.concatenate([numbers, [[0] * dim, [2**BITS - 1] * dim]])
+    keys = np.array([interleaved(row) for row in numbers.tolist()])
+    order = along_curve(numbers.astype(float))
+    assert order.dtype == np.int32
+    assert_array_equal(order, np.argsort(keys, kind="stable"))
 
 
-@given(st.integers(0, 400), st.integers(1, 63), st.integers(0, 2**32 - 1))
-def test_items_are_sorted_by_their_keys(n, bits, seed):
-    rng = np.random.default_rng(seed)
-    keys = rng.integers(0, 2**bits, n, dtype=np.uint64)
-    found, order = sorted_by_keys(keys, 63)
-    assert_array_equal(found, np.sort(keys))
-    assert_array_equal(keys[order], found)
-    assert_array_equal(np.sort(order), np.arange(n))
-
-
-@pytest.mark.parametrize("bits", [21, 42, 63])
-def test_many_equal_keys_and_keys_that_differ_in_the_last_bit_only(bits):
-    keys = np.concatenate([np.zeros(500), np.full(500, 2**bits - 1), np.full(500, 2**bits - 2)])
-    keys = keys.astype(np.uint64)
-    found, order = sorted_by_keys(keys, bits)
-    assert_array_equal(found, np.sort(keys))
-    assert_array_equal(keys[order], found)
+def test_points_at_one_place_keep_their_order():
+    assert_array_equal(along_curve(np.full((50, 2), 3.0)), np.arange(50))
+    assert len(along_curve(np.empty((0, 3)))) == 0
 
 
 @given(st.integers(1, 40), st.integers(1, 3), st.integers(0, 2**32 - 1))
@@ -77,8 +49,8 @@ def test_each_box_holds_its_items_and_no_more(m, dim, seed):
     n_leaves = 1
     while n_leaves * LEAF < m:
         n_leaves *= 2
-    boxes = np.full((2 * n_leaves, 2 * dim + 1), np.nan)
-    fill_boxes(lower, upper, value, (0,) * dim, n_leaves, boxes)
+    boxes = boxes_over(lower, upper, value)
+    assert len(boxes) == 2 * n_leaves
     for b in range(1, 2 * n_leaves):
         first, last = b, b
         while first < n_leaves:

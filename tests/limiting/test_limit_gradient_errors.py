@@ -17,8 +17,7 @@ from adaptsize.errors import ConvergenceWarning
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 H0 = [0.1, np.inf, np.inf, np.inf]
 MARCHING = ("fast-marching", "edge-based")
-CUBIC = ("factored", "hermite")  # on triangles only
-ALL = ("exact", *CUBIC, *MARCHING, "positive-coefficient")
+ALL = ("exact", *MARCHING, "positive-coefficient")
 
 
 def message(expected):
@@ -113,7 +112,7 @@ def test_what_g_of_h_raises_comes_through():
 
 @pytest.mark.parametrize("method", ["fastmarching", "", "Exact"])
 def test_refuses_unknown_methods_and_lists_the_known(method):
-    expected = "method must be one of 'auto', 'exact', 'factored', 'hermite', "
+    expected = "method must be one of 'auto', 'exact', "
     expected += f"'fast-marching', 'positive-coefficient', 'edge-based', got {method!r}"
     with message(expected):
         limit_gradient(SQUARE, H0, 0.3, method=method)
@@ -148,8 +147,6 @@ TAKES = {
     "mesh": {
         "auto": EXACT_TAKES,
         "exact": EXACT_TAKES,
-        "factored": (),
-        "hermite": (),
         "fast-marching": (),
         "edge-based": (),
         "positive-coefficient": ("floor", "initial", "tol", "max_iter"),
@@ -432,7 +429,7 @@ def test_extreme_limits_reach_every_node(method, g):
     assert h.max() >= 0.1
 
 
-@pytest.mark.parametrize("method", ["auto", "fast-marching", *CUBIC])
+@pytest.mark.parametrize("method", ["auto", "fast-marching"])
 def test_sizes_over_forty_decades_stay_within_the_limit(method):
     mesh = random_square(300, 97)
     h0 = 10.0 ** np.random.default_rng(98).uniform(-20, 20, 300)

@@ -324,8 +324,6 @@ def test_a_limit_written_anew_is_the_same_if_its_values_are():
 @pytest.mark.parametrize(
     ("background", "options"),
     [
-        (PLANE, {"method": "hermite"}),
-        (PLANE, {"method": "factored"}),
         (PLANE, {"method": "positive-coefficient"}),
         (PLANE, {"method": "fast-marching"}),
         (PLANE, {"method": "edge-based"}),
@@ -368,7 +366,7 @@ REFUSED = {
         "initial must come from a call with the same g",
     ),
     "method": (
-        lambda info: limit_gradient(PLANE, np.ones(300), G, method="hermite", initial=info),
+        lambda info: limit_gradient(PLANE, np.ones(300), G, method="fast-marching", initial=info),
         "initial must come from the same method: it is of method='exact'",
     ),
     "nodes only": (

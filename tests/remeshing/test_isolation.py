@@ -1,5 +1,6 @@
 """Whatever a generator does, the caller lives on and its directory stays clean."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -143,12 +144,62 @@ def test_ctrl_c_stops_tetwild_and_python_lives_on(tmp_path):
     assert list(tmp_path.iterdir()) == [program]
 
 
+@linux_only
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+def test_nothing_is_left_when_the_caller_is_killed(tmp_path, number, delay):
+    temporary, program = tmp_path / "temporary", tmp_path / "program.py"
+    temporary.mkdir()
+    program.write_text(
+        "import sys\n"
+        f"sys.path.insert(0, {str(SUPPORT)!r})\n"
+        "from fake_generators import FakeBackend\n"
+        "from shapes import block\n"
+        "from adaptsize.remeshing import register_backend, remesh\n"
+        f"options = (('pid_file', {str(tmp_path / 'pids')!r}),)\n"
+        "register_backend(FakeBackend('hang_with_stray', options))\n"
+        "def started(text, share): print(text, flush=True)\n"
+        "remesh(block(2), 0.5, backend='fake', progress=started)\n"
+    )
+    caller = subprocess.Popen(
+        [sys.executable, str(program)],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "TMPDIR": str(temporary)},
+    )
+    try:
+        assert caller.stdout.readline() == b"faking\n"
+        time.sleep(delay)
+        caller.send_signal(number)
+        caller.communicate(timeout=30)
+    finally:
+        caller.kill()
+        caller.wait()
+    for _ in range(100):
+        if not _working_below(temporary) and not list(temporary.iterdir()):
+            break
+        time.sleep(0.1)
+    assert _working_below(temporary) == []
+    assert list(temporary.iterdir()) == []
+
+
+@linux_only
+def test_children_of_a_crashed_generator_are_killed(fake, tmp_path):
+    pid_file = tmp_path / "pids"
+    with pytest.raises(BackendError, match="SIGSEGV"):
+        fake("crash_with_stray", options=[("pid_file", str(pid_file))])
+    _assert_gone(pid_file)
+
+
 @pytest.mark.parametrize(
     ("function", "message"),
     [
         ("empty", "empty mesh"),
         ("not_finite", "not finite"),
         ("one_inverted", "1 inverted or flat cells"),
+        ("one_far_away", "another domain: its bounding box is off by"),
+        ("one_of_all", "another domain: its boundary is off by 0.33 of"),
+        ("without_first_cells", "another domain: its bounding box is off by 0.29 of"),
+        ("doubled", r"another domain: its measure differs by \+100%"),
     ],
 )
 def test_an_unusable_mesh_is_an_error(fake, function, message):
@@ -160,6 +211,16 @@ def test_orientation_and_unused_nodes_are_put_right(fake):
     mesh = fake("all_inverted_and_unused")
     assert (mesh.signed_measures > 0.0).all()
     assert mesh.n_points == block(2).n_points
+
+
+def _working_below(folder):
+    """Return the processes whose working directory is or was in a folder."""
+    found = []
+    for cwd in Path("/proc").glob("[0-9]*/cwd"):
+        with contextlib.suppress(OSError):  # it has ended, or is another user's
+            if os.readlink(cwd).startswith(str(folder)):
+                found.append(int(cwd.parent.name))
+    return found
 
 
 def _assert_gone(pid_file):

@@ -37,8 +37,6 @@ class Case:
     """Those of `KINDS` that it works on; all if empty."""
     limits: tuple[str, ...] = ()
     """What g may be: "number", "nodes", "cells"; all that the background knows if empty."""
-    masks: bool = True
-    """Whether it works on grids with inactive nodes, and on cells without volume."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """For the laws, which want a tight tolerance."""
     rounding: float = 1e-12
@@ -49,8 +47,6 @@ class Case:
     """Order away from the tips of cones; None: it does not converge, or needs no order suite."""
     is_exact: bool = False
     """Whether it meets sizes from single points to rounding where straight lines stay inside."""
-    linear_g: bool = False
-    """Whether g of nodes is linear between them, and not its mean in each cell."""
     exempt: Mapping[str, str] = field(default_factory=dict)
     """Laws that it does not keep, by the name of the test without "test_", and why."""
     share: float = 0.5
@@ -103,33 +99,9 @@ _NODES_ONLY: dict[str, Any] = {
     # Sizes of nodes say nothing between them: no waves from a side.
     **_EXACT, "options": {"face_sources": False}, "exempt": {}, "convergence": None,
 }  # fmt: skip
-# A node moved onto another one folds cells over others, where what gradients are known is a matter
-# of the numbering: tests/limiting/test_hermite.py tries what still holds there.
-_UNFOLDED: dict[str, Any] = {"masks": False}
-
-# Cubics are given up for straight lines where a gradient is not known or a front bends away: as
-# soon as sizes or numbers differ, at other nodes.  Of 80 random meshes, by up to 0.1 of a size.
-_NO_LAW = "which nodes have a gradient depends on the order in which fronts come by"
-_CUBIC: dict[str, Any] = {
-    "linear_g": True,
-    "convergence": 1.7,  # of the mean error; 1.6 to 1.9 as a rule, less where fronts meet
-    "rounding": 1e-8,  # Newton's method stops at 1e-6 of an edge, where sizes are stationary
-    "exempt": {
-        "limiting_twice_changes_nothing": "sources have no gradient: the second time all nodes",
-        "lower_bounds_give_lower_sizes": _NO_LAW,
-        "larger_g_gives_larger_sizes": _NO_LAW,
-        "is_the_largest_solution_of_its_own_equations": _NO_LAW,
-        "numbering_and_orientation_do_not_matter": _NO_LAW,
-    },
-    **_UNFOLDED,
-}
-_FACTORED: dict[str, Any] = {**_CUBIC, "limits": ("number", "nodes"), "is_exact": True}
-
 CASES = (
     Case("simplices", "exact", kinds=_FLAT, **_EXACT, share=0.3),
     Case("simplices", "exact", kinds=_FLAT, **_NODES_ONLY, share=0.25),
-    Case("simplices", "factored", kinds=("plane",), **_FACTORED, share=0.2),
-    Case("simplices", "hermite", kinds=("plane", "surface"), **_CUBIC, share=0.2),
     Case("simplices", "fast-marching", share=0.7),
     Case("simplices", "positive-coefficient", residual=1e-3, share=0.5),
     Case("simplices", "edge-based", convergence=None, share=0.3),
@@ -185,8 +157,8 @@ def problems(draw: Callable[..., Any], case: Case) -> Problem:
     kind = draw(st.sampled_from(case.all_kinds))
     # Uneven: nodes out of the domain, or cells without volume.
     # Which ways are tried over edges of a solid depends on the numbers of nodes.
-    masks = case.masks and not (case.method == "exact" and kind == "volume")
-    background = _RANDOM[case.background](kind, rng, masks and draw(st.booleans()))
+    may_be_uneven = not (case.method == "exact" and kind == "volume")
+    background = _RANDOM[case.background](kind, rng, may_be_uneven and draw(st.booleans()))
     shape = background.nodal_shape
     bounded = rng.random(shape) < draw(st.sampled_from([0.1, 0.5, 1.0]))
     bounded.flat[rng.choice(np.flatnonzero(active_nodes(background)))] = True
@@ -281,10 +253,10 @@ class Rises(NamedTuple):
     rise: FloatArray
 
 
-def rises(background: Background, g: Any, *, linear_g: bool = False) -> Rises:
+def rises(background: Background, g: Any) -> Rises:
     """Return the bound on every edge: g of the cell, on grids of the larger end, times length.
 
-    g of nodes is their mean in the cell, or with ``linear_g`` that of the ends of the edge.
+    g of nodes is their mean in the cell.
     """
     if isinstance(background, CartesianGrid):
         i, j, length = _grid_edges(background)
@@ -298,8 +270,6 @@ def rises(background: Background, g: Any, *, linear_g: bool = False) -> Rises:
     pairs = [(mesh.cells[:, v], mesh.cells[:, w]) for v in width for w in width if v != w]
     i, j = np.concatenate(pairs, axis=1)
     length = np.linalg.norm(mesh.points[i] - mesh.points[j], axis=1)
-    if linear_g and np.shape(g) == (mesh.n_points,):
-        return Rises(i, j, 0.5 * (g[i] + g[j]) * length)
     return Rises(i, j, np.tile(of_cells, len(pairs)) * length)
 
 

@@ -54,6 +54,14 @@ def hang_with_stray(arrays, options):
     time.sleep(60)
 
 
+def crash_with_stray(arrays, options):
+    """Crash, with a child that has left the session and does not end."""
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
+    stray = subprocess.Popen(sleep, start_new_session=True)
+    Path(options["pid_file"]).write_text(f"{os.getpid()} {stray.pid}")
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
 def chatter(arrays, options):
     while True:
         print("x" * 100_000)
@@ -85,6 +93,35 @@ def empty(arrays, options):
 
 def not_finite(arrays, options):
     return {"points": arrays["points"] * np.nan, "cells": arrays["cells"]}
+
+
+def one_far_away(arrays, options):
+    """Return one sound tetrahedron, 100 units away."""
+    points = np.vstack([np.zeros(3), np.eye(3)]) + 100.0
+    return {"points": points, "cells": np.array([[0, 1, 2, 3]], np.int32)}
+
+
+def one_of_all(arrays, options):
+    """Return one cell of the mesh that touches all sides of its bounding box."""
+    points = arrays["points"]
+    low, high = points.min(axis=0), points.max(axis=0)
+    corners = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]])
+    return {"points": low + corners * (high - low), "cells": np.array([[0, 2, 1, 3]], np.int32)}
+
+
+def without_first_cells(arrays, options):
+    """Leave out the cells on one side of the middle."""
+    points, cells = arrays["points"], arrays["cells"]
+    middle = 0.5 * (points[:, 0].min() + points[:, 0].max())
+    keep = points[cells].mean(axis=1)[:, 0] > middle
+    return {"points": points, "cells": cells[keep]}
+
+
+def doubled(arrays, options):
+    """Return each cell twice, with nodes of its own."""
+    n = len(arrays["points"])
+    points = np.concatenate([arrays["points"]] * 2)
+    return {"points": points, "cells": np.concatenate([arrays["cells"], arrays["cells"] + n])}
 
 
 def one_inverted(arrays, options):

@@ -111,6 +111,9 @@ def check_raw(raw: RawMesh) -> None:
     for cell_type, cells in raw.blocks:
         if cells.dtype == object or not len(cells):
             continue
+        base = _base(cell_type)
+        if cells.ndim != 2 or (base is not None and cells.shape[1] < _SHAPES[base][1]):
+            raise MeshFileError(f"has {plural(cell_type)} of {cells.shape[-1]} nodes")
         outside = ((cells < 0) | (cells >= len(points))).any(axis=1)
         if outside.any():
             first = int(np.argmax(outside))

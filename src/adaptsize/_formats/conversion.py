@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import describe
+from adaptsize._checks import as_flag, check_type, describe
 from adaptsize._formats import assembly, writers
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize.background import SimplexMesh
@@ -54,6 +54,7 @@ def to_meshio(mesh: SimplexMesh, tag_name: str) -> Any:
     """Return a ``meshio.Mesh``; see `SimplexMesh.to_meshio`."""
     import meshio
 
+    check_type("tag_name", tag_name, str)
     content = writers.content_of(mesh, tag_name, pad=False)
     names: Mapping[tuple[int, int], str] = mesh.tag_names
     if tag_name == "gmsh:physical":
@@ -119,6 +120,7 @@ def to_pyvista(mesh: SimplexMesh) -> Any:
 
 
 def _built(raw: RawMesh, kind: str | None, flatten: bool) -> SimplexMesh:
+    flatten = as_flag("flatten", flatten)
     notes: list[str] = []
     try:
         check_raw(raw)

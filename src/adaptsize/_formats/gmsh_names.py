@@ -10,8 +10,8 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-_SECTION = re.compile(rb"^\$PhysicalNames\s*?\n(.*?)^\$EndPhysicalNames", re.DOTALL | re.MULTILINE)
-_NAME = re.compile(r'^\s*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.MULTILINE)
+_BEGIN = re.compile(rb"^\$PhysicalNames\s*$", re.MULTILINE)
+_NAME = re.compile(r'^[ \t]*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.MULTILINE)
 _END_FORMAT = b"$EndMeshFormat\n"
 #: The sections before the nodes are rarely longer than this; read in steps of it.
 _STEP = 1_000_000
@@ -27,10 +27,11 @@ def read(path: Path) -> dict[tuple[int, int], str]:
             content += step
             if b"$Nodes" in content or b"$EndPhysicalNames" in content:
                 break
-    section = _SECTION.search(content)
-    if section is None:
+    begin = _BEGIN.search(content)
+    if begin is None:
         return {}
-    found = _NAME.findall(section[1].decode("utf-8", "replace"))
+    section = content[begin.end() :].partition(b"$EndPhysicalNames")[0]
+    found = _NAME.findall(section.decode("utf-8", "replace"))
     return {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats.readers import FOREIGN_FAILURES, reason
+from adaptsize._formats.text import numbers
 from adaptsize.background import CartesianGrid
 from adaptsize.errors import MeshFileError
 
@@ -154,7 +155,7 @@ def _values(array: ElementTree.Element, encoding: _Encoding) -> npt.NDArray[Any]
     dtype = _DTYPES[array.get("type", "")]
     form = array.get("format", "ascii")
     if form == "ascii":
-        return np.array((array.text or "").split(), dtype="S").astype(dtype)
+        return numbers((array.text or "").split(), dtype)
     if form == "appended":
         stored: bytes | memoryview = encoding.appended[int(array.get("offset", "0")) :]
         raw = encoding.appended_is_raw
@@ -233,4 +234,4 @@ def _numbers(text: str | None, default: npt.NDArray[Any] | None = None) -> npt.N
         if default is None:
             raise MeshFileError("cannot be read as image data (no Extent)")
         return default
-    return np.array(text.split(), dtype=np.float64)
+    return numbers(text.split(), np.float64)

@@ -1,13 +1,14 @@
-"""Reading through meshio and trimesh.  These packages print, warn on consoles and even exit."""
+"""Which reader reads which mesh file.
+
+meshio and trimesh print, warn on consoles and even exit.  Formats that their readers cannot read
+safely are left out: some readers run forever on a damaged file, and in some formats nothing
+shows that a file ends early.
+"""
 
 from __future__ import annotations
 
-import binascii
-import lzma
 import re
-import struct
 import tempfile
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,41 +16,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import gmsh_names, stl, xdmf
+from adaptsize._formats import gmsh_names, off, ply, stl, xdmf
 from adaptsize._formats.blocks import RawMesh, check_raw, join
-from adaptsize._formats.promised import check_faces
+from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.quietness import quiet
 from adaptsize.errors import MeshFileError
 
-# Whatever a parser may raise on a file that is not what it expects; not KeyboardInterrupt.
-# meshio calls sys.exit, and both packages let errors of numpy, zlib and xml through.
-FOREIGN_FAILURES: tuple[type[BaseException], ...] = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    BufferError,
-    EOFError,
-    ImportError,
-    LookupError,
-    MemoryError,
-    NameError,
-    OSError,
-    RuntimeError,
-    StopIteration,
-    SyntaxError,
-    SystemExit,
-    TypeError,
-    ValueError,
-    binascii.Error,
-    lzma.LZMAError,
-    struct.error,
-    zlib.error,
-)
-
-# meshio knows these too, but reads less of them (polygons, comments, negative indices).
-_TRIMESH_SUFFIXES = (".obj", ".off", ".ply")
-# Formats whose suffix meshio tries in an order of its own, printing what fails.
-_FIRST_FORMAT = {".msh": ("gmsh", "ansys")}
+#: Whatever a reader of another package may raise.  meshio calls sys.exit, and some errors of
+#: these packages are derived from Exception only.  Ctrl-C is not among them.
+FOREIGN_FAILURES: tuple[type[BaseException], ...] = (Exception, SystemExit)
 
 
 def load(path: Path) -> RawMesh:
@@ -57,41 +32,36 @@ def load(path: Path) -> RawMesh:
     suffix = path.suffix.lower()
     if suffix == ".vti":
         raise MeshFileError("holds a grid, not a mesh; use read_size")
-    loaders: list[Callable[[Path], RawMesh]] = []
-    if suffix in (".stl", ".stla", ".stlb"):
-        loaders = [_load_stl]
-    elif suffix == ".vtu" and _count_pieces(path) > 1:
-        loaders = [_load_vtu_pieces]
-    elif _meshio_knows(path):
-        loaders = [_load_with_meshio]
-        loaders += {
-            ".vtk": [_load_vtk_of_new_types],
-            ".msh": [_load_gmsh_without_cell_fields],
-            ".xdmf": [_load_text_xdmf],
-            ".xmf": [_load_text_xdmf],
-        }.get(suffix, [])
-    if not loaders or suffix in _TRIMESH_SUFFIXES:
-        loaders.append(_load_with_trimesh)
+    if suffix not in _LOADERS:
+        raise MeshFileError(
+            f"has a suffix that no reader knows ({suffix or 'none'}); these can be read: "
+            f"{', '.join(_LOADERS)}; meshio may read it: "
+            "SimplexMesh.from_meshio(meshio.read(path))"
+        )
+    content = path.read_bytes()
+    check_end(suffix, content)
     first_failure: MeshFileError | None = None
-    for loader in loaders:
+    for loader in _LOADERS[suffix]:
         try:
-            raw = loader(path)
-            check_raw(raw)
+            raw = _loaded(loader, path)
         except MeshFileError as error:
             first_failure = first_failure or error
         else:
-            check_faces(path, raw)
+            check_counts(suffix, content, raw)
             return raw
     assert first_failure is not None
     raise first_failure
 
 
-def foreign_failures() -> tuple[type[BaseException], ...]:
-    """Return FOREIGN_FAILURES and meshio's own errors, which derive from Exception only."""
-    from meshio import ReadError, WriteError
-    from meshio._exceptions import CorruptionError
-
-    return (*FOREIGN_FAILURES, ReadError, WriteError, CorruptionError)
+def _loaded(loader: Callable[[Path], RawMesh], path: Path) -> RawMesh:
+    try:
+        raw = loader(path)
+    except MeshFileError:
+        raise
+    except FOREIGN_FAILURES as error:
+        raise MeshFileError(f"cannot be read as a mesh ({reason(error)})") from error
+    check_raw(raw)
+    return raw
 
 
 def reason(error: BaseException, printed: str = "") -> str:
@@ -109,33 +79,23 @@ def _load_stl(path: Path) -> RawMesh:
     return RawMesh(points, [("triangle", number.reshape(-1, 3))])
 
 
-def _meshio_knows(path: Path) -> bool:
-    from meshio import extension_to_filetypes
-
-    suffixes = [s.lower() for s in path.suffixes]
-    return any("".join(suffixes[-n:]) in extension_to_filetypes for n in (1, 2))
-
-
 def _load_with_meshio(path: Path) -> RawMesh:
     import meshio
 
-    formats: tuple[str | None, ...] = _FIRST_FORMAT.get(path.suffix.lower(), (None,))
-    failure = ""
-    for file_format in formats:
-        with quiet() as printed:
-            try:
-                mesh = meshio.read(path, file_format=file_format)
-            except foreign_failures() as error:
-                failure = failure or reason(error, printed.getvalue())
-                continue
-        # Otherwise meshio omits such cells and prints a line.
-        unknown = re.search(r"cells that meshio cannot handle \(type (\d+)", printed.getvalue())
-        if unknown:
-            raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
-        points = np.asarray(mesh.points, dtype=np.float64)
-        blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-        return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, gmsh_names.read(path))
-    raise MeshFileError(f"cannot be read as a mesh ({failure})")
+    file_format = "gmsh" if path.suffix.lower() == ".msh" else None
+    with quiet() as printed:
+        try:
+            mesh = meshio.read(path, file_format=file_format)
+        except FOREIGN_FAILURES as error:
+            text = reason(error, printed.getvalue())
+            raise MeshFileError(f"cannot be read as a mesh ({text})") from error
+    # Otherwise meshio omits such cells and prints a line.
+    unknown = re.search(r"cells that meshio cannot handle \(type (\d+)", printed.getvalue())
+    if unknown:
+        raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
+    points = np.asarray(mesh.points, dtype=np.float64)
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+    return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, gmsh_names.read(path))
 
 
 def _load_vtk_of_new_types(path: Path) -> RawMesh:
@@ -164,8 +124,9 @@ def _load_edited(path: Path, pattern: bytes, replacement: bytes) -> RawMesh:
         return _load_with_meshio(copy)
 
 
-def _count_pieces(path: Path) -> int:
-    return path.read_bytes().split(b"<AppendedData", 1)[0].count(b"<Piece")
+def _load_vtu(path: Path) -> RawMesh:
+    n_pieces = path.read_bytes().split(b"<AppendedData", 1)[0].count(b"<Piece")
+    return _load_vtu_pieces(path) if n_pieces > 1 else _load_with_meshio(path)
 
 
 def _load_vtu_pieces(path: Path) -> RawMesh:
@@ -191,29 +152,40 @@ def _load_vtu_pieces(path: Path) -> RawMesh:
     return join(pieces)
 
 
-def _load_text_xdmf(path: Path) -> RawMesh:
-    try:
-        return xdmf.read(path)
-    except FOREIGN_FAILURES as error:
-        raise MeshFileError(f"cannot be read as a mesh ({reason(error)})") from error
-
-
 def _load_with_trimesh(path: Path) -> RawMesh:
     import trimesh
 
-    known = trimesh.available_formats() - {"zip", "tar.gz", "tar.bz2", "bz2"}
-    if path.suffix.lower().lstrip(".") not in known:
-        raise MeshFileError(f"has a suffix that no reader knows ({path.suffix or 'none'})")
-    with quiet() as printed:
-        try:
-            mesh: Any = trimesh.load_mesh(path, process=False)
-            points = np.asarray(mesh.vertices, dtype=np.float64)
-            faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
-        except foreign_failures() as error:
-            text = reason(error, printed.getvalue())
-            raise MeshFileError(f"cannot be read as a mesh ({text})") from error
+    with quiet():
+        mesh: Any = trimesh.load_mesh(path, process=False)
+    points = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     if path.suffix.lower() == ".obj" and len(points) and np.isfinite(points).all():
         # One node per pair of position and texture corner: seams would be cracks.
         points, number = stl.merge_equal_points(points)
         faces = number[faces]
     return RawMesh(points, [("triangle", faces)])
+
+
+#: Each suffix that can be read, with the readers in the order in which they are tried.
+_LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
+    ".stl": (_load_stl,),
+    ".stla": (_load_stl,),
+    ".stlb": (_load_stl,),
+    ".obj": (_load_with_meshio, _load_with_trimesh),  # meshio does not know all spellings
+    ".off": (off.read,),
+    ".ply": (ply.read,),
+    ".gltf": (_load_with_trimesh,),
+    ".glb": (_load_with_trimesh,),
+    ".vtk": (_load_with_meshio, _load_vtk_of_new_types),
+    ".vtu": (_load_vtu,),
+    ".xdmf": (_load_with_meshio, xdmf.read),  # meshio needs h5py
+    ".xmf": (_load_with_meshio, xdmf.read),
+    ".msh": (_load_with_meshio, _load_gmsh_without_cell_fields),
+    ".mesh": (_load_with_meshio,),
+    ".meshb": (_load_with_meshio,),
+    ".inp": (_load_with_meshio,),
+    ".bdf": (_load_with_meshio,),
+    ".nas": (_load_with_meshio,),
+    ".fem": (_load_with_meshio,),
+    ".su2": (_load_with_meshio,),
+}

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._formats.text import numbers
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER = 84  # 80 free bytes and the number of triangles
-_VERTEX = re.compile(rb"^[ \t]*vertex\b[ \t]*(.*?)\s*$", re.MULTILINE | re.IGNORECASE)
+_VERTEX = re.compile(rb"^[ \t]*vertex\b([^\n]*)", re.MULTILINE | re.IGNORECASE)
 _END_FACET = re.compile(rb"^[ \t]*endfacet\b", re.MULTILINE | re.IGNORECASE)
+_SOLID = re.compile(rb"^[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
 _END_SOLID = re.compile(rb"^[ \t]*end ?solid\b", re.MULTILINE | re.IGNORECASE)
 
 
@@ -85,17 +87,18 @@ def _ascii_corners(content: bytes) -> FloatArray:
     if not rows:
         raise MeshFileError("is an ascii STL file without triangles")
     try:
-        corners = np.array(rows, dtype="S").astype(np.float64)
-    except ValueError:
-        corners = np.empty((0, 0))
-    if corners.shape != (len(rows), 3):
+        corners = numbers([word for row in rows for word in row], np.float64)
+    except MeshFileError:
+        corners = np.empty(0)
+    if len(corners) != 3 * len(rows) or any(len(row) != 3 for row in rows):
         raise MeshFileError(f"is a broken ascii STL file: {_first_bad_vertex(content)}")
     n_facets = len(_END_FACET.findall(content))
     if len(rows) != 3 * n_facets:
         raise MeshFileError(
             f"is a broken or truncated ascii STL file ({len(rows)} vertices in {n_facets} facets)"
         )
-    if not _END_SOLID.search(content):
+    begins = [match.start() for match in _SOLID.finditer(content)]  # of one solid or several
+    if not _END_SOLID.search(content, max(begins, default=0)):
         raise MeshFileError("is a truncated ascii STL file (no endsolid)")
     return corners.reshape(-1, 3, 3)
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, refuse_where
+from adaptsize._checks import as_sizes, describe, refuse_where
 from adaptsize._formats import gmsh_names, sizes, stl, xdmf
 from adaptsize._formats.blocks import UNTAGGED
 from adaptsize._formats.quietness import quiet
-from adaptsize._formats.readers import foreign_failures, reason
+from adaptsize._formats.readers import FOREIGN_FAILURES, reason
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
@@ -115,7 +115,7 @@ def _write_with_meshio(path: Path, content: Content, file_format: str, **options
                 content.points, content.blocks, content.point_data, content.cell_data
             )
             meshio.write(path, mesh, file_format=file_format, **options)
-        except foreign_failures() as error:
+        except FOREIGN_FAILURES as error:
             text = reason(error, printed.getvalue())
             raise MeshFileError(f"cannot be written ({text})") from error
 
@@ -262,8 +262,8 @@ FORMATS: dict[str, Format] = {
 def format_of(path: Path, file_format: str | None) -> Format:
     """Return the requested format, or the one of the file's suffix."""
     if file_format is not None:
-        if file_format not in FORMATS:
-            raise ValueError(f"file_format must be one of {_listed()}, got {file_format!r}")
+        if not isinstance(file_format, str) or file_format not in FORMATS:
+            raise ValueError(f"file_format must be one of {_listed()}, got {describe(file_format)}")
         return FORMATS[file_format]
     name = path.name.lower()
     for candidate in FORMATS.values():

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh
+from adaptsize._formats.text import numbers
 from adaptsize.errors import MeshFileError
 
 _TOPOLOGY = {"line": "Polyline", "triangle": "Triangle", "tetra": "Tetrahedron"}
@@ -81,7 +82,7 @@ def _array(parent: ElementTree.Element) -> npt.NDArray[Any]:
     ]
     dtype = np.dtype(f"{kind}{item.get('Precision', '4')}")
     shape = [int(n) for n in item.get("Dimensions", "").split()]
-    return np.array((item.text or "").split(), dtype="S").astype(dtype).reshape(shape)
+    return numbers((item.text or "").split(), dtype).reshape(shape)
 
 
 def _blocks(topology: ElementTree.Element) -> list[tuple[str, npt.NDArray[Any]]]:

@@ -11,18 +11,15 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import lean, lean_kernel
 
 # Odd 64-bit constants without structure (fractional parts of the golden ratio, of sqrt 2).
 _A = np.uint64(0x9E3779B97F4A7C15)
 _B = np.uint64(0x6A09E667F3BCC909)
 _SHIFT = np.uint64(32)
 
-# Cells with a smaller ratio of measure to the power of the longest edge have no measure.
-_NO_MEASURE = 1e-12
 
-
-@inner
+@lean
 def _random(i):
     """Return 64 bits for a node number."""
     x = (np.uint64(i) + _B) * _A
@@ -30,53 +27,27 @@ def _random(i):
     return x ^ (x >> _SHIFT)
 
 
-@inner
-def _facet(cells, c, v, dim):
-    """Return the nodes of the facet opposite to v, ascending, and whether their order is odd.
-
-    Of the two orders of a facet the even one has its normal out of a cell of positive measure.
-    """
-    a = cells[c, (v + 1) % (dim + 1)]
-    b = cells[c, (v + 2) % (dim + 1)]
-    odd = False
-    if dim == 2:
-        d = np.int32(-1)
-    else:
-        d = cells[c, (v + 3) % 4]
-        odd = v % 2 == 1
-        if b > d:
-            b, d = d, b
-            odd = not odd
-    if a > b:
-        a, b = b, a
-        odd = not odd
-    if dim == 3 and b > d:
-        b, d = d, b
-        odd = not odd
-    return a, b, d, odd
-
-
-@inner
-def signed_measure(points, axes, cells, c):
+@lean
+def _signed_measure(points, axes, cells, c):
     """Return twice the signed area of a triangle, six times the signed volume of a tetrahedron."""
     i, j, k = cells[c, 0], cells[c, 1], cells[c, 2]
-    ax = points[j, 0] - points[i, 0]
-    ay = points[j, 1] - points[i, 1]
-    bx = points[k, 0] - points[i, 0]
-    by = points[k, 1] - points[i, 1]
+    ax, ay = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+    bx, by = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
     if len(axes) == 2:
         return ax * by - ay * bx
     m = cells[c, len(axes)]
-    az = points[j, 2] - points[i, 2]
-    bz = points[k, 2] - points[i, 2]
-    cx = points[m, 0] - points[i, 0]
-    cy = points[m, 1] - points[i, 1]
-    cz = points[m, 2] - points[i, 2]
+    z = len(axes) - 1  # of triangles, this is never used, but compiled
+    az, bz, cz = (
+        points[j, z] - points[i, z],
+        points[k, z] - points[i, z],
+        points[m, z] - points[i, z],
+    )
+    cx, cy = points[m, 0] - points[i, 0], points[m, 1] - points[i, 1]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     return nx * cx + ny * cy + nz * cz
 
 
-@kernel
+@lean_kernel
 def sum_facets(points, axes, cells, first, last, sums):
     """Add up, at each node, signed random numbers of the facets there.
 
@@ -101,7 +72,7 @@ def sum_facets(points, axes, cells, first, last, sums):
     flat = False
     for c in range(first, last):
         i, j, k = cells[c, 0], cells[c, 1], cells[c, 2]
-        measure = signed_measure(points, axes, cells, c)
+        measure = _signed_measure(points, axes, cells, c)
         flat = flat or measure == 0.0
         if measure < 0.0:
             i, j = j, i
@@ -128,97 +99,25 @@ def sum_facets(points, axes, cells, first, last, sums):
     return flat
 
 
-@inner
-def _flatness(points, axes, cells, c):
-    """Return the measure of a cell over its longest edge to the power of the dimension."""
-    dim = len(axes)
-    longest = 0.0
-    for v in range(dim + 1):
-        for w in range(v):
-            square = 0.0
-            for d in range(dim):
-                square += (points[cells[c, v], d] - points[cells[c, w], d]) ** 2
-            longest = max(longest, square)
-    if longest == 0.0:
-        return 0.0
-    size = math.sqrt(longest)
-    ax = (points[cells[c, 1], 0] - points[cells[c, 0], 0]) / size
-    ay = (points[cells[c, 1], 1] - points[cells[c, 0], 1]) / size
-    bx = (points[cells[c, 2], 0] - points[cells[c, 0], 0]) / size
-    by = (points[cells[c, 2], 1] - points[cells[c, 0], 1]) / size
-    if dim == 2:
-        return abs(ax * by - ay * bx)
-    az = (points[cells[c, 1], 2] - points[cells[c, 0], 2]) / size
-    bz = (points[cells[c, 2], 2] - points[cells[c, 0], 2]) / size
-    cx = (points[cells[c, dim], 0] - points[cells[c, 0], 0]) / size
-    cy = (points[cells[c, dim], 1] - points[cells[c, 0], 1]) / size
-    cz = (points[cells[c, dim], 2] - points[cells[c, 0], 2]) / size
-    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    return abs(nx * cx + ny * cy + nz * cz)
+@lean_kernel
+def list_cells(cells, marked, least, found):
+    """List the cells with at least so many marked nodes, as many as there is room for.
 
-
-@kernel
-def list_facets(points, axes, cells, sums, facets, side, cell):
-    """List the facets all of whose nodes may be on the boundary, and so all of its facets.
-
-    Parameters
-    ----------
-    points, axes, cells, sums
-        As in `sum_facets`.
-    facets : int32[f, dim]
-        Out: nodes, ascending; as many as there is room for.
-    side : int8[f]
-        Out: 1 if the normal of the even order of the facet points out of its cell, -1 if into
-        it, 0 if the cell has no measure.
-    cell : int32[f]
-        Out: its cell.
-
-    Returns
-    -------
-    int
-        Their number; more than f if there was not enough room.
+    Returns their number.
     """
-    dim = len(axes)
     count = 0
     for c in range(cells.shape[0]):
-        near = 0
-        for v in range(dim + 1):
-            if sums[cells[c, v]] != np.uint64(0):
-                near += 1
-        if near < dim:
-            continue
-        for v in range(dim + 1):
-            if near == dim and sums[cells[c, v]] != np.uint64(0):
-                continue
-            if count < facets.shape[0]:
-                a, b, d, is_odd = _facet(cells, c, v, dim)
-                facets[count, 0] = a
-                facets[count, 1] = b
-                if dim == 3:
-                    facets[count, 2] = d
-                side[count] = -1 if is_odd != (signed_measure(points, axes, cells, c) < 0.0) else 1
-                if _flatness(points, axes, cells, c) < _NO_MEASURE:
-                    side[count] = 0
-                cell[count] = c
+        n_marked = 0
+        for v in range(cells.shape[1]):
+            n_marked += 1 if marked[cells[c, v]] else 0
+        if n_marked >= least:
+            if count < found.shape[0]:
+                found[count] = c
             count += 1
     return count
 
 
-@kernel
-def list_cells_at(cells, marked, found):
-    """List the cells with a marked node, as many as there is room for; return their number."""
-    count = 0
-    for c in range(cells.shape[0]):
-        for v in range(cells.shape[1]):
-            if marked[cells[c, v]]:
-                if count < found.shape[0]:
-                    found[count] = c
-                count += 1
-                break
-    return count
-
-
-@kernel
+@lean_kernel
 def merge_walls(points, start, end, after, begins, is_end, slack, ends):
     """Merge walls that follow each other on a straight line.
 

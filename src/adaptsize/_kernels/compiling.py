@@ -7,11 +7,15 @@ Kernels that only other kernels call do without.
 numba compiles a cached function again when its own file changes, but not when the file of a
 function changes that it calls, whose code it contains.  So the cached functions of this package
 get the state of all its files as their stamp.
+
+numba raises whatever unpickling raises when a file of the cache is damaged, in each later run, and
+would execute damaged code.  So files get a checksum, and damaged ones count as absent: the function
+is compiled again, which replaces them.
 """
 
-import hashlib
 from collections.abc import Callable
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +27,42 @@ _njit: Any = njit  # numba's annotations leave out its options about wrappers
 @cache
 def _state_of(directory: Path) -> str:
     """Return a hash of all Python files of a directory as they are at the first call."""
-    state = hashlib.sha256()
+    state = sha256()
     for file in sorted(directory.glob("*.py")):
         state.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     return state.hexdigest()
 
 
-def _cached(**options: bool) -> Callable[[Any], Any]:
+def _refuse_damaged_files(index: Any) -> None:
+    """Make numba's object for the files of one function treat damaged ones as absent."""
+    used = ("_dump", "_load_index", "_load_data", "_data_path")
+    if not all(hasattr(index, name) for name in used):  # not public either
+        return
+    dump, load_index, load_data = index._dump, index._load_index, index._load_data
+
+    def dump_with_checksum(value: Any) -> bytes:
+        data = dump(value)
+        return bytes(data) + sha256(data).digest()  # unpickling ignores what follows
+
+    def load_whole_index() -> Any:
+        try:
+            return load_index()
+        except OSError:
+            raise
+        except Exception:  # unpickling of damaged data may raise anything
+            return {}
+
+    def load_whole_data(name: str) -> Any:
+        content = Path(index._data_path(name)).read_bytes()
+        if sha256(content[:-32]).digest() != content[-32:]:
+            raise FileNotFoundError(f"{name} is damaged")  # numba handles this as absence
+        return load_data(name)
+
+    index._dump, index._load_index = dump_with_checksum, load_whole_index
+    index._load_data = load_whole_data
+
+
+def _cached(**options: Any) -> Callable[[Any], Any]:
     """Return a decorator like numba's, with a cache that sees changes in all files beside."""
     compiled = _njit(cache=True, nogil=True, no_cfunc_wrapper=True, **options)
 
@@ -40,6 +73,7 @@ def _cached(**options: bool) -> Callable[[Any], Any]:
         if index is not None and hasattr(index, "_source_stamp"):
             beside = Path(function.__code__.co_filename).parent
             index._source_stamp = (index._source_stamp, _state_of(beside))
+            _refuse_damaged_files(index)
         return dispatcher
 
     return decorate
@@ -50,6 +84,10 @@ kernel = _cached()
 
 #: For functions called from kernels only; Python cannot call them.
 inner = _cached(no_cpython_wrapper=True)
+
+#: For kernels that allocate no arrays, and do not count references, and what they call.
+lean_kernel = _cached(_nrt=False, error_model="numpy")
+lean = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True)
 
 #: For small parts of one kernel that has no time for a call with many arrays.
 part = _njit(inline="always", no_cfunc_wrapper=True, no_cpython_wrapper=True)

@@ -8,7 +8,14 @@ more than a half plane, so that
 where U is the bound of a source or the size at a corner.  Every value belongs to a path in the
 domain, so that no size is too small.
 
-Corners act only on the points in their *wedges* (see exact_corners.py).
+A shortest path that arrives at a corner in direction d continues towards the obstacle only,
+between d and the edge of the obstacle on that side; otherwise it could be shortened.  This *wedge*
+is the cone of the corner.  If the obstacle lies straight ahead, no shortest path continues from
+the corner.  If several paths to a corner are equally short, any of them decides: what one of
+them rules out is not shortest for the others, too, as both have the same length.
+
+The tables of entries (see exact.py) have more columns: the cone in which the entry acts, its
+row in the sectors if it is a boundary node, else -1, and 1 if it is a corner, else 0.
 """
 
 import math
@@ -16,331 +23,301 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.exact import BLOCK, Entries, gather_block, least_allowed, push_children
-from adaptsize._kernels.exact_items import allowed, set_vertices
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.exact import (
+    BLOCK,
+    fill_values,
+    gather,
+    largest,
+    least_allowed,
+    push_children,
+)
 from adaptsize._kernels.sight import (
+    ANY,
+    CACHED,
     LEFT,
-    MANY,
     NARROW,
     RIGHT,
-    Sectors,
-    Walls,
-    common_side,
-    find_walls,
-    hides,
-    in_sectors,
-    is_hidden,
-    is_in_cone,
+    WIDE,
+    common_sides,
     side_in_cone,
+    turned,
+    without_hidden,
 )
 from adaptsize._kernels.trees import DEPTH, LEAF
 
-#: Two paths to a corner are equally short if they differ by less than this share.
-TIE = 1e-12
+#: Columns of a table.
+CONE, KIND, ROW, CORNER, COLUMNS = 6, 10, 11, 12, 13
 
-
-# Number of walls that hide dominating entries before a node is accepted as a survivor.
-_PATIENCE = 12
+# Directions within this angle of a wall are along the wall.
+_AHEAD = 1e-9
 
 # Number of entries that lowered sizes in one block and are tested first in the next.
 _RECENT = 8
 
 
-class Sight(NamedTuple):
-    """Data for visibility in a plane domain."""
+class Rays(NamedTuple):
+    """Scratch for lines of sight."""
 
-    walls: Walls
-    sectors: Sectors
-
-
-class Seen(NamedTuple):
-    """Entries with the cones in which they act."""
-
-    entries: Entries
-    cones: np.ndarray
-    """float64[m, 4]"""
-    kinds: np.ndarray
-    """int8[m]"""
+    feet: np.ndarray
+    """float64[2, BLOCK]: from where each point is to be seen."""
     rows: np.ndarray
-    """int32[m]: row of a boundary node in the sectors, -1 for others."""
-    is_corner: np.ndarray
-    """bool[m]: whether the entry is a bend of paths; it is then no source for the corner itself."""
+    """int64[BLOCK]: rows of the points in the sectors, -1 inside."""
+    sides: np.ndarray
+    """int64[BLOCK]: sides of the lines on which the domain is."""
+    which: np.ndarray
+    """int64[BLOCK]: numbers of points."""
+    stack: np.ndarray
+    """int64[DEPTH]"""
+    shaft: np.ndarray
+    """float64[8]"""
+    cached: np.ndarray
+    """int64[CACHED]: walls that hid points recently."""
+    recent: np.ndarray
+    """int64[_RECENT]: entries that lowered sizes in the last block, -1 for none."""
 
 
-@inner
-def foot_of(entries, k, axes, work, g):
-    """Return the size that entry k allows at work[0], and the minimising point.
-
-    The size is inf if that point is an end of an edge: the node is a separate entry, or dominated.
-    """
-    value, t, _ = allowed(entries, k, axes, work, g, None)
-    fx, fy = work[1, 0], work[1, 1]
-    if entries.counts[k] == 2:
-        if not 0.0 < t < 1.0:
-            value = math.inf
-        fx += t * (work[2, 0] - fx)
-        fy += t * (work[2, 1] - fy)
-    return value, fx, fy
+def new_rays() -> Rays:
+    """Return scratch for one thread."""
+    return Rays(
+        np.empty((2, BLOCK)),
+        np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64),
+        np.empty(DEPTH, np.int64),
+        np.empty(8),
+        np.full(CACHED, -1, np.int64),
+        np.full(_RECENT, -1, np.int64),
+    )
 
 
-@inner
-def _sides(seen, k, dx, dy, row, sight):
-    """Return on which sides of a line the domain is; 0: none.
-
-    The line is from entry k by (dx, dy) to the node of the boundary of that row in the sectors.
-    """
-    slack = sight.walls.slack
-    if seen.rows[k] >= 0:
-        code = in_sectors(sight.sectors, seen.rows[k], dx, dy, slack)
-    else:
-        code = side_in_cone(seen.cones, seen.kinds, k, dx, dy, slack)
-    return common_side(sight.sectors, seen.rows[k], code, row, dx, dy, slack)
-
-
-@inner
-def _may_serve(seen, k, box, g, worst, slack):
+@lean
+def _may_serve(table, k, axes, box, g, worst, slack, edges):
     """Return whether entry k may lower a size below ``worst`` in a box: near, and in its cone."""
-    entries = seen.entries
-    if least_allowed(entries, k, (0, 0), box, g) >= worst:
+    if least_allowed(table, k, axes, box, g, edges) >= worst:
         return False
-    if seen.kinds[k] != NARROW or entries.counts[k] > 1:
+    if table[k, KIND] != NARROW or table[k, 5] < math.inf:
         return True
-    left, right = box[0] - entries.places[k, 0, 0], box[2] - entries.places[k, 0, 0]
-    low, high = box[1] - entries.places[k, 0, 1], box[3] - entries.places[k, 0, 1]
-    sx, sy, ex, ey = seen.cones[k, 0], seen.cones[k, 1], seen.cones[k, 2], seen.cones[k, 3]
+    left, right = box[0] - table[k, 0], box[2] - table[k, 0]
+    low, high = box[1] - table[k, 1], box[3] - table[k, 1]
+    sx, sy, ex, ey = table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3]
     # The largest of both cross products over the box.
-    after_start = (sx * high if sx > 0.0 else sx * low) - (sy * left if sy > 0.0 else sy * right)
-    before_end = (ey * right if ey > 0.0 else ey * left) - (ex * low if ex > 0.0 else ex * high)
-    return after_start >= -slack and before_end >= -slack
+    after_start = max(sx * low, sx * high) + max(-sy * left, -sy * right)
+    before_end = max(ey * left, ey * right) + max(-ex * low, -ex * high)
+    return min(after_start, before_end) >= -slack
 
 
-@inner
-def _fill_values(x, count, work, size, g, h, values):
-    """Fill the sizes a node at work[1] allows in a block; return whether any is below h."""
-    sx, sy = work[1, 0], work[1, 1]
-    lowers = False
+@lean
+def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
+    """Lower the sizes h of the points of a block that see entry k; return the largest size."""
+    x, h, values, which = block.x, block.h, block.values, rays.which
+    feet, sides, rows = rays.feet, rays.sides, rays.rows
+    fill_values(table, k, axes, x, count, g, values, block.share, edges, None)
+    # A corner does not lower itself.
+    least = table[k, 4] if table[k, CORNER] > 0.0 else -math.inf
+    row, m = int(table[k, ROW]), np.int64(0)  # callees would be compiled for a literal, too
+    sx, sy, ex, ey = table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3]
+    kind = table[k, KIND]
     for i in range(count):
-        dx, dy = x[0, i] - sx, x[1, i] - sy
-        values[i] = size + g * math.sqrt(dx * dx + dy * dy)
-        lowers |= values[i] < h[i]
-    return lowers
-
-
-@inner
-def _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
-    """Lower the sizes h of the points of a block from which entry k is visible.
-
-    ``room``: scratch (values, feet, wanted, sides, boxes, planes, stack, found, work).
-    """
-    values, feet, wanted, sides, boxes, planes, stack, found, work = room
-    entries, slack = seen.entries, sight.walls.slack
-    cones, kinds = seen.cones, seen.kinds  # passing the tuple would count all of its references
-    set_vertices(entries, k, axes, work)
-    is_point = entries.counts[k] == 1
-    if is_point and not _fill_values(x, count, work, entries.sizes[k, 0], g, h, values):
-        return False
-    n_wanted = 0
-    for i in range(count):
-        fx, fy, value = work[1, 0], work[1, 1], values[i]
-        if not is_point:
-            work[0, 0], work[0, 1] = x[0, i], x[1, i]
-            value, fx, fy = foot_of(entries, k, axes, work, g)
-        if not value < h[i] or (seen.is_corner[k] and value == entries.sizes[k, 0]):
+        if not least < values[i] < h[i]:
             continue
+        fx, fy = table[k, 0], table[k, 1]
+        if edges is not None and table[k, 5] < math.inf:
+            fx += block.share[i] * (table[k, 2] - fx)
+            fy += block.share[i] * (table[k, 3] - fy)
         dx, dy = x[0, i] - fx, x[1, i] - fy
-        if not is_in_cone(cones, kinds, k, dx, dy, slack):
+        side = side_in_cone(sx, sy, ex, ey, kind, dx, dy, sight.slack)
+        if side == 0:
             continue
-        side = LEFT + RIGHT
-        if node[i] >= 0:
-            side = _sides(seen, k, dx, dy, node[i], sight)
+        if rows[i] >= 0:
+            side = common_sides(sight, row, side, rows[i], dx, dy)
             if side == 0:
                 continue
-            side = (LEFT + RIGHT) - side if side != LEFT + RIGHT else side  # seen from the node
-        sides[n_wanted] = side
-        values[n_wanted], feet[n_wanted, 0], feet[n_wanted, 1] = value, fx, fy
-        wanted[n_wanted] = i
-        n_wanted += 1
-    if n_wanted == 0:
-        return False
-    source, target = boxes[0], boxes[1]
-    for d in range(2):
-        source[d] = source[2 + d] = feet[0, d]
-        target[d] = target[2 + d] = x[d, wanted[0]]
-        for a in range(1, n_wanted):
-            source[d], source[2 + d] = min(source[d], feet[a, d]), max(source[2 + d], feet[a, d])
-            at = x[d, wanted[a]]
-            target[d], target[2 + d] = min(target[d], at), max(target[2 + d], at)
-    n_walls = find_walls(sight.walls, source, target, planes, stack, found)
-    if n_walls < 0:
-        return False
-    lowered = False
-    for a in range(n_wanted):
-        i, side = wanted[a], sides[a]
-        px, py, fx, fy = x[0, i], x[1, i], feet[a, 0], feet[a, 1]
-        hidden = False
-        if n_walls > MANY:
-            hidden = is_hidden(sight.walls, px, py, fx, fy, side, stack)
         else:
-            for f in range(n_walls):
-                w = found[f]
-                if hides(sight.walls.ends, w, px, py, fx, fy, side, slack):
-                    hidden = True
-                    found[f], found[0] = found[0], w  # likely to hide the next point, too
-                    break
-        if not hidden:
-            h[i], by[i] = values[a], k
-            lowered = True
-    return lowered
+            side = LEFT + RIGHT
+        feet[0, i], feet[1, i], sides[i], which[m] = fx, fy, turned(side), i
+        m += 1
+    if m > 0:
+        m = without_hidden(sight, x, feet, sides, which, m, rays.stack, rays.shaft, rays.cached)
+    for a in range(m):
+        i = which[a]
+        h[i], block.by[i] = values[i], k
+    return largest(h, count) if m > 0 else worst
 
 
-@inner
-def _largest(h, count):
-    """Return the largest of the first sizes."""
-    worst = -math.inf
-    for i in range(count):
-        worst = max(worst, h[i])
-    return worst
-
-
-@inner
-def _is_among(numbers, count, k):
-    """Return whether k is one of the first numbers."""
+@lean
+def _is_recent(recent, k):
     found = False
-    for i in range(count):
-        found |= numbers[i] == k
+    for r in range(_RECENT):
+        found |= recent[r] == k
     return found
 
 
-@kernel
-def lower_seen(points, axes, order, first, last, seen, sight, g, sizes, source, on_wall):
+@lean_kernel
+def lower_seen(
+    points,
+    axes,
+    order,
+    first,
+    last,
+    table,
+    boxes,
+    g,
+    sizes,
+    source,
+    edges,
+    on_wall,
+    sight,
+    block,
+    rays,
+):
     """Lower the sizes of points to the minimum that the visible entries allow.
 
     Parameters
     ----------
-    points : float64[n, 2]
-    axes : tuple of length 2
-    order : int32[n]
-        The points along a Morton curve.
-    first, last : int
-        The part of ``order`` to process; ``first`` a multiple of BLOCK.
-    seen : Seen
-        Nodes and edges.
-    sight : Sight
-    g : float64
-    sizes : float64[n]
-        In/Out.
-    source : int32[n]
-        In/Out: the entry where a size was lowered.
+    points, axes, order, first, last, table, boxes, g, sizes, source, edges, block
+        As in `exact.lower_sizes`, in the plane.
     on_wall : int32[n]
         Row in the sectors for points that are boundary nodes, else -1.
+    sight : Sight
+    rays : Rays
     """
-    entries = seen.entries
-    m = entries.counts.shape[0]
-    stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
-    box, x, h = np.empty(4), np.empty((2, BLOCK)), np.empty(BLOCK)
-    by, node = np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int32)
-    room = (
-        np.empty(BLOCK),
-        np.empty((BLOCK, 2)),
-        np.empty(BLOCK, np.int64),
-        np.empty(BLOCK, np.int64),
-        np.empty((2, 4)),
-        np.empty((8, 3)),
-        np.empty(DEPTH, np.int64),
-        np.empty(MANY, np.int32),
-        np.empty((4, 2)),
-    )
-    recent = np.empty(_RECENT, np.int64)  # as all numbers of entries: each type is compiled anew
-    n_recent = 0
-    slack = sight.walls.slack
+    x, box, h, by, stack, bound = block.x, block.box, block.h, block.by, block.stack, block.bound
+    recent, slack = rays.recent, sight.slack
+    m, n_leaves = table.shape[0], boxes.shape[0] // 2
     for start in range(first, last, BLOCK):
-        stop = min(start + BLOCK, last)
-        count = stop - start
-        gather_block(points, axes, order, start, stop, x, box)
+        count = min(BLOCK, last - start)
+        gather(points, axes, order, start, count, x, box)
         for i in range(count):
             h[i], by[i] = sizes[order[start + i]], -1
-            node[i] = on_wall[order[start + i]]
-        worst = _largest(h, count)
-        for r in range(n_recent):
-            if _may_serve(seen, recent[r], box, g, worst, slack) and _try_entry(
-                seen, recent[r], x, node, count, axes, g, sight, h, by, room
-            ):
-                worst = _largest(h, count)
+            rays.rows[i] = on_wall[order[start + i]]
+        worst = largest(h, count)
+        for r in range(_RECENT):
+            k = recent[r]
+            if k >= 0 and _may_serve(table, k, axes, box, g, worst, slack, edges):
+                worst = _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays)
         stack[0], bound[0], size = 1, -math.inf, 1
         while size > 0:
             size -= 1
             b = stack[size]
             if bound[size] >= worst:
                 continue
-            if b < entries.n_leaves:
-                size = push_children(entries, axes, b, box, g, worst, stack, bound, size)
+            if b < n_leaves:
+                size = push_children(boxes, axes, b, box, g, worst, stack, bound, size)
                 continue
-            leaf = b - entries.n_leaves
-            for k in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
-                if _is_among(recent, n_recent, k) or not _may_serve(seen, k, box, g, worst, slack):
-                    continue
-                if _try_entry(seen, k, x, node, count, axes, g, sight, h, by, room):
-                    worst = _largest(h, count)
+            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
+                if not _is_recent(recent, k) and _may_serve(
+                    table, k, axes, box, g, worst, slack, edges
+                ):
+                    worst = _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays)
         n_recent = 0
+        for r in range(_RECENT):
+            recent[r] = -1
         for i in range(count):
-            if by[i] < 0:
-                continue
-            sizes[order[start + i]] = h[i]
-            source[order[start + i]] = by[i]
-            if n_recent < _RECENT and not _is_among(recent, n_recent, by[i]):
-                recent[n_recent] = by[i]
-                n_recent += 1
+            if by[i] >= 0:
+                sizes[order[start + i]] = h[i]
+                source[order[start + i]] = by[i]
+                if n_recent < _RECENT and not _is_recent(recent, by[i]):
+                    recent[n_recent] = by[i]
+                    n_recent += 1
 
 
-@inner
-def sees(seen, k, fx, fy, px, py, row, sight, stack):
-    """Return whether a point, of a row of sectors or -1, sees the point (fx, fy) of entry k."""
-    dx, dy = px - fx, py - fy
-    if not is_in_cone(seen.cones, seen.kinds, k, dx, dy, sight.walls.slack):
+@lean
+def _set_wedge(table, k, walls, dx, dy):
+    """Set the cone of corner k, at which a path arrives in direction (dx, dy), to its wedge.
+
+    ``walls``: float64[c, 4], unit vectors along the two walls.  Returns whether there is a wedge.
+    """
+    if table[k, KIND] == ANY:  # paths may leave in all sectors of the node
+        return True
+    length = math.sqrt(dx * dx + dy * dy)
+    if length == 0.0:
         return False
-    side = LEFT + RIGHT if row < 0 else _sides(seen, k, dx, dy, row, sight)
-    return side != 0 and not is_hidden(sight.walls, fx, fy, px, py, side, stack)
+    dx, dy = dx / length, dy / length
+    sx, sy, ex, ey = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+    after_start, before_end = sx * dy - sy * dx, dx * ey - dy * ex
+    to_right = after_start >= -_AHEAD and before_end <= _AHEAD
+    to_left = after_start <= _AHEAD and before_end >= -_AHEAD
+    if not (to_right or to_left):
+        return False  # the obstacle lies straight ahead
+    # At the tip of a slit, paths along it continue in the whole sector.
+    table[k, KIND] = WIDE if to_right and to_left else NARROW
+    if to_right and not to_left:
+        along = after_start < 0.0 and sx * dx + sy * dy > 0.0
+        ex, ey = (sx, sy) if along else (dx, dy)
+    elif to_left and not to_right:
+        along = before_end < 0.0 and ex * dx + ey * dy > 0.0
+        sx, sy = (ex, ey) if along else (dx, dy)
+    table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3] = sx, sy, ex, ey
+    return True
 
 
-@kernel
-def find_seen_survivors(points, axes, order, first, last, seen, sight, g, sizes, on_wall, survives):
-    """Find the nodes that keep their bound: no visible entry allows less there.
-
-    If many entries are hidden from a node, it is kept without further tests, which costs time only.
+@lean_kernel
+def solve_corners(
+    axes,
+    places,
+    order,
+    table,
+    walls,
+    sizes,
+    arrivals,
+    waiting,
+    serves,
+    g,
+    edges,
+    sight,
+    block,
+    rays,
+):
+    """Propagate the sizes of corners to other corners, in order of size, as Dijkstra's algorithm.
 
     Parameters
     ----------
-    points, axes, order, first, last, seen, sight, g, on_wall
-        As in `lower_seen`; the entries are nodes.
-    sizes : float64[n]
-        Bounds of ``points``.
-    survives : bool[n]
-        Out, for the points in ``order``.
+    axes : tuple of length 2
+    places, order : float64[c, 2], int32[c]
+        The corners, and 0 to c - 1; the corners are sorted along a Morton curve.
+    table : float64[c, COLUMNS]
+        In/Out: the corners as entries.  Paths leave corners of the kind ANY in all sectors.
+    walls : float64[c, 4]
+        Unit vectors along the two walls of each corner; the sector extends counterclockwise from
+        the first to the second.
+    sizes : float64[c]
+        In/Out.
+    arrivals : float64[c, 2]
+        In/Out: the directions in which paths arrive.
+    waiting : bool[c]
+        In/Out: corners that have been lowered and not been propagated yet.
+    serves : bool[c]
+        In/Out: set for propagated corners, whether paths continue from there.
+    g, edges, sight, block, rays
+        As in `lower_seen`.
     """
-    entries = seen.entries
-    m = entries.counts.shape[0]
-    stack, bound = np.empty(DEPTH, np.int64), np.empty(DEPTH)
-    other, box = np.empty(DEPTH, np.int64), np.empty(4)
-    for p in range(first, last):
-        i = order[p]
-        px, py, size_here = points[i, 0], points[i, 1], sizes[i]
-        box[0], box[1], box[2], box[3] = px, py, px, py
-        survives[i] = True
-        hidden = 0
-        stack[0], bound[0], size = 1, -math.inf, 1
-        while size > 0 and survives[i] and hidden < _PATIENCE:
-            size -= 1
-            b = stack[size]
-            if b < entries.n_leaves:
-                size = push_children(entries, axes, b, box, g, size_here, stack, bound, size)
+    n = sizes.shape[0]
+    while True:
+        c, least = np.int64(-1), math.inf
+        for i in range(n):
+            if waiting[i] and sizes[i] < least:
+                c, least = i, sizes[i]
+        if c < 0:
+            return
+        waiting[c] = False
+        table[c, 4] = least
+        serves[c] = _set_wedge(table, c, walls, arrivals[c, 0], arrivals[c, 1])
+        if not serves[c]:
+            continue
+        for start in range(0, n, BLOCK):
+            count = min(BLOCK, n - start)
+            gather(places, axes, order, start, count, block.x, block.box)
+            for i in range(count):
+                block.h[i], block.by[i] = sizes[start + i], -1
+                rays.rows[i] = int(table[start + i, ROW])
+            worst = largest(block.h, count)
+            if not _may_serve(table, c, axes, block.box, g, worst, sight.slack, edges):
                 continue
-            leaf = b - entries.n_leaves
-            for k in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
-                fx, fy = entries.places[k, 0, 0], entries.places[k, 0, 1]
-                away = math.sqrt((px - fx) ** 2 + (py - fy) ** 2)
-                if entries.sizes[k, 0] + g * away < size_here:
-                    if sees(seen, k, fx, fy, px, py, on_wall[i], sight, other):
-                        survives[i] = False
-                        break
-                    hidden += 1
+            _try_entry(table, c, axes, count, worst, g, sight, edges, block, rays)
+            for i in range(count):
+                if block.by[i] >= 0:
+                    to = start + i
+                    sizes[to], waiting[to] = block.h[i], True
+                    arrivals[to, 0] = table[to, 0] - table[c, 0]
+                    arrivals[to, 1] = table[to, 1] - table[c, 1]

@@ -11,25 +11,19 @@ turned, the *image*, and s and d those of x, the path is not shorter than
 
 The length is this one if all edges of the chain are in one plane pairwise; otherwise the bends
 are improved by Newton's method.  Sizes are computed from the actual pieces of the path, each of
-which is tested for visibility; no size is too small.
-
-*Visibility*: a triangle of the boundary hides two points from each other if they lie strictly, by
-more than rounding, on either side of it and the line between them meets it, its border included.
-In addition, the direction must lie in a cell at nodes of the boundary, and on the inner side of one
-of the two faces at reflex edges.
+which is tested for visibility (space_sight.py); no size is too small.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.exact import BLOCK, SLACK, gather_block
-from adaptsize._kernels.exact_items import allowed, set_vertices
-from adaptsize._kernels.space_bends import LONGEST, Edges, length_between, length_from, straighten
-from adaptsize._kernels.space_sight import AHEAD, CACHED, without_hidden, without_leaving
-from adaptsize._kernels.trees import DEPTH, LEAF
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.exact import BLOCK, SLACK, fill_values, gather
+from adaptsize._kernels.local_updates import minimum_on_edge, minimum_on_triangle
+from adaptsize._kernels.space_bends import length_between, length_from, straighten
+from adaptsize._kernels.space_sight import AHEAD, without_hidden, without_leaving
+from adaptsize._kernels.trees import LEAF
 
 # A place in an edge or triangle with less weight of a vertex lies opposite to it.
 _IN_ITEM = 1e-9
@@ -38,107 +32,21 @@ _IN_ITEM = 1e-9
 _END = 1e-12
 
 
-class Bases(NamedTuple):
-    """Sources and nodes of reflex edges, from which paths start."""
-
-    places: np.ndarray
-    """float64[b, 3, 3]: vertices of each."""
-    sizes: np.ndarray
-    """float64[b, 3]: sizes there."""
-    counts: np.ndarray
-    """int8[b]: 1, 2 or 3 vertices."""
-    nodes: np.ndarray
-    """int32[b, 3]: their numbers, padded with -1."""
+# The dimension, see local_updates.py; kernels would be compiled anew for literals.
+AXES = (np.int64(0), np.int64(0), np.int64(0))
 
 
-class Ways(NamedTuple):
-    """Paths without their last piece.  Path b < len(bases.counts) is straight from base b."""
-
-    bases: Bases
-    edges: Edges
-    base: np.ndarray
-    """int32[w]"""
-    parent: np.ndarray
-    """int32[w]: the path that is extended over one more edge, -1 for straight ones."""
-    edge: np.ndarray
-    """int32[w]: that edge, -1 for straight ones."""
-    image: np.ndarray
-    """float64[w, 2]: place along the edge, and distance from it, of the base as turned."""
-    offset: np.ndarray
-    """float64[w]: size at the image of the base."""
-    shade: np.ndarray
-    """float64[w, 3, 3]: the path acts on points x for which the product of the first vector and
-    (x - start of the edge) is not positive, and that of one of the others is not negative."""
-    skew: np.ndarray
-    """bool[w]: whether two successive edges are not in one plane."""
-
-
-class Choice(NamedTuple):
-    """Paths to be tested, along a Morton curve."""
-
-    ways: np.ndarray
-    """int32[c]"""
-    boxes: np.ndarray
-    n_leaves: int
-
-
-class Field(NamedTuple):
-    """Sizes and the paths that determine them."""
-
-    sizes: np.ndarray
-    """float64[n]"""
-    way: np.ndarray
-    """int32[n]: -1 for none."""
-    last: np.ndarray
-    """float64[n, 3]: the previous point of the path."""
-
-
-class Block(NamedTuple):
-    """Points of a block, and paths to them."""
-
-    box: np.ndarray
-    """float64[6]: around the points."""
-    nodes: np.ndarray
-    """int64[3, BLOCK]: row 0 nodes of the mesh, -1 for other points; else -1."""
-    sizes: np.ndarray
-    """float64[BLOCK]"""
-    way: np.ndarray
-    """int64[BLOCK]: the path that lowered each point, -1 if none."""
-    last: np.ndarray
-    """float64[3, BLOCK]: the previous point of each path."""
-    feet: np.ndarray
-    """float64[LONGEST + 2, 3, BLOCK]: the points, the bends of one path to them, and its base."""
-    support: np.ndarray
-    """int64[3, BLOCK]: nodes around the point in the base, padded with -1."""
-    values: np.ndarray
-    """float64[BLOCK]: sizes that the path allows."""
-    active: np.ndarray
-    """int64[BLOCK]: active points."""
-    cached: np.ndarray
-    """int64[CACHED]: recently blocking triangles, padded with -1."""
-
-
-@inner
-def _estimate_straight(bases, base, x, count, g, values):
-    """Fill the sizes that the node ``base`` allows in a block; -inf if it is not a node."""
-    if bases.counts[base] > 1:
-        values[:count] = -math.inf
-        return
-    bx, by, bz = bases.places[base, 0, 0], bases.places[base, 0, 1], bases.places[base, 0, 2]
-    size = bases.sizes[base, 0]
-    for i in range(count):
-        dx, dy, dz = x[0, i] - bx, x[1, i] - by, x[2, i] - bz
-        values[i] = size + g * math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@inner
+@lean
 def _estimate(ways, w, x, count, g, slack, values):
     """Fill lower bounds of the sizes that a path over edges allows, inf where it does not act."""
     edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
     sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
     ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
     length, offset, skew = edges.length[e], ways.offset[w], ways.skew[w]
-    (nx, ny, nz), (ax, ay, az), (bx, by, bz) = ways.shade[w, 0], ways.shade[w, 1], ways.shade[w, 2]
+    shade = ways.shade
+    nx, ny, nz = shade[w, 0], shade[w, 1], shade[w, 2]
+    ax, ay, az = shade[w, 3], shade[w, 4], shade[w, 5]
+    bx, by, bz = shade[w, 6], shade[w, 7], shade[w, 8]
     for i in range(count):  # no branches and no division: this is vectorised
         px, py, pz = x[0, i] - sx, x[1, i] - sy, x[2, i] - sz
         served = nx * px + ny * py + nz * pz <= slack
@@ -157,7 +65,7 @@ def _estimate(ways, w, x, count, g, slack, values):
         values[i] = value if served else math.inf
 
 
-@inner
+@lean
 def _put_bends(ways, w, feet, level, active, m):
     """Set the bends feet[level + 1] of path w, on its edge, for the paths to feet[level]."""
     edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
@@ -177,28 +85,44 @@ def _put_bends(ways, w, feet, level, active, m):
         feet[level + 1, 2, i] = sz + t * uz
 
 
-@inner
-def _put_base(bases, base, level, m, g, faces, block, starts):
+@lean
+def _allowed(bases, base, work, g):
+    """Return the size that an edge or face allows at work[0], and the weights of the minimum.
+
+    ``work``: float64[4, 3], rows 1 to 3 the vertices.
+    """
+    axes, x, a = AXES, np.int64(0), np.int64(1)
+    sa, sb, sc = bases.table[base, 9], bases.table[base, 10], bases.table[base, 11]
+    if bases.counts[base] == 2:
+        value, t = minimum_on_edge(work, axes, x, a, a + 1, sa, sb, g)
+        return value, t, 0.0
+    return minimum_on_triangle(work, axes, x, a, a + 1, a + 2, sa, sb, sc, g, True)
+
+
+@lean
+def _put_base(bases, base, level, m, g, faces, block):
     """Set the points of a base from which feet[level] are reached, and the sizes there.
 
     Only the points ``active`` are set.
     """
-    feet, support, count = block.feet, block.support, bases.counts[base]
+    feet, support, starts, work = block.feet, block.support, block.starts, block.work
+    count = bases.counts[base]
     if faces is None or count == 1:
         for k in range(m):
             i = block.active[k]
             for d in range(3):
-                feet[level + 1, d, i] = bases.places[base, 0, d]
-            starts[i] = bases.sizes[base, 0]
+                feet[level + 1, d, i] = bases.table[base, d]
+            starts[i] = bases.table[base, 9]
             support[0, i], support[1, i], support[2, i] = bases.nodes[base, 0], -1, -1
         return
-    work = np.empty((4, 3))
-    set_vertices(bases, base, (0, 0, 0), work)
+    for v in range(3):
+        for d in range(3):
+            work[1 + v, d] = bases.table[base, 3 * v + d]
     for k in range(m):
         i = block.active[k]
         for d in range(3):
             work[0, d] = feet[level, d, i]
-        value, t, u = allowed(bases, base, (0, 0, 0), work, g, faces)
+        value, t, u = _allowed(bases, base, work, g)
         for d in range(3):
             place = work[1, d] + t * (work[2, d] - work[1, d])
             if count == 3:
@@ -214,7 +138,7 @@ def _put_base(bases, base, level, m, g, faces, block, starts):
                 found += 1
 
 
-@inner
+@lean
 def _lay(ways, w, m, g, faces, stars, block):
     """Construct a path to the points ``active``, and fill ``values`` with the allowed sizes.
 
@@ -223,7 +147,7 @@ def _lay(ways, w, m, g, faces, stars, block):
     clearly reaches from outside.
     """
     edges, feet, active = ways.edges, block.feet, block.active
-    chain, starts = np.empty(LONGEST + 2, np.int64), np.empty(BLOCK)
+    chain, starts = block.chain, block.starts
     n, last, zero = np.int64(0), w, np.int64(0)
     while ways.edge[last] >= 0:
         _put_bends(ways, last, feet, n, active, m)
@@ -233,15 +157,14 @@ def _lay(ways, w, m, g, faces, stars, block):
         chain[n] = ways.edge[last]
         last = np.int64(ways.parent[last])
     base = np.int64(ways.base[w])
-    _put_base(ways.bases, base, n, m, g, faces, block, starts)
+    _put_base(ways.bases, base, n, m, g, faces, block)
     if ways.skew[w]:
-        work = np.empty((4, LONGEST + 2))
         for k in range(m):
             i = active[k]
             longest = (block.sizes[i] - starts[i]) / g if g > 0.0 else math.inf
-            straighten(edges, chain, feet, work, n, i, longest)
+            straighten(edges, chain, feet, block.work, n, i, longest)
         if ways.bases.counts[base] > 1:
-            _put_base(ways.bases, base, n, m, g, faces, block, starts)
+            _put_base(ways.bases, base, n, m, g, faces, block)
     for k in range(m):
         i = active[k]
         block.values[i] = starts[i] + g * length_from(feet, n + 1, i)
@@ -257,7 +180,7 @@ def _lay(ways, w, m, g, faces, stars, block):
     return n, m
 
 
-@inner
+@lean
 def _without_edge_leaving(edges, e, feet, level, other, active, m):
     """Remove points from ``active`` whose piece from feet[level], on edge e, starts outside.
 
@@ -278,7 +201,7 @@ def _without_edge_leaving(edges, e, feet, level, other, active, m):
     return left
 
 
-@inner
+@lean
 def _without_unseen(ways, w, n, m, sight, block):
     """Remove points from ``active`` if one of the n + 1 pieces of path w is hidden.
 
@@ -294,18 +217,31 @@ def _without_unseen(ways, w, n, m, sight, block):
         last = np.int64(ways.parent[last])
     m = without_leaving(sight.stars, block.nodes, feet, zero, zero + 1, active, m)
     for level in range(n + 1):
-        m = without_hidden(sight.walls, feet[level], feet[level + 1], active, m, block.cached)
+        m = without_hidden(
+            sight.walls,
+            feet[level],
+            feet[level + 1],
+            active,
+            m,
+            block.cached,
+            block.shaft,
+            block.stack[1],
+        )
     return m
 
 
-@inner
+@lean
 def _try_way(ways, w, count, sight, g, faces, block):
     """Lower the points of a block by a path, where all of its pieces are visible."""
     active, sizes, values, x = block.active, block.sizes, block.values, block.feet[0]
     if ways.edge[w] >= 0:
         _estimate(ways, w, x, count, g, sight.walls.slack, values)
     else:
-        _estimate_straight(ways.bases, np.int64(ways.base[w]), x, count, g, values)
+        base = np.int64(ways.base[w])
+        fill_values(ways.bases.table, base, AXES, x, count, g, values, values, None, None)
+        if ways.bases.counts[base] > 1:
+            for i in range(count):
+                values[i] = -math.inf
     m = np.int64(0)
     for i in range(count):
         if values[i] < sizes[i]:
@@ -331,7 +267,7 @@ def _try_way(ways, w, count, sight, g, faces, block):
     return m > 0
 
 
-@inner
+@lean
 def _in_shade(ways, w, box, slack):
     """Return whether a path may act on a point of a box."""
     e = ways.edge[w]
@@ -340,14 +276,14 @@ def _in_shade(ways, w, box, slack):
     least = first = second = 0.0
     for d in range(3):
         low, high = box[d] - ways.edges.start[e, d], box[3 + d] - ways.edges.start[e, d]
-        n, a, b = ways.shade[w, 0, d], ways.shade[w, 1, d], ways.shade[w, 2, d]
+        n, a, b = ways.shade[w, d], ways.shade[w, 3 + d], ways.shade[w, 6 + d]
         least += n * low if n > 0.0 else n * high
         first += a * high if a > 0.0 else a * low
         second += b * high if b > 0.0 else b * low
     return least <= slack and max(first, second) >= -slack
 
 
-@inner
+@lean
 def _promise(boxes, b, x, sizes, count, g):
     """Return the number of points of a block that the paths in box b may lower.
 
@@ -355,14 +291,8 @@ def _promise(boxes, b, x, sizes, count, g):
     paths to one point do.
     """
     value = boxes[b, 6]
-    lx, ly, lz, hx, hy, hz = (
-        boxes[b, 0],
-        boxes[b, 1],
-        boxes[b, 2],
-        boxes[b, 3],
-        boxes[b, 4],
-        boxes[b, 5],
-    )
+    lx, ly, lz = boxes[b, 0], boxes[b, 1], boxes[b, 2]
+    hx, hy, hz = boxes[b, 3], boxes[b, 4], boxes[b, 5]
     found = 0
     if value == math.inf:
         return found
@@ -375,7 +305,7 @@ def _promise(boxes, b, x, sizes, count, g):
     return found
 
 
-@inner
+@lean
 def _first_tries(order, start, count, hints, recent, queue):
     """Fill ``queue`` with the paths to test first, each once: those of the last block, and hints.
 
@@ -393,8 +323,8 @@ def _first_tries(order, start, count, hints, recent, queue):
     return n
 
 
-@kernel
-def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, field, faces):
+@lean_kernel
+def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, field, faces, block):
     """Lower the sizes of points to the minimum over paths whose pieces are all visible.
 
     Parameters
@@ -418,26 +348,14 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
         In/Out.
     faces : None or bool
         None if all bases are nodes; the code for edges and triangles is then not compiled.
+    block : Block
     """
-    block = Block(
-        np.empty(6),
-        np.full((3, BLOCK), -1, np.int64),
-        np.empty(BLOCK),
-        np.empty(BLOCK, np.int64),
-        np.empty((3, BLOCK)),
-        np.empty((LONGEST + 2, 3, BLOCK)),
-        np.empty((3, BLOCK), np.int64),
-        np.empty(BLOCK),
-        np.empty(BLOCK, np.int64),
-        np.full(CACHED, -1, np.int64),
-    )
-    stack = np.empty(DEPTH, np.int64)
+    stack, queue, recent = block.stack[0], block.queue, block.recent
     n_ways = choice.ways.shape[0]
-    queue, recent = np.empty(2 * BLOCK, np.int64), np.full(BLOCK, -1, np.int64)
     for start in range(span[0], span[1], span[2]):
         stop = min(start + span[2], span[1])
         count = stop - start
-        gather_block(points, (0, 0, 0), order, start, stop, block.feet[0], block.box)
+        gather(points, AXES, order, start, count, block.feet[0], block.box)
         queued = _first_tries(order, start, count, hints, recent, queue)
         for i in range(count):
             p = order[start + i]

@@ -70,7 +70,9 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     rise = h_b - h_a
     slack2 = g * g * length2 - rise * rise
     scale2 = length2 * slack2
-    if scale2 <= 0.0:  # also g = 0, and an edge whose length is 0 or whose squares underflow
+    # Also g = 0, an edge whose length is 0 or whose squares underflow, and a rise whose square
+    # overflows, so that scale2 is NaN if the length is 0.
+    if not scale2 > 0.0:
         if rise >= 0.0:
             return h_a + g * distance(points, axes, k, a), 0.0
         return h_b + g * distance(points, axes, k, b), 1.0

@@ -11,8 +11,11 @@ unless
 A point on the line of a wall, so each of its ends, is not hidden by it.  "Strictly" is by more
 than ``slack``, a length: 1e-11 of the diagonal of the domain.
 
-A *cone* contains the directions in which an entry acts.  It is given by float64[4], two unit
-vectors s and e, counterclockwise, and by its kind: `ANY`, `NARROW` (up to pi) or `WIDE`.
+A *cone* contains the directions in which an entry acts.  It is given by five numbers: two unit
+vectors s and e, counterclockwise, and its kind, `ANY`, `NARROW` (up to pi) or `WIDE`.
+
+The *shaft* of two boxes is their hull: the union of the boxes between them, whose corners move from
+those of one to those of the other.
 """
 
 import math
@@ -20,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner
+from adaptsize._kernels.compiling import lean
 from adaptsize._kernels.trees import LEAF
 
 #: Kinds of cones.
@@ -29,100 +32,78 @@ ANY, NARROW, WIDE = 0, 1, 2
 #: Sides of a line on which the domain lies.
 LEFT, RIGHT = 1, 2
 
-#: Largest number of walls in a shaft; if there are more, walls are searched point by point.
-MANY = 192
-
-# Half planes of a shaft: four of its box, up to four along tangents.
-_PLANES = 8
+#: Number of recently blocking walls, which are tested first.
+CACHED = 4
 
 
-class Walls(NamedTuple):
-    """The boundary of a plane domain, with a tree over it (see trees.py)."""
+class Sight(NamedTuple):
+    """Data for visibility in a plane domain."""
 
     ends: np.ndarray
     """float64[w, 4]: start and end of each wall."""
     boxes: np.ndarray
-    """float64[2 * n_leaves, 5]"""
-    n_leaves: int
-    slack: float
-
-
-class Sectors(NamedTuple):
-    """Sectors of the domain at nodes of the boundary."""
-
+    """float64[2 * n_leaves, 5]: the tree over the walls (see trees.py)."""
     first: np.ndarray
     """int32[b + 1]: the sectors of the b-th boundary node are ``first[b]`` to
     ``first[b + 1] - 1``."""
-    cones: np.ndarray
-    """float64[k, 4]"""
-    kinds: np.ndarray
-    """int8[k]"""
+    sectors: np.ndarray
+    """float64[k, 5]: cones."""
+    slack: float
 
 
-@inner
-def is_in_cone(cones, kinds, k, dx, dy, slack):
-    """Return whether the vector (dx, dy) ends in cone k, or beside it by less than ``slack``."""
-    if kinds[k] == ANY:
-        return True
-    after_start = cones[k, 0] * dy - cones[k, 1] * dx >= -slack
-    before_end = dx * cones[k, 3] - dy * cones[k, 2] >= -slack
-    if kinds[k] == NARROW:
-        return after_start and before_end
-    return after_start or before_end
-
-
-@inner
-def side_in_cone(cones, kinds, k, dx, dy, slack):
-    """Return how the vector (dx, dy) begins in cone k, as a sum of bits.
+@lean
+def side_in_cone(sx, sy, ex, ey, kind, dx, dy, slack):
+    """Return how the vector (dx, dy) begins in a cone: a sum of bits.
 
     0: outside by more than ``slack``; `LEFT` (`RIGHT`): along a side of the cone, which is to the
     left (right); both: inside.
     """
-    if kinds[k] == ANY:
+    if kind == ANY:
         return LEFT + RIGHT
-    if not is_in_cone(cones, kinds, k, dx, dy, slack):
-        return 0
-    sx, sy, ex, ey = cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3]
     after_start, before_end = sx * dy - sy * dx, dx * ey - dy * ex
-    inside = min(after_start, before_end) > slack
-    if kinds[k] == WIDE:
-        inside = max(after_start, before_end) > slack
-    code = 0
-    if abs(after_start) <= slack and sx * dx + sy * dy > 0.0:
-        code += LEFT
+    depth = min(after_start, before_end) if kind == NARROW else max(after_start, before_end)
+    if depth < -slack:
+        return 0
+    if depth > slack:
+        return LEFT + RIGHT
+    code = LEFT if abs(after_start) <= slack and sx * dx + sy * dy > 0.0 else 0
     if abs(before_end) <= slack and ex * dx + ey * dy > 0.0:
         code += RIGHT
-    return LEFT + RIGHT if inside or code == 0 else code
+    return code if code > 0 else LEFT + RIGHT
 
 
-@inner
-def in_sectors(sectors, i, dx, dy, slack):
-    """Return how the vector (dx, dy) from node i begins in the domain, as `side_in_cone`.
-
-    ``i`` is a row of the sectors, -1 inside.
-    """
-    if i < 0:
-        return LEFT + RIGHT
+@lean
+def in_sectors(sight, row, dx, dy):
+    """Return how the vector (dx, dy) begins in the sectors of a boundary node."""
     code = 0
-    for k in range(sectors.first[i], sectors.first[i + 1]):
-        code |= side_in_cone(sectors.cones, sectors.kinds, k, dx, dy, slack)
+    cones = sight.sectors
+    for k in range(sight.first[row], sight.first[row + 1]):
+        sx, sy, ex, ey, kind = cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3], cones[k, 4]
+        code |= side_in_cone(sx, sy, ex, ey, kind, dx, dy, sight.slack)
     return code
 
 
-@inner
-def common_side(sectors, i, code, j, dx, dy, slack):
-    """Return the sides on which a line that begins at node i as in ``code`` ends at j; 0: none.
+@lean
+def turned(code):
+    """Return the same sides, as seen from the other end of the line."""
+    return (code >> 1) | ((code & 1) << 1)
 
-    A line along a slit is in the domain on both of its sides, but these are no neighbours.
+
+@lean
+def common_sides(sight, row, code, end_row, dx, dy):
+    """Return the sides on which a line that begins as in ``code`` ends at a boundary node; 0: none.
+
+    ``row``: that of the boundary node at which the line begins, -1 if it is none.  A line along a
+    slit is in the domain on both of its sides, but these are no neighbours.
     """
-    if i >= 0 and j >= 0 and dx * dx + dy * dy <= slack * slack:
-        return LEFT + RIGHT if i == j else 0
-    end = in_sectors(sectors, j, -dx, -dy, slack)
-    turned = (LEFT if end & RIGHT else 0) + (RIGHT if end & LEFT else 0)
-    return code & turned
+    if row >= 0:
+        if dx * dx + dy * dy <= sight.slack * sight.slack:
+            return LEFT + RIGHT if row == end_row else 0
+        code = in_sectors(sight, row, dx, dy)
+    return code & turned(in_sectors(sight, end_row, -dx, -dy))
 
 
-@inner
+@lean
 def hides(ends, w, ax, ay, bx, by, side, slack):
     """Return whether wall w is between the points a and b.
 
@@ -150,152 +131,113 @@ def hides(ends, w, ax, ay, bx, by, side, slack):
     return True
 
 
-@inner
-def fill_shaft(source, target, slack, planes):
-    """Fill the half planes around the hull of two boxes, float64[4] each; return their number.
+@lean
+def _set_shaft(x, feet, which, m, slack, shaft):
+    """Fill the box around the points ``which``, and its change on the way to the box of their feet.
 
-    ``planes`` float64[8, 3]: x is inside where ``p0 x + p1 y <= p2``.
+    ``shaft``: float64[8], lower and upper corner, with ``slack`` around, and their changes.
     """
     for d in range(2):
-        low, high = min(source[d], target[d]), max(source[2 + d], target[2 + d])
-        planes[2 * d, d], planes[2 * d, 1 - d], planes[2 * d, 2] = 1.0, 0.0, high + slack
-        planes[2 * d + 1, d], planes[2 * d + 1, 1 - d] = -1.0, 0.0
-        planes[2 * d + 1, 2] = slack - low
-    count = 4
-    # The line through the same corner of both boxes, if its normal points to that corner.
-    for corner in range(4):
-        ix, iy = 2 * (corner % 2), 2 * (corner // 2)
-        px, py = source[ix], source[1 + iy]
-        dx, dy = target[ix] - px, target[1 + iy] - py
-        nx, ny = -dy, dx
-        right, up = ix > 0, iy > 0
-        if (nx > 0.0) != right:
-            nx, ny = -nx, -ny
-        if nx == 0.0 or ny == 0.0 or (nx > 0.0) != right or (ny > 0.0) != up:
-            continue
-        length = math.sqrt(nx * nx + ny * ny)
-        planes[count, 0], planes[count, 1] = nx / length, ny / length
-        planes[count, 2] = (nx * px + ny * py) / length + slack
-        count += 1
-    return count
+        low = foot_low = math.inf
+        high = foot_high = -math.inf
+        for a in range(m):
+            at, foot = x[d, which[a]], feet[d, which[a]]
+            low, high = min(low, at), max(high, at)
+            foot_low, foot_high = min(foot_low, foot), max(foot_high, foot)
+        shaft[d], shaft[2 + d] = low - slack, high + slack
+        shaft[4 + d], shaft[6 + d] = foot_low - low, foot_high - high
 
 
-@inner
-def _range_over(box, nx, ny):
-    """Return the least and the largest n.x over a box float64[4]."""
-    low = (nx * box[0] if nx > 0.0 else nx * box[2]) + (ny * box[1] if ny > 0.0 else ny * box[3])
-    high = (nx * box[2] if nx > 0.0 else nx * box[0]) + (ny * box[3] if ny > 0.0 else ny * box[1])
-    return low, high
+@lean
+def _meets_shaft(boxes, b, shaft):
+    """Return whether box b meets a shaft: one of the boxes at the times 0 to 1."""
+    begin, end = 0.0, 1.0
+    for side in range(4):
+        d = side % 2
+        # The lower side must be below the upper side of the box, and the other way round.
+        sign = 1.0 if side < 2 else -1.0
+        room = sign * (boxes[b, 2 + d if side < 2 else d] - shaft[side])
+        change = sign * shaft[4 + side]
+        if change > 0.0:
+            end = min(end, room / change)
+        elif change < 0.0:
+            begin = max(begin, room / change)
+        elif room < 0.0:
+            return False
+    return begin <= end
 
 
-@inner
-def _wall_in_shaft(ends, w, source, target, planes, n_planes, slack):
-    """Return 0 if wall w hides nothing in the shaft, 2 if it cuts it through, else 1."""
-    px, py, qx, qy = ends[w, 0], ends[w, 1], ends[w, 2], ends[w, 3]
-    beyond_p = beyond_q = False
-    for k in range(n_planes):
-        nx, ny, c = planes[k, 0], planes[k, 1], planes[k, 2]
-        at_p, at_q = nx * px + ny * py, nx * qx + ny * qy
-        if at_p > c and at_q > c:
-            return 0
-        beyond_p = beyond_p or at_p > c
-        beyond_q = beyond_q or at_q > c
-    nx, ny = py - qy, qx - px
-    at = nx * px + ny * py
-    margin = slack * math.sqrt(nx * nx + ny * ny)
-    low_s, high_s = _range_over(source, nx, ny)
-    low_t, high_t = _range_over(target, nx, ny)
-    if max(high_s, high_t) <= at + margin or min(low_s, low_t) >= at - margin:
-        return 0
-    between = (high_s < at - margin and low_t > at + margin) or (
-        high_t < at - margin and low_s > at + margin
-    )
-    # Each end is beyond a plane towards which the wall runs; the other end is not.
-    return 2 if between and beyond_p and beyond_q else 1
+@lean
+def _is_on_both_sides(ends, w, shaft, slack):
+    """Return whether a shaft has points strictly on either side of the line of wall w."""
+    nx, ny = ends[w, 1] - ends[w, 3], ends[w, 2] - ends[w, 0]
+    at = nx * ends[w, 0] + ny * ends[w, 1]
+    low, high = math.inf, -math.inf
+    for time in (0.0, 1.0):
+        left, right = nx * (shaft[0] + time * shaft[4]), nx * (shaft[2] + time * shaft[6])
+        under, over = ny * (shaft[1] + time * shaft[5]), ny * (shaft[3] + time * shaft[7])
+        low = min(low, min(left, right) + min(under, over))
+        high = max(high, max(left, right) + max(under, over))
+    margin = 1.5 * slack * (abs(nx) + abs(ny))  # the shaft has some slack around, too
+    return low < at - margin and high > at + margin
 
 
-@inner
-def find_walls(walls, source, target, planes, stack, found):
-    """List the walls that may hide a point of one box from a point of another.
+@lean
+def _without_crossing(sight, w, x, feet, sides, which, m):
+    """Remove points from ``which`` that wall w hides from their feet; return the number left."""
+    left = 0
+    for a in range(m):
+        i = which[a]
+        if not hides(
+            sight.ends, w, x[0, i], x[1, i], feet[0, i], feet[1, i], sides[i], sight.slack
+        ):
+            which[left] = i
+            left += 1
+    return left
+
+
+@lean
+def without_hidden(sight, x, feet, sides, which, m, stack, shaft, cached):
+    """Remove points from ``which`` that are hidden from their feet; return the number left.
 
     Parameters
     ----------
-    walls : Walls
-    source, target : float64[4]
-        Boxes.
-    planes, stack : float64[8, 3], int64[DEPTH]
+    sight : Sight
+    x, feet : float64[2, n]
+    sides : int64[n]
+        Sides of the lines from the points to their feet on which the domain is.
+    which : int64[n]
+        In/Out: the numbers of m points.
+    m : int
+    stack, shaft : int64[DEPTH], float64[8]
         Scratch.
-    found : int32[MANY]
-        Out.
-
-    Returns
-    -------
-    int
-        Their number; -1 if one wall hides all points from each other; MANY + 1 if there are more.
+    cached : int64[CACHED]
+        In/Out: walls that hid points most recently, padded with -1.
     """
-    n_planes = fill_shaft(source, target, walls.slack, planes)
-    boxes = walls.boxes
-    m = walls.ends.shape[0]
-    stack[0], size, count = 1, 1, 0
-    while size > 0:
-        size -= 1
-        b = stack[size]
-        inside = True
-        for k in range(n_planes):
-            nx, ny = planes[k, 0], planes[k, 1]
-            low = (nx * boxes[b, 0] if nx > 0.0 else nx * boxes[b, 2]) if nx != 0.0 else 0.0
-            if ny != 0.0:
-                low += ny * boxes[b, 1] if ny > 0.0 else ny * boxes[b, 3]
-            if low > planes[k, 2]:
-                inside = False
-                break
-        if not inside:
-            continue
-        if b < walls.n_leaves:
-            stack[size], stack[size + 1] = 2 * b, 2 * b + 1
-            size += 2
-            continue
-        leaf = b - walls.n_leaves
-        for w in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
-            kind = _wall_in_shaft(walls.ends, w, source, target, planes, n_planes, walls.slack)
-            if kind == 2:
-                return -1
-            if kind == 1:
-                if count == found.shape[0]:
-                    return count + 1
-                found[count] = w
-                count += 1
-    return count
-
-
-@inner
-def is_hidden(walls, ax, ay, bx, by, side, stack):
-    """Return whether any wall is between the points a and b; ``stack`` int64[DEPTH] is scratch."""
-    slack = walls.slack
-    low_x, high_x = min(ax, bx) - slack, max(ax, bx) + slack
-    low_y, high_y = min(ay, by) - slack, max(ay, by) + slack
-    nx, ny = ay - by, bx - ax
-    at = nx * ax + ny * ay
-    margin = slack * math.sqrt(nx * nx + ny * ny)
-    boxes = walls.boxes
-    m = walls.ends.shape[0]
+    for c in range(CACHED):
+        if cached[c] >= 0 and m > 0:
+            m = _without_crossing(sight, cached[c], x, feet, sides, which, m)
+    if m == 0:
+        return m
+    _set_shaft(x, feet, which, m, sight.slack, shaft)
+    n_walls, n_leaves = sight.ends.shape[0], sight.boxes.shape[0] // 2
     stack[0], size = 1, 1
     while size > 0:
         size -= 1
         b = stack[size]
-        if boxes[b, 0] > high_x or boxes[b, 2] < low_x:
+        if not _meets_shaft(sight.boxes, b, shaft):
             continue
-        if boxes[b, 1] > high_y or boxes[b, 3] < low_y:
-            continue
-        low, high = _range_over(boxes[b], nx, ny)
-        if low > at + margin or high < at - margin:
-            continue
-        if b < walls.n_leaves:
+        if b < n_leaves:
             stack[size], stack[size + 1] = 2 * b, 2 * b + 1
             size += 2
             continue
-        leaf = b - walls.n_leaves
-        for w in range(leaf * LEAF, min(m, (leaf + 1) * LEAF)):
-            if hides(walls.ends, w, ax, ay, bx, by, side, slack):
-                return True
-    return False
+        for w in range((b - n_leaves) * LEAF, min(n_walls, (b - n_leaves + 1) * LEAF)):
+            if not _is_on_both_sides(sight.ends, w, shaft, sight.slack):
+                continue
+            left = _without_crossing(sight, w, x, feet, sides, which, m)
+            if left < m:
+                cached[w % CACHED] = w
+                m = left
+                if m == 0:
+                    return m
+    return m

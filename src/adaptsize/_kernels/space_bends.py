@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner
+from adaptsize._kernels.compiling import lean
 
 #: Largest number of edges of a path.
 LONGEST = 12
@@ -28,13 +28,13 @@ class Edges(NamedTuple):
     """float64[e, 2, 3]: outward normals of the two faces."""
 
 
-@inner
+@lean
 def _put_on_edge(edges, e, t, feet, level, i):
     for d in range(3):
         feet[level, d, i] = edges.start[e, d] + t * edges.along[e, d]
 
 
-@inner
+@lean
 def length_between(feet, level, i):
     """Return the distance from feet[level] to feet[level + 1] of the path to point i."""
     square = 0.0
@@ -43,7 +43,7 @@ def length_between(feet, level, i):
     return math.sqrt(square)
 
 
-@inner
+@lean
 def length_from(feet, last, i):
     """Return the length of the path from feet[last] to feet[0]."""
     total = 0.0
@@ -52,7 +52,7 @@ def length_from(feet, last, i):
     return total
 
 
-@inner
+@lean
 def _newton_step(edges, chain, feet, work, n, i, longest):
     """Put a step of Newton's method for the n bends of the path to point i into work[0].
 
@@ -109,7 +109,7 @@ def _newton_step(edges, chain, feet, work, n, i, longest):
     return total
 
 
-@inner
+@lean
 def straighten(edges, chain, feet, work, n, i, longest):
     """Move the n bends of the path to point i to where it is shortest.
 

@@ -2,7 +2,8 @@
 
 A triangle of the boundary hides two points from each other if they lie strictly, by more
 than rounding, on either side of it and the line between them meets it, its border
-included.  At nodes of the boundary, the direction must also lie in a cell.
+included.  At nodes of the boundary, the direction must also lie in a cell, and at reflex edges on
+the inner side of one of the two faces.
 """
 
 import math
@@ -10,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner
-from adaptsize._kernels.trees import DEPTH, LEAF
+from adaptsize._kernels.compiling import lean
+from adaptsize._kernels.trees import LEAF
 
 # Tolerance for directions outside, as an angle.
 AHEAD = 1e-10
@@ -55,7 +56,7 @@ class Sight(NamedTuple):
     stars: Stars
 
 
-@inner
+@lean
 def _enters(points, star, ring, a, b, c, dx, dy, dz):
     """Return whether a direction at a point inside node a, edge ab or face abc enters the domain.
 
@@ -87,7 +88,7 @@ def _enters(points, star, ring, a, b, c, dx, dy, dz):
     return False
 
 
-@inner
+@lean
 def without_leaving(stars, nodes, feet, level, other, active, m):
     """Remove points from ``active`` whose piece from feet[level] to feet[other] starts outside.
 
@@ -112,7 +113,7 @@ def without_leaving(stars, nodes, feet, level, other, active, m):
     return left
 
 
-@inner
+@lean
 def _crosses(triangles, t, a, b, i):
     """Return whether triangle t separates a[:, i] from b[:, i]."""
     at_a = at_b = 0.0
@@ -132,7 +133,7 @@ def _crosses(triangles, t, a, b, i):
     return u >= -nil and v >= -nil and u + v <= 1.0 + nil
 
 
-@inner
+@lean
 def _set_shaft(shaft, a, b, active, m, slack):
     """Put boxes around the points ``active`` of a and of b."""
     for d in range(3):
@@ -146,7 +147,7 @@ def _set_shaft(shaft, a, b, active, m, slack):
         shaft[6 + d], shaft[9 + d] = b_low - a_low, b_high - a_high
 
 
-@inner
+@lean
 def _meets_shaft(boxes, n, shaft):
     """Return whether box n meets the hull of the two boxes of a shaft."""
     begin, end = 0.0, 1.0
@@ -170,7 +171,7 @@ def _meets_shaft(boxes, n, shaft):
     return True
 
 
-@inner
+@lean
 def _separates(triangles, t, shaft):
     """Return whether the two ends of a shaft have points strictly on either side of a triangle."""
     middle_a = middle_b = reach_a = reach_b = 0.0
@@ -188,7 +189,7 @@ def _separates(triangles, t, shaft):
     )
 
 
-@inner
+@lean
 def _without_crossing(triangles, t, a, b, active, m):
     """Remove points from ``active`` where triangle t hides a from b; return the number left."""
     left = 0
@@ -200,9 +201,12 @@ def _without_crossing(triangles, t, a, b, active, m):
     return left
 
 
-@inner
-def without_hidden(walls, a, b, active, m, cached):
-    """Remove points from ``active`` where a is hidden from b; return the number left."""
+@lean
+def without_hidden(walls, a, b, active, m, cached, shaft, stack):
+    """Remove points from ``active`` where a is hidden from b; return the number left.
+
+    ``shaft``, ``stack``: float64[12], int64[DEPTH], scratch.
+    """
     for c in range(CACHED):
         if cached[c] < 0 or m == 0:
             break
@@ -212,7 +216,6 @@ def without_hidden(walls, a, b, active, m, cached):
         m = left
     if m == 0:
         return 0
-    shaft, stack = np.empty(12), np.empty(DEPTH, np.int64)
     _set_shaft(shaft, a, b, active, m, walls.slack)
     n_triangles = walls.triangles.shape[0]
     stack[0], size = 1, 1
@@ -238,7 +241,7 @@ def without_hidden(walls, a, b, active, m, cached):
     return m
 
 
-@inner
+@lean
 def _put_first(cached, c, t):
     """Put triangle t before the first c entries of ``cached``."""
     for back in range(c, 0, -1):

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, check_type, describe
+from adaptsize._checks import as_flag, as_number, check_type, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import as_fields
@@ -253,9 +253,10 @@ def adapt(
     to_transfer = _FieldsToTransfer(
         as_fields("fields", fields, mesh.n_points),
         as_fields("cell_fields", cell_fields, mesh.n_cells),
-        conservative,
-        keep_integral,
+        as_flag("conservative", conservative),
+        as_flag("keep_integral", keep_integral),
     )
+    coarsen_converged = as_flag("coarsen_converged", coarsen_converged)
     if to_transfer.cell_fields and conservative:
         FieldTransfer(mesh, mesh).refuse_surfaces()
     generator = choose_backend(backend, task, keep_facets=False).name

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import check_type, describe
+from adaptsize._checks import as_flag, check_type, describe
 from adaptsize._kernels.overlap import combine
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_columns, as_field, as_fields, from_columns
@@ -74,6 +74,8 @@ def transfer_fields(
     >>> made.cell_fields["heat"]
     array([2., 2.])
     """
+    conservative = as_flag("conservative", conservative)
+    keep_integral = as_flag("keep_integral", keep_integral)
     transfer = FieldTransfer(old, new, progress=progress)
     nodal = as_fields("fields", fields, old.n_points)
     by_cell = as_fields("cell_fields", cell_fields, old.n_cells)
@@ -232,6 +234,8 @@ class FieldTransfer:
             triangles in space.
         """
         field = as_field("values", values, self.old.n_cells)
+        conservative = as_flag("conservative", conservative)
+        keep_integral = as_flag("keep_integral", keep_integral)
         if field.dtype.kind in "biu":
             return np.asarray(field[self._holders])
         if not conservative:
@@ -259,8 +263,10 @@ class FieldTransfer:
         -------
         before, after : ndarray of the trailing shape
         """
-        before = np.tensordot(self.old.measures, old_values, axes=1)
-        return before, np.tensordot(self.new.measures, new_values, axes=1)
+        old = as_field("old_values", old_values, self.old.n_cells)
+        new = as_field("new_values", new_values, self.new.n_cells)
+        before = np.tensordot(self.old.measures, old, axes=1)
+        return before, np.tensordot(self.new.measures, new, axes=1)
 
     @cached_property
     def coverage(self) -> FloatArray:

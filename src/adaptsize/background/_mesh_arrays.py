@@ -82,7 +82,9 @@ def as_tagged_facets(
 def as_tag_names(names: Mapping[tuple[int, int], str] | None) -> Mapping[tuple[int, int], str]:
     """Return a read-only copy of names of tags, with plain integers as keys."""
     own: dict[tuple[int, int], str] = {}
-    for key, name in (names or {}).items():
+    given: Mapping[tuple[int, int], str] = {} if names is None else names
+    check_type("tag_names", given, Mapping)
+    for key, name in given.items():
         good = isinstance(key, tuple) and len(key) == 2
         good = good and all(isinstance(n, int | np.integer) for n in key)
         if not good or not 0 <= key[0] <= 3:

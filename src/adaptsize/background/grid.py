@@ -16,6 +16,7 @@ from adaptsize._checks import (
     as_number,
     as_plain_array,
     as_points,
+    check_function,
     describe,
     refuse_where,
 )
@@ -260,6 +261,7 @@ class CartesianGrid(ReadOnlyState):
         ValueError
             If the function returns a wrong number of values.
         """
+        check_function("function", function, "points")
         values = np.empty(self.shape)
         for slab, points in self.slabs():
             part = values[slab]

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_plain_array, describe, refuse_where
+from adaptsize._checks import (
+    as_flag,
+    as_float_array,
+    as_plain_array,
+    check_function,
+    describe,
+    refuse_where,
+)
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._mesh_arrays import read_only
@@ -160,6 +167,8 @@ class Octree(ReadOnlyState):
         >>> Octree.build([0, 0], [2, 1], near, max_level=5, balanced=True)
         Octree(47 leaves of level 1 to 5, 2-D)
         """
+        check_function("needs_refinement", needs_refinement, "centres and sizes")
+        balanced = as_flag("balanced", balanced)
         lower, upper = _as_box(lower, upper)
         if root_shape is None:
             lengths = upper - lower

@@ -9,6 +9,9 @@ import numpy.typing as npt
 from adaptsize._kernels.topology import fill_rings, group_rows
 from adaptsize.typing import IntArray
 
+# Fewer rows are sorted by numpy: the kernel takes longer to compile.
+_FEW = 10_000
+
 
 def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     """Return the cells around each point as compressed rows ``(ring_ptr, ring)``.
@@ -46,6 +49,11 @@ def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, I
         ``unique[number]`` are the rows, each sorted.
     """
     rows = np.ascontiguousarray(np.sort(rows, axis=1), dtype=np.int32)
+    width = rows.shape[1]
+    if len(rows) < _FEW and n_points**width < 2**63:
+        key = rows.astype(np.int64) @ (n_points ** np.arange(width)[::-1])
+        at, group = np.unique(key, return_index=True, return_inverse=True)[1:]
+        return rows[at], group.ravel().astype(np.int32)
     first = np.empty(len(rows), np.int32)
     number = np.empty(len(rows), np.int32)
     count = group_rows(rows, n_points, first, number)

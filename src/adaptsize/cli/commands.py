@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from adaptsize.cli.check import check
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import check_cells, check_files, nodal_field
 from adaptsize.cli.image import image
@@ -168,31 +169,4 @@ app.command()(image)
 app.command()(warmup)
 
 
-@app.command()
-@with_console
-def check(
-    console: Console,
-    file: Input,
-    field: Annotated[
-        str, typer.Option("--field", metavar="NAME", help="Nodal field with the sizes.")
-    ] = "h",
-    surface: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Mesh of the surface to measure the distance to.  [default: none]",
-        ),
-    ] = None,
-) -> None:
-    """Report the quality of a mesh and its conformity with the sizes in a nodal field."""
-    from adaptsize.io import read
-    from adaptsize.quality import size_conformity
-
-    with console.steps(2) as steps:
-        steps.begin("reading")
-        mesh = read(file)
-        other = None if surface is None else read(surface)
-        steps.begin("checks")
-        found = size_conformity(mesh, nodal_field(mesh, field), surface=other)
-    console.record(input=str(file), **found.as_dict())
-    console.print(found)
+app.command()(check)

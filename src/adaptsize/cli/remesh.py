@@ -92,7 +92,8 @@ def remesh(
         bool,
         typer.Option(
             "--strict",
-            help="Refuse a surface that is open, or has bodies closer than the tolerance.",
+            help="Write only a mesh that meets the demands of check; refuse open surfaces, and "
+            "bodies closer than the tolerance.",
         ),
     ] = False,
     max_elements: MaxElements = MAX_ELEMENTS,
@@ -129,9 +130,8 @@ def remesh(
         check_backend(mesh, target, backend)  # type: ignore[arg-type]
         if mesh.cell_dim < mesh.dim and target != "triangles":
             mesh = _accepted(console, mesh, allowed * mesh.diagonal, close=close, strict=strict)
-        elif close or strict:
-            which = "--close" if close else "--strict"
-            raise ValueError(f"{which} applies to surfaces that become tetrahedra, got {mesh!r}")
+        elif close:
+            raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
         _announce_format(console, output, mesh, target)
         steps.begin("sizes")
         found, report = size_of_mesh(
@@ -162,6 +162,7 @@ def remesh(
                 hmax=report.hmax,
                 tolerance=allowed,
                 timeout=timeout,
+                strict=strict,
                 progress=steps.following(lambda text: parts.get(text, text)),
             )
         new = new.with_data(point_data={"h": found(new.points)})

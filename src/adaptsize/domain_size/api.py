@@ -7,14 +7,16 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_points, describe
+from adaptsize._checks import as_flag, as_float_array, as_points, check_type, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mask_domain, mesh_domain
+from adaptsize.domain_size.first_octree import octree_around
 from adaptsize.domain_size.image_mask import as_image, distance_to_edge, mask_of
+from adaptsize.domain_size.implicit import ImplicitDomain
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import (
     CREASE_ANGLE,
@@ -25,14 +27,12 @@ from adaptsize.domain_size.request import (
     as_request,
 )
 from adaptsize.geometry.distance.api import signed_distance
-from adaptsize.typing import ProgressCallback
+from adaptsize.geometry.implicit_surface import checked
+from adaptsize.typing import FloatArray, ProgressCallback
 
 Domain: TypeAlias = (
     SimplexMesh | Implicit | Image | npt.ArrayLike | tuple[CartesianGrid, npt.ArrayLike]
 )
-
-#: Boxes along the longest side of a grid laid around a domain, in the plane and in space.
-_BOXES_ALONG = {2: 250, 3: 100}
 
 
 @overload
@@ -111,8 +111,9 @@ def size_function(
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
         Carries the sizes.  The default depends on the domain.  For tetrahedra and triangles in
         the plane it is the mesh itself.  For a surface it is a copy, refined where its
-        triangles are long.  For a closed polyline or a callable it is a grid around the domain,
-        and for an image the grid of its pixels.  For a level set it must be a grid.
+        triangles are long.  For a closed polyline it is a grid around the domain, and for an
+        image the grid of its pixels.  For a callable it is an octree in ``box``, refined until
+        sizes between its nodes are right within 5 %.  For a level set it must be a grid.
     box : tuple (lower, upper), optional
         Corners of a box around the domain, for callables without ``background``.
     elements_per_radian : float, optional
@@ -139,7 +140,8 @@ def size_function(
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
         Further upper bounds: an array with a value per node of the background (of ``domain``,
-        if ``background`` is not given), or a function of points.
+        if ``background`` is not given), or a function of points.  For a callable domain without
+        ``background`` it must be a function.
     max_elements : float, default 300 000
         Limit on the predicted number of elements.  To stay within it, those of
         ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin``, ``hmax`` and
@@ -168,12 +170,14 @@ def size_function(
     Warns
     -----
     ResolutionWarning
-        If the given parameters require more than ``max_elements`` elements.
+        If the given parameters require more than ``max_elements`` elements, or if the octree of
+        a callable domain would need more leaves than allowed for an error of 5 %.
 
     Notes
     -----
     If the background is a mesh of the domain or a grid, sizes do not propagate from one part of
-    the domain to another through the outside.  On other backgrounds they do.
+    the domain to another through the outside, and neither do they for a callable domain.  On
+    other backgrounds they do.
 
     References
     ----------
@@ -195,6 +199,9 @@ def size_function(
     >>> report
     SizeReport(curvature 100.0%)
     """
+    full_output = as_flag("full_output", full_output)
+    if background is not None and not isinstance(background, str):
+        check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     with reporting(progress) as report:
         request = as_request(
             elements_per_radian=elements_per_radian,
@@ -220,9 +227,11 @@ def _as_domain(
     """Return the domain as one of the supported kinds."""
     if isinstance(domain, SimplexMesh):
         return mesh_domain(domain, background)
+    if callable(domain):
+        return _implicit_domain(domain, background, box, report)
     if background is not None and not isinstance(background, CartesianGrid):
         raise ValueError(
-            "background must be a CartesianGrid for a domain that is not a mesh, "
+            "background must be a CartesianGrid for a domain that is not a mesh or a function, "
             f"got {background!r}"
         )
     if isinstance(domain, tuple) and len(domain) == 2 and isinstance(domain[0], CartesianGrid):
@@ -230,9 +239,6 @@ def _as_domain(
         if background not in (None, grid):
             raise ValueError(f"background must be that of phi, {grid!r}, got {background!r}")
         return LevelSet(grid, as_float_array("phi", phi, grid.shape))
-    if callable(domain):
-        grid = background if background is not None else _grid_in(box)
-        return LevelSet(grid, signed_distance(grid, domain, progress=report))
     if background is not None:
         raise ValueError(f"background must be None for an image, got {background!r}")
     if not isinstance(domain, Image) and np.asarray(domain).dtype.kind not in "biuf":
@@ -244,16 +250,33 @@ def _as_domain(
     return mask_domain(mask, distance_to_edge(mask, progress=report))
 
 
-def _grid_in(box: tuple[npt.ArrayLike, npt.ArrayLike] | None) -> CartesianGrid:
-    """Return a grid that covers a box."""
+def _implicit_domain(
+    function: Implicit, background: AnyBackground | None, box: Any, report: ProgressCallback
+) -> SizedDomain:
+    """Return the domain where a function is negative."""
+    if background is None:
+        values_at = checked(function)
+        return ImplicitDomain(values_at, octree_around(values_at, *_corners_of(box)))
+    if isinstance(background, CartesianGrid):
+        return LevelSet(background, signed_distance(background, function, progress=report))
+    if isinstance(background, Octree):
+        return ImplicitDomain(checked(function), background, is_fixed=True)
+    raise ValueError(
+        f"background must be a CartesianGrid or an Octree for a function, got {background!r}"
+    )
+
+
+def _corners_of(
+    box: tuple[npt.ArrayLike, npt.ArrayLike] | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the checked corners of a box."""
     if box is None:
         raise ValueError(
             "box must be given with a callable domain: (lower, upper), or a background"
         )
     if not isinstance(box, tuple | list) or len(box) != 2:
         raise ValueError(f"box must be a pair (lower, upper), got {describe(box)}")
-    corners = as_points("box", np.stack([np.asarray(end, dtype=np.float64) for end in box]))
-    extent = corners[1] - corners[0]
-    if corners.shape[1] not in _BOXES_ALONG or not (extent > 0.0).all():
+    lower, upper = as_points("box", np.stack([np.asarray(end, dtype=np.float64) for end in box]))
+    if len(lower) not in (2, 3) or not (upper > lower).all():
         raise ValueError(f"box must be (lower, upper) in 2-D or 3-D, lower < upper, got {box}")
-    return CartesianGrid.around(corners, float(extent.max()) / _BOXES_ALONG[corners.shape[1]])
+    return lower, upper

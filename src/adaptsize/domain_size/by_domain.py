@@ -9,8 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import check_type
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.image_mask import Mask
 from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.report import SizeReport, nodal_measures
@@ -156,6 +157,8 @@ def _on_grid(
 
 def mesh_domain(mesh: SimplexMesh, background: AnyBackground | None) -> SizedDomain:
     """Return the domain of a mesh, or the domain that a surface or closed polyline encloses."""
+    if background is not None:
+        check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if background is None and mesh.dim == 2 and mesh.cell_dim == 1 and _is_closed(mesh):
         spacing = float(np.ptp(mesh.points, axis=0).max()) / _BOXES_ALONG
         background = CartesianGrid.around(mesh.points, spacing, _BOXES_AROUND * spacing)

@@ -8,6 +8,7 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import as_flag
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
@@ -141,6 +142,7 @@ def size_function_from_image(
     >>> bool(np.all((0.6 < h) & (h < 0.75)))
     True
     """
+    full_output = as_flag("full_output", full_output)
     with reporting(progress) as report:
         mask = mask_of(as_image(image, spacing), label=label, threshold=threshold)
         phi = distance_to_edge(mask, smoothing, progress=report)

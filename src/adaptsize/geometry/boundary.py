@@ -23,19 +23,17 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import boundary as kernels
-from adaptsize._kernels.sight import ANY, NARROW, WIDE, Sectors
+from adaptsize._kernels.sight import ANY, NARROW, WIDE
 from adaptsize._kernels.topology import join_cells
 from adaptsize.background.topology import unique_rows
+from adaptsize.geometry.convexity import FLAT
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-#: Largest angle (radians) by which the boundary of a convex domain may turn inwards.
-FLAT = 1e-9
-
-# Facets that close up to less than this angle (radians) may lie on each other.
-_FOLDED = 1e-6
+# Cells with a smaller ratio of measure to the power of the longest edge have no measure.
+_NO_MEASURE = 1e-12
 
 # Smallest number of cells for a second thread.
 _MANY_CELLS = 100_000
@@ -63,8 +61,11 @@ class PlaneBoundary(NamedTuple):
     walls: FloatArray
     """float64[w, 4]: start and end of each straight piece, the domain to the left."""
     rows: IntArray
-    """int32[n_points]: row of each node in ``sectors``, -1 inside."""
-    sectors: Sectors
+    """int32[n_points]: row of each node of the boundary, -1 inside."""
+    first: IntArray
+    """int32[b + 1]: the sectors of the node in row b are ``first[b]`` to ``first[b + 1] - 1``."""
+    sectors: FloatArray
+    """float64[k, 5]: cones of the sectors (see sight.py)."""
     corners: IntArray
     """int32[c]: nodes at which shortest paths may bend."""
     free: BoolArray
@@ -82,23 +83,14 @@ def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
 
 
 def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -> FlatBoundary:
-    n, dim = points.shape
-    axes = (0,) * dim
+    n = len(points)
     sums, flat = _sums(points, cells, threads)
     if flat and may_merge:
         merged, alias = _without_short_edges(points, cells)
         if alias is not None:
             return _walls(points, merged, 1, False)._replace(alias=alias)
-    room = 64 + 8 * int(np.count_nonzero(sums))  # more is needed only where facets pile up
-    while True:
-        rows = np.empty((room, dim), np.int32)
-        side, cell = np.empty(room, np.int8), np.empty(room, np.int32)
-        count = kernels.list_facets(points, axes, cells, sums, rows, side, cell)
-        if count <= room:
-            break
-        room = count
-    rows, side, cell = rows[:count], side[:count], cell[:count]
-    if count == 0:  # only folds
+    rows, side, cell = _facets_at(points, cells, sums != 0)
+    if len(rows) == 0:  # only folds
         return FlatBoundary(rows, cell, False)
     unique, group = unique_rows(rows, n)
     if (side == 0).any():
@@ -141,6 +133,59 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
     return sums, any(flats)
 
 
+def _facets_at(
+    points: FloatArray, cells: IntArray, marked: BoolArray
+) -> tuple[IntArray, npt.NDArray[np.int8], IntArray]:
+    """Return the facets all of whose nodes are marked, once for each of their cells.
+
+    Returns
+    -------
+    facets : int32[f, dim]
+        Nodes.
+    side : int8[f]
+        1 if the normal of the facet, its nodes in ascending order, points out of its cell, -1 if
+        into it, 0 if the cell has no measure.
+    cell : int32[f]
+        Its cell.
+    """
+    dim = cells.shape[1] - 1
+    near = _cells_with(cells, marked, dim)
+    own = cells[near]
+    on = marked[own.T]
+    at, opposite = np.nonzero((on.all(axis=0) | ~on).T)
+    nodes = own[at[:, None], (opposite[:, None] + np.arange(1, dim + 1)) % (dim + 1)]
+    is_odd = nodes[:, 0] > nodes[:, 1]
+    if dim == 3:
+        is_odd ^= (nodes[:, 1] > nodes[:, 2]) ^ (nodes[:, 0] > nodes[:, 2]) ^ (opposite % 2 == 1)
+    measure = _relative_measures(points, own)[at]
+    side = np.where(is_odd != (measure < 0.0), -1, 1).astype(np.int8)
+    side[np.abs(measure) < _NO_MEASURE] = 0
+    return nodes, side, near[at]
+
+
+def _relative_measures(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Return signed determinants of cells whose longest edge at the first node has length 1."""
+    corners = [points.T[:, nodes] for nodes in cells.T]
+    edges = [corner - corners[0] for corner in corners[1:]]
+    longest = np.sqrt(np.maximum.reduce([np.einsum("ij,ij->j", e, e) for e in edges]))
+    scale = 1.0 / np.where(longest > 0.0, longest, 1.0)
+    a, b, *more = [e * scale for e in edges]
+    if not more:
+        return np.asarray(a[0] * b[1] - a[1] * b[0])
+    normal = [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
+    return np.asarray(sum(n * c for n, c in zip(normal, more[0], strict=True)))
+
+
+def _cells_with(cells: IntArray, marked: BoolArray, least: int) -> IntArray:
+    """Return the cells with at least so many marked nodes."""
+    found = np.empty(64 + 8 * int(np.count_nonzero(marked)), np.int32)  # enough but for piles
+    count = kernels.list_cells(cells, marked, least, found)
+    if count > len(found):
+        found = np.empty(count, np.int32)
+        kernels.list_cells(cells, marked, least, found)
+    return found[:count]
+
+
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray | None]:
     """Return the cells with coincident nodes of a cell merged, and the representatives."""
     parent = np.arange(len(points), dtype=np.int32)
@@ -170,101 +215,6 @@ def _without_flat_cells(
         kept &= ~((side == 0) & np.isin(cell, lost))
 
 
-def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
-    """Return whether the domain within a boundary is convex, to 1e-9 radians.
-
-    The test is rigorous: folds, cracks, holes and several components are all detected.  The domain
-    can only end at a wall, and a closed boundary that never turns inwards and winds around once
-    is that of a convex domain.
-    """
-    if not boundary.is_simple or len(boundary.facets) == 0:
-        return False
-    if points.shape[1] == 2:
-        angles = turns_in_plane(points, boundary.facets)[1]
-        if not bool((angles >= -FLAT).all()):
-            return False
-        return abs(float(angles.sum()) - 2.0 * np.pi) < 1e-3
-    turns = turns_of(points, boundary)
-    if not bool((turns.angles >= -FLAT).all()):
-        return False
-    corners = points[boundary.facets]
-    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-    mixed = (
-        la * lb * lc
-        + np.einsum("ij,ij->i", a, b) * lc
-        + np.einsum("ij,ij->i", b, c) * la
-        + np.einsum("ij,ij->i", c, a) * lb
-    )
-    # Solid angles of the facets, seen from the middle (van Oosterom and Strackee).
-    around = 2.0 * np.arctan2(volume, mixed)
-    return bool((volume >= 0.0).all()) and abs(float(around.sum()) - 4.0 * np.pi) < 1e-3
-
-
-def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return the nodes of walls and the angle by which the boundary turns there.
-
-    Positive where the domain is convex; nan unless one wall enters and one leaves.
-    """
-    n = len(points)
-    nodes = np.unique(facets)
-    once = np.bincount(facets.T[0], minlength=n)[nodes] == 1
-    once &= np.bincount(facets.T[1], minlength=n)[nodes] == 1
-    before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    after[facets[:, 0]] = facets[:, 1]
-    before[facets[:, 1]] = facets[:, 0]
-    into, out = points[nodes] - points[before[nodes]], points[after[nodes]] - points[nodes]
-    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
-    dot = np.einsum("ij,ij->i", into, out)
-    degenerate = ~once | ((cross == 0.0) & (dot <= 0.0))
-    return nodes, np.where(degenerate, np.nan, np.arctan2(cross, dot))
-
-
-class Turns(NamedTuple):
-    """Turning angles of the boundary of a solid at its edges."""
-
-    ridges: IntArray
-    """int32[r, 2]"""
-    angles: FloatArray
-    """float64[r]: positive where the domain is convex, nan where not two facets meet."""
-
-
-def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
-    """Return the angle between the two facets at each edge of the boundary of a solid."""
-    facets = boundary.facets
-    corners = points[facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
-    n_facets = len(facets)
-    ends = np.concatenate([facets[:, [v, (v + 1) % 3]] for v in range(3)])
-    apex = np.concatenate([facets[:, (v + 2) % 3] for v in range(3)])
-    owner = np.tile(np.arange(n_facets), 3)
-    forward = ends[:, 0] < ends[:, 1]
-    edges, number = unique_rows(ends, len(points))
-    regular = (np.bincount(number) == 2) & (np.bincount(number, weights=forward) == 1.0)
-    first = np.zeros(len(edges), np.int64)
-    second = np.zeros(len(edges), np.int64)
-    first[number[forward]] = np.flatnonzero(forward)
-    second[number[~forward]] = np.flatnonzero(~forward)
-    has_area = (areas > 0.0)[:, None]
-    units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
-    normal, other = units[owner[first]], units[owner[second]]
-    rise = np.einsum("ij,ij->i", normal, points[apex[second]] - points[edges[:, 0]])
-    sine = np.linalg.norm(np.cross(normal, other), axis=1)
-    cosine = np.einsum("ij,ij->i", normal, other)
-    angles = np.arctan2(sine, cosine)
-    angles = np.where(rise > 0.0, -angles, angles)
-    # Coincident facets: the end of a crack, which turns inwards, or a cell without volume.
-    bad = (
-        ~regular
-        | ((cosine < 0.0) & (sine < _FOLDED))
-        | (areas[owner[first]] == 0.0)
-        | (areas[owner[second]] == 0.0)
-    )
-    return Turns(edges, np.where(bad, np.nan, angles))
-
-
 def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     """Return walls, sectors and corners of a mesh of triangles in the plane.
 
@@ -285,22 +235,20 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     if not regular.all():
         several, fans = _fans(mesh, boundary, nodes[~regular])
         owner, cones = np.concatenate([i, several]), np.concatenate([cones, fans])
-    rows, sectors, angles = _sectors(n, nodes, owner, cones)
+    rows, first, sectors, angles = _sectors(n, nodes, owner, cones)
     if boundary.alias is not None:
         rows = rows[boundary.alias]
 
-    turn = np.maximum.reduceat(angles, sectors.first[:-1])
+    turn = np.maximum.reduceat(angles, first[:-1])
     is_end = np.ones(n, np.bool_)
     is_end[nodes[regular & (np.abs(turn - np.pi) < FLAT)]] = False
     walls = np.empty((len(start), 4))
     count = kernels.merge_walls(
         points, start, end, leaving[end], is_end[start], is_end, slack, walls
     )
-    counts = np.diff(sectors.first)
-    kinds = sectors.kinds[sectors.first[:-1]]
-    bends = is_end[nodes] & ((counts != 1) | (turn > np.pi) | (kinds == ANY))
-    free = (counts != 1) | (kinds == ANY)
-    return PlaneBoundary(walls[:count], rows, sectors, nodes[bends], free[bends], slack)
+    free = (np.diff(first) != 1) | (sectors[first[:-1], 4] == ANY)
+    bends = is_end[nodes] & (free | (turn > np.pi))
+    return PlaneBoundary(walls[:count], rows, first, sectors, nodes[bends], free[bends], slack)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
@@ -312,7 +260,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 def _sectors(
     n: int, nodes: IntArray, owner: IntArray, cones: FloatArray
-) -> tuple[IntArray, Sectors, FloatArray]:
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Return the rows of nodes, their sectors, and the angles of the sectors, 0 to 2 pi."""
     order = np.argsort(owner, kind="stable")
     owner, cones = owner[order], cones[order]
@@ -323,9 +271,9 @@ def _sectors(
     dot = cones[:, 0] * cones[:, 2] + cones[:, 1] * cones[:, 3]
     angles = np.mod(np.arctan2(cross, dot), 2.0 * np.pi)
     angles[angles < FLAT] = 2.0 * np.pi  # both faces of a slit: a sector has some width
-    kinds = np.where(angles > np.pi, WIDE, NARROW).astype(np.int8)
+    kinds = np.where(angles > np.pi, WIDE, NARROW)
     kinds[(cones == 0.0).all(axis=1)] = ANY
-    return rows, Sectors(first.astype(np.int32), cones, kinds), angles
+    return rows, first.astype(np.int32), np.column_stack([cones, kinds]), angles
 
 
 def _fans(
@@ -339,8 +287,7 @@ def _fans(
     """
     marked = np.zeros(mesh.n_points, np.bool_)
     marked[nodes] = True
-    around = np.empty(mesh.n_cells, np.int32)
-    around = around[: kernels.list_cells_at(mesh.cells, marked, around)]
+    around = _cells_with(mesh.cells, marked, 1)
     at_wall = marked[boundary.facets].any(axis=1)
     walls = {tuple(sorted(pair)) for pair in boundary.facets[at_wall].tolist()}
     after: dict[int, dict[int, int]] = {i: {} for i in nodes.tolist()}

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_whole_number, check_type
+from adaptsize._checks import as_angle, as_whole_number, check_range, check_type
 from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels import normals as normal_kernels
 from adaptsize._kernels import sectors as sector_kernels
@@ -126,7 +126,7 @@ def corner_curvature(
     """
     _refuse_other_than_surface(surface)
     turns = as_whole_number("smoothing", smoothing, lower=0, upper=MOST_TURNS)
-    angle = math.radians(_as_crease_angle(crease_angle))
+    angle = math.radians(as_angle("crease_angle", crease_angle))
     faces = _faces_of(surface)
     sectors = _sectors_of(surface, faces, _creases_of(surface, faces, angle))
     normals = _normals_of(surface, faces, sectors, angle)
@@ -176,7 +176,7 @@ def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArra
     [[0, 2], [0, 3], [1, 2], [1, 3]]
     """
     _refuse_other_than_surface(surface)
-    angle = math.radians(_as_crease_angle(crease_angle))
+    angle = math.radians(as_angle("crease_angle", crease_angle))
     return surface.facets[_creases_of(surface, _faces_of(surface), angle)]
 
 
@@ -253,9 +253,10 @@ def polyline_curvature(line: SimplexMesh, *, crease_angle: float = 40.0) -> Floa
     array([0. , 0.2, 0.2, 0. , 0. ])
     """
     check_type("line", line, SimplexMesh)
+    check_range("line", line.points)
     if line.cell_dim != 1 or line.dim == 1:
         raise ValueError(f"line must consist of segments in 2-D or 3-D, got {line!r}")
-    angle = math.radians(_as_crease_angle(crease_angle))
+    angle = math.radians(as_angle("crease_angle", crease_angle))
     ring_ptr, ring = line.rings
     passed = np.flatnonzero(np.diff(ring_ptr) == 2)
     around = line.cells[ring[ring_ptr[passed][:, None] + np.arange(2)]]
@@ -348,14 +349,8 @@ def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: f
     return normals
 
 
-def _as_crease_angle(value: float) -> float:
-    angle = as_number("crease_angle", value, lower=0.0)
-    if angle > 180.0:
-        raise ValueError(f"crease_angle must be at most 180 degrees, got {angle:g}")
-    return angle
-
-
 def _refuse_other_than_surface(surface: SimplexMesh) -> None:
     check_type("surface", surface, SimplexMesh)
+    check_range("surface", surface.points)
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe
+from adaptsize._checks import as_angle, check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.curvature import crease_edges
 
@@ -54,11 +54,8 @@ def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    if not isinstance(surface, SimplexMesh):
-        raise ValueError(f"surface must be a SimplexMesh, got {describe(surface)}")
-    limit = as_number("angle", angle, lower=0.0)
-    if limit > 180.0:
-        raise ValueError(f"angle must be at most 180 degrees, got {limit:g}")
+    check_type("surface", surface, SimplexMesh)
+    limit = as_angle("angle", angle)
     feature = _keys(crease_edges(surface, crease_angle=limit), surface.n_points)
     # Edges of three or more triangles are feature edges, too: all others have two.
     is_free = ~np.isin(_keys(surface.facets, surface.n_points), feature)

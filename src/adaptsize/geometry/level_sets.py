@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_whole_number, check_type
+from adaptsize._checks import as_flag, as_float_array, as_number, as_whole_number, check_type
 from adaptsize._kernels.level_sets import fill_level_set_curvature
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
@@ -126,6 +126,7 @@ def level_set_curvature(
     values = as_level_set("phi", phi, grid)
     width = as_number("band", band, lower=0.0, allow_inf=True) * float(grid.spacing.max())
     tolerance = as_number("gradient_tolerance", gradient_tolerance, lower=0.0)
+    at_boundary = as_flag("at_boundary", at_boundary)
     smooth = _smoothed(values, smoothing)
     kappa = np.full((grid.n_points, grid.dim - 1), np.nan)
     with reporting(progress) as report:

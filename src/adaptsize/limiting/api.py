@@ -10,10 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
+    as_flag,
     as_float_array,
     as_number,
     as_points,
     as_sizes,
+    as_whole_number,
+    check_range,
     check_type,
     describe,
     one_of,
@@ -28,9 +31,6 @@ from adaptsize.limiting.options import Method, refuse_idle
 from adaptsize.limiting.problem import PointBounds, Problem
 from adaptsize.limiting.warm_start import refuse_background, refuse_others, resume, with_start
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
-
-# Products of four lengths and two g must stay in the range of float64.
-_FARTHEST = 1e60
 
 _TOL = 1e-3
 
@@ -124,13 +124,8 @@ def limit_gradient(
         * ``"exact"`` computes each size directly from the bounds visible from the node.  It
           needs a flat domain and a single number g or a function g(h).  The result is exact
           to rounding in convex domains and in the plane; see the notes.
-        * ``"factored"`` needs triangles in the plane and a smooth g: a number, or one per
-          node.
-        * ``"hermite"`` needs triangles, in the plane or in space; it propagates gradients
-          with the sizes.
         * ``"fast-marching"`` is of first order and monotone, and works on every background.
-        * ``"auto"`` takes the first of these four that applies.  If g is given per cell, it
-          takes fast marching.
+        * ``"auto"`` takes the exact method where it applies, else fast marching.
         * ``"positive-coefficient"``, on meshes, is the iteration of Barth and Sethian [2]_.
         * ``"hamilton-jacobi"``, on grids, is the upwind iteration of [1]_.
         * ``"edge-based"`` computes shortest paths along edges.  It does not converge and is
@@ -259,6 +254,7 @@ def limit_gradient(
     domain = _domain(background)
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
     method = one_of("method", method, ("auto", *schemes.METHODS))
+    full_output = as_flag("full_output", full_output)
     bound = _as_bound("h0", h0, background)
     if full_output and np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept for comparison in the next call
@@ -266,10 +262,10 @@ def limit_gradient(
     if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
-    if order not in (1, 2):
-        raise ValueError(f"order must be 1 or 2, got {order!r}")
-    if floor not in ("hopf-lax", None):
-        raise ValueError(f"floor must be 'hopf-lax' or None, got {floor!r}")
+    order = as_whole_number("order", order, lower=1, upper=2)
+    if floor is not None and not (isinstance(floor, str) and floor == "hopf-lax"):
+        raise ValueError(f"floor must be 'hopf-lax' or None, got {describe(floor)}")
+    face_sources = as_flag("face_sources", face_sources)
     tol = as_number("tol", tol, lower=0.0, strict=True)
     max_iter, threads = _as_count("max_iter", max_iter), _as_count("threads", threads)
     given = {
@@ -304,7 +300,7 @@ def limit_gradient(
             initial=None if start is None else _forward(np.minimum(start, bound), transform),
             tol=tol,
             max_iter=max_iter,
-            face_sources=bool(face_sources),
+            face_sources=face_sources,
             threads=threads,
             point_sources=extra,
             residual=full_output,
@@ -364,15 +360,9 @@ def _domain(
     """Return the mesh or grid that the schemes run on; refuse coordinates out of range."""
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if isinstance(background, CartesianGrid):
-        corners = [background.lower, background.upper]
+        check_range("background", np.stack([background.lower, background.upper]))
     else:
-        corners = [background.points]
-    farthest = max(max(float(c.max()), -float(c.min())) for c in corners)
-    if farthest != 0.0 and not 1.0 / _FARTHEST <= farthest <= _FARTHEST:
-        raise ValueError(
-            f"background must have coordinates of {1.0 / _FARTHEST:g} to {_FARTHEST:g} in size, "
-            f"got {farthest:g} as the largest: choose another unit of length"
-        )
+        check_range("background", background.points)
     return background.mesh if isinstance(background, Octree) else background
 
 

@@ -30,8 +30,6 @@ class Slope:
 
     values: FloatArray
     """One value for all (shape (1,)), one per cell of a mesh, or one per node of a grid."""
-    at_nodes: FloatArray | None = None
-    """One value per node of a mesh, if g was given per node."""
 
     @property
     def step(self) -> int:
@@ -193,7 +191,7 @@ def _in_space(background: SimplexMesh | CartesianGrid, g: object) -> Slope:
     n_points, n_cells = background.n_points, background.n_cells
     if values.shape == (n_points,):
         in_cells = values[background.cells].mean(axis=1)
-        return Slope(np.ascontiguousarray(in_cells), at_nodes=values)
+        return Slope(np.ascontiguousarray(in_cells))
     if values.shape == (n_cells,):
         return Slope(values)
     raise ValueError(

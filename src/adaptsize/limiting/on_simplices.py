@@ -11,9 +11,7 @@ from adaptsize._kernels.simplex import fill_gradient_norms
 from adaptsize.limiting.barth_sethian import solve_positive_coefficient
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact import solve_exact
-from adaptsize.limiting.factored import solve_factored
 from adaptsize.limiting.fast_marching import solve_fast_marching
-from adaptsize.limiting.hermite import solve_hermite
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray
 
@@ -24,13 +22,10 @@ if TYPE_CHECKING:
 
 METHODS = (
     "exact",
-    "factored",
-    "hermite",
     "fast-marching",
     "positive-coefficient",
     "edge-based",
 )
-_WITH_GRADIENTS = {"factored": solve_factored, "hermite": solve_hermite}
 _DIRECT = {
     "fast-marching": solve_fast_marching,
     "edge-based": solve_edge_based,
@@ -38,15 +33,9 @@ _DIRECT = {
 
 
 def choose_method(mesh: SimplexMesh, problem: Problem) -> str:
-    """Return the method for ``method="auto"``: the most accurate scheme that applies."""
-    slope = problem.slope
+    """Return the method for ``method="auto"``: the exact one where it applies."""
     is_flat = mesh.cell_dim == mesh.dim
-    if is_flat and not slope.step:
-        return "exact"
-    varies_in_cells = slope.step and slope.at_nodes is None  # may jump
-    if mesh.cell_dim != 2 or varies_in_cells:
-        return "fast-marching"
-    return "factored" if is_flat else "hermite"
+    return "exact" if is_flat and not problem.slope.step else "fast-marching"
 
 
 def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
@@ -64,10 +53,6 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
             threads=problem.threads,
             point_sources=problem.point_sources,
             report=report,
-        )
-    if method in _WITH_GRADIENTS:
-        return _WITH_GRADIENTS[method](
-            mesh, h0, slope, nodal_g=slope.at_nodes, residual=residual, report=report
         )
     return _DIRECT[method](mesh, h0, slope, residual=residual, report=report)
 

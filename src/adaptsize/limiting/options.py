@@ -8,8 +8,6 @@ from typing import Literal, TypeAlias
 Method: TypeAlias = Literal[
     "auto",
     "exact",
-    "factored",
-    "hermite",
     "fast-marching",
     "positive-coefficient",
     "hamilton-jacobi",
@@ -20,8 +18,6 @@ Method: TypeAlias = Literal[
 #: Every method accepts a `LimitingInfo` as ``initial``; only those listed here accept an array.
 _OPTIONS: dict[str, frozenset[str]] = {
     "exact": frozenset({"face_sources", "threads", "point_sources"}),
-    "factored": frozenset(),
-    "hermite": frozenset(),
     "fast-marching": frozenset({"order"}),
     "positive-coefficient": frozenset({"initial", "tol", "max_iter", "floor"}),
     "hamilton-jacobi": frozenset({"order", "initial", "tol", "max_iter"}),
@@ -32,7 +28,7 @@ _OPTIONS: dict[str, frozenset[str]] = {
 _ON_GRIDS = ("order",)
 
 # Methods that ``method="auto"`` may choose.
-_AUTOMATIC = ("exact", "factored", "hermite", "fast-marching")
+_AUTOMATIC = ("exact", "fast-marching")
 
 
 def refuse_idle(method: str, available: tuple[str, ...], given: Mapping[str, bool]) -> None:

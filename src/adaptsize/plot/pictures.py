@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, one_of
+from adaptsize._checks import as_float_array, as_number, as_path, check_type, one_of
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport
@@ -92,6 +92,7 @@ def plot_size(
     (252, 320, 3)
     """
     _check_output(path, width)
+    check_type("label", label, str)
     background: object = mesh
     if isinstance(mesh, SizeFunction):
         background, size = mesh.background, mesh if size is None else size
@@ -137,6 +138,7 @@ def plot_mesh(
     >>> plot_mesh(mesh, path="square.png")  # doctest: +SKIP
     """
     _check_output(path, width)
+    check_type("mesh", mesh, SimplexMesh)
     values, on_nodes = _values_to_show(mesh, color)
     label = "radius ratio" if color == "quality" else color
     scene = make_scene(
@@ -183,6 +185,7 @@ def plot_causes(
     >>> size, report = size_function(part, full_output=True)  # doctest: +SKIP
     >>> plot_causes(report, path="causes.png")  # doctest: +SKIP
     """
+    check_type("report", report, SizeReport)
     _check_output(path, width)
     background = report.background
     if isinstance(background, CartesianGrid):
@@ -198,6 +201,7 @@ def plot_causes(
 
 
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:
+    one_of("color", color, ("quality", "region", *mesh.point_data, *mesh.cell_data))
     if color == "quality":
         from adaptsize.quality import radius_ratios
 
@@ -206,7 +210,6 @@ def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bo
         if mesh.cell_tags is None:
             return np.zeros(mesh.n_cells), False
         return mesh.cell_tags, False
-    one_of("color", color, ("quality", "region", *mesh.point_data, *mesh.cell_data))
     on_nodes = color in mesh.point_data
     values = np.asarray(mesh.point_data[color] if on_nodes else mesh.cell_data[color])
     if values.ndim != 1:
@@ -251,9 +254,9 @@ def _not_missing(size: npt.ArrayLike | None) -> npt.ArrayLike:
 
 
 def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
-    if path is not None and Path(path).suffix.lower() not in _SUFFIXES:
+    if path is not None and as_path("path", path).suffix.lower() not in _SUFFIXES:
         raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, got {os.fspath(path)!r}")
-    if not _SMALLEST <= width <= _LARGEST:
+    if not _SMALLEST <= as_number("width", width, lower=-np.inf) <= _LARGEST:
         raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} pixels, got {width}")
     if find_spec("pyvista") is None:
         raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')

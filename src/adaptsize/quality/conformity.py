@@ -9,9 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_type
+from adaptsize._checks import as_sizes, check_range, check_type
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
+from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.typing import BoolArray, FloatArray
 
@@ -19,7 +20,6 @@ from adaptsize.typing import BoolArray, FloatArray
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-# An edge is in band if neither halving nor doubling it brings it nearer to its size.
 _BAND = (np.sqrt(0.5), np.sqrt(2.0))
 
 
@@ -168,13 +168,15 @@ def size_conformity(
         check_type("surface", surface, SimplexMesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
-    wanted = _size_at_midpoints(mesh, size)
-    ratio = np.where(np.isfinite(wanted), mesh.edge_lengths / wanted, np.nan)
+    ratio = edge_ratios(mesh, size)
     edges = _ratio_statistics(ratio)
-    if edges is None:
-        raise ValueError("size must be finite on one edge at least, got inf everywhere")
+    assert edges is not None
     ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
-    distance = None if surface is None else _hausdorff(mesh, surface)
+    distance = relative = None
+    if surface is not None:
+        check_range("surface", surface.points)
+        distance = _hausdorff(mesh, surface)
+        relative = distance / surface.diagonal if surface.diagonal > 0.0 else np.inf
     return Conformity(
         n_points=mesh.n_points,
         n_cells=mesh.n_cells,
@@ -186,13 +188,35 @@ def size_conformity(
         radius_ratio_mean=float(ratios.mean()),
         angle_min=float(angles.min()),
         angle_p01=float(np.quantile(angles, 0.01)),
-        n_inverted=int(np.count_nonzero(_inverted(mesh))),
+        n_inverted=int(np.count_nonzero(inverted_cells(mesh))),
         hausdorff=distance,
-        hausdorff_relative=None if distance is None else distance / surface.diagonal,  # type: ignore[union-attr]
+        hausdorff_relative=relative,
     )
 
 
-def _inverted(mesh: SimplexMesh) -> BoolArray:
+def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
+    """Return the length of each edge over the requested one; NaN where that is inf.
+
+    Raises
+    ------
+    ValueError
+        If a size is not positive or NaN, or no edge has a finite size.
+    """
+    wanted = _size_at_midpoints(mesh, size)
+    finite = np.isfinite(wanted)
+    if not finite.any():
+        raise ValueError("size must be finite on one edge at least, got inf everywhere")
+    with np.errstate(over="ignore"):
+        return np.where(finite, mesh.edge_lengths / wanted, np.nan)
+
+
+def is_in_band(ratio: FloatArray) -> BoolArray:
+    """Return whether neither halving nor doubling an edge would bring it nearer to its size."""
+    return np.asarray((ratio >= _BAND[0]) & (ratio <= _BAND[1]))
+
+
+def inverted_cells(mesh: SimplexMesh) -> BoolArray:
+    """Return whether each cell has a negative or zero measure; of surface cells, a zero one."""
     flat = mesh.measures == 0.0
     if mesh.cell_dim == mesh.dim:
         flat = flat | (mesh.signed_measures <= 0.0)
@@ -216,7 +240,7 @@ def _ratio_statistics(ratio: FloatArray) -> RatioStatistics | None:
     ratio = ratio[~np.isnan(ratio)]
     if len(ratio) == 0:
         return None
-    in_band = (ratio >= _BAND[0]) & (ratio <= _BAND[1])
+    in_band = is_in_band(ratio)
     q05, q25, q50, q75, q95 = (float(q) for q in np.quantile(ratio, _QUANTILES))
     mean, share = float(ratio.mean()), float(in_band.mean())
     return RatioStatistics(len(ratio), q05, q25, q50, q75, q95, mean, share)
@@ -239,19 +263,4 @@ def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
             f"got {surface!r} for {mesh!r}"
         )
     skin = mesh if mesh.cell_dim == surface.cell_dim else mesh.boundary().mesh
-    there = surface.locator.nearest(_samples(skin))[2].max()
-    back = skin.locator.nearest(_samples(surface))[2].max()
-    return float(max(there, back))
-
-
-def _samples(mesh: SimplexMesh) -> FloatArray:
-    """Return the nodes in cells, the midpoints of the edges and the centroids of the cells."""
-    used = np.zeros(mesh.n_points, np.bool_)
-    used[mesh.cells] = True
-    return np.concatenate(
-        [
-            mesh.points[used],
-            mesh.points[mesh.edges].mean(axis=1),
-            mesh.points[mesh.cells].mean(axis=1),
-        ]
-    )
+    return max(distances_from(skin, surface).largest, distances_from(surface, skin).largest)

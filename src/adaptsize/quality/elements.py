@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from adaptsize._checks import check_type
+from adaptsize._kernels.simplex import fill_measures
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray
 
@@ -121,7 +122,11 @@ def _cells_in_parts(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]
         corners = corners - corners[:, :1]
         extent = np.abs(corners).max(axis=(1, 2))
         extent[extent == 0.0] = 1.0
-        yield corners / extent[:, None, None], mesh.measures[part] / extent**mesh.cell_dim
+        corners /= extent[:, None, None]
+        cells = np.arange(corners[..., 0].size, dtype=np.int32).reshape(corners.shape[:2])
+        measures = np.empty(len(cells))
+        fill_measures(corners.reshape(-1, mesh.dim), cells, measures)
+        yield corners, measures
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:

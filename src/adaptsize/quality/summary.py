@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
+from adaptsize.quality.boundary import n_components
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 
 _KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -132,7 +133,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
         facet_tag_names=_names(mesh, mesh.cell_dim - 1, facet_tags),
         point_fields=tuple(mesh.point_data),
         cell_fields=tuple(mesh.cell_data),
-        n_components=_n_components(mesh),
+        n_components=n_components(mesh),
         n_boundary_facets=int((mesh.facet_cell_counts == 1).sum()),
         n_nonmanifold_facets=int((mesh.facet_cell_counts > 2).sum()),
         n_unused_points=mesh.n_points - len(used),
@@ -157,13 +158,3 @@ def _names(mesh: SimplexMesh, dim: int, tags: dict[int, int]) -> dict[int, str]:
 def _counted(counts: dict[int, int], names: dict[int, str]) -> str:
     named = {tag: f'{tag} "{names[tag]}"' if tag in names else str(tag) for tag in counts}
     return ", ".join(f"{named[tag]} ({n})" for tag, n in counts.items()) or "none"
-
-
-def _n_components(mesh: SimplexMesh) -> int:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    i, j = mesh.edges.T
-    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(mesh.n_points,) * 2)
-    labels = connected_components(graph, directed=False)[1]
-    return len(np.unique(labels[mesh.cells[:, 0]]))

@@ -1,11 +1,7 @@
-"""The child process: read job.npz and job.json, call the function, write result.npz.
-
-Run as ``python -m adaptsize.remeshing._worker`` in the job's directory.
-"""
+"""The job of a child process: read job.npz and job.json, call the function, write result.npz."""
 
 import json
 import os
-import sys
 from importlib import import_module
 
 import numpy as np
@@ -13,7 +9,6 @@ import numpy as np
 
 def main() -> int:
     """Do the job in the working directory; return the exit code."""
-    _die_with_parent()
     with open("job.json", encoding="utf-8") as file:
         job = json.load(file)
     with np.load("job.npz", allow_pickle=False) as loaded:
@@ -28,20 +23,3 @@ def main() -> int:
     np.savez("unfinished.npz", **result)
     os.replace("unfinished.npz", "result.npz")
     return 0
-
-
-def _die_with_parent() -> None:
-    """Ask Linux to kill this process when its parent dies; elsewhere do nothing."""
-    if sys.platform == "linux":
-        import ctypes
-        import signal
-
-        set_death_signal = 1  # PR_SET_PDEATHSIG of <sys/prctl.h>
-        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
-
-
-if __name__ == "__main__":
-    code = main()
-    sys.stdout.flush()
-    # Exit without cleanup: some generators crash in their exit handlers.
-    os._exit(code)

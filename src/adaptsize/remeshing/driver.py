@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe, one_of
+from adaptsize._checks import as_flag, as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing import netgen
@@ -34,7 +35,8 @@ from adaptsize.remeshing.sizing import (
     as_size,
     known_points,
 )
-from adaptsize.remeshing.surface import refine_surface
+from adaptsize.remeshing.strict import remesh_strictly, routes
+from adaptsize.remeshing.surface import THINNEST, refine_surface
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 Target = Literal["auto", "tetrahedra", "triangles"]
@@ -52,6 +54,7 @@ def remesh(
     required_facets: npt.ArrayLike | None = None,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,
+    strict: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SimplexMesh:
     """Return a new mesh of the same domain with the requested edge lengths.
@@ -88,6 +91,9 @@ def remesh(
         If the sizes require more elements than this, no generator is started.
     timeout : float or None
         Seconds after which the generators are stopped.  None disables the limit.
+    strict : bool
+        Whether the mesh must meet all demands of `check_mesh`, with the same tolerance.  If it
+        does not, smaller tolerances and other generators are tried.
     progress : callable, bool or None
         Called with a text and None while generators work.  True shows a progress bar.
 
@@ -109,7 +115,8 @@ def remesh(
         If no installed generator can do this.  The message says how to install one.
     BackendError
         If the generator failed.  The message has its last lines of output.
-        BackendTimeoutError if it was stopped.
+        BackendTimeoutError if it was stopped, MeshingError if ``strict`` and no mesh meets the
+        demands.
 
     Warns
     -----
@@ -118,6 +125,8 @@ def remesh(
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that are closer to each other than the
         tolerance: what it encloses is then decided by the generator.  See `close_holes`.
+    ResolutionWarning
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.
 
     Notes
     -----
@@ -165,11 +174,19 @@ def remesh(
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
     g = as_number("g", g, lower=0.0)
     hmax = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
+    strict = as_flag("strict", strict)
     if timeout is not None:
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
     wanted = as_size(size, mesh, g=g, hmax=hmax)
     repaired = repair_mesh(mesh)
+    if strict:
+        attempt = partial(
+            remesh, mesh, size, target=target, g=g, hmax=hmax, required_facets=required_facets,
+            max_elements=max_elements, progress=progress,
+        )  # fmt: skip
+        ways = routes(task, backend, chosen.name, keep_facets=required_facets is not None)
+        return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, timeout)
     if task == "surface to tetrahedra":
         warn_of_surface(repaired.mesh, tolerance * repaired.mesh.diagonal)
     frame = Frame.around(repaired.mesh)
@@ -245,10 +262,11 @@ def _first_volume(part: _Part, run: IsolatedRunner) -> tuple[SimplexMesh, IntArr
     """
     problem = part.problem
     assert problem.size is not None
-    surface, ridges = refine_surface(problem.mesh, problem.size, problem.tolerance)
-    raw = netgen.fill(surface, run)
-    if raw is not None:
-        return part.restored(raw, "netgen"), ridges
+    for thinnest in THINNEST:
+        surface, ridges = refine_surface(problem.mesh, problem.size, problem.tolerance, thinnest)
+        raw = netgen.fill(surface, run)
+        if raw is not None:
+            return part.restored(raw, "netgen"), ridges
     problem = replace(problem, size=None)
     raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
     return part.restored(raw, "tetwild"), np.empty((0, 2), np.int32)

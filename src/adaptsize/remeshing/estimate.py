@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import as_sizes, check_function, check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import TooManyElementsError
 from adaptsize.remeshing.sizing import Size
@@ -39,9 +40,13 @@ def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
     >>> round(estimate_n_cells(mesh, lambda x: np.full(len(x), 0.1)))
     115
     """
+    check_type("mesh", mesh, SimplexMesh)
+    check_function("size", size, "points")
     k = mesh.cell_dim
-    corners = size(mesh.points)[mesh.cells]
-    central = size(mesh.points[mesh.cells].mean(axis=1))
+    sizes = as_sizes("size(points)", size(mesh.points), (mesh.n_points,))
+    corners = sizes[mesh.cells]
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    central = as_sizes("size(points)", size(middles), (mesh.n_cells,))
     density = np.zeros(mesh.n_cells)
     for v in range(k + 1):  # the sub-simplices between the facets of a cell and its centroid
         part = corners.copy()

@@ -2,8 +2,9 @@
 
 Generators have been observed to crash the interpreter, hang, ignore SIGTERM, replace
 the handler of SIGINT, print, and write files into the working directory.  Therefore each
-call gets a new interpreter in its own session and temporary directory.  It is killed when
-the time limit is reached or the caller is interrupted.
+call gets a new interpreter in its own session and temporary directory, under a supervisor
+(`adaptsize._supervisor`).  The supervisor ends it with all that it has started, and removes the
+directory, when the time limit is reached or the caller is interrupted, ends or is killed.
 """
 
 from __future__ import annotations
@@ -27,11 +28,13 @@ import numpy.typing as npt
 
 from adaptsize.errors import BackendError, BackendTimeoutError
 
-_WORKER = "adaptsize.remeshing._worker"
+_SUPERVISOR = "adaptsize._supervisor"
 #: The messages of the generators; they are silent unless its level is DEBUG.
 _LOGGER = logging.getLogger("adaptsize.remeshing")
 _POLL_SECONDS = 0.1
 _LAST_LINES = 8
+#: The supervisor has this long to end a job.
+_PATIENCE = 10.0
 #: A child that prints more than this is stopped.
 _MAX_LOG_BYTES = 50_000_000
 
@@ -82,12 +85,8 @@ class IsolatedRunner:
             prefix="adaptsize-", ignore_cleanup_errors=True
         ) as directory:
             folder = Path(directory)
-            named: dict[str, Any] = dict(arrays)  # for mypy: savez has its own keywords
-            np.savez(folder / "job.npz", **named)
-            (folder / "job.json").write_text(
-                json.dumps({"function": function, "options": dict(options)}), encoding="utf-8"
-            )
-            code = self._run_child(folder, text)
+            job = {"function": function, "options": dict(options)}
+            code = self._run_child(folder, text, arrays, job)
             result = folder / "result.npz"
             if code != 0 or not result.exists():
                 self._fail(folder, code)
@@ -95,27 +94,38 @@ class IsolatedRunner:
             with np.load(result, allow_pickle=False) as loaded:
                 return {name: loaded[name] for name in loaded.files}
 
-    def _run_child(self, folder: Path, text: str) -> int:
+    def _run_child(
+        self,
+        folder: Path,
+        text: str,
+        arrays: Mapping[str, npt.NDArray[Any]],
+        job: Mapping[str, Any],
+    ) -> int:
         with open(folder / "log.txt", "wb") as log:
             child = subprocess.Popen(
-                [sys.executable, "-m", _WORKER],
+                [sys.executable, "-m", _SUPERVISOR, str(os.getpid()), str(folder)],
                 cwd=folder,
                 env=_environment(),
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 **_own_group(),
             )
             try:
+                named: dict[str, Any] = dict(arrays)  # for mypy: savez has its own keywords
+                np.savez(folder / "job.npz", **named)
+                (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+                _start_job(child)
                 self._wait(child, folder / "log.txt", text)
-            finally:  # also on an interrupt, and for processes that the child started
-                _kill_session(child)
-            return child.wait()
+            finally:  # also on an interrupt
+                code = _end(child)
+            return code
 
     def _wait(self, child: subprocess.Popen[bytes], log: Path, text: str) -> None:
         while True:
             self.report(text, None)
-            if _has_ended(child, _POLL_SECONDS):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(_POLL_SECONDS)
                 return
             if self.deadline is not None and time.monotonic() > self.deadline:
                 raise BackendTimeoutError(
@@ -163,69 +173,23 @@ def _own_group() -> dict[str, Any]:
     return {"start_new_session": True}
 
 
-def _has_ended(child: subprocess.Popen[bytes], seconds: float) -> bool:
-    """Wait for the child to end, without reaping it where the system allows that.
-
-    Until it is reaped, its process group keeps its number, and no other process gets it.
-    """
-    if not hasattr(os, "waitid"):  # Windows, older macOS
-        try:
-            child.wait(seconds)
-        except subprocess.TimeoutExpired:
-            return False
-        return True
-    until = time.monotonic() + seconds
-    pause = 0.001
-    while True:
-        if child.returncode is not None or os.waitid(
-            os.P_PID, child.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG
-        ):
-            return True
-        if time.monotonic() >= until:
-            return False
-        time.sleep(pause)
-        pause = min(2.0 * pause, 0.05)
+def _start_job(child: subprocess.Popen[bytes]) -> None:
+    assert child.stdin is not None
+    with contextlib.suppress(BrokenPipeError):  # killed from outside: its exit code says so
+        child.stdin.write(b"start\n")
+        child.stdin.flush()
 
 
-def _kill_session(child: subprocess.Popen[bytes]) -> None:
-    """Kill the child and, where the system lists them, all processes that it started.
-
-    SIGKILL is used because hung generators ignore other signals.  The child may have ended
-    before the processes it started.
-    """
-    if sys.platform != "win32":
-        others = _started_by(child.pid)
-        # The group may have ended already (macOS reports EPERM for a zombie).
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(child.pid, signal.SIGKILL)
-        for pid in others:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(pid, signal.SIGKILL)
-    if child.poll() is None:
-        child.kill()
-        child.wait()
-
-
-def _started_by(pid: int) -> list[int]:
-    """Return the processes in the session of a process, and its descendants (Linux only).
-
-    A session includes processes with their own process group.  Descendants include processes
-    that have left the session, as long as their parents are alive.
-    """
-    parent, session = {}, {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # the process may have ended meanwhile
-            # The name of the program, in parentheses, may contain any characters.
-            words = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
-            number = int(stat.parent.name)
-            parent[number], session[number] = int(words[1]), int(words[3])
-    found = {number for number, leader in session.items() if leader == pid} | {pid}
-    grown = True
-    while grown:
-        children = {number for number, above in parent.items() if above in found} - found
-        found |= children
-        grown = bool(children)
-    return sorted(found - {pid})
+def _end(child: subprocess.Popen[bytes]) -> int:
+    """Make the supervisor end the job and itself, and return its exit code."""
+    assert child.stdin is not None
+    with contextlib.suppress(BrokenPipeError):
+        child.stdin.close()
+    try:
+        return child.wait(_PATIENCE)
+    except subprocess.TimeoutExpired:
+        child.kill()  # the job dies with it where the system can do that
+        return child.wait()
 
 
 def _signal_name(number: int) -> str:

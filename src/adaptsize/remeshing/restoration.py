@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError
+from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.preparation import NO_TAG, Facets
 from adaptsize.remeshing.protocol import Problem, RawMesh
 from adaptsize.typing import FloatArray, IntArray
@@ -25,9 +26,10 @@ def restore(
     ------
     BackendError
         If the generator returned no cells, coordinates that are not finite, indices
-        out of range, or inverted cells.
+        out of range, inverted cells, or a mesh of another domain.
     """
     points, cells, nodes = _checked(raw, backend)
+    refuse_other_domain(SimplexMesh(points, cells), problem, backend)
     old = problem.mesh
     cell_tags = None
     if old.cell_tags is not None and problem.task != "surface to tetrahedra":

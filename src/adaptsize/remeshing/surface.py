@@ -20,8 +20,8 @@ from adaptsize.typing import FloatArray, IntArray
 _EDGE_OVER_SIZE = 4.0
 #: ... or the surface would have more triangles than this.
 _MAX_TRIANGLES = 400_000
-#: Triangles of less height than this share of the tolerance are removed.
-_THINNEST = 0.2
+#: Triangles of less height than these shares of the tolerance are removed, in two attempts.
+THINNEST = (0.2, 0.02)
 #: Ridges closer than this share of the size are too close for good cells between them.
 _NARROW = 0.3
 #: Dihedral angle above which an edge is a feature edge.
@@ -31,7 +31,9 @@ _FEATURE_ANGLE = np.deg2rad(30.0)
 _BULGE = 0.25
 
 
-def refine_surface(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[SimplexMesh, IntArray]:
+def refine_surface(
+    mesh: SimplexMesh, size: Size, tolerance: float, thinnest: float = THINNEST[0]
+) -> tuple[SimplexMesh, IntArray]:
     """Return the same surface with shorter edges, and the edges that must not be rounded.
 
     Edges are divided until they are at most four times as long as the size.  Edges in flat
@@ -44,12 +46,14 @@ def refine_surface(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Sim
     size : callable
     tolerance : float
         Allowed distance from the surface, in the unit of the coordinates.
+    thinnest : float
+        Triangles of less height than this share of the tolerance are removed.
 
     Returns
     -------
     SimplexMesh, int32[n, 2]
     """
-    mesh, _ = remove_slivers(mesh, _THINNEST * tolerance)
+    mesh, _ = remove_slivers(mesh, thinnest * tolerance)
     mesh = _with_better_facets(mesh)
     kept = _edges_to_keep(mesh, tolerance)
     while True:
@@ -59,7 +63,7 @@ def refine_surface(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Sim
             return mesh, _ridges(mesh, kept, size)
         split = split_edges(mesh, long)
         kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
-        mesh, new_node = remove_slivers(split.mesh, _THINNEST * tolerance)
+        mesh, new_node = remove_slivers(split.mesh, thinnest * tolerance)
         kept = renumbered_edges(kept, new_node)
         mesh = _with_better_facets(mesh)
 

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_slope
+from adaptsize._checks import as_angle, as_number, as_slope
 from adaptsize.background import CartesianGrid
 from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
 from adaptsize.typing import BoolArray, FloatArray
@@ -39,9 +39,7 @@ def size_from_distance(
     """
     phi = as_level_set("boundary", boundary, grid)
     slope = as_slope("g", g)
-    angle = math.radians(as_number("crease_angle", crease_angle, lower=0.0))
-    if angle > math.pi:
-        raise ValueError(f"crease_angle must be at most 180 degrees, got {crease_angle:g}")
+    angle = math.radians(as_angle("crease_angle", crease_angle))
     nodes = _nodes_near(grid, phi, tolerance)
     # The mean of two unit vectors with that angle between them is shorter by this much.
     kink = 1.0 - math.cos(0.5 * angle)

@@ -113,6 +113,8 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
 
 def calibration(backend: str | None, cell_dim: int) -> float:
     """Return how many cells a generator makes per predicted cell, 1 for others than measured."""
+    if backend is not None:
+        check_type("backend", backend, str)
     return CELLS_PER_PREDICTED.get((backend or "", cell_dim), 1.0)
 
 

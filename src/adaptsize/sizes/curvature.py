@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, check_type, describe
+from adaptsize._checks import as_angle, as_number, as_slope, check_type, describe
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
@@ -148,6 +148,8 @@ def size_from_curvature(
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if boundary is None and tolerance is not None:
         raise ValueError(f"tolerance needs boundary, got tolerance={tolerance!r} without one")
+    crease_angle = as_angle("crease_angle", crease_angle)
+    g = as_slope("g", g)
     if g != _SLOPE and (boundary is None or isinstance(boundary, SimplexMesh)):
         raise ValueError(f"g is for a boundary that is given by distances, got g={g!r} without")
     per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)

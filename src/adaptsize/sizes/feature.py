@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, check_type, describe, one_of
+from adaptsize._checks import as_angle, as_number, check_type, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.api import signed_distance
@@ -128,6 +128,7 @@ def size_from_feature(
     array([0.2, 0.2, 0.2])
     """
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    crease_angle = as_angle("crease_angle", crease_angle)
     across = as_number("elements_across", elements_across, lower=0.0, strict=True)
     one_of("method", method, METHODS)
     by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)

@@ -95,7 +95,10 @@ def size_from_sources(
     """
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     slope = as_slope("g", g)
-    several = sources if isinstance(sources, Iterable) else [sources]
+    try:
+        several = list(sources) if isinstance(sources, Iterable) else [sources]
+    except TypeError as error:  # an array without an axis
+        raise ValueError(f"sources must be a list of them, got {describe(sources)}") from error
     on = background.mesh if isinstance(background, Octree) else background
     h0 = np.full(background.nodal_shape, np.inf)
     for number, source in enumerate(several):

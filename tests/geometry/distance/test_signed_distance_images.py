@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from adaptsize import CartesianGrid, signed_distance
+from adaptsize import CartesianGrid, SimplexMesh, signed_distance
+from adaptsize.errors import ConvergenceWarning
 
 
 def disc(radius, shift, spacing=(1.0, 1.0)):
@@ -150,3 +151,30 @@ def test_masks_of_one_kind_are_refused():
     for mask in (np.zeros((5, 5), bool), np.ones((5, 5), bool)):
         with pytest.raises(ValueError, match="boundary must change its sign"):
             signed_distance(grid, mask)
+
+
+@pytest.mark.parametrize("boundary", ["function", "floats", "surface"])
+def test_smoothing_is_refused_for_other_boundaries(boundary):
+    grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))
+    phi = np.linalg.norm(grid.points, axis=1).reshape(grid.shape) - 1.0
+    given = {
+        "function": lambda x: np.linalg.norm(x, axis=1) - 1.0,
+        "floats": phi,
+        "surface": SimplexMesh([[-1, -1], [1, -1], [0, 1]], [[0, 1], [1, 2], [2, 0]]),
+    }[boundary]
+    with pytest.raises(ValueError, match="smoothing is for boolean images"):
+        signed_distance(grid, given, smoothing=1.5)
+
+
+def test_unfinished_reinitialization_warns(monkeypatch):
+    module = "adaptsize.geometry.distance.reinitialization"
+    grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))
+
+    def steep(x):
+        return (x**2).sum(axis=1) ** 2 - 1.0
+
+    signed_distance(grid, steep, method="reinitialization")  # no warning
+    monkeypatch.setattr(f"{module}._MOST", 2)
+    monkeypatch.setattr(f"{module}._MOST_PER_SPACING", 0)
+    with pytest.warns(ConvergenceWarning, match="reinitialization stopped after 2 iterations"):
+        signed_distance(grid, steep, method="reinitialization")

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from adaptsize import CartesianGrid, limit_gradient
 
 G = 0.3
-GRID_CASES = [case for case in CASES if case.background == "grid" and case.masks]
+GRID_CASES = [case for case in CASES if case.background == "grid"]
 
 
 # --- the upwind equation, by bisection at every node until nothing changes -----------------

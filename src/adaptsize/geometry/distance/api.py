@@ -20,15 +20,19 @@ from adaptsize._checks import (
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.image import GridSpline, smooth_mask
-from adaptsize.geometry.distance.implicit import Implicit, implicit_distance
+from adaptsize.geometry.distance.implicit import implicit_distance
 from adaptsize.geometry.distance.propagation import AnyBackground
 from adaptsize.geometry.distance.reinitialization import reinitialize
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
+from adaptsize.geometry.implicit_surface import Implicit, checked
 from adaptsize.typing import FloatArray, ProgressCallback
 
 Method: TypeAlias = Literal["projection", "reinitialization"]
 METHODS = get_args(Method)
 _Boundary: TypeAlias = SimplexMesh | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
+
+# Standard deviation of the low-pass filter for boolean images, in pixels.
+_SMOOTHING = 1.5
 
 
 def signed_distance(
@@ -37,7 +41,7 @@ def signed_distance(
     *,
     band: float = 3.0,
     method: Method = "projection",
-    smoothing: float = 1.5,
+    smoothing: float | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
     r"""Return the distance of each node to a boundary, negative inside.
@@ -74,8 +78,9 @@ def signed_distance(
     method : {"projection", "reinitialization"}
         For functions and images: the method in the band.  Reinitialization needs a
         CartesianGrid; it uses the values of the function at the nodes only.
-    smoothing : float, default 1.5
-        For boolean images: standard deviation of the low-pass filter, in pixels, >= 0.
+    smoothing : float, optional
+        Only for boolean images: standard deviation of the low-pass filter, in pixels, >= 0.  The
+        default is 1.5.
     progress : callable or bool, optional
         Called as ``progress(text, share)``; True shows a progress bar on a terminal.
 
@@ -87,7 +92,13 @@ def signed_distance(
     ------
     ValueError
         If an argument is out of range, the boundary does not fit the background, or a
-        function or image has the same sign at all nodes.
+        function or image has the same sign at all nodes.  Also if ``smoothing`` is given for
+        a boundary that is not a boolean image.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If reinitialization stops at its limit of iterations.
 
     See Also
     --------
@@ -165,6 +176,10 @@ def signed_distance(
     one_of("method", method, METHODS)
     if method == "reinitialization" and not isinstance(background, CartesianGrid):
         raise ValueError(f"method='reinitialization' needs a CartesianGrid, got {background!r}")
+    if smoothing is not None and not _is_mask(boundary):
+        raise ValueError(
+            f"smoothing is for boolean images, got {smoothing!r} for {describe(boundary)}"
+        )
     with reporting(progress) as report:
         if boundary is None:
             return _to_own_boundary(background, report)
@@ -177,6 +192,13 @@ def signed_distance(
             assert isinstance(background, CartesianGrid)
             return _by_reinitialization(background, values, band, report)
         return implicit_distance(background, function, values, band, report)
+
+
+def _is_mask(boundary: _Boundary | None) -> bool:
+    """Return whether a boundary is a boolean image."""
+    if boundary is None or isinstance(boundary, SimplexMesh) or callable(boundary):
+        return False
+    return as_plain_array("boundary", boundary).dtype == np.bool_
 
 
 def _check_background(background: AnyBackground) -> None:
@@ -228,16 +250,11 @@ def _by_reinitialization(
 
 
 def _as_implicit(
-    background: AnyBackground, boundary: Any, smoothing: float
+    background: AnyBackground, boundary: Any, smoothing: float | None
 ) -> tuple[Implicit, FloatArray]:
     """Return a function whose zero level is the boundary, and its values at the nodes."""
     if callable(boundary):
-
-        def function(points: FloatArray) -> FloatArray:
-            values = as_float_array("boundary(points)", boundary(points), (len(points),))
-            refuse_where("boundary(points)", ~np.isfinite(values), values, "must be finite")
-            return values
-
+        function = checked(boundary)
         if isinstance(background, CartesianGrid):
             return function, background.sample(function)
         return function, function(background.points)
@@ -248,7 +265,10 @@ def _as_implicit(
             f"shape of the grid, got {describe(boundary)} for {background!r}"
         )
     if image.dtype == np.bool_:
-        values = smooth_mask(image, as_number("smoothing", smoothing, lower=0.0))
+        deviation = (
+            _SMOOTHING if smoothing is None else as_number("smoothing", smoothing, lower=0.0)
+        )
+        values = smooth_mask(image, deviation)
     else:
         values = as_float_array("boundary", image)
         refuse_where("boundary", ~np.isfinite(values), values, "must be finite")

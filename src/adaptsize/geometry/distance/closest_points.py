@@ -22,13 +22,15 @@ DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 # Points between two progress reports: about 0.2 s.
 _CHUNK = 20_000
-# Step of finite differences, as a share of the extent.  The rounding error, 1e-16 / 1e-6, is as
-# small as the error due to a kink nearby.
-_STEP_SHARE = 1e-6
+# Step of finite differences, as a share of the extent.  The error of rounding is 1e-16 / 1e-7.
+# Steps must be much shorter than the smallest part of an edge on which a kink is located.
+_STEP_SHARE = 1e-7
 # If the length of a gradient differs from 1 by more, the difference mixes several fronts.
 _MIXED = 1e-3
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
+# If that mixes fronts, too, at these multiples of the offset.
+_TIMES_BESIDE = (1.0, -1.0, 2.5, -2.5)
 # The distance of a foot from the boundary must be below this share of that of the node, and ...
 _FOOT_SHARE = 0.01
 # ... at least this share of the nodes must have a foot: all except those at the medial axis.
@@ -90,7 +92,7 @@ class SurfaceBoundary:
             feet[part], distance[part] = self._nearest(points[part])
             report("distance", min(1.0, (first + _CHUNK) / len(points)))
         inside = inside_surface(background, self.surface, distance, report)
-        return _depths(points, feet, distance, inside)
+        return depths_of(points, feet, distance, inside)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return distances without sign."""
@@ -103,7 +105,7 @@ class SurfaceBoundary:
         inside = np.ones(len(points), np.bool_) if is_inside is None else is_inside.copy()
         unknown = slice(None) if is_inside is None else ~is_inside
         inside[unknown] = self._winding.contains(points[unknown])
-        return _depths(points, feet, distance, inside)
+        return depths_of(points, feet, distance, inside)
 
     def _nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         nodes, weights, distance = self.surface.locator.weights(points)
@@ -136,7 +138,7 @@ class OwnBoundary(SurfaceBoundary):
         assert isinstance(background, SimplexMesh)
         on_it = background.boundary().nodes
         feet[on_it], distance[on_it] = background.points[on_it], 0.0
-        return _depths(background.points, feet, distance, np.ones(len(feet), np.bool_))
+        return depths_of(background.points, feet, distance, np.ones(len(feet), np.bool_))
 
 
 class FunctionBoundary:
@@ -186,9 +188,11 @@ class FunctionBoundary:
         gradient = self._gradient(points)
         length = np.linalg.norm(gradient, axis=1)
         # Differences across a kink mix two fronts; next to the kink there is only one.
-        mixed = np.flatnonzero(np.abs(length - 1.0) > _MIXED)
-        if len(mixed):
-            beside = self._step * _BESIDE[: points.shape[1]]
+        for times in _TIMES_BESIDE:
+            mixed = np.flatnonzero(np.abs(length - 1.0) > _MIXED)
+            if len(mixed) == 0:
+                break
+            beside = times * self._step * _BESIDE[: points.shape[1]]
             gradient[mixed] = self._gradient(points[mixed] + beside)
             length[mixed] = np.linalg.norm(gradient[mixed], axis=1)
         outward = gradient / np.where(length > 0.0, length, 1.0)[:, None]
@@ -209,9 +213,10 @@ class FunctionBoundary:
         return values
 
 
-def _depths(
+def depths_of(
     points: FloatArray, feet: FloatArray, distance: FloatArray, inside: BoolArray
 ) -> Depths:
+    """Return depths of points with given closest points, distances and sides."""
     depth = np.where(inside, distance, -distance)
     way = feet - points
     length = np.linalg.norm(way, axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from adaptsize._kernels import fast_marching as mesh_kernels
 from adaptsize._kernels import fast_marching_grid as kernels
 from adaptsize.background.padding import buckets_for, pad, strides_of_padded
+from adaptsize.errors import ConvergenceWarning
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -115,6 +117,11 @@ def march_through_mesh(
     float64[n_points]
         inf where no seed reaches.
 
+    Warns
+    -----
+    ConvergenceWarning
+        If updates among flat cells go on for so long that changes below 0.1 % are ignored.
+
     References
     ----------
     .. [1] F. Bornemann, C. Rasch, Comput. Vis. Sci. 9 (2006) 57-69.
@@ -129,9 +136,16 @@ def march_through_mesh(
     star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
     mesh_kernels.fill_stars(mesh.cells, star_ptr, star, owner)
     stars = (mesh.points, axes, (0,) * mesh.cell_dim, star_ptr, star, owner)
-    accepted = 0
+    accepted, keep = 0, _KEEP
     while heap[3][0] > 0:
-        keep = _KEEP if accepted < _PATIENCE * n + _CHUNK_OF_MESH else _KEEP_ROUGHLY
+        if keep == _KEEP and accepted >= _PATIENCE * n + _CHUNK_OF_MESH:
+            keep = _KEEP_ROUGHLY
+            warnings.warn(
+                f"{text} updated {n} nodes {accepted} times: changes below {1.0 - keep:.1%} are "
+                "ignored from here on; the background has very flat cells",
+                ConvergenceWarning,
+                stacklevel=4,
+            )
         accepted += mesh_kernels.march(*stars, u, *slope, *heap, keep, _CHUNK_OF_MESH)
         report(text, min(accepted / n, 1.0))
     report(text, 1.0)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import product
-from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.geometry.distance.projection import project
 from adaptsize.geometry.distance.propagation import (
     AnyBackground,
     Features,
@@ -18,43 +17,19 @@ from adaptsize.geometry.distance.propagation import (
     places_of,
     propagate,
 )
+from adaptsize.geometry.implicit_surface import Implicit, LevelFrame, frame_at
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-#: f(points[n, dim]) -> float64[n], checked.
-Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
-
-# Nodes per batch of the projection; the function is evaluated at several points around each.
+# Nodes per batch beyond the band.
 _NODES_AT_ONCE = 100_000
 # Steps of the search for zeros on edges.
 _CUTS = 4
-# Steps of differences, in spacings: first derivatives and curvatures.
-_STEP = 1e-3
+# Step of differences for curvatures, in spacings.
 _STEP_OF_CURVATURE = 3e-2
-# Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
-_MOST_ITERATIONS = 15
-# An iterate has converged when it moves by less, in spacings.
-_ARRIVED = 1e-9
-# Iterates farther from the zero level, in spacings and in steps along it, first return to it.
-_OFF_LEVEL = 0.05
-# Penalty on the distance of an iterate from the zero level, so that iterates on it are preferred.
-_PENALTY = 2.0
 # The parabola at a foot is used only for feet up to this distance from it, in spacings, ...
 _WITHIN = 1.5
 # ... and not near or beyond its focus.
 _OFF_FOCUS = 0.25
-
-
-class _Feet(NamedTuple):
-    """Closest points of the zero level, and the surface around each."""
-
-    points: FloatArray
-    """float64[m, dim]"""
-    normals: FloatArray
-    """float64[m, dim], along the gradient"""
-    tangents: FloatArray
-    """float64[m, dim - 1, dim]"""
-    curvatures: FloatArray
-    """float64[m, dim - 1, dim - 1]: second fundamental form, positive where convex."""
 
 
 def implicit_distance(
@@ -76,40 +51,38 @@ def implicit_distance(
         Nodes up to this number of spacings away are projected; inf: all.
     report : callable
     """
-    crossings, layer, spacing = _crossings(background, function, values)
+    crossings, lengths = crossings_of(background, function, values)
+    layer, spacing = _layer(background, values), float(lengths.max())
     place = places_of(background)
     start = cKDTree(crossings).query(place(layer))[1]
-    feet = _project(function, place(layer), crossings[start], spacing, report)
+    feet = project(function, place(layer), crossings[start], spacing, report)
     nearest, distance = _nearest_feet(background, layer, feet, report)
     distance[layer] = np.linalg.norm(place(layer) - feet, axis=1)
     known = np.zeros(background.n_points, np.bool_)
     known[layer] = True
     near = np.flatnonzero(~known & (distance <= (band + 0.5) * spacing))
     known[near] = True
-    projected = _project(function, place(near), feet[nearest[near]], spacing, report)
+    projected = project(function, place(near), feet[nearest[near]], spacing, report)
     distance[near] = np.linalg.norm(place(near) - projected, axis=1)
     far = np.flatnonzero(~known)
-    surface = _surface_at(function, feet, spacing)
+    surface = frame_at(function, feet, _STEP_OF_CURVATURE * spacing)
     for first in range(0, len(far), _NODES_AT_ONCE):
         part = far[first : first + _NODES_AT_ONCE]
-        closer = _distance_to_parabola(place(part), surface, nearest[part], spacing)
+        closer = _distance_to_parabola(place(part), feet, surface, nearest[part], spacing)
         distance[part] = np.minimum(distance[part], closer)
         report("distance beyond the band", min((first + _NODES_AT_ONCE) / len(far), 1.0))
     return np.copysign(distance, values.ravel()).reshape(background.nodal_shape)
 
 
-def _crossings(
+def crossings_of(
     background: AnyBackground, function: Implicit, values: FloatArray
-) -> tuple[FloatArray, Nodes, float]:
-    """Return points of the zero level on edges.
+) -> tuple[FloatArray, FloatArray]:
+    """Return points of the zero level on edges, float64[m, dim], and the lengths of these edges.
 
-    Returns
-    -------
-    crossings : float64[m, dim]
-    layer : int64[l]
-        The nodes of the boxes that the zero level passes through, in meshes of the edges.
-    spacing : float
-        Length of the longest of the edges.
+    Raises
+    ------
+    ValueError
+        If there are none.
     """
     i, j = _edges_across(background, values)
     if len(i) == 0:
@@ -131,11 +104,14 @@ def _crossings(
         # A value of 0 counts as one below; two zeros would be no bracket.
         f_low = np.where(f_low == f_high, 1.0, f_low)
     t = low + (high - low) * f_low / (f_low - f_high)
-    crossings = a + t[:, None] * (b - a)
-    spacing = float(np.linalg.norm(a - b, axis=1).max())
+    return a + t[:, None] * (b - a), np.asarray(np.linalg.norm(a - b, axis=1))
+
+
+def _layer(background: AnyBackground, values: FloatArray) -> Nodes:
+    """Return the nodes of boxes that the zero level passes through, in meshes of such edges."""
     if isinstance(background, CartesianGrid):
-        return crossings, _nodes_of_mixed_boxes(values > 0.0), spacing
-    return crossings, np.unique(np.concatenate([i, j])), spacing
+        return _nodes_of_mixed_boxes(values > 0.0)
+    return np.unique(np.concatenate(_edges_across(background, values)))
 
 
 def _nodes_of_mixed_boxes(positive: BoolArray) -> Nodes:
@@ -206,120 +182,19 @@ def _neighbours(
     return ring_ptr, table[table >= 0]
 
 
-def _project(
-    function: Implicit,
-    x: FloatArray,
-    start: FloatArray,
-    spacing: float,
-    report: ProgressCallback,
+def _distance_to_parabola(
+    x: FloatArray, feet: FloatArray, surface: LevelFrame, which: Nodes, spacing: float
 ) -> FloatArray:
-    """Return the points of the zero level that are closest to x, float64[n, dim]."""
-    feet = np.empty_like(x)
-    for first in range(0, len(x), _NODES_AT_ONCE):
-        part = slice(first, first + _NODES_AT_ONCE)
-        feet[part] = _project_part(function, x[part], start[part], spacing)
-        report("projection", min((first + _NODES_AT_ONCE) / len(x), 1.0))
-    return feet
-
-
-def _project_part(
-    function: Implicit, x: FloatArray, start: FloatArray, spacing: float
-) -> FloatArray:
-    """Project points to the zero level, from start points near the closest points.
-
-    Solves  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
-    the normal and in the tangent plane, there with the curvature in the direction of x.  If this
-    does not converge, at kinks of f, the best iterate is returned.
-    """
-    y = start.copy()
-    best, feet = np.full(len(x), np.inf), start.copy()
-    active = np.arange(len(x))
-    for _ in range(_MOST_ITERATIONS):
-        at, to = y[active], x[active]
-        f, gradient = _gradient(function, at, _STEP * spacing)
-        steep = np.linalg.norm(gradient, axis=1)
-        regular = steep > 0.0
-        per_steep = np.where(regular, 1.0 / np.where(regular, steep, 1.0), 0.0)
-        off = f * per_steep
-        merit = np.linalg.norm(to - at, axis=1) + _PENALTY * np.abs(off)
-        better = (merit < best[active]) & regular
-        best[active[better]], feet[active[better]] = merit[better], at[better]
-        normal = gradient * per_steep[:, None]
-        height = ((to - at) * normal).sum(axis=1)
-        sideways = to - at - height[:, None] * normal
-        bend = _curvature_along(function, at, f, sideways, spacing) * per_steep
-        # Beyond the centre of curvature Newton's method would step in the wrong direction.
-        step = sideways / np.maximum(1.0 + height * bend, _OFF_FOCUS)[:, None]
-        length = np.linalg.norm(step, axis=1)
-        step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]
-        # First back to the zero level: at a kink of f steps along it lead off it.
-        back = (np.abs(off) > _OFF_LEVEL * spacing) & (np.abs(off) > _OFF_LEVEL * length)
-        step[back] = 0.0
-        step -= np.clip(off, -spacing, spacing)[:, None] * normal
-        y[active] = at + step
-        moving = (np.linalg.norm(step, axis=1) > _ARRIVED * spacing) & regular
-        active = active[moving]
-        if len(active) == 0:
-            break
-    return feet
-
-
-def _gradient(function: Implicit, points: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
-    """Return the function and its gradient, by central differences."""
-    n, dim = points.shape
-    offsets = step * np.concatenate([np.zeros((1, dim)), np.eye(dim), -np.eye(dim)])
-    f = function((points + offsets[:, None]).reshape(-1, dim)).reshape(-1, n)
-    return f[0], (f[1 : dim + 1] - f[dim + 1 :]).T / (2.0 * step)
-
-
-def _curvature_along(
-    function: Implicit, points: FloatArray, f: FloatArray, along: FloatArray, spacing: float
-) -> FloatArray:
-    """Return the second derivative of the function along given directions."""
-    step = _STEP_OF_CURVATURE * spacing
-    length = np.linalg.norm(along, axis=1)
-    unit = along * (step / np.maximum(length, 1e-300))[:, None]
-    both = function(np.concatenate([points + unit, points - unit])).reshape(2, -1)
-    return np.where(length > 0.0, (both[0] - 2.0 * f + both[1]) / step**2, 0.0)
-
-
-def _surface_at(function: Implicit, feet: FloatArray, spacing: float) -> _Feet:
-    """Return the normals, tangents and curvatures at points of the zero level."""
-    f, gradient = _gradient(function, feet, _STEP * spacing)
-    m, dim = feet.shape
-    steep = np.linalg.norm(gradient, axis=1)
-    normal = gradient / np.maximum(steep, 1e-300)[:, None]
-    # Columns of the reflection that takes the normal to the axis it is nearest to.
-    axis = np.abs(normal).argmax(axis=1)
-    mirror = normal.copy()
-    mirror[np.arange(m), axis] += np.copysign(1.0, normal[np.arange(m), axis])
-    mirror /= np.linalg.norm(mirror, axis=1)[:, None]
-    tangents = np.empty((m, dim - 1, dim))
-    for k in range(dim - 1):
-        other = (axis + 1 + k) % dim
-        tangents[:, k] = -2.0 * mirror * mirror[np.arange(m), other][:, None]
-        tangents[np.arange(m), k, other] += 1.0
-    bends = np.empty((m, dim - 1, dim - 1))
-    for k in range(dim - 1):
-        bends[:, k, k] = _curvature_along(function, feet, f, tangents[:, k], spacing)
-    if dim == 3:
-        diagonal = tangents.sum(axis=1)
-        along = _curvature_along(function, feet, f, diagonal, spacing)
-        bends[:, 0, 1] = bends[:, 1, 0] = along - 0.5 * (bends[:, 0, 0] + bends[:, 1, 1])
-    return _Feet(feet, normal, tangents, bends / np.maximum(steep, 1e-300)[:, None, None])
-
-
-def _distance_to_parabola(x: FloatArray, feet: _Feet, which: Nodes, spacing: float) -> FloatArray:
     """Return the distances of points to the paraboloids at given feet, inf where in doubt.
 
     With r the offset of x from the foot, rho its part along the normal, t that in the tangent
     plane and S the curvatures, one step of Newton's method leads to the offset u with
     (1 + rho S) u = t  of the closest point  y + u - u S u n / 2.
     """
-    offset = x - feet.points[which]
-    height = (offset * feet.normals[which]).sum(axis=1)
-    sideways = np.einsum("mkd,md->mk", feet.tangents[which], offset)
-    bend = feet.curvatures[which]
+    offset = x - feet[which]
+    height = (offset * surface.normals[which]).sum(axis=1)
+    sideways = np.einsum("mkd,md->mk", surface.tangents[which], offset)
+    bend = surface.curvatures[which]
     matrix = height[:, None, None] * bend + np.eye(bend.shape[1])
     if bend.shape[1] == 0:
         return np.full(len(x), np.inf)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ from scipy import ndimage
 
 from adaptsize._kernels import reinitialize as kernels
 from adaptsize.background import CartesianGrid
+from adaptsize.errors import ConvergenceWarning
 from adaptsize.geometry.distance.propagation import frame_of
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -19,6 +21,8 @@ _MARGIN = 3
 _COURANT = 0.9
 # The iteration stops when no value changes by more, in spacings.
 _SETTLED = 1e-5
+# Values that change by less in the band in the last iteration have the accuracy of the scheme.
+_NEARLY_SETTLED = 5e-3
 # A node closer to the zero level, in spacings, is not updated: its time step would vanish.
 _ON_LEVEL = 1e-9
 # Largest number of iterations: a constant plus a number per spacing of the width.
@@ -51,6 +55,11 @@ def reinitialize(
     -------
     float64[shape]
         Distances up to ``band`` spacings; beyond, a constant with the sign of the values.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the iteration stops at its limit.
     """
     frame = frame_of(grid)
     positive = values > 0.0
@@ -93,7 +102,16 @@ def _settle(
         phi[nodes] += change
         report("reinitialization", iteration / most)
         if float(np.abs(change).max(initial=0.0)) <= _SETTLED * spacing:
-            break
+            return phi
+    in_band = np.abs(phi[nodes]) <= farthest - _MARGIN * spacing
+    left = float(np.abs(change[in_band]).max(initial=0.0)) / spacing
+    if left > _NEARLY_SETTLED:
+        warnings.warn(
+            f"reinitialization stopped after {most} iterations while distances still changed by "
+            f"up to {left:.2g} spacings: the values may be too steep or too flat near their zeros",
+            ConvergenceWarning,
+            stacklevel=6,
+        )
     return phi
 
 

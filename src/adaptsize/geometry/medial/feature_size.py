@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import as_angle, as_flag, check_type
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.closest_points import DistanceFunction
@@ -121,6 +122,8 @@ def feature_size(
     >>> size[np.isfinite(size)].round(12)
     array([0.25, 0.25, 0.25, 0.25, 0.25, 0.25])
     """
+    edges = as_flag("edges", edges)
+    crease_angle = as_angle("crease_angle", crease_angle)
     with reporting(progress) as report:
         if isinstance(background, CartesianGrid):
             values = distance_on(background, boundary, report)
@@ -159,6 +162,7 @@ def feature_size_with(
 
 
 def _refuse_other(medial: MedialAxis, shape: tuple[int, ...]) -> None:
+    check_type("medial", medial, MedialAxis)
     if medial.distances.shape != shape:
         raise ValueError(
             f"medial must be of a background of shape {shape}, got {medial.distances.shape}"

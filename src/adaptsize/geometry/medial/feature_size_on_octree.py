@@ -24,7 +24,7 @@ _OVERLAP = 1.2
 _OUTSIDE_SHARE = 0.5
 
 
-class _Inner(NamedTuple):
+class InnerCells(NamedTuple):
     """The cells that have a node inside, with copies of their nodes outside."""
 
     mesh: SimplexMesh
@@ -54,13 +54,41 @@ def feature_size_on_mesh(
         Smallest turn at a corner of a plane boundary, in degrees; None: edges are ignored.
     report : callable
     """
-    inside = nodes.depth >= -_ON_BOUNDARY * mesh.diagonal
+    inner = inner_cells(mesh, nodes)
+    return feature_size_around(mesh, boundary, nodes, medial, inner, crease_angle, report)[0]
+
+
+def feature_size_around(
+    mesh: SimplexMesh,
+    boundary: Boundary,
+    nodes: Depths,
+    medial: MedialAxis,
+    inner: InnerCells | None,
+    crease_angle: float | None,
+    report: ProgressCallback,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the feature size at the nodes of a mesh, and at those of its cells inside.
+
+    Parameters
+    ----------
+    mesh, boundary, nodes, medial, crease_angle, report
+        As for `feature_size_on_mesh`.
+    inner : InnerCells or None
+        As returned by `inner_cells`.
+
+    Returns
+    -------
+    size : float64[mesh.n_points]
+        The smallest if a node outside has several copies.
+    of_inner : float64[inner.mesh.n_points]
+        Empty if ``inner`` is None.
+    """
+    inside = _is_inside(mesh, nodes)
     seeds = medial.distances.copy()
     centres = _add_deepest(mesh, boundary, nodes.depth, inside, seeds)
     size = np.where(inside, np.inf, seeds + nodes.depth)
-    if not inside.any():
-        return size
-    inner = _inner_cells(mesh, inside)
+    if inner is None:
+        return size, np.empty(0)
     marched = march_through_mesh(
         inner.mesh,
         np.where(inner.inside, seeds[inner.nodes], np.inf),
@@ -78,11 +106,16 @@ def feature_size_on_mesh(
             grown = march_through_mesh(inner.mesh, along, report=report, text="marching from edges")
             marched = np.minimum(marched, grown)
     np.minimum.at(size, inner.nodes, marched)
-    return size
+    return size, marched
+
+
+def _is_inside(mesh: SimplexMesh, nodes: Depths) -> BoolArray:
+    """Return which nodes of a mesh are inside or on the boundary."""
+    return np.asarray(nodes.depth >= -_ON_BOUNDARY * mesh.diagonal)
 
 
 def _correct(
-    inner: _Inner,
+    inner: InnerCells,
     depth: FloatArray,
     medial: MedialAxis,
     centres: FloatArray,
@@ -105,7 +138,7 @@ def _correct(
     distances[joined] = np.minimum(distances, straight)[joined]
 
 
-def _bound_outside(inner: _Inner, size: FloatArray) -> None:
+def _bound_outside(inner: InnerCells, size: FloatArray) -> None:
     """Bound sizes (In/Out) from below at outside nodes, where distances are differences."""
     edges = inner.mesh.edges
     least = np.full(len(size), np.inf)
@@ -116,12 +149,26 @@ def _bound_outside(inner: _Inner, size: FloatArray) -> None:
     size[outside] = np.maximum(size[outside], _OUTSIDE_SHARE * least[outside])
 
 
-def _inner_cells(mesh: SimplexMesh, inside: BoolArray) -> _Inner:
+def inner_cells(mesh: SimplexMesh, nodes: Depths) -> InnerCells | None:
     """Return the cells with an inside node, so that no path leads through outside nodes.
 
     An outside node is copied for each group of its cells that share inside nodes.  On the two
     sides of a gap there are different copies.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    nodes : Depths
+        Depths of the nodes.
+
+    Returns
+    -------
+    InnerCells or None
+        None if no node is inside.
     """
+    inside = _is_inside(mesh, nodes)
+    if not inside.any():
+        return None
     cells = mesh.cells[inside[mesh.cells].any(axis=1)].astype(np.int64)
     numbers = cells.copy()
     corner, copies = _copies(cells, inside)
@@ -130,11 +177,11 @@ def _inner_cells(mesh: SimplexMesh, inside: BoolArray) -> _Inner:
     number[used] = np.arange(len(used))
     numbers = number[cells]
     numbers.reshape(-1)[corner] = len(used) + copies
-    nodes = np.empty(len(used) + int(copies.max(initial=-1)) + 1, np.int64)
-    nodes[: len(used)] = used
-    nodes[len(used) + copies] = cells.reshape(-1)[corner]
-    inner = SimplexMesh(mesh.points[nodes], numbers)
-    return _Inner(inner, nodes, inside[nodes])
+    of_copy = np.empty(len(used) + int(copies.max(initial=-1)) + 1, np.int64)
+    of_copy[: len(used)] = used
+    of_copy[len(used) + copies] = cells.reshape(-1)[corner]
+    inner = SimplexMesh(mesh.points[of_copy], numbers)
+    return InnerCells(inner, of_copy, inside[of_copy])
 
 
 def _copies(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_points, check_type
+from adaptsize._checks import as_angle, as_points, check_type
 from adaptsize._kernels import inscribed_spheres as kernels
 from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._progress import reporting
@@ -199,9 +199,9 @@ class SphereFinder:
             raise ValueError(
                 f"boundary must consist of segments in 2-D or triangles in 3-D, got {boundary!r}"
             )
-        self._crease = _as_angle("crease_angle", crease_angle)
-        self._separation = _as_angle("separation_angle", separation_angle)
-        self._corner = _as_angle("corner_angle", corner_angle)
+        self._crease = as_angle("crease_angle", crease_angle)
+        self._separation = as_angle("separation_angle", separation_angle)
+        self._corner = as_angle("corner_angle", corner_angle)
         self._boundary = boundary
         self._solid = Solid.of(boundary, self._crease)
 
@@ -290,10 +290,3 @@ def _corners_near(
     if len(solid.tips) > 0:
         nearest_tip = cKDTree(solid.tips).query(probes.starts)[1].astype(np.int32)
     return reaches, nearest_tip
-
-
-def _as_angle(name: str, value: float) -> float:
-    angle = as_number(name, value, lower=0.0)
-    if angle > 180.0:
-        raise ValueError(f"{name} must be at most 180 degrees, got {angle:g}")
-    return angle

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.limiting.exact.field import ExactField, Wave
+from adaptsize.limiting.exact.field import ExactField
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.solve import Found, rises_too_fast, sources_at_nodes
+from adaptsize.limiting.exact.waves import Wave
 from adaptsize.typing import BoolArray
 
 
@@ -38,12 +39,11 @@ def solve_again(problem: Problem, before: Found) -> Found | None:
     anew: BoolArray = np.where(own, h0 != before.h, now[earlier] < 0) | (h0 < before.h)
     h = np.where(anew, h0, before.h)
     source = np.where(anew, np.int32(-1), now[earlier]).astype(np.int32)
-    field = ExactField(problem.g, before.field.sight)
-    field.add(wave)
+    field = ExactField(problem.g, before.field.sight, linear=False, waves=[wave])
     points = before.points
     some = points._replace(order=points.order[anew[points.order]])
     field.lower_by_last(some, h, source, problem.threads, problem.report)
-    fresh = np.ones(wave.n_entries, np.bool_)
+    fresh = np.ones(len(wave.nodes), np.bool_)
     fresh[now[now >= 0]] = False
     if fresh.any():
         rest = points._replace(order=points.order[~anew[points.order]])
@@ -66,9 +66,5 @@ def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:
 
 def _rows(wave: Wave) -> npt.NDArray[np.void]:
     """Return one value for each entry that identifies it."""
-    seen = wave.seen
-    columns = [wave.nodes, seen.entries.sizes[:, :1], seen.kinds, seen.is_corner]
-    if len(seen.cones):
-        columns.append(seen.cones)
-    flat = np.column_stack([np.asarray(c, np.float64) for c in columns]) + 0.0
+    flat = np.column_stack([wave.nodes.astype(np.float64), wave.table]) + 0.0
     return np.ascontiguousarray(flat).view(np.dtype((np.void, flat.shape[1] * 8))).ravel()

@@ -14,17 +14,14 @@ from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.splitting_grid import both_ways
-from adaptsize.geometry.boundary import FlatBoundary, flat_boundary, is_convex
+from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
+from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact.again import solve_again
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.problem import Extra, Problem
-from adaptsize.limiting.exact.solve import (
-    Found,
-    node_wave,
-    solve_on_mesh,
-    survivors_among,
-)
+from adaptsize.limiting.exact.solve import Found, solve_on_mesh, survivors_of
+from adaptsize.limiting.exact.waves import node_wave
 from adaptsize.limiting.exact.work import along_curve, number_of_threads, part_of
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.problem import PointBounds
@@ -296,10 +293,8 @@ def _on_convex_nodes(
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    kept = survivors_among(np.ascontiguousarray(places), sizes, g, threads, report)
-    wave = node_wave(np.ascontiguousarray(places[kept]), sizes[kept], nodes[kept])
-    exact = ExactField(g, None)
-    exact.add(wave)
+    wave = survivors_of(node_wave(places, sizes, nodes), g, False, threads, report)
+    exact = ExactField(g, None, False, [wave])
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
     for first, points in _slabs(domain):
         last = first + len(points.places)

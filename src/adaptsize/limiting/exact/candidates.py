@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize._kernels import exact_candidates as kernels
-from adaptsize._kernels import exact_items as items
+from adaptsize._kernels import kinks
+from adaptsize._kernels.exact import new_block
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_at
+from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, along_walls
 from adaptsize.limiting.exact.problem import Problem
-from adaptsize.limiting.exact.work import along_curve, part_of
+from adaptsize.limiting.exact.waves import Wave, wave_at
+from adaptsize.limiting.exact.work import along_curve, part_of, read_only
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -42,9 +44,9 @@ def sources_on_cells(
     """Return the edges and faces of steep cells that may be sources."""
     mesh, h0 = problem.mesh, problem.h0
     given = (mesh.points, (0,) * mesh.dim, problem.cells, steep, h0, h, problem.g)
-    parts = [_listed(kernels.list_edges, given, 2)]
+    parts = [_listed(kinks.list_edges, given, 2)]
     if mesh.dim == 3:
-        parts.append(_listed(kernels.list_faces, given, 3))
+        parts.append(_listed(kinks.list_faces, given, 3))
     named = np.full((sum(map(len, parts)), mesh.dim), -1, np.int32)
     named[: len(parts[0]), :2] = parts[0]
     if mesh.dim == 3:
@@ -68,13 +70,15 @@ def _undominated(
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     axes = (0,) * mesh.dim
 
-    def kept(rows: IntArray, source: IntArray, wave: Wave, faces: bool | None) -> BoolArray:
+    def kept(rows: IntArray, source: IntArray, wave: Wave) -> BoolArray:
         keep = np.empty(len(rows), np.bool_)
-        entries = wave.seen.entries
-        items.keep_undominated(mesh.points, axes, rows, h0, source, entries, g, faces, keep)
+        given = (*map(read_only, (rows, h0, source)), wave.table)
+        faces = True if mesh.dim == 3 else None
+        block = new_block(mesh.dim)
+        kernels.keep_undominated(mesh.points, axes, *given, g, True, faces, block, keep)
         return keep
 
-    named = named[kept(named, source, field.waves[0], None)]
+    named = named[kept(named, source, field.waves[0])]
     used = named >= 0
     leads = (used & (source[named] < 0)).any(axis=1)
     if leads.all() or not leads.any():
@@ -84,11 +88,11 @@ def _undominated(
     nodes = np.unique(others[others >= 0]).astype(np.int32)
     local = np.full(mesh.n_points, -1, np.int32)
     sizes, found = h.copy(), np.full(mesh.n_points, -1, np.int32)
-    own = ExactField(g, None, [wave])
+    own = ExactField(g, None, True, [wave])
     places = np.ascontiguousarray(mesh.points[nodes])
     points = Points(mesh.points, nodes[along_curve(places)], local)
     own.lower_by_last(points, sizes, found, problem.threads, part_of(problem.report, 0.5, 0.5))
-    others = others[kept(others, found, wave, True if mesh.dim == 3 else None)]
+    others = others[kept(others, found, wave)]
     return np.concatenate([named[leads], others])
 
 
@@ -113,7 +117,7 @@ def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-d
         rows = rows[np.argsort(group, kind="stable")]
         first = np.concatenate([[0], np.cumsum(np.bincount(group))])
         blocked = np.empty(len(unique), np.bool_)
-        kernels.mark_blocked(points, rows, first, h0, g, blocked)
+        kinks.mark_blocked(points, rows, first, h0, g, blocked)
         kept &= ~blocked
     chosen: IntArray = unique[kept]
     return chosen

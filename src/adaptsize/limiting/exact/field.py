@@ -8,37 +8,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from adaptsize._kernels import exact as kernels
-from adaptsize._kernels import exact_items as items
 from adaptsize._kernels import exact_plane as plane
-from adaptsize._kernels.exact import Entries
-from adaptsize._kernels.exact_plane import Seen, Sight
-from adaptsize._kernels.sight import ANY
+from adaptsize._kernels.sight import Sight
 from adaptsize.background.topology import unique_rows
-from adaptsize.limiting.exact.work import along_curve, entries_of, in_chunks, with_tree
+from adaptsize.limiting.exact.waves import Wave, wave_at
+from adaptsize.limiting.exact.work import along_curve, in_chunks, read_only
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
     from adaptsize.limiting.exact.network import Network
-
-
-class Wave(NamedTuple):
-    """Entries that are processed together, and their nodes."""
-
-    seen: Seen
-    nodes: IntArray
-    """int32[m, dim]: nodes of each entry, padded with -1."""
-
-    @property
-    def n_entries(self) -> int:
-        """Number of entries."""
-        return len(self.nodes)
-
-
-def wave_of(entries: Entries, nodes: IntArray) -> Wave:
-    """Return a wave of sources that act in all directions."""
-    m, dim = len(entries.counts), entries.places.shape[2]
-    cones, kinds = np.zeros((m if dim == 2 else 0, 4)), np.full(m, ANY, np.int8)
-    return Wave(Seen(entries, cones, kinds, np.full(m, -1, np.int32), np.zeros(m, np.bool_)), nodes)
 
 
 class Points(NamedTuple):
@@ -63,6 +41,8 @@ class ExactField:
     g: float
     sight: Sight | None
     """None in a convex domain."""
+    linear: bool
+    """Whether edges and faces may be among the entries; their kernels take longer to compile."""
     waves: list[Wave] = field(default_factory=list)
     network: Network | None = None
     """Paths over reflex edges, in a solid that is not convex."""
@@ -74,7 +54,12 @@ class ExactField:
     @property
     def n_entries(self) -> int:
         """Number of entries of all waves."""
-        return sum(wave.n_entries for wave in self.waves)
+        return sum(len(wave.nodes) for wave in self.waves)
+
+    @property
+    def edges(self) -> bool | None:
+        """The argument ``edges`` of the kernels."""
+        return True if self.linear else None
 
     def lower_by_last(
         self,
@@ -83,10 +68,15 @@ class ExactField:
         source: IntArray,
         threads: int,
         report: ProgressCallback,
+        *,
+        once: bool = False,
     ) -> None:
-        """Lower sizes (In/Out, with ``source``) by the entries of the last wave."""
+        """Lower sizes (In/Out, with ``source``) by the entries of the last wave.
+
+        ``once``: whether to find out only which sizes are lowered, not by how much.
+        """
         number = len(self.waves) - 1
-        self._lower(number, points, sizes, source, threads, report)
+        self._lower(number, points, sizes, source, threads, report, once=once)
 
     def lower_by_some(
         self,
@@ -98,13 +88,9 @@ class ExactField:
         report: ProgressCallback,
     ) -> None:
         """Lower sizes like `lower_by_last`, by some of the entries of a single wave."""
-        seen = self.waves[-1].seen
         numbers = np.flatnonzero(which).astype(np.int32)
-        entries = with_tree(*(rows[which] for rows in seen.entries[:3]))
-        cones = seen.cones[which] if len(seen.cones) else seen.cones
-        few = Seen(entries, cones, *(rows[which] for rows in seen[2:]))
         found = np.full(len(source), -1, np.int32)
-        part = ExactField(self.g, self.sight, [Wave(few, self.waves[-1].nodes[which])])
+        part = ExactField(self.g, self.sight, self.linear, [self.waves[-1].only(which)])
         part.lower_by_last(points, sizes, found, threads, report)
         source[found >= 0] = numbers[found[found >= 0]]
 
@@ -128,24 +114,26 @@ class ExactField:
         source: IntArray,
         threads: int,
         report: ProgressCallback,
+        *,
+        once: bool = False,
     ) -> None:
-        wave = self.waves[number]
-        offset = sum(wave.n_entries for wave in self.waves[:number])
-        entries = wave.seen.entries
-        places, order, on_wall = points
-        axes = (0,) * places.shape[1]
+        wave, sight = self.waves[number], self.sight
+        offset = sum(len(wave.nodes) for wave in self.waves[:number])
+        dim = points.places.shape[1]
+        places, order, on_wall = map(read_only, points)
         found = np.full(len(places), -1, np.int32) if offset else source
-        several = bool((entries.counts > 1).any())
-        faces = True if bool((entries.counts > 2).any()) else None
+        edges = self.edges
 
         def task(first: int, last: int) -> None:
-            given = (places, axes, order, first, last)
-            if self.sight is not None:
-                plane.lower_seen(*given, wave.seen, self.sight, self.g, sizes, found, on_wall)
-            elif several:
-                items.lower_by_items(*given, entries, self.g, sizes, found, faces)
+            block = kernels.new_block(dim)
+            entries = (wave.table, wave.boxes)
+            given = (places, (0,) * dim, order, first, last, *entries, self.g, sizes, found)
+            if sight is None:
+                faces = edges if dim == 3 else None
+                kernels.lower_sizes(*given, once, edges, faces, block)
             else:
-                kernels.lower_sizes(*given, entries, self.g, sizes, found)
+                rays = plane.new_rays()
+                plane.lower_seen(*given, edges, on_wall, sight, block, rays)
 
         in_chunks(task, len(order), threads, report)
         if offset:
@@ -161,7 +149,7 @@ def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: fl
     """
     finite = np.isfinite(sizes)
     cells = cells[finite[cells].all(axis=1)]
-    field = ExactField(g, None)
+    field = ExactField(g, None, True)
     nodes = np.full((np.count_nonzero(finite), points.shape[1]), -1, np.int32)
     nodes[:, 0] = np.flatnonzero(finite)
     field.add(wave_at(points, sizes, nodes))
@@ -173,19 +161,6 @@ def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: fl
         items = np.concatenate([items, cells])
     field.add(wave_at(points, sizes, items))
     return field
-
-
-def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
-    """Return nodes, edges or triangles, given by their nodes padded with -1, as sources.
-
-    Edges and triangles represent their interior only.  Their nodes, and the edges of triangles,
-    are separate sources.
-    """
-    used = named >= 0
-    places = np.where(used[:, :, None], points[named], 0.0)
-    own = np.where(used, sizes[named], np.inf)
-    entries, order = entries_of(places, own, used.sum(axis=1).astype(np.int8))
-    return wave_of(entries, named[order])
 
 
 def _silent(text: str, share: float | None) -> None:

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
-from adaptsize._kernels.exact import BLOCK, Entries
-from adaptsize._kernels.exact_space import Bases, Choice, Field, Ways
+from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.space_bends import LONGEST
+from adaptsize._kernels.space_paths import Bases, Choice, Field, Ways, new_block
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.limiting.exact.reflex_edges import GRAZING, Knots
-from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks
+from adaptsize.limiting.exact.waves import node_table
+from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, read_only
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 SIZE = 32
@@ -43,21 +44,17 @@ class Network:
         ways, edges, bases = self.ways, self.ways.edges, self.ways.bases
         base, edge = ways.base[which], ways.edge[which]
         bent = edge >= 0
-        places = np.where(
-            (np.arange(3) < bases.counts[base][:, None])[:, :, None],
-            bases.places[base],
-            bases.places[base][:, :1],
-        )
+        places = bases.table[base, :9].reshape(-1, 3, 3)
         lower, upper = places.min(axis=1), places.max(axis=1)
-        value = bases.sizes[base].min(axis=1)
+        value = bases.table[base, 9:].min(axis=1)
         e, w = edge[bent], which[bent]
         ends = np.stack([edges.start[e], edges.start[e] + edges.length[e, None] * edges.along[e]])
         lower[bent], upper[bent] = ends.min(axis=0), ends.max(axis=0)
         beyond = ways.image[w, 0] - np.clip(ways.image[w, 0], 0.0, edges.length[e])
         value[bent] = ways.offset[w] + self.g * np.hypot(beyond, ways.image[w, 1])
-        order = along_curve(0.5 * (lower + upper)) if len(which) else np.empty(0, np.int32)
-        boxes, n_leaves = boxes_over(lower[order], upper[order], value[order])
-        return Choice(which[order].astype(np.int32), boxes, n_leaves)
+        order = along_curve(0.5 * (lower + upper))
+        boxes = boxes_over(lower[order], upper[order], value[order])
+        return Choice(which[order].astype(np.int32), boxes, len(boxes) // 2)
 
     def sources(self) -> Choice:
         """Return the straight paths from the sources."""
@@ -80,19 +77,21 @@ class Network:
         tried = np.full(len(points), -1, np.int32) if hints is None else hints
         faces = self.faces
         size = size or (BLOCK if hints is not None else SIZE)
+        places, along = read_only(points), read_only(order)
 
         def task(first: int, last: int) -> None:
-            given = (points, nodes, order, (first, last, size), self.ways, choice, tried)
-            kernels.lower_by_ways(*given, self.sight, self.g, field, faces)
+            span = (first, last, size)
+            given = (places, nodes, along, span, self.ways, choice, tried)
+            kernels.lower_by_ways(*given, self.sight, self.g, field, faces, new_block())
 
         in_chunks(task, len(order), threads, report or _silent)
 
     def set_knots(self, sizes: FloatArray) -> None:
         """Set the sizes at the nodes of reflex edges."""
         m = self.n_sources
-        self.ways.bases.sizes[m:, 0] = sizes
+        self.ways.bases.table[m:, 9] = sizes
         moves = self.ways.base >= m
-        self.ways.offset[moves] = self.ways.bases.sizes[self.ways.base[moves], 0]
+        self.ways.offset[moves] = self.ways.bases.table[self.ways.base[moves], 9]
 
     def extend(self, changed: IntArray, field: Field) -> IntArray:
         """Extend the paths to nodes of reflex edges over these edges and adjacent ones.
@@ -168,14 +167,14 @@ class Network:
         # If the outside lies straight ahead, a path that bends here is not shortest.
         ok = (over.min(axis=2) <= GRAZING).any(axis=0) & ~nil.all(axis=0)
         side = over.argmin(axis=2)
-        shade = np.empty((len(node), 3, 3))
-        shade[:, 0] = np.where(
+        shade = np.empty((len(node), 9))
+        shade[:, :3] = np.where(
             (side[0] == side[1])[:, None], normals[np.arange(len(node)), side[0]], 0.0
         )
         for end in range(2):
             beside = np.cross(ahead[end], along)
             turned = np.einsum("ra,ra->r", beside, self.knots.obstacles[edge]) < 0.0
-            shade[:, 1 + end] = np.where(turned[:, None], -beside, beside)
+            shade[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -beside, beside)
         self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
         self.ways = Ways(
             ways.bases,
@@ -210,28 +209,34 @@ def _silent(text: str, share: float | None) -> None:
     """Ignore a progress report."""
 
 
-def network_of(entries: Entries, nodes: IntArray, g: float, sight: Sight, knots: Knots) -> Network:
-    """Return a network of straight paths; the sizes at the nodes of reflex edges are inf."""
-    m, k = len(entries.counts), len(knots.nodes)
-    places, sizes = np.zeros((m + k, 3, 3)), np.full((m + k, 3), np.inf)
-    places[:m], sizes[:m] = entries.places, entries.sizes
-    places[m:, 0] = sight.stars.points[knots.nodes]
-    unused = np.arange(3) >= entries.counts[:, None]
-    sizes[:m][unused] = np.inf
+def network_of(table: FloatArray, nodes: IntArray, g: float, sight: Sight, knots: Knots) -> Network:
+    """Return a network of straight paths; the sizes at the nodes of reflex edges are inf.
+
+    Parameters
+    ----------
+    table : float64[m, 12]
+        Entries (see exact.py).
+    nodes : int32[m, 3]
+        Their nodes, padded with -1.
+    g, sight, knots
+    """
+    m, k = len(table), len(knots.nodes)
+    ends = node_table(sight.stars.points[knots.nodes], np.full(k, np.inf))
     all_nodes = np.full((m + k, 3), -1, np.int32)
-    all_nodes[:m, : nodes.shape[1]] = nodes
+    all_nodes[:m] = nodes
     all_nodes[m:, 0] = knots.nodes
-    counts = np.concatenate([entries.counts, np.ones(k, np.int8)])
+    table = np.concatenate([table, ends])
+    counts = np.concatenate([np.isfinite(table[:m, 9:]).sum(axis=1), np.ones(k)]).astype(np.int8)
     none = np.full(m + k, -1, np.int32)
     ways = Ways(
-        Bases(places, sizes, counts, all_nodes),
+        Bases(table, counts, all_nodes),
         knots.edges,
         np.arange(m + k, dtype=np.int32),
         none,
         none.copy(),
         np.zeros((m + k, 2)),
-        sizes.min(axis=1),
-        np.zeros((m + k, 3, 3)),
+        table[:, 9:].min(axis=1),
+        np.zeros((m + k, 9)),
         np.zeros(m + k, np.bool_),
     )
     return Network(g, sight, knots, ways, m, np.zeros(m + k, np.int32))

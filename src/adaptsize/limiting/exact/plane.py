@@ -2,156 +2,159 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adaptsize._kernels import exact_corners as kernels
-from adaptsize._kernels.exact_corners import Corners
-from adaptsize._kernels.exact_plane import Seen, Sight
-from adaptsize._kernels.sight import NARROW, Walls
+from adaptsize._kernels import exact_plane as kernels
+from adaptsize._kernels.exact import new_block
+from adaptsize._kernels.exact_plane import COLUMNS, CONE, CORNER, KIND, ROW, new_rays
+from adaptsize._kernels.sight import ANY, NARROW, Sight
 from adaptsize.geometry.boundary import PlaneBoundary
-from adaptsize.limiting.exact.field import Wave
-from adaptsize.limiting.exact.work import along_curve, boxes_over, with_tree
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.waves import Wave, node_table, sorted_wave
+from adaptsize.limiting.exact.work import along_curve, boxes_over, read_only
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 
-class Plane(NamedTuple):
-    """A plane domain, as the kernels use it."""
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane domain, as the kernels use it, and its corners along a Morton curve."""
 
     boundary: PlaneBoundary
     sight: Sight
-    corners: Corners
+    nodes: IntArray
+    """int32[c]: the corners."""
+    table: FloatArray
+    """float64[c, COLUMNS]: as entries."""
+    walls: FloatArray
+    """float64[c, 4]: unit vectors along the two walls; the sector extends counterclockwise from
+    the first to the second."""
+    sizes: FloatArray
+    """float64[c]"""
 
     def without_sizes(self) -> Plane:
         """Return the same domain with reset corners."""
-        n = len(self.corners.rows)
-        turns, arrivals = np.zeros((n, 2), np.bool_), np.zeros((n, 2, 2))
-        corners = self.corners._replace(sizes=np.full(n, np.inf), turns=turns, arrivals=arrivals)
-        return self._replace(corners=corners)
+        return replace(self, sizes=np.full_like(self.sizes, np.inf))
 
 
 def plane_of(points: FloatArray, boundary: PlaneBoundary) -> Plane:
     """Return the walls with a tree over them, and the corners without sizes."""
     ends = boundary.walls
-    order = along_curve(0.5 * (ends[:, :2] + ends[:, 2:]))
-    ends = np.ascontiguousarray(ends[order])
-    lower, upper = np.minimum(ends[:, :2], ends[:, 2:]), np.maximum(ends[:, :2], ends[:, 2:])
-    boxes, n_leaves = boxes_over(lower, upper, np.zeros(len(ends)))
-    sight = Sight(Walls(ends, boxes, n_leaves, boundary.slack), boundary.sectors)
-    rows = boundary.rows[boundary.corners]
-    n = len(rows)
-    corners = Corners(
-        rows,
-        np.ascontiguousarray(points[boundary.corners]),
-        np.ascontiguousarray(boundary.sectors.cones[boundary.sectors.first[rows]]),
-        boundary.free,
-        np.full(n, np.inf),
-        np.zeros((n, 2), np.bool_),
-        np.zeros((n, 2, 2)),
+    ends = ends[along_curve(0.5 * (ends[:, :2] + ends[:, 2:]))]
+    boxes = boxes_over(
+        np.minimum(ends[:, :2], ends[:, 2:]),
+        np.maximum(ends[:, :2], ends[:, 2:]),
+        np.zeros(len(ends)),
     )
-    return Plane(boundary, sight, corners)
+    sight = Sight(ends, boxes, boundary.first, boundary.sectors, boundary.slack)
+    order = along_curve(points[boundary.corners])
+    nodes = boundary.corners[order]
+    sizes = np.full(len(nodes), np.inf)
+    table = _in_plane(node_table(points[nodes], sizes))
+    rows = boundary.rows[nodes]
+    table[:, ROW], table[:, CORNER] = rows, 1.0
+    table[:, KIND] = np.where(boundary.free[order], ANY, NARROW)
+    walls = boundary.sectors[boundary.first[rows], :4]
+    return Plane(boundary, sight, nodes, table, walls, sizes)
+
+
+def _in_plane(table: FloatArray) -> FloatArray:
+    """Return entries that act in all directions with the columns for lines of sight."""
+    wide = np.zeros((len(table), COLUMNS))
+    wide[:, :CONE] = table
+    wide[:, KIND], wide[:, ROW] = ANY, -1.0
+    return wide
 
 
 def at_nodes(wave: Wave, plane: Plane) -> Wave:
     """Return sources at nodes, with one entry for each sector of the node."""
-    rows, sectors = plane.boundary.rows, plane.sight.sectors
-    node = wave.nodes[:, 0]
+    rows, node = plane.boundary.rows, wave.nodes[:, 0]
     row = np.where(node < len(rows), rows[np.minimum(node, len(rows) - 1)], -1)
-    counts = np.where(row >= 0, np.diff(sectors.first)[row], 1)
+    table = _in_plane(wave.table)
+    table[:, ROW] = row
+    return sorted_wave(*_by_sectors(table, wave.nodes, plane))
+
+
+def _by_sectors(table: FloatArray, nodes: IntArray, plane: Plane) -> tuple[FloatArray, IntArray]:
+    """Return entries, those at boundary nodes once for each sector and acting there only."""
+    first, row = plane.boundary.first, table[:, ROW].astype(np.int64)
+    counts = np.where(row >= 0, np.diff(first)[row], 1)
     which = np.repeat(np.arange(len(row)), counts)
     within = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-    at = np.where(row[which] >= 0, sectors.first[row[which]] + within, 0)
+    table, nodes = table[which], nodes[which]
     on = row[which] >= 0
-    cones = np.where(on[:, None], sectors.cones[at], wave.seen.cones[which])
-    kinds = np.where(on, sectors.kinds[at], wave.seen.kinds[which]).astype(np.int8)
-    entries = wave.seen.entries
-    again = with_tree(entries.places[which], entries.sizes[which], entries.counts[which])
-    is_corner = wave.seen.is_corner[which]
-    return Wave(
-        Seen(again, cones, kinds, row[which].astype(np.int32), is_corner), wave.nodes[which]
-    )
+    table[on, CONE : KIND + 1] = plane.boundary.sectors[first[row[which[on]]] + within[on]]
+    return table, nodes
 
 
 def along_walls(wave: Wave, points: FloatArray, facets: IntArray) -> Wave:
     """Return sources on edges; those on walls act on the side of the domain only."""
-    sides = {(min(a, b), max(a, b)): a < b for a, b in facets.tolist()}
-    cones, kinds = wave.seen.cones.copy(), wave.seen.kinds.copy()
-    for k, (a, b) in enumerate(wave.nodes.tolist()):
-        forward = sides.get((a, b))
-        if forward is not None:
-            along = points[b] - points[a] if forward else points[a] - points[b]
-            along = along / np.hypot(*along)
-            cones[k] = [*along, *-along]
-            kinds[k] = NARROW
-    return wave._replace(seen=wave.seen._replace(cones=cones, kinds=kinds))
+    table, n = _in_plane(wave.table), len(points)
+    key = np.sort(facets, axis=1).astype(np.int64) @ [n, 1]
+    order = np.argsort(key)
+    own = wave.nodes.astype(np.int64) @ [n, 1]
+    at = order[np.minimum(np.searchsorted(key, own, sorter=order), len(order) - 1)]
+    on = key[at] == own
+    along = points[facets[at[on], 1]] - points[facets[at[on], 0]]
+    along /= np.hypot(*along.T)[:, None]
+    table[on, CONE:KIND] = np.hstack([along, -along])
+    table[on, KIND] = NARROW
+    return wave._replace(table=table)
 
 
-def solve_corners(g: float, plane: Plane, wave: Wave) -> Wave | None:
-    """Return the corners that the sources of a wave lower, as new sources."""
-    corners = plane.corners
-    if len(corners.rows) == 0:
-        return None
-    before = [array.copy() for array in (corners.sizes, corners.turns, corners.arrivals)]
-    kernels.solve_corners(corners, wave.seen, plane.sight, g, (0, 0))
-    changed = corners.sizes < before[0]
-    changed |= (corners.turns != before[1]).any(axis=1)
-    changed |= (corners.arrivals != before[2]).any(axis=(1, 2))
-    return _as_sources(plane, np.flatnonzero(changed).astype(np.int32))
-
-
-def _as_sources(plane: Plane, which: IntArray) -> Wave | None:
-    """Return corners as sources for their wedges or, where paths are free, their sectors."""
-    corners, sectors = plane.corners, plane.sight.sectors
-    number, cones, kinds = [], [], []
-    for side in range(2):
-        c = which[corners.turns[which, side] & ~corners.free[which]]
-        edges, arrivals = corners.edges[c], corners.arrivals[c, side]
-        pair = [edges[:, :2], arrivals] if side == 0 else [arrivals, edges[:, 2:]]
-        number.append(c)
-        cones.append(np.concatenate(pair, axis=1))
-        kinds.append(np.full(len(c), NARROW, np.int8))
-    for c in which[corners.free[which] & np.isfinite(corners.sizes[which])].tolist():
-        row = corners.rows[c]
-        rows = slice(sectors.first[row], sectors.first[row + 1])
-        number.append(np.full(rows.stop - rows.start, c))
-        cones.append(sectors.cones[rows])
-        kinds.append(sectors.kinds[rows])
-    c = np.concatenate(number).astype(np.int32)
-    if len(c) == 0:
-        return None
-    order = along_curve(np.ascontiguousarray(corners.places[c]))
-    c = c[order]
-    places, sizes = np.zeros((len(c), 2, 2)), np.full((len(c), 2), np.inf)
-    places[:, 0], sizes[:, 0] = corners.places[c], corners.sizes[c]
-    entries = with_tree(places, sizes, np.ones(len(c), np.int8))
-    nodes = np.full((len(c), 2), -1, np.int32)
-    nodes[:, 0] = plane.boundary.corners[c]
-    seen = Seen(
-        entries,
-        np.concatenate(cones)[order],
-        np.concatenate(kinds)[order],
-        corners.rows[c],
-        np.ones(len(c), np.bool_),
+def with_corners(
+    wave: Wave, g: float, plane: Plane, linear: bool, report: ProgressCallback
+) -> Wave:
+    """Return a wave together with the corners that its sources lower (In/Out: plane)."""
+    n = len(plane.nodes)
+    if n == 0:
+        return wave
+    source = np.full(n, -1, np.int32)
+    order = np.arange(n, dtype=np.int32)
+    places, rows = plane.table[:, :2].copy(), plane.table[:, ROW].astype(np.int32)
+    field = ExactField(g, plane.sight, linear=linear, waves=[wave])
+    field.lower_by_last(Points(places, order, rows), plane.sizes, source, 1, report)
+    lowered = source >= 0
+    arrivals = np.zeros((n, 2))
+    entries = wave.table[source[lowered]]
+    arrivals[lowered] = places[lowered] - _feet(entries, places[lowered], g)
+    table, serves = plane.table.copy(), np.zeros(n, np.bool_)
+    kernels.solve_corners(
+        (0, 0),
+        read_only(places),
+        read_only(order),
+        table,
+        plane.walls,
+        plane.sizes,
+        arrivals,
+        lowered,
+        serves,
+        g,
+        field.edges,
+        plane.sight,
+        new_block(2),
+        new_rays(),
     )
-    return Wave(seen, nodes)
+    named = np.full((n, 2), -1, np.int32)
+    named[:, 0] = plane.nodes
+    is_free = table[:, KIND] == ANY
+    free, own = serves & is_free, serves & ~is_free
+    parts = [(wave.table, wave.nodes), (table[own], named[own])]
+    parts.append(_by_sectors(table[free], named[free], plane))
+    tables, nodes = zip(*parts, strict=True)
+    return sorted_wave(np.concatenate(tables), np.concatenate(nodes))
 
 
-def joined(first: Wave, second: Wave | None) -> Wave:
-    """Return one wave with the entries of two."""
-    if second is None:
-        return first
-    a, b = first.seen.entries, second.seen.entries
-    places = np.concatenate([a.places, b.places])
-    order = along_curve(np.ascontiguousarray(places[:, 0]))
-    entries = with_tree(
-        places[order],
-        np.concatenate([a.sizes, b.sizes])[order],
-        np.concatenate([a.counts, b.counts])[order],
-    )
-    cones = np.concatenate([first.seen.cones, second.seen.cones])[order]
-    kinds = np.concatenate([first.seen.kinds, second.seen.kinds])[order]
-    rows = np.concatenate([first.seen.rows, second.seen.rows])[order]
-    is_corner = np.concatenate([first.seen.is_corner, second.seen.is_corner])[order]
-    nodes = np.concatenate([first.nodes, second.nodes])[order]
-    return Wave(Seen(entries, cones, kinds, rows, is_corner), nodes)
+def _feet(table: FloatArray, x: FloatArray, g: float) -> FloatArray:
+    """Return the points of entries, one for each x, whose bounds allow the least size there."""
+    start, edge = table[:, :2], table[:, 2:4] - table[:, :2]
+    length2 = np.einsum("ij,ij->i", edge, edge)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rise = table[:, 5] - table[:, 4]
+        t = np.einsum("ij,ij->i", edge, x - start) / length2
+        height = np.linalg.norm(x - start - t[:, None] * edge, axis=1)
+        t -= rise * height / np.sqrt(length2 * (g * g * length2 - rise * rise))
+    is_edge = np.isfinite(table[:, 5])
+    feet: FloatArray = start + np.where(is_edge, t, 0.0)[:, None] * edge
+    return feet

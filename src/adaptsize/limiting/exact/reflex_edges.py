@@ -143,8 +143,7 @@ def find_knots(points: FloatArray, boundary: FlatBoundary, slack: float) -> Knot
         np.ascontiguousarray(ridges.normals[reflex]),
     )
     nodes = np.unique(ridges.ends[ridges.is_reflex | ridges.is_odd]).astype(np.int32)
-    if len(nodes):
-        nodes = nodes[along_curve(np.ascontiguousarray(points[nodes]))]
+    nodes = nodes[along_curve(points[nodes])]
     number = np.zeros(len(points), np.int32)
     number[nodes] = np.arange(len(nodes))
     pairs = np.unique(np.column_stack([number[ends].ravel(), np.repeat(chain, 2)]), axis=0)

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_candidates as candidates
-from adaptsize._kernels import exact_plane
-from adaptsize._kernels.exact import Entries
+from adaptsize._kernels.exact_plane import CORNER, ROW
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
-from adaptsize.limiting.exact.field import ExactField, Points, Wave, wave_of
-from adaptsize.limiting.exact.plane import (
-    Plane,
-    at_nodes,
-    joined,
-    plane_of,
-    solve_corners,
-)
+from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.plane import Plane, at_nodes, plane_of, with_corners
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.space import solve_in_space
 from adaptsize.limiting.exact.space_sight import build_sight
-from adaptsize.limiting.exact.work import along_curve, entries_of, in_chunks, part_of
+from adaptsize.limiting.exact.waves import Wave, node_wave
+from adaptsize.limiting.exact.work import along_curve, part_of
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-
-if TYPE_CHECKING:
-    pass
-
 
 # Sizes that differ by less than this share are equal.
 _EQUAL = 1e-12
@@ -62,11 +50,12 @@ class Found:
         """Return the last bend of the path to each node, nan if none; no rows if convex."""
         if self.bend is not None:
             return self.bend
-        places = np.concatenate([wave.seen.entries.places[:, 0] for wave in self.field.waves])
+        waves = self.field.waves
         if self.field.sight is None:
-            return np.empty((0, places.shape[1]))
-        is_corner = np.concatenate([wave.seen.is_corner for wave in self.field.waves])
-        bend = np.full((len(self.source), places.shape[1]), np.nan)
+            return np.empty((0, waves[0].nodes.shape[1]))
+        places = np.concatenate([wave.table[:, :2] for wave in waves])
+        is_corner = np.concatenate([wave.table[:, CORNER] > 0.0 for wave in waves])
+        bend = np.full((len(self.source), 2), np.nan)
         nodes = np.flatnonzero(self.source >= 0)
         nodes = nodes[is_corner[self.source[nodes]]]
         bend[nodes] = places[self.source[nodes]]
@@ -103,18 +92,19 @@ def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Fou
     order = along_curve(mesh.points) if problem.order is None else problem.order
     points = Points(mesh.points, order, on_wall)
     nodes, steep = candidates_of(problem)
-    nodes = _survivors(problem, nodes, plane, steep is not None)
-    field = ExactField(g, None if plane is None else plane.sight)
-    field.add(_with_corners(_at_nodes(problem, nodes, plane), g, plane))
-    h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
     linear = steep is not None and problem.face_sources
+    field = ExactField(g, None if plane is None else plane.sight, linear)
+    field.add(_node_sources(problem, nodes, steep is not None, plane, linear))
+    h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
     report = part_of(problem.report, 0.1, 0.5 if linear else 1.0)
     field.lower_by_last(points, h, source, problem.threads, report)
     if not linear or steep is None:
         return Found(h, source, field, plane=plane, points=points)
     wave = sources_on_cells(problem, steep, h, source, field, plane, boundary)
     if wave is not None:
-        field.add(_with_corners(wave, g, plane))
+        if plane is not None:
+            wave = with_corners(wave, g, plane, linear, problem.report)
+        field.add(wave)
         report = part_of(problem.report, 0.5, 1.0)
         field.lower_by_last(points, h, source, problem.threads, report)
     problem.report("limiting the gradient", 1.0)
@@ -126,24 +116,20 @@ def sources_at_nodes(problem: Problem, plane: Plane | None) -> Wave | None:
     nodes, steep = candidates_of(problem)
     if steep is not None and problem.face_sources:
         return None
-    nodes = _survivors(problem, nodes, plane, steep is not None)
-    return _with_corners(_at_nodes(problem, nodes, plane), problem.g, plane)
+    return _node_sources(problem, nodes, steep is not None, plane, linear=False)
 
 
-def _with_corners(wave: Wave, g: float, plane: Plane | None) -> Wave:
-    """Return a wave with the corners that its sources lower."""
-    return wave if plane is None else joined(wave, solve_corners(g, plane, wave))
-
-
-def _survivors(problem: Problem, nodes: IntArray, plane: Plane | None, meet: bool) -> IntArray:
-    """Return the nodes that keep their bound; in the plane, all nodes if no bounds meet."""
+def _node_sources(
+    problem: Problem, nodes: IntArray, meet: bool, plane: Plane | None, linear: bool
+) -> Wave:
+    """Return the survivors among nodes, and corners; in the plane all nodes if no bounds meet."""
+    wave = _at_nodes(problem, nodes)
     if plane is None:
-        places = np.ascontiguousarray(problem.mesh.points[nodes])
-        sizes, threads = problem.h0[nodes], problem.threads
-        return nodes[survivors_among(places, sizes, problem.g, threads, problem.report)]
-    if meet and len(nodes):
-        return nodes[_seen_survivors(problem, nodes, plane)]
-    return nodes
+        return survivors_of(wave, problem.g, linear, problem.threads, problem.report)
+    wave = at_nodes(wave, plane)
+    if meet:
+        wave = survivors_of(wave, problem.g, linear, problem.threads, problem.report, plane)
+    return with_corners(wave, problem.g, plane, linear, problem.report)
 
 
 def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
@@ -151,31 +137,25 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     nodes, steep = candidates_of(problem)
     sight = build_sight(mesh, boundary)
-    field = ExactField(g, None)
-    field.add(_at_nodes(problem, nodes, None))
+    linear = steep is not None and problem.face_sources
+    field = ExactField(g, None, linear, [_at_nodes(problem, nodes)])
     lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
     field.lower_by_last(points, lower, source, problem.threads, problem.report)
-    if steep is not None and problem.face_sources:
+    if linear and steep is not None:
         wave = sources_on_cells(problem, steep, lower, source, field, None, boundary, in_space=True)
         if wave is not None:
             field.add(wave)
             field.lower_by_last(points, lower, source, problem.threads, problem.report)
     waves = field.waves
-    entries = Entries(
-        np.concatenate([wave.seen.entries.places for wave in waves]),
-        np.concatenate([wave.seen.entries.sizes for wave in waves]),
-        np.concatenate([wave.seen.entries.counts for wave in waves]),
-        waves[0].seen.entries.boxes,
-        waves[0].seen.entries.n_leaves,
-    )
+    table = np.concatenate([wave.table for wave in waves])
     named = np.concatenate([wave.nodes for wave in waves])
     named[named >= mesh.n_points] = -1  # a point source is not a node and has no cells
     result = solve_in_space(
         mesh,
         h0,
         g,
-        entries,
+        table,
         named,
         lower,
         source,
@@ -200,7 +180,8 @@ def _along_edges(problem: Problem) -> Found:
     """Solve if no cell has a measure: sizes propagate along edges, and nothing is proved."""
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     nowhere = np.empty((0, mesh.dim))
-    field = ExactField(g, None, [node_wave(nowhere, np.empty(0), np.empty(0, np.int32))])
+    none = node_wave(nowhere, np.empty(0), np.empty(0, np.int32))
+    field = ExactField(g, None, False, [none])
     found = Found(h0.copy(), np.full(mesh.n_points, -1, np.int32), field, nowhere)
     _keep_edges(problem, found)
     return found
@@ -223,71 +204,40 @@ def _keep_edges(problem: Problem, found: Found) -> None:
     found.source[lowered] = -1
     lower, source = problem.h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
-    unhidden = ExactField(g, None)
+    unhidden = ExactField(g, None, found.field.linear)
     for wave in found.field.waves:
         unhidden.add(wave)
         unhidden.lower_by_last(points, lower, source, problem.threads, problem.report)
     found.lower, found.proved = lower, found.h <= lower * (1.0 + _EQUAL)
 
 
-def survivors_among(
-    places: FloatArray, sizes: FloatArray, g: float, threads: int, report: ProgressCallback
-) -> BoolArray:
-    """Return which nodes of a convex domain keep their bound, given the bounds of the others."""
-    survives = np.empty(len(places), np.bool_)
-    if len(places) == 0:
-        return survives
-    entries, order = entries_of(places[:, None], sizes[:, None])
-    axes = (0,) * places.shape[1]
-
-    def task(first: int, last: int) -> None:
-        kernels.find_survivors(places, axes, order, first, last, entries, g, sizes, survives)
-
-    in_chunks(task, len(places), threads, part_of(report, 0.0, 0.1))
-    return survives
-
-
-def _seen_survivors(problem: Problem, nodes: IntArray, plane: Plane) -> BoolArray:
-    """Return which nodes keep their bound, given the bounds visible from them."""
-    places = np.ascontiguousarray(problem.mesh.points[nodes])
-    sizes, rows = problem.h0[nodes], plane.boundary.rows[nodes]
-    survives = np.empty(len(nodes), np.bool_)
-    wave = _at_nodes(problem, nodes, plane)
-    order = along_curve(places)
-
-    def task(first: int, last: int) -> None:
-        exact_plane.find_seen_survivors(
-            places,
-            (0, 0),
-            order,
-            first,
-            last,
-            wave.seen,
-            plane.sight,
-            problem.g,
-            sizes,
-            rows,
-            survives,
-        )
-
-    in_chunks(task, len(nodes), problem.threads, part_of(problem.report, 0.0, 0.1))
-    return survives
+def survivors_of(
+    wave: Wave,
+    g: float,
+    linear: bool,
+    threads: int,
+    report: ProgressCallback,
+    plane: Plane | None = None,
+) -> Wave:
+    """Return the nodes that keep their bound, given the bounds visible from them."""
+    if len(wave.nodes) == 0:
+        return wave
+    dim = wave.nodes.shape[1]
+    rows = np.empty(0, np.int32) if plane is None else wave.table[:, ROW].astype(np.int32)
+    order = np.arange(len(wave.nodes), dtype=np.int32)
+    points = Points(wave.table[:, :dim].copy(), order, rows)
+    field = ExactField(g, None if plane is None else plane.sight, linear, [wave])
+    by = np.full(len(order), -1, np.int32)
+    sizes = wave.sizes[:, 0].copy()
+    field.lower_by_last(points, sizes, by, threads, part_of(report, 0.0, 0.1), once=True)
+    survives: BoolArray = by < 0
+    return wave.only(survives)
 
 
-def _at_nodes(problem: Problem, nodes: IntArray, plane: Plane | None) -> Wave:
+def _at_nodes(problem: Problem, nodes: IntArray) -> Wave:
     """Return nodes, and sources between nodes, as a wave."""
-    mesh, extra = problem.mesh, problem.extra
-    places, sizes, names = mesh.points[nodes], problem.h0[nodes], nodes
+    places, sizes, extra = problem.mesh.points[nodes], problem.h0[nodes], problem.extra
     if extra is not None:
         places = np.concatenate([places, extra.points])
-        sizes, names = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    wave = node_wave(np.ascontiguousarray(places), sizes, names)
-    return wave if plane is None else at_nodes(wave, plane)
-
-
-def node_wave(places: FloatArray, sizes: FloatArray, names: IntArray) -> Wave:
-    """Return points as a wave of sources."""
-    entries, order = entries_of(places[:, None], sizes[:, None])
-    named = np.full(places.shape, -1, np.int32)
-    named[:, 0] = names[order]
-    return wave_of(entries, named)
+        sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
+    return node_wave(places, sizes, nodes)

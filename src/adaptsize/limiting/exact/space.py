@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 
-from adaptsize._kernels.exact import Entries
-from adaptsize._kernels.exact_space import Field
+from adaptsize._kernels.space_paths import Field
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.network import Network, key_of, network_of
@@ -63,7 +62,7 @@ def solve_in_space(
     mesh: SimplexMesh,
     h0: FloatArray,
     g: float,
-    entries: Entries,
+    table: FloatArray,
     nodes: IntArray,
     lower: FloatArray,
     nearest: IntArray,
@@ -81,8 +80,8 @@ def solve_in_space(
         Tetrahedra.
     h0 : float64[n]
     g : float
-    entries : Entries
-        Survivors.
+    table : float64[m, 12]
+        Survivors, as entries (see exact.py).
     nodes : int32[m, 3]
         Nodes of each entry, padded with -1.
     lower, nearest : float64[n], int32[n]
@@ -96,7 +95,7 @@ def solve_in_space(
     n = mesh.n_points
     sight = build_sight(mesh, boundary) if sight is None else sight
     network = network_of(
-        entries, nodes, g, sight, find_knots(mesh.points, boundary, sight.walls.slack)
+        table, nodes, g, sight, find_knots(mesh.points, boundary, sight.walls.slack)
     )
     everyone = np.arange(n, dtype=np.int32)
     with_: _Options = {"threads": threads, "report": report}

@@ -45,10 +45,8 @@ def build_sight(mesh: SimplexMesh, boundary: FlatBoundary) -> Sight:
     # The normal of a sliver is uncertain, and so is the side on which a distant point lies.
     rows[:, 12] = np.maximum(slack, 4.0 * rounding * diagonal / height[order])
     rows[:, 13] = np.minimum(slack / height[order], 1e-3)
-    boxes, n_leaves = boxes_over(
-        corners[order].min(axis=1), corners[order].max(axis=1), np.zeros(len(order))
-    )
-    return Sight(Walls(rows, boxes, n_leaves, slack), _stars_at(mesh, np.unique(facets)))
+    boxes = boxes_over(corners[order].min(axis=1), corners[order].max(axis=1), np.zeros(len(order)))
+    return Sight(Walls(rows, boxes, len(boxes) // 2, slack), _stars_at(mesh, np.unique(facets)))
 
 
 def scales_of(points: FloatArray, facets: IntArray) -> tuple[float, float]:

@@ -4,88 +4,79 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import cache
+from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.exact import BLOCK, Entries
-from adaptsize._kernels.trees import LEAF, fill_boxes, fill_extent, fill_keys, sort_by_keys
+from adaptsize._kernels.exact import BLOCK
+from adaptsize._kernels.trees import BITS, DIGIT, LEAF, sort_along_curve
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 # Points per chunk, some milliseconds; Ctrl-C takes effect between chunks.
 _CHUNK = 512 * BLOCK
 
-# Bits per axis of a Morton key.
-_BITS = 21
-
 
 def along_curve(points: FloatArray) -> IntArray:
     """Return the numbers of points in the order of a Morton curve, int32[n].
 
-    The time is 30 ns per point.  The order of equal points is arbitrary but deterministic.
+    The time is 30 ns per point.
     """
     n, dim = points.shape
-    axes = (0,) * dim
-    extent = np.empty(2 * dim)
-    fill_extent(points, axes, extent)
-    width = float((extent[dim:] - extent[:dim]).max())
-    scale = (2.0**_BITS - 1.0) / width if width > 0.0 else 0.0
-    keys, scratch = np.empty((2, n), np.uint64)
-    order, other = np.empty((2, n), np.int32)
-    fill_keys(points, axes, extent[:dim], scale, keys)
-    sort_by_keys(keys, order, scratch, other, _BITS * dim)
-    return order
+    if n == 0:
+        return np.empty(0, np.int32)
+    lower = np.array([points[:, d].min() for d in range(dim)])
+    width = max(float(points[:, d].max() - lower[d]) for d in range(dim))
+    scale = (2.0**BITS - 1.0) / width if width > 0.0 else 0.0
+    keys, order = np.empty((2, n), np.int64), np.empty((2, n), np.int32)
+    counts = np.empty(2**DIGIT, np.int64)
+    given = read_only(np.ascontiguousarray(points))
+    sort_along_curve(given, (0,) * dim, lower, scale, _spread(dim), keys, order, counts)
+    found: IntArray = order[0].copy()
+    return found
 
 
-def entries_of(
-    places: FloatArray, sizes: FloatArray, counts: npt.NDArray[np.int8] | None = None
-) -> tuple[Entries, IntArray]:
-    """Return entries sorted along a Morton curve with a tree over them, and the order.
+@cache
+def _spread(dim: int) -> npt.NDArray[np.int64]:
+    """Return the numbers below 2^DIGIT with dim - 1 zeros after each of their bits."""
+    bits = np.arange(DIGIT)
+    ones = (np.arange(2**DIGIT)[:, None] >> bits) & 1
+    spread: npt.NDArray[np.int64] = np.sum(ones << (bits * dim), axis=1)
+    return spread
 
-    Parameters
-    ----------
-    places : float64[m, v, dim]
-        Vertices of each entry; v is 1, 2 or 3.
-    sizes : float64[m, v]
-        Bounds at the vertices, padded with inf.
-    counts : int8[m], optional
-        Numbers of vertices; v by default.
 
-    Returns
-    -------
-    entries : Entries
-    order : int32[m]
-        Entry k was row ``order[k]``.
+def read_only(array: Any) -> Any:
+    """Return a view of an array that cannot be written.
+
+    Kernels are compiled once more for arrays that can.
     """
-    m, width, dim = places.shape
-    counts = np.full(m, width, np.int8) if counts is None else counts
-    order = along_curve(np.ascontiguousarray(places[:, 0])) if m else np.empty(0, np.int32)
-    own_places, own_sizes = np.zeros((m, dim, dim)), np.full((m, dim), np.inf)
-    own_places[:, :width], own_sizes[:, :width] = places[order], sizes[order]
-    return with_tree(own_places, own_sizes, counts[order]), order
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
-def with_tree(places: FloatArray, sizes: FloatArray, counts: npt.NDArray[np.int8]) -> Entries:
-    """Return entries that are already sorted, with a tree over them."""
-    lower, upper = places[:, 0].copy(), places[:, 0].copy()
-    for v in range(1, places.shape[1]):
-        used = counts > v
-        lower[used] = np.minimum(lower[used], places[used, v])
-        upper[used] = np.maximum(upper[used], places[used, v])
-    boxes, n_leaves = boxes_over(lower, upper, sizes.min(axis=1, initial=np.inf))
-    return Entries(places, sizes, counts, boxes, n_leaves)
-
-
-def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> tuple[FloatArray, int]:
-    """Return the boxes of a tree over sorted items, and its number of leaves (see trees.py)."""
+def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> FloatArray:
+    """Return the boxes of a tree over sorted items (see trees.py)."""
     m, dim = lower.shape
     n_leaves = 1
     while n_leaves * LEAF < m:
         n_leaves *= 2
     boxes = np.empty((2 * n_leaves, 2 * dim + 1))
-    fill_boxes(lower, upper, value, (0,) * dim, n_leaves, boxes)
-    return boxes, n_leaves
+    boxes[0] = 0.0
+    boxes[0, -1] = np.inf
+    for column in range(2 * dim + 1):
+        items = [*lower.T, *upper.T, value][column]
+        is_upper = dim <= column < 2 * dim
+        merge = np.maximum if is_upper else np.minimum
+        level = np.full(n_leaves * LEAF, -np.inf if is_upper else np.inf)
+        level[:m] = items
+        while len(level) > 1:
+            level = merge(level[::2], level[1::2])
+            if len(level) <= n_leaves:
+                boxes[len(level) : 2 * len(level), column] = level
+    return boxes
 
 
 def in_chunks(

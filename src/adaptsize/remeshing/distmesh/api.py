@@ -8,7 +8,14 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, refuse_where
+from adaptsize._checks import (
+    as_flag,
+    as_float_array,
+    as_number,
+    as_points,
+    as_whole_number,
+    refuse_where,
+)
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing._report import SmoothingReport, describe, warn_of_faults
@@ -201,8 +208,9 @@ def mesh_from_distance(
     domain = _as_domain(distance, lower, upper)
     wanted = sized(_as_function(size), domain)
     max_iter = int(as_number("max_iter", max_iter, lower=1.0))
+    clip, full_output = as_flag("clip", clip), as_flag("full_output", full_output)
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
-    rng = np.random.default_rng(seed)
+    rng = _as_generator(seed)
     with reporting(progress) as report:
         report("placing nodes", None)
         if not clip:
@@ -239,6 +247,12 @@ def _as_domain(distance: Field, lower: npt.ArrayLike, upper: npt.ArrayLike) -> I
     refuse_where("lower", ~np.isfinite(low), low, "must be finite")
     refuse_where("upper", ~(np.isfinite(high) & (high > low)), high, "must be above lower")
     return examine(ImplicitDomain(distance, low, high))
+
+
+def _as_generator(seed: int | np.random.Generator) -> np.random.Generator:
+    if isinstance(seed, np.random.Generator):
+        return seed
+    return np.random.default_rng(as_whole_number("seed", seed, lower=0, upper=2**53))
 
 
 def _as_function(size: Field | float) -> Field:

@@ -1,0 +1,153 @@
+"""Whether a file holds all that it promises.  The readers of other packages do not check it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from adaptsize._formats.blocks import RawMesh
+from adaptsize._formats.text import check_last_number
+from adaptsize.errors import MeshFileError
+
+#: Keywords of binary Medit files are numbers; this one is End.
+_MEDIT_END = 54
+
+
+def check_end(suffix: str, content: bytes) -> None:
+    """Refuse a file that lacks the end mark of its format, before it is read.
+
+    Some readers of other packages run forever at the end of such a file.
+
+    Raises
+    ------
+    MeshFileError
+        The message does not have the path.
+    """
+    check = _ENDS.get(suffix)
+    if check is not None:
+        check(content)
+
+
+def check_counts(suffix: str, content: bytes, raw: RawMesh) -> None:
+    """Refuse a mesh with fewer points, cells or values than its file promises.
+
+    Raises
+    ------
+    MeshFileError
+        The message has both numbers, without the path.
+    """
+    check = _COUNTS.get(suffix)
+    if check is not None:
+        check(content, raw)
+
+
+def _check_gmsh_sections(content: bytes) -> None:
+    if not re.match(rb"\s*\$(MeshFormat|Comments|NOD)\b", content[:1000]):
+        raise MeshFileError("cannot be read as a mesh (no $MeshFormat at the start; is it Gmsh's?)")
+    for name in (b"Entities", b"PhysicalNames", b"Nodes", b"Elements", b"NodeData", b"ElementData"):
+        begun = len(re.findall(rb"^\$" + name + rb"\s*$", content, re.MULTILINE))
+        if begun > content.count(b"$End" + name):
+            raise MeshFileError(f"is truncated (no $End{name.decode()})")
+
+
+def _check_medit_end(content: bytes) -> None:
+    if not re.search(rb"^\s*End\s*$", content[-1000:], re.MULTILINE | re.IGNORECASE):
+        raise MeshFileError("is truncated (no End)")
+
+
+def _check_binary_medit(content: bytes) -> None:
+    """Follow the chain of sections, each of which has the position of the next one."""
+    order = "<" if content[:4] == b"\x01\0\0\0" else ">"
+    version = _integer(content, 4, f"{order}i4")
+    position_type = f"{order}i8" if version > 2 else f"{order}i4"
+    at = 8
+    while True:
+        keyword, following = _integer(content, at, f"{order}i4"), 0
+        if keyword == _MEDIT_END:
+            return
+        following = _integer(content, at + 4, position_type)
+        if not at < following < len(content):
+            raise MeshFileError("is truncated (no End)")
+        at = following
+
+
+def _integer(content: bytes, at: int, dtype: str) -> int:
+    kind = np.dtype(dtype)
+    if at + kind.itemsize > len(content):
+        raise MeshFileError("is truncated (no End)")
+    return int(np.frombuffer(content, kind, 1, at)[0])
+
+
+def _check_nastran_end(content: bytes) -> None:
+    begun = re.search(rb"^[ \t]*BEGIN BULK", content, re.MULTILINE)
+    if begun and not re.search(rb"^ENDDATA", content[begun.end() :], re.MULTILINE):
+        raise MeshFileError("is truncated (no ENDDATA)")
+
+
+def _check_su2(content: bytes, raw: RawMesh) -> None:
+    lines = re.sub(rb"%[^\r\n]*", b"", content)
+    points, cells = _sum(lines, rb"NPOIN"), _sum(lines, rb"NELEM") + _sum(lines, rb"MARKER_ELEMS")
+    _compare("points", points, len(raw.points))
+    _compare("cells", cells, _n_cells(raw))
+    markers = len(re.findall(rb"^[ \t]*MARKER_TAG\s*=", lines, re.MULTILINE))
+    _compare("markers", _sum(lines, rb"NMARK"), markers)
+    check_last_number(lines, len(raw.points))
+
+
+def _sum(lines: bytes, name: bytes) -> int:
+    found = re.findall(rb"^[ \t]*" + name + rb"[ \t]*=[ \t]*(\d+)", lines, re.MULTILINE)
+    return sum(map(int, found))
+
+
+def _check_vtk(content: bytes, raw: RawMesh) -> None:
+    points = re.search(rb"^POINTS\s+(\d+)", content, re.MULTILINE)
+    cells = re.search(rb"^CELL_TYPES\s+(\d+)\s*$", content, re.MULTILINE)
+    _compare("points", int(points[1]) if points else 0, len(raw.points))
+    _compare("cells", int(cells[1]) if cells else 0, _n_cells(raw))
+    for name, values in raw.point_data.items():
+        _compare(f"values of {name!r}", len(raw.points), len(values))
+    for name, parts in raw.cell_data.items():
+        _compare(f"values of {name!r}", _n_cells(raw), sum(map(len, parts)))
+    if re.search(rb"\A[^\n]*\n[^\n]*\n\s*ASCII\b", content):
+        check_last_number(content)
+
+
+def _check_obj(content: bytes, raw: RawMesh) -> None:
+    _check_last_line(content, raw, (b"#", b"o", b"g", b"s", b"u", b"m"))
+
+
+def _check_abaqus(content: bytes, raw: RawMesh) -> None:
+    _check_last_line(content, raw, (b"*",))
+
+
+def _check_last_line(content: bytes, raw: RawMesh, words: tuple[bytes, ...]) -> None:
+    """Check the last number, unless the last line begins as one that has no numbers."""
+    if not content[-1000:].splitlines()[-1].lstrip().startswith(words):
+        check_last_number(content, len(raw.points))
+
+
+def _n_cells(raw: RawMesh) -> int:
+    return sum(len(cells) for _, cells in raw.blocks)
+
+
+def _compare(what: str, promised: int, held: int) -> None:
+    if held < promised:
+        raise MeshFileError(f"is truncated (promises {promised} {what}, holds {held})")
+
+
+_ENDS: dict[str, Callable[[bytes], None]] = {
+    ".msh": _check_gmsh_sections,
+    ".mesh": _check_medit_end,
+    ".meshb": _check_binary_medit,
+    ".bdf": _check_nastran_end,
+    ".nas": _check_nastran_end,
+    ".fem": _check_nastran_end,
+}
+_COUNTS: dict[str, Callable[[bytes, RawMesh], None]] = {
+    ".su2": _check_su2,
+    ".vtk": _check_vtk,
+    ".obj": _check_obj,
+    ".inp": _check_abaqus,
+}

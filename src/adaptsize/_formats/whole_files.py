@@ -1,0 +1,81 @@
+"""Files are written completely or not at all; devices and pipes are written into, never read."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from adaptsize.errors import MeshFileError
+
+#: Longest text of an error after the path.  Names of fields come from files and may be long.
+_LONGEST = 600
+
+
+def check_readable(path: Path) -> None:
+    """Refuse what is not a file with content.  A pipe would block, and a device never end."""
+    try:
+        if path.is_dir():
+            raise MeshFileError("is a directory")
+        if is_special(path):
+            raise MeshFileError("is a device or a pipe, where a file is required")
+        with path.open("rb") as opened:
+            empty = not opened.read(1)
+    except OSError as error:
+        raise MeshFileError(f"{error.strerror or error}") from error
+    except MeshFileError:
+        raise
+    except ValueError as error:  # a null character, or one that no name of a file can have
+        raise MeshFileError("cannot be the name of a file") from error
+    if empty:
+        raise MeshFileError("is empty")
+
+
+def about_file(path: str | os.PathLike[str], error: BaseException) -> MeshFileError:
+    """Return an error of one line with the path and the problem."""
+    if isinstance(error, MemoryError):
+        text = "needs more memory than there is"
+    elif isinstance(error, OSError):
+        text = error.strerror or str(error)
+    else:
+        text = " ".join(str(error).split()) or type(error).__name__
+    if len(text) > _LONGEST:
+        text = f"{text[: _LONGEST - 3]}..."
+    return MeshFileError(f"{path}: {text}")
+
+
+def write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
+    """Write under a temporary name in the same directory and rename.  Raises OSError."""
+    if target.is_dir():
+        raise MeshFileError("is a directory")
+    if is_special(target):
+        _write_into(target, write_to)
+        return
+    if not target.parent.is_dir():
+        raise MeshFileError(f"there is no directory {target.parent}")
+    # Not tempfile: its files are private to the user, and the suffix must be kept.
+    temporary = target.with_name(f".adaptsize-{secrets.token_hex(8)}{target.suffix}")
+    try:
+        write_to(temporary)
+        if target.exists():
+            shutil.copymode(target, temporary)
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def is_special(path: Path) -> bool:
+    """Whether a path exists and is neither a file nor a directory: a device, pipe or socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _write_into(special: Path, write_to: Callable[[Path], None]) -> None:
+    """Write to a temporary file and copy its content, because a device must not be replaced."""
+    with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
+        whole = Path(folder, special.name)
+        write_to(whole)
+        with whole.open("rb") as content, special.open("wb", buffering=0) as device:
+            shutil.copyfileobj(content, device)

@@ -1,0 +1,141 @@
+"""The processes between a caller and a mesh generator.
+
+``python -m adaptsize._supervisor`` starts the job as a child of its own.  It ends everything that
+the job has started when the job ends, or when the caller ends or closes the pipe to it.  The
+caller cannot do that itself when it is killed.
+
+Only small modules of Python are imported here, so that both processes are ready to end after a
+few hundredths of a second.
+"""
+
+import contextlib
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+#: Numbers of <sys/prctl.h>.
+_SET_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36
+_POLL_SECONDS = 0.5
+#: Processes that the system cannot end within this time are left to it.
+_PATIENCE = 5.0
+
+
+def supervise(caller: int, folder: str) -> int:
+    """Run the job in ``folder`` once a line comes from the caller; return its exit code."""
+    _prctl(_SET_CHILD_SUBREAPER, 1)
+    if not sys.stdin.buffer.readline():
+        _end_everything(None, folder)
+    job = subprocess.Popen(
+        [sys.executable, "-m", __spec__.name, "job", str(os.getpid())],
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    ending = threading.Lock()  # whoever gets it first ends the job, and this process
+    threading.Thread(target=_end_with, args=(caller, job, folder, ending), daemon=True).start()
+    code = job.wait()
+    ending.acquire()
+    _kill_all(job)
+    return code
+
+
+def work(supervisor: int) -> int:
+    """Do the job in the working directory, and die with the supervisor."""
+    if sys.platform == "linux":
+        _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() != supervisor:  # it died before
+            return 1
+    from adaptsize.remeshing._worker import main
+
+    return main()
+
+
+def _prctl(option: int, value: int) -> None:
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+def _end_with(
+    caller: int, job: "subprocess.Popen[bytes]", folder: str, ending: threading.Lock
+) -> None:
+    """Wait until the caller has ended or closed the pipe, and end everything."""
+    if sys.platform == "win32":
+        sys.stdin.buffer.read()
+    else:  # another child of the caller may keep the pipe open
+        while os.getppid() == caller and not select.select([0], [], [], _POLL_SECONDS)[0]:
+            pass
+    ending.acquire()
+    _end_everything(job, folder)
+
+
+def _end_everything(job: "subprocess.Popen[bytes] | None", folder: str) -> None:
+    if job is not None:
+        _kill_all(job)
+    shutil.rmtree(folder, ignore_errors=True)
+    os._exit(1)
+
+
+def _kill_all(job: "subprocess.Popen[bytes]") -> None:
+    """Kill the job and all processes that it started.  SIGKILL: hung generators ignore others."""
+    until = time.monotonic() + _PATIENCE
+    if sys.platform != "linux":
+        job.kill()
+        if sys.platform != "win32":
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(job.pid, signal.SIGKILL)
+        return
+    # Orphans become children of this process.  When it has none left, all have ended.
+    while time.monotonic() < until:
+        for pid in _descendants(os.getpid()):
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+        try:
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:
+            return
+        time.sleep(0.005)
+
+
+def _descendants(ancestor: int) -> set[int]:
+    """Return the children of a process, their children, and so on."""
+    parent = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # the process may have ended meanwhile
+            # The name of the program, in parentheses, may contain any characters.
+            words = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+            parent[int(stat.parent.name)] = int(words[1])
+    found = {ancestor}
+    grown = True
+    while grown:
+        children = {number for number, above in parent.items() if above in found} - found
+        found |= children
+        grown = bool(children)
+    return found - {ancestor}
+
+
+def _exit_like(code: int) -> None:
+    """Exit with the code of a process, or die from the signal that it died from."""
+    sys.stdout.flush()
+    if code < 0 and sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        with contextlib.suppress(OSError):  # some signals have no handlers
+            signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    # Exit without cleanup: some generators crash in their exit handlers.
+    os._exit(code)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "job":
+        _exit_like(work(int(sys.argv[2])))
+    _exit_like(supervise(int(sys.argv[1]), sys.argv[2]))

@@ -1,0 +1,252 @@
+"""Sizes in the part of an octree that lies in a domain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import Octree, SimplexMesh
+from adaptsize.background.reshaping import parent_errors, refined
+from adaptsize.domain_size.report import NONE, SizeReport
+from adaptsize.domain_size.request import Request, limit_requested
+from adaptsize.geometry.distance.closest_points import Depths
+from adaptsize.geometry.medial.feature_size_on_octree import InnerCells
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+#: Tolerance for sizes interpolated between the nodes, relative to the size.
+TOLERANCE = 0.05
+# No leaf is longer than this many sizes, in the plane and in space, ...
+_EDGE_OVER_SIZE = {2: 1.0, 3: 1.2}
+# ... or than this many radii of the boundary that passes through it.
+_EDGE_OVER_RADIUS = 0.5
+# Shorter leaves, in sizes, hold the tolerance for sizes with any gradient that is usual.
+_SHORTEST_OVER_SIZE = 0.2
+# Leaves are refined if the error on their parents is above this many tolerances.  The error on
+# them is at most about half of that.  This is repeated until none is above the second number.
+_ON_PARENT = {2: (0.8, 1.2), 3: (1.4, 1.8)}
+# No size is smaller, in diagonals of the box.
+_LEAST_SIZE = 1e-6
+# A leaf is halved at most so often at once.
+_MOST_HALVINGS = 3
+# Outside, sizes are at least this share of those at the boundary next to them.
+_LEAST_SHARE = 0.5
+
+
+class Beside(NamedTuple):
+    """Larger curvatures of the boundary near the closest points of nodes."""
+
+    nodes: IntArray
+    """Numbers among the nodes of the inner cells."""
+    curvature: FloatArray
+    distance: FloatArray
+
+
+class Shape(NamedTuple):
+    """A domain as seen on an octree."""
+
+    tree: Octree
+    nodes: Depths
+    """Depths of the nodes."""
+    inner: InnerCells
+    """The cells with an inside node."""
+    width: FloatArray
+    """Local feature size at the nodes of the inner cells."""
+    everywhere: FloatArray
+    """Local feature size at the nodes of the octree, inf where the domain is not next to them."""
+    curvature: FloatArray
+    """Of the closest point of the boundary, at the nodes of the inner cells; nan far from it."""
+    beside: Beside
+    """Larger curvatures at points between the closest points."""
+
+
+def longest_edges(mesh: SimplexMesh) -> FloatArray:
+    """Return the length of the longest edge at each node, float64[n_points]."""
+    longest = np.zeros(mesh.n_points)
+    np.maximum.at(longest, mesh.edges, mesh.edge_lengths[:, None])
+    return longest
+
+
+def limited_on_octree(
+    shape: Shape, limits: tuple[float, float], request: Request
+) -> tuple[FloatArray, SizeReport]:
+    """Return the limited sizes at the nodes of the inner cells, and the report on the octree."""
+    inner = shape.inner
+    bounds = {}
+    if request.per_radian > 0.0:
+        bounds["curvature"] = _size_of_curvature(shape, request.per_radian, request.g)
+    if request.across > 0.0:
+        bounds["feature size"] = 2.0 * shape.width / request.across
+    bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
+    weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
+    h, report = limit_requested(inner.mesh, bounds, limits, request, weights)
+    h = _extrapolated(inner, h, request.g)
+    return h, _on_tree(shape, h, report)
+
+
+def _extrapolated(inner: InnerCells, h: FloatArray, g: float) -> FloatArray:
+    """Return sizes that are lower at outside nodes where they fall towards the boundary.
+
+    Limited sizes grow outwards from the boundary.  Interpolated between an inside and an outside
+    node, they would be too large on the boundary.  They are replaced by those that the gradient
+    in the cells that are completely inside gives, if these are smaller.
+    """
+    mesh, inside = inner.mesh, inner.inside
+    whole = mesh.cells[inside[mesh.cells].all(axis=1)]
+    gradient, counts = np.zeros(mesh.points.shape), np.zeros(mesh.n_points)
+    slopes = _gradients(mesh, h, whole)
+    for column in whole.T:
+        np.add.at(gradient, column, slopes)
+        np.add.at(counts, column, 1.0)
+    gradient /= np.maximum(counts, 1.0)[:, None]
+    total, links = np.zeros(mesh.n_points), np.zeros(mesh.n_points)
+    for i, o in (mesh.edges.T, mesh.edges[:, ::-1].T):
+        used = (counts[i] > 0.0) & ~inside[o]
+        way = mesh.points[o[used]] - mesh.points[i[used]]
+        change = np.einsum("nd,nd->n", gradient[i[used]], way)
+        away = g * np.linalg.norm(way, axis=1)
+        np.add.at(total, o[used], h[i[used]] + np.clip(change, -away, away))
+        np.add.at(links, o[used], 1.0)
+    known = links > 0.0
+    result = h.copy()
+    result[known] = np.minimum(h[known], (total / np.maximum(links, 1.0))[known])
+    return np.maximum(result, _LEAST_SHARE * h)
+
+
+def _size_of_curvature(shape: Shape, per_radian: float, g: float) -> FloatArray:
+    """Return sizes that are 1 / (K kappa) on the boundary, interpolated between the nodes.
+
+    With the slope m of these sizes along the boundary, a limited size has the slope
+    sqrt(g^2 - m^2) across it.  Inside, the slope g is used instead, and limiting corrects sizes
+    that are too large.
+    """
+    kappa, depth = shape.curvature, shape.nodes.depth[shape.inner.nodes]
+    with np.errstate(divide="ignore"):
+        size = np.where(kappa > 0.0, 1.0 / (per_radian * kappa), np.inf)
+    beside = shape.beside
+    np.minimum.at(size, beside.nodes, 1.0 / (per_radian * beside.curvature) + g * beside.distance)
+    known = np.isfinite(size)
+    m = _slopes(shape.inner.mesh, np.where(known, size, 0.0), known)
+    slope = np.where(depth < 0.0, np.sqrt(np.maximum(g**2 - m**2, 0.0)), g)
+    return np.where(known, np.maximum(size + slope * depth, _LEAST_SHARE * size), np.inf)
+
+
+def _slopes(mesh: SimplexMesh, values: FloatArray, known: BoolArray) -> FloatArray:
+    """Return the mean length of the gradients in the cells at each node whose values are known."""
+    cells = mesh.cells[known[mesh.cells].all(axis=1)]
+    slopes, counts = np.zeros(mesh.n_points), np.zeros(mesh.n_points)
+    np.add.at(slopes, cells, np.linalg.norm(_gradients(mesh, values, cells), axis=1)[:, None])
+    np.add.at(counts, cells, 1.0)
+    return np.asarray(slopes / np.maximum(counts, 1.0))
+
+
+def _gradients(mesh: SimplexMesh, values: FloatArray, cells: IntArray) -> FloatArray:
+    """Return the gradient of nodal values in some cells, float64[n, dim]."""
+    edges = mesh.points[cells[:, 1:]] - mesh.points[cells[:, :1]]
+    rise = values[cells[:, 1:]] - values[cells[:, :1]]
+    return np.asarray(np.linalg.solve(edges, rise[:, :, None])[:, :, 0])
+
+
+def _measures_inside(mesh: SimplexMesh, phi: FloatArray) -> FloatArray:
+    """Return the area or volume of the domain around each node, from its signed distance."""
+    at = phi[mesh.cells]
+    below = np.maximum(-at, 0.0).sum(axis=1)
+    share = below / np.maximum(np.abs(at).sum(axis=1), 1e-300)
+    n = mesh.cells.shape[1]
+    measures = np.zeros(mesh.n_points)
+    np.add.at(measures, mesh.cells, (share * mesh.measures / n)[:, None])
+    return measures
+
+
+def _on_tree(shape: Shape, h: FloatArray, report: SizeReport) -> SizeReport:
+    """Return the report at the nodes of the octree, from that at the nodes of the inner cells."""
+    n, inner = shape.tree.n_points, shape.inner
+    bounds = {}
+    for name, bound in report.bounds.items():
+        bounds[name] = np.full(n, np.inf)
+        np.minimum.at(bounds[name], inner.nodes, bound)
+    cause = np.full(n, NONE, np.int8)
+    largest_first = np.argsort(-h, kind="stable")
+    cause[inner.nodes[largest_first]] = report.cause[largest_first]
+    cause.flags.writeable = False
+    return replace(report, background=shape.tree, bounds=bounds, cause=cause)
+
+
+def size_on_octree(shape: Shape, h: FloatArray) -> SizeFunction:
+    """Return the size function on the octree.  Outside, nodes get the size of the nearest node."""
+    from scipy.spatial import cKDTree
+
+    tree, inner = shape.tree, shape.inner
+    values = at_nodes(shape, h)
+    unknown = np.flatnonzero(np.isinf(values))
+    if len(unknown):
+        nearest = cKDTree(inner.mesh.points).query(tree.points[unknown])[1]
+        values[unknown] = values[inner.nodes[nearest]]
+    return SizeFunction(tree, values)
+
+
+def at_nodes(shape: Shape, h: FloatArray) -> FloatArray:
+    """Return sizes at the nodes of the octree; inf where the domain is not next to them."""
+    values = np.full(shape.tree.n_points, np.inf)
+    np.minimum.at(values, shape.inner.nodes, h)
+    return values
+
+
+def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octree | None:
+    """Return an octree that is finer where sizes need it, or None if they need it nowhere."""
+    tree = shape.tree
+    longest, (wanted, largest) = _EDGE_OVER_SIZE[tree.dim], _ON_PARENT[tree.dim]
+    requested = np.maximum(_requested(shape, h, hmin, request), _LEAST_SIZE * tree.diagonal)
+    edges = tree.leaf_sizes.max(axis=1)
+    least = requested[tree.leaf_corners].min(axis=1)
+    with np.errstate(divide="ignore"):  # inf outside
+        times = np.ceil(np.log2(edges / (longest * least)))
+    times = np.clip(times, 0, _MOST_HALVINGS).astype(np.int64)
+    can = (times == 0) & (edges > _SHORTEST_OVER_SIZE * least)
+    error = np.where(can, leaf_errors(shape, h), 0.0)
+    error[can & _is_double(shape, h)[tree.leaf_corners].any(axis=1)] = np.inf
+    if not times.any() and error.max() <= largest * TOLERANCE:
+        return None
+    times[error > wanted * TOLERANCE] = 1
+    finite = np.where(np.isfinite(requested), requested, tree.diagonal)
+
+    def within(centres: FloatArray, sizes: FloatArray) -> BoolArray:
+        size = tree.locator.interpolate(finite, centres)[0]
+        depth = tree.locator.interpolate(shape.nodes.depth, centres)[0]
+        inside = depth > -0.5 * np.linalg.norm(sizes, axis=1)
+        return np.asarray(inside & (sizes.max(axis=1) > longest * size))
+
+    return refined(tree, times, within)
+
+
+def _requested(shape: Shape, h: FloatArray, hmin: float, request: Request) -> FloatArray:
+    """Return the sizes that leaves must have, at the nodes of the octree, inf outside."""
+    inner, depth = shape.inner, shape.nodes.depth
+    # Outside, sizes are extrapolated; those at the boundary count.
+    requested = at_nodes(shape, h) + request.g * np.maximum(-depth, 0.0)
+    if request.across > 0.0:
+        across = np.maximum(2.0 * shape.everywhere / request.across, hmin)
+        requested = np.minimum(requested, across)
+    if request.per_radian > 0.0:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            radius = np.where(shape.curvature > 0.0, 1.0 / shape.curvature, np.inf)
+        longest = np.maximum(_EDGE_OVER_RADIUS * radius, hmin)
+        np.minimum.at(requested, inner.nodes, longest)
+    return requested
+
+
+def _is_double(shape: Shape, h: FloatArray) -> BoolArray:
+    """Return which nodes in a gap of the domain have different sizes for its two sides."""
+    highest = np.full(shape.tree.n_points, -np.inf)
+    np.maximum.at(highest, shape.inner.nodes, h)
+    return np.asarray(highest > (1.0 + TOLERANCE) * at_nodes(shape, h))
+
+
+def leaf_errors(shape: Shape, h: FloatArray) -> FloatArray:
+    """Return relative errors of interpolation on the parents of the leaves."""
+    values = at_nodes(shape, h)
+    known = np.isfinite(values) & (shape.nodes.depth >= 0.0)
+    near = np.isfinite(values)
+    return parent_errors(shape.tree, np.where(near, values, 1.0), known, near)

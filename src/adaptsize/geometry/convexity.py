@@ -1,0 +1,126 @@
+"""Whether a flat domain is convex, from the angles by which its boundary turns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from adaptsize.background.topology import unique_rows
+from adaptsize.typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from adaptsize.geometry.boundary import FlatBoundary
+
+#: Largest angle (radians) by which the boundary of a convex domain may turn inwards.
+FLAT = 1e-9
+
+# Facets that close up to less than this angle (radians) may lie on each other.
+_FOLDED = 1e-6
+
+
+def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
+    """Return whether the domain within a boundary is convex, to 1e-9 radians.
+
+    The test is rigorous: folds, cracks, holes and several components are all detected.  The domain
+    can only end at a wall, and a closed boundary that never turns inwards and winds around once
+    is that of a convex domain.
+    """
+    if not boundary.is_simple or len(boundary.facets) == 0:
+        return False
+    if points.shape[1] == 2:
+        angles = turns_in_plane(points, boundary.facets)[1]
+        if not bool((angles >= -FLAT).all()):
+            return False
+        return abs(float(angles.sum()) - 2.0 * np.pi) < 1e-3
+    turns = turns_of(points, boundary)
+    if not bool((turns.angles >= -FLAT).all()):
+        return False
+    corners = points[boundary.facets]
+    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
+    volume = np.einsum("ij,ij->i", a, _cross(b, c))
+    la, lb, lc = map(_norm, (a, b, c))
+    mixed = (
+        la * lb * lc
+        + np.einsum("ij,ij->i", a, b) * lc
+        + np.einsum("ij,ij->i", b, c) * la
+        + np.einsum("ij,ij->i", c, a) * lb
+    )
+    # Solid angles of the facets, seen from the middle (van Oosterom and Strackee).
+    around = 2.0 * np.arctan2(volume, mixed)
+    return bool((volume >= 0.0).all()) and abs(float(around.sum()) - 4.0 * np.pi) < 1e-3
+
+
+def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return the nodes of walls and the angle by which the boundary turns there.
+
+    Positive where the domain is convex; nan unless one wall enters and one leaves.
+    """
+    n = len(points)
+    nodes = np.unique(facets)
+    once = np.bincount(facets.T[0], minlength=n)[nodes] == 1
+    once &= np.bincount(facets.T[1], minlength=n)[nodes] == 1
+    before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    after[facets[:, 0]] = facets[:, 1]
+    before[facets[:, 1]] = facets[:, 0]
+    into, out = points[nodes] - points[before[nodes]], points[after[nodes]] - points[nodes]
+    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
+    dot = np.einsum("ij,ij->i", into, out)
+    degenerate = ~once | ((cross == 0.0) & (dot <= 0.0))
+    return nodes, np.where(degenerate, np.nan, np.arctan2(cross, dot))
+
+
+class Turns(NamedTuple):
+    """Turning angles of the boundary of a solid at its edges."""
+
+    ridges: IntArray
+    """int32[r, 2]"""
+    angles: FloatArray
+    """float64[r]: positive where the domain is convex, nan where not two facets meet."""
+
+
+def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
+    """Return the angle between the two facets at each edge of the boundary of a solid."""
+    facets = boundary.facets
+    corners = points[facets]
+    normals = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = _norm(normals)
+    n_facets = len(facets)
+    ends = np.concatenate([facets[:, [v, (v + 1) % 3]] for v in range(3)])
+    apex = np.concatenate([facets[:, (v + 2) % 3] for v in range(3)])
+    owner = np.tile(np.arange(n_facets), 3)
+    forward = ends[:, 0] < ends[:, 1]
+    edges, number = unique_rows(ends, len(points))
+    regular = (np.bincount(number) == 2) & (np.bincount(number, weights=forward) == 1.0)
+    first = np.zeros(len(edges), np.int64)
+    second = np.zeros(len(edges), np.int64)
+    first[number[forward]] = np.flatnonzero(forward)
+    second[number[~forward]] = np.flatnonzero(~forward)
+    has_area = (areas > 0.0)[:, None]
+    units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
+    normal, other = units[owner[first]], units[owner[second]]
+    rise = np.einsum("ij,ij->i", normal, points[apex[second]] - points[edges[:, 0]])
+    sine = _norm(_cross(normal, other))
+    cosine = np.einsum("ij,ij->i", normal, other)
+    angles = np.arctan2(sine, cosine)
+    angles = np.where(rise > 0.0, -angles, angles)
+    # Coincident facets: the end of a crack, which turns inwards, or a cell without volume.
+    bad = (
+        ~regular
+        | ((cosine < 0.0) & (sine < _FOLDED))
+        | (areas[owner[first]] == 0.0)
+        | (areas[owner[second]] == 0.0)
+    )
+    return Turns(edges, np.where(bad, np.nan, angles))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return cross products of rows, in half the time of numpy's."""
+    columns = [a[:, i - 2] * b[:, i - 1] - a[:, i - 1] * b[:, i - 2] for i in range(3)]
+    return np.stack(columns, axis=1)
+
+
+def _norm(vectors: FloatArray) -> FloatArray:
+    """Return the lengths of rows."""
+    lengths: FloatArray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return lengths

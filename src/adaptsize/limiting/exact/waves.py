@@ -1,0 +1,82 @@
+"""Entries of the exact method: nodes, edges and faces with their bounds, sorted, with a tree."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize.limiting.exact.work import along_curve, boxes_over
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+
+class Wave(NamedTuple):
+    """Entries that are processed together, along a Morton curve."""
+
+    table: FloatArray
+    """float64[m, dim * (dim + 1)], or more columns in the plane (see exact.py, exact_plane.py)."""
+    boxes: FloatArray
+    """The tree over them (see trees.py)."""
+    nodes: IntArray
+    """int32[m, dim]: nodes of each entry, padded with -1."""
+
+    @property
+    def places(self) -> FloatArray:
+        """float64[m, dim, dim]: vertices, the first one repeated where there are fewer."""
+        dim = self.nodes.shape[1]
+        return self.table[:, : dim * dim].reshape(-1, dim, dim)
+
+    @property
+    def sizes(self) -> FloatArray:
+        """float64[m, dim]: bounds at the vertices, padded with inf."""
+        dim = self.nodes.shape[1]
+        return self.table[:, dim * dim : dim * (dim + 1)]
+
+    def only(self, which: BoolArray) -> Wave:
+        """Return a wave of some of the entries."""
+        return _with_tree(self.table[which], self.nodes[which])
+
+
+def _with_tree(table: FloatArray, nodes: IntArray) -> Wave:
+    wave = Wave(table, np.empty(0), nodes)
+    lower, upper, value = wave.places[:, 0], wave.places[:, 0], wave.sizes[:, 0]
+    for v in range(1, nodes.shape[1]):
+        lower, upper = np.minimum(lower, wave.places[:, v]), np.maximum(upper, wave.places[:, v])
+        value = np.minimum(value, wave.sizes[:, v])
+    return wave._replace(boxes=boxes_over(lower, upper, value))
+
+
+def sorted_wave(table: FloatArray, nodes: IntArray) -> Wave:
+    """Return entries in any order as a wave."""
+    order = along_curve(table[:, : nodes.shape[1]])
+    return _with_tree(table[order], nodes[order])
+
+
+def node_table(places: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return the table of nodes."""
+    m, dim = places.shape
+    table = np.full((m, dim * (dim + 1)), np.inf)
+    table[:, : dim * dim] = np.tile(places, dim)
+    table[:, dim * dim] = sizes
+    return table
+
+
+def node_wave(places: FloatArray, sizes: FloatArray, names: IntArray) -> Wave:
+    """Return nodes as a wave."""
+    nodes = np.full(places.shape, -1, np.int32)
+    nodes[:, 0] = names
+    return sorted_wave(node_table(places, sizes), nodes)
+
+
+def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
+    """Return nodes, edges or triangles, given by their nodes padded with -1, as a wave.
+
+    Edges and triangles represent their interior only.  Their nodes, and the edges of triangles,
+    are separate entries.
+    """
+    m, dim = named.shape
+    used = np.where(named >= 0, named, named[:, :1])
+    table = np.empty((m, dim * (dim + 1)))
+    table[:, : dim * dim] = points[used].reshape(m, dim * dim)
+    table[:, dim * dim :] = np.where(named >= 0, sizes[used], np.inf)
+    return sorted_wave(table, named)

@@ -1,0 +1,88 @@
+"""Boundaries of meshes: their distance from each other, and their topology."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import FloatArray
+
+
+class Distances(NamedTuple):
+    """Distances of samples of one boundary from another."""
+
+    points: FloatArray
+    """float64[n, dim]"""
+    distance: FloatArray
+    """float64[n]"""
+
+    @property
+    def largest(self) -> float:
+        """The largest distance."""
+        return float(self.distance.max())
+
+
+class Topology(NamedTuple):
+    """Topology of a closed surface, or of closed curves in the plane."""
+
+    n_components: int
+    euler_number: int
+    """Nodes minus edges plus triangles: 2 less 2 per handle, summed over the components.  0 for
+    curves."""
+    enclosed: float
+    """Enclosed volume or area; NaN unless all facets have the same side in common."""
+
+
+def skin_of(mesh: SimplexMesh) -> SimplexMesh:
+    """Return the boundary of cells of full dimension; a surface or curve itself."""
+    return mesh.boundary().mesh if mesh.cell_dim == mesh.dim else mesh
+
+
+def distances_from(skin: SimplexMesh, other: SimplexMesh) -> Distances:
+    """Return the distances of a surface or curve from another.
+
+    Samples are the nodes in cells, the midpoints of the edges and the centroids of the cells.
+    """
+    used = np.zeros(skin.n_points, np.bool_)
+    used[skin.cells] = True
+    samples = [skin.points[used]]
+    samples += [skin.points[rows].mean(axis=1) for rows in (skin.edges, skin.cells)]
+    points = np.concatenate(samples)
+    return Distances(points, other.locator.nearest(points)[2])
+
+
+def topology_of(skin: SimplexMesh) -> Topology | None:
+    """Return the topology of a surface or curve; None if it is not a closed manifold.
+
+    Only facets are looked at: components that touch in a node count as one.
+    """
+    if not (skin.facet_cell_counts == 2).all():
+        return None
+    euler = len(np.unique(skin.cells)) - len(skin.edges) + (skin.cell_dim == 2) * skin.n_cells
+    return Topology(n_components(skin), int(euler), _enclosed(skin))
+
+
+def n_components(mesh: SimplexMesh) -> int:
+    """Return the number of components, which have no node in common."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    i, j = mesh.edges.T
+    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(mesh.n_points,) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    return len(np.unique(labels[mesh.cells[:, 0]]))
+
+
+def _enclosed(skin: SimplexMesh) -> float:
+    cells = skin.cells.astype(np.int64)
+    if skin.cell_dim == 1:
+        starts = cells[:, 0]
+    else:
+        following = np.roll(cells, -1, axis=1)
+        starts = (cells * skin.n_points + following).ravel()
+    if len(np.unique(starts)) < len(starts):  # two facets run along an edge in the same direction
+        return float("nan")
+    corners = skin.points[cells] - skin.points.mean(axis=0)
+    return abs(float(np.linalg.det(corners).sum())) / (2.0 if skin.cell_dim == 1 else 6.0)

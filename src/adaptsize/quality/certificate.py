@@ -1,0 +1,274 @@
+"""Demands that a mesh must meet, and the places where it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from adaptsize._checks import as_number, check_type
+from adaptsize.background import SimplexMesh
+from adaptsize.quality.boundary import (
+    Distances,
+    Topology,
+    distances_from,
+    skin_of,
+    topology_of,
+)
+from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells, is_in_band
+from adaptsize.typing import FloatArray
+
+#: Generators bring more edges than this within a factor sqrt 2 of sizes that the geometry allows.
+SHARE_IN_BAND = 0.8
+#: Relative error of sums of volumes.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place where a mesh does not meet a demand."""
+
+    point: tuple[float, ...]
+    value: float
+    """What is wrong there: measure of a cell, distance, or edge length over size."""
+
+
+@dataclass(frozen=True)
+class Demand:
+    """One property that a mesh must have.
+
+    Attributes
+    ----------
+    name : str
+        ``"cells"``, ``"facets"``, ``"boundary"``, ``"measure"``, ``"topology"`` or ``"edges"``.
+    is_met : bool
+    text : str
+        What was measured and what is allowed.
+    places : tuple of Place
+        The worst places, the worst first.  Empty if the demand is met or concerns no place.
+    """
+
+    name: str
+    is_met: bool
+    text: str
+    places: tuple[Place, ...] = ()
+
+
+@dataclass(frozen=True)
+class MeshCheck:
+    """Which demands a mesh meets.
+
+    Attributes
+    ----------
+    demands : tuple of Demand
+    notes : tuple of str
+        What was not compared, and why.
+    """
+
+    demands: tuple[Demand, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_met(self) -> bool:
+        """Whether all demands are met."""
+        return not self.failures
+
+    @property
+    def failures(self) -> tuple[Demand, ...]:
+        """The demands that are not met."""
+        return tuple(demand for demand in self.demands if not demand.is_met)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return dictionaries and lists of plain values, suitable for JSON."""
+        return {"is_met": self.is_met, **asdict(self)}
+
+    def __str__(self) -> str:
+        """Return one line per demand, and the worst places."""
+        lines = []
+        for demand in self.demands:
+            lines.append(f"{demand.name:9} {'ok' if demand.is_met else 'FAILED':7} {demand.text}")
+            for place in demand.places:
+                at = ", ".join(f"{x:.6g}" for x in place.point)
+                lines.append(f"{'':18}{place.value:.4g} at ({at})")
+        lines += [f"{'note':17} {note}" for note in self.notes]
+        return "\n".join(lines)
+
+
+def check_mesh(
+    mesh: SimplexMesh,
+    *,
+    original: SimplexMesh | None = None,
+    size: SizeLike | None = None,
+    tolerance: float = 1e-3,
+    share_in_band: float = SHARE_IN_BAND,
+    n_places: int = 5,
+) -> MeshCheck:
+    """Check that a mesh is sound, fills the same domain as another, and follows the sizes.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles or tetrahedra.
+    original : SimplexMesh, optional
+        The mesh, surface or outline whose domain ``mesh`` must fill.
+    size : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
+        Requested edge lengths, as in `size_conformity`.
+    tolerance : float
+        Allowed distance of the boundaries from each other, over the diagonal of the bounding box
+        of ``original``.
+    share_in_band : float
+        Required share of the edges whose length is within a factor sqrt 2 of the size.
+    n_places : int
+        Number of worst places to list for each demand that is not met.
+
+    Returns
+    -------
+    MeshCheck
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid or the meshes do not fit each other.
+
+    Notes
+    -----
+    The demands are:
+
+    - *cells*: none is inverted or flat.
+    - *facets*: each facet of a volume mesh or a plane mesh belongs to one or two cells.
+    - *boundary*: each boundary is within the tolerance of the other one, measured at the nodes,
+      the midpoints of the edges and the centroids of the facets.  If ``original`` is an open
+      surface, only its own distance from the boundary of ``mesh`` counts.
+    - *measure*: the volume or area is the enclosed one, up to the tolerance times the area of the
+      boundary.
+    - *topology*: the boundary has as many components as that of ``original``, and the same Euler
+      number, hence the same number of handles.
+    - *edges*: enough of them are near their size.
+
+    Measure and topology are compared if the boundaries are closed manifolds.  A surface that
+    intersects itself encloses more than the mesh of its interior.
+
+    Examples
+    --------
+    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> half = SimplexMesh(square.points, square.cells[:1])
+    >>> check = check_mesh(half, original=square)
+    >>> check.is_met, [demand.name for demand in check.failures]
+    (False, ['boundary', 'measure'])
+    """
+    check_type("mesh", mesh, SimplexMesh)
+    if mesh.cell_dim == 1:
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    share = as_number("share_in_band", share_in_band, lower=0.0)
+    if share > 1.0:
+        raise ValueError(f"share_in_band must be at most 1, got {share:g}")
+    count = int(as_number("n_places", n_places, lower=0.0))
+    demands, notes = [_cells(mesh, count)], list[str]()
+    if mesh.cell_dim == mesh.dim:
+        demands.append(_facets(mesh, count))
+    if original is not None:
+        check_type("original", original, SimplexMesh)
+        _refuse_other_dimensions(mesh, original)
+        demands += _same_domain(mesh, original, tolerance, count, notes)
+    if size is not None:
+        demands.append(_edges(mesh, size, share, count))
+    return MeshCheck(tuple(demands), tuple(notes))
+
+
+def _refuse_other_dimensions(mesh: SimplexMesh, original: SimplexMesh) -> None:
+    if mesh.dim != original.dim or original.cell_dim < mesh.dim - 1:
+        raise ValueError(
+            f"original must be a mesh or a boundary in {mesh.dim}-D, got {original!r} for {mesh!r}"
+        )
+
+
+def _cells(mesh: SimplexMesh, count: int) -> Demand:
+    bad = np.flatnonzero(inverted_cells(mesh))
+    measures = mesh.signed_measures if mesh.cell_dim == mesh.dim else mesh.measures
+    worst = bad[np.argsort(measures[bad])]
+    text = f"{len(bad)} of {mesh.n_cells} inverted or flat"
+    centroids = mesh.points[mesh.cells[worst[:count]]].mean(axis=1)
+    return Demand("cells", len(bad) == 0, text, _places(centroids, measures[worst], count))
+
+
+def _facets(mesh: SimplexMesh, count: int) -> Demand:
+    bad = np.flatnonzero(mesh.facet_cell_counts > 2)
+    text = f"{len(bad)} of {len(mesh.facets)} in more than two cells"
+    centres = mesh.points[mesh.facets[bad[:count]]].mean(axis=1)
+    counts = mesh.facet_cell_counts[bad].astype(np.float64)
+    return Demand("facets", len(bad) == 0, text, _places(centres, counts, count))
+
+
+def _same_domain(
+    mesh: SimplexMesh, original: SimplexMesh, tolerance: float, count: int, notes: list[str]
+) -> Iterator[Demand]:
+    """Yield the demands that compare two domains.  What cannot be compared goes to the notes."""
+    skin, old = skin_of(mesh), skin_of(original)
+    allowed = tolerance * original.diagonal
+    away = [distances_from(old, skin)]
+    if old.is_closed:
+        away.append(distances_from(skin, old))
+    else:
+        notes.append("the original is open: only its distance from the mesh is compared")
+    yield _near(away, allowed, original.diagonal, count)
+    new_topology, old_topology = topology_of(skin), topology_of(old)
+    if old_topology is None:
+        notes.append("volume and topology are not compared: the original is no closed manifold")
+        return
+    if np.isfinite(old_topology.enclosed) and (mesh.cell_dim == mesh.dim or new_topology):
+        yield _measure(mesh, new_topology, old_topology, allowed * float(old.measures.sum()))
+    else:
+        notes.append("the volume is not compared: the original is not consistently oriented")
+    yield _topology(new_topology, old_topology)
+
+
+def _near(away: list[Distances], allowed: float, diagonal: float, count: int) -> Demand:
+    points = np.concatenate([found.points for found in away])
+    distance = np.concatenate([found.distance for found in away])
+    largest = float(distance.max())
+    text = f"within {largest / diagonal:.3g} of the diagonal, {allowed / diagonal:.3g} allowed"
+    bad = np.flatnonzero(distance > allowed * (1.0 + _ROUNDING))
+    worst = bad[np.argsort(-distance[bad])][:count]
+    return Demand("boundary", len(bad) == 0, text, _places(points[worst], distance[worst], count))
+
+
+def _measure(mesh: SimplexMesh, new: Topology | None, old: Topology, allowed: float) -> Demand:
+    if mesh.cell_dim == mesh.dim:
+        measure = float(mesh.measures.sum())
+    else:
+        measure = float("nan") if new is None else new.enclosed
+    change, most = measure / old.enclosed - 1.0, allowed / old.enclosed
+    text = f"changed by {change:+.3%}, {most:.3%} allowed"
+    return Demand("measure", bool(abs(change) <= most + _ROUNDING), text)
+
+
+def _topology(new: Topology | None, old: Topology) -> Demand:
+    wanted = f"{old.n_components} component(s) with Euler number {old.euler_number}"
+    if new is None:
+        return Demand("topology", False, f"boundary is no closed manifold; original: {wanted}")
+    found = f"{new.n_components} component(s) with Euler number {new.euler_number}"
+    is_met = (new.n_components, new.euler_number) == (old.n_components, old.euler_number)
+    return Demand("topology", is_met, f"{found}; original: {wanted}")
+
+
+def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Demand:
+    ratio = edge_ratios(mesh, size)
+    known = np.flatnonzero(np.isfinite(ratio))
+    in_band = is_in_band(ratio[known])
+    found = float(in_band.mean())
+    text = f"{found:.1%} within a factor sqrt 2 of the size, {share:.0%} required"
+    if found >= share:
+        return Demand("edges", True, text)
+    worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
+    middles = mesh.points[mesh.edges[worst]].mean(axis=1)
+    return Demand("edges", False, text, _places(middles, ratio[worst], count))
+
+
+def _places(points: FloatArray, values: FloatArray, count: int) -> tuple[Place, ...]:
+    return tuple(
+        Place(tuple(point), float(value))
+        for point, value in zip(points[:count].tolist(), values[:count], strict=False)
+    )

@@ -1,0 +1,14 @@
+"""An attack on adaptsize: random problems, calls, files and faults, each case in a child process.
+
+    python -m tests.attack [--cases N] [--start N] [--only CLASS]
+    python -m tests.attack --seed N
+
+A case is a number.  It fixes the class of the case and its random choices, so that a failure is
+reproduced by ``--seed`` and the number.  See `cases` for the classes.
+"""
+
+import sys
+from pathlib import Path
+
+# The references of the tests: exact sizes, shapes, misbehaving generators.
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))

@@ -1,0 +1,75 @@
+"""Every public function, class and method of adaptsize, found by walking the package."""
+
+import importlib
+import inspect
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import adaptsize as ads
+
+#: What is not called, and why.
+LEFT_OUT = {
+    "register_backend": "changes the process for all later cases",
+    "Backend": "a protocol",
+    "Source": "a protocol",
+    "Background": "a protocol",
+    "SizeLike": "a type",
+    "MedialAxis": "a result",
+    "Problem": "the input of a mesh generator, checked before",
+    "lower_sizes": "called by size_from_sources, which has checked its arguments",
+    "refuse_surfaces": "called by the other methods",
+    "rows": "called by lower_sizes",
+}
+
+
+class Subject(NamedTuple):
+    """Something to call."""
+
+    name: str
+    owner: str
+    """The class of a method, else empty."""
+    call: Callable[..., Any]
+    parameters: dict[str, inspect.Parameter]
+    """Without ``self``."""
+
+
+def subjects() -> list[Subject]:
+    """Return all public callables, sorted by name."""
+    found: dict[str, Subject] = {}
+    for home in ("", *ads._SUBMODULES):
+        module = importlib.import_module(f"adaptsize.{home}".rstrip("."))
+        for name in getattr(module, "__all__", ()):
+            thing = getattr(module, name)
+            if name in LEFT_OUT or home == "typing" or not callable(thing):
+                continue
+            for subject in _of(name, thing):
+                found[subject.name] = subject
+    return [found[name] for name in sorted(found)]
+
+
+def _of(name: str, thing: Any) -> Iterator[Subject]:
+    if not inspect.isclass(thing):
+        yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
+        return
+    if _is_record(thing):
+        return
+    yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
+    for method, raw in vars(thing).items():
+        is_public = not method.startswith("_") or method == "__call__"
+        if not is_public or method in LEFT_OUT:
+            continue
+        if isinstance(raw, classmethod | staticmethod):
+            call = getattr(thing, method)
+            yield Subject(f"{name}.{method}", "", call, dict(inspect.signature(call).parameters))
+        elif inspect.isfunction(raw):
+            parameters = dict(inspect.signature(raw).parameters)
+            parameters.pop("self")
+            yield Subject(f"{name}.{method}", name, raw, parameters)
+
+
+def _is_record(thing: type) -> bool:
+    """Return whether a class holds results only: a plain dataclass or a named tuple."""
+    if issubclass(thing, tuple):
+        return True
+    parameters = getattr(thing, "__dataclass_params__", None)
+    return parameters is not None and parameters.init and not hasattr(thing, "__post_init__")

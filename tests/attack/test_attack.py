@@ -1,0 +1,95 @@
+"""A short attack with fixed seeds, and that the attack notices what it is to notice."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import adaptsize as ads
+
+ROOT = Path(__file__).parents[2]
+
+
+def attack(*options, module="tests.attack"):
+    command = [sys.executable, "-m", module, *map(str, options)]
+    return subprocess.run(
+        command, check=False, cwd=ROOT, capture_output=True, text=True, timeout=280
+    )
+
+
+@pytest.mark.parametrize(
+    ("only", "cases"), [("calls", 1500), ("limiting", 1500), ("files", 2500), ("faults", 300)]
+)
+def test_survives_a_short_attack(only, cases, tmp_path):
+    report = tmp_path / "report.jsonl"
+    done = attack("--start", 20260214, "--cases", cases, "--only", only, "--report", report)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
+    assert report.read_text() == ""
+    assert f"{only}: " in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("number", "noticed"),
+    [
+        (-1, "the interpreter died: SIGSEGV"),
+        (-2, "no end after 3 s of processor time"),
+        (-3, "on purpose"),
+        (-4, "MemoryError"),
+    ],
+)
+def test_crashes_hangs_and_failures_are_reported(number, noticed, tmp_path):
+    report = tmp_path / "report.jsonl"
+    done = attack("--seed", number, "--report", report)
+    assert done.returncode == 1
+    (line,) = report.read_text().splitlines()
+    outcome = json.loads(line)
+    assert outcome["seed"] == number
+    assert noticed in outcome["what"]
+
+
+def test_a_case_is_repeated_by_its_number():
+    runs = [attack("--seed", 20260214).stdout.splitlines()[:4] for _ in range(2)]
+    assert runs[0] == runs[1]
+    assert runs[0][0] == "seed: 20260214"
+
+
+def test_every_public_callable_is_attacked_or_left_out_with_a_reason():
+    code = (
+        "from tests.attack.subjects import LEFT_OUT, subjects\n"
+        "import adaptsize as ads\n"
+        "known = {s.name for s in subjects()} | set(LEFT_OUT)\n"
+        "results = {'AdaptResult', 'LimitingInfo', 'SizeReport', 'SizeSources', '__version__'}\n"
+        "print(sorted(set(ads.__all__) - known - results))\n"
+        "print(sorted(s.name for s in subjects() if '.' in s.name))\n"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, check=True, cwd=ROOT, capture_output=True, text=True)
+    missing, methods = done.stdout.splitlines()
+    assert missing == "[]"
+    assert "'SizeFunction.__call__'" in methods
+
+
+def test_a_folder_of_surfaces_is_tabulated_and_resumed(tmp_path):
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    surface = ads.SimplexMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    folder = tmp_path / "surfaces"
+    folder.mkdir()
+    ads.write(folder / "good.stl", surface)
+    (folder / "bad.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n")
+    options = (folder, "--output", tmp_path / "table.md", "--max-elements", 2000)
+    done = attack(*options, module="tests.attack.corpus")
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = (tmp_path / "table.md").read_text()
+    assert "| good.stl | 4 |" in table
+    assert "2 files: 1 mesh, 1 refused." in table
+    # Half a line is left of a run that was interrupted.
+    store = tmp_path / "table.md.jsonl"
+    bad, good = store.read_text().splitlines()
+    store.write_text(f"{bad}\n{good[:20]}")
+    again = attack(*options, module="tests.attack.corpus")
+    assert "good.stl" in again.stdout
+    assert "bad.off" not in again.stdout
+    assert "2 files: 1 mesh, 1 refused." in (tmp_path / "table.md").read_text()

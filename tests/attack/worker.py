@@ -1,0 +1,61 @@
+"""A child process that runs cases: one number per line in, one line of JSON per case out."""
+
+import contextlib
+import json
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import traceback
+import warnings
+from pathlib import Path
+
+from .cases import Failure, class_of, run
+
+#: Bytes of private memory that a case may use.
+_MEMORY = 4 << 30
+
+
+def main() -> None:
+    resource.setrlimit(resource.RLIMIT_DATA, (_MEMORY, _MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    # Whatever a case prints goes elsewhere than the answers.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    for line in sys.stdin:
+        number = int(line)
+        answers.write(json.dumps(report(number)) + "\n")
+        answers.flush()
+
+
+def report(number: int) -> dict[str, object]:
+    """Run a case and return its outcome."""
+    folder = Path(tempfile.mkdtemp(prefix="attack-"))
+    home = os.getcwd()
+    os.chdir(folder)
+    outcome: dict[str, object] = {"seed": number, "class": class_of(number)}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # A division by zero or an overflow inside the library is a failure.
+            warnings.simplefilter("error", RuntimeWarning)
+            outcome["what"] = run(number, folder)
+        outcome["status"] = "ok"
+    except Failure as failure:
+        cause = failure.__cause__
+        outcome |= {"status": "failed", "what": str(failure)}
+        if cause is not None:
+            outcome["where"] = "".join(traceback.format_exception(cause))[-2500:]
+    except Exception as error:
+        text = "".join(traceback.format_exception(error))[-2500:]
+        outcome |= {"status": "broken", "what": f"the attack itself: {error!r}", "where": text}
+    finally:
+        os.chdir(home)
+        with contextlib.suppress(OSError):
+            shutil.rmtree(folder, ignore_errors=True)
+    return outcome
+
+
+if __name__ == "__main__":
+    main()

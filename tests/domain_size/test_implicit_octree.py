@@ -1,0 +1,201 @@
+"""Implicit domains on octrees: sizes between the nodes against closed forms, and refinement."""
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from adaptsize import CartesianGrid, Octree, PointSource, size_function
+
+G, K = 0.25, 4.0
+FREE = {"g": G, "hmax": 100.0, "max_elements": np.inf}
+CURVATURE = {**FREE, "elements_per_radian": K, "elements_across": 0.0}
+WIDTH = {**FREE, "elements_per_radian": 0.0, "elements_across": 2.0}
+TOLERANCE = 0.05
+
+
+def disc(x):
+    return np.linalg.norm(x, axis=1) - 1.0
+
+
+def square(x):
+    """A level set function, and inside a distance: kinks at the corners."""
+    return np.abs(x).max(axis=1) - 1.0
+
+
+def ellipse(x):
+    """No distance, axes 4 : 1."""
+    return x[:, 0] ** 2 + (4.0 * x[:, 1]) ** 2 - 1.0
+
+
+def ellipse_size(x):
+    t = np.linspace(0.0, 2.0 * np.pi, 4001)
+    points = np.column_stack([np.cos(t), 0.25 * np.sin(t)])
+    radius = (np.sin(t) ** 2 + (0.25 * np.cos(t)) ** 2) ** 1.5 / 0.25
+    away = np.linalg.norm(x[:, None] - points, axis=2)
+    return (radius / K + G * away).min(axis=1)
+
+
+def torus(x):
+    return np.hypot(np.hypot(x[:, 0], x[:, 1]) - 1.0, x[:, 2]) - 0.3
+
+
+def holes(x, half=0.004, radius=0.3):
+    """A disc with two holes and a wall of twice ``half`` between them."""
+    one, other = (
+        radius - np.hypot(x[:, 0] - side * (radius + half), x[:, 1]) for side in (-1.0, 1.0)
+    )
+    return np.maximum(disc(x), np.maximum(one, other))
+
+
+def samples(function, half, dim, n=1500, seed=20251):
+    x = np.random.default_rng(seed).uniform(-1.0, 1.0, (40 * n, dim)) * half
+    values = function(x)
+    inside = np.flatnonzero(values < 0.0)
+    near = inside[np.argsort(-values[inside])[: len(inside) // 10]]
+    return np.concatenate([x[inside[:n]], x[near[:n]]])
+
+
+@pytest.mark.parametrize(
+    ("function", "half", "options", "exact"),
+    [
+        pytest.param(disc, [1.3, 1.2], CURVATURE, lambda x: 1.0 / K - G * disc(x), id="disc"),
+        pytest.param(disc, [1.3, 1.2], WIDTH, lambda x: np.ones(len(x)), id="disc width"),
+        pytest.param(ellipse, [1.2, 0.4], CURVATURE, ellipse_size, id="ellipse"),
+        pytest.param(
+            torus, [1.4, 1.4, 0.4], CURVATURE, lambda x: 0.3 / K - G * torus(x), id="torus"
+        ),
+        pytest.param(torus, [1.4, 1.4, 0.4], WIDTH, lambda x: np.full(len(x), 0.3), id="width"),
+    ],
+)
+def test_sizes_between_the_nodes_are_right_within_5_per_cent(function, half, options, exact):
+    half = np.array(half)
+    size = size_function(function, box=(-half, half), **options)
+    x = samples(function, half, len(half))
+    assert_allclose(size(x), exact(x), rtol=TOLERANCE)
+    assert size.background.n_points < (5000 if len(half) == 2 else 100_000)
+
+
+def test_a_wall_far_thinner_than_the_first_leaves_is_found():
+    size = size_function(holes, box=([-1.1, -1.1], [1.1, 1.1]), **{**WIDTH, "hmax": 0.1})
+    # Half the width in the middle of the wall, and more along it by g times the distance.
+    y = np.linspace(-0.02, 0.02, 21)
+    wall = np.column_stack([np.zeros(21), y])
+    half_width = np.hypot(0.304, y) - 0.3
+    assert_allclose(size([[0.0, 0.0]]), 0.004, rtol=TOLERANCE)
+    assert (size(wall) <= half_width * (1.0 + TOLERANCE)).all()
+    assert size.background.leaf_sizes.min() < 0.004
+    assert size.background.n_points < 5000
+
+
+def test_the_scale_of_the_function_does_not_matter():
+    x = samples(disc, 1.1, 2)
+    box = ([-1.2, -1.2], [1.2, 1.2])
+    for scale in (lambda f: 1e3 * f, lambda f: np.expm1(3.0 * f), lambda f: f**3 + 0.1 * f):
+        size = size_function(lambda p, scale=scale: scale(disc(p)), box=box, **CURVATURE)
+        assert_allclose(size(x), 1.0 / K - G * disc(x), rtol=TOLERANCE)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.013, 0.026, 0.039])
+@pytest.mark.parametrize("scale", [1.0, 7.0])
+def test_corners_are_neither_curved_nor_narrow(scale, shift):
+    box = ([-1.3 - shift, -1.3], [1.33 + 1.6 * shift, 1.3 + shift])
+    size = size_function(lambda x: scale * square(x), box=box, g=G, hmax=0.2)
+    assert_allclose(size.values, 0.2, rtol=1e-9)
+
+
+def test_rounded_corners_below_the_leaves_are_found():
+    def rounded(x, r=0.02):
+        q = np.abs(x) - 1.0 + r
+        return np.linalg.norm(np.maximum(q, 0.0), axis=1) + np.minimum(q.max(axis=1), 0.0) - r
+
+    size = size_function(rounded, box=([-1.3, -1.3], [1.3, 1.3]), **CURVATURE)
+    at = (1.0 - 0.02) + 0.02 / np.sqrt(2.0)
+    assert_allclose(size([[at, at], [at, -at]]), 0.02 / K, rtol=TOLERANCE)
+
+
+def test_point_sources_and_functions_refine_too():
+    source = PointSource([0.3, 0.1], 0.002)
+    box = ([-1.2, -1.2], [1.2, 1.2])
+    size = size_function(disc, box=box, sources=source, g=G, hmin=1e-3, hmax=0.2)
+    away = np.array([0.0, 0.004, 0.02, 0.1])
+    x = np.column_stack([0.3 + away, np.full(4, 0.1)])
+    assert_allclose(size(x), 0.002 + G * away, rtol=2.0 * TOLERANCE)
+    h0 = size_function(disc, box=box, h0=lambda p: 0.01 + 0.2 * np.abs(p[:, 0]), g=G, hmax=0.2)
+    x = samples(disc, 1.0, 2)
+    assert_allclose(h0(x), np.minimum(0.01 + 0.2 * np.abs(x[:, 0]), 0.2), rtol=TOLERANCE)
+
+
+def test_a_given_octree_is_kept():
+    tree = Octree.build([-1.3, -1.3], [1.3, 1.3], lambda c, s: np.ones(len(c), bool), max_level=5)
+    size, report = size_function(disc, background=tree, **CURVATURE, full_output=True)
+    assert size.background is tree
+    assert report.background is tree
+    assert report.cause.shape == report.bounds["curvature"].shape == (tree.n_points,)
+    x = samples(disc, 1.0, 2)
+    assert_allclose(size(x), 1.0 / K - G * disc(x), rtol=TOLERANCE)
+
+
+def test_the_report_counts_the_part_inside():
+    _, report = size_function(
+        disc, box=([-1.3, -1.3], [1.3, 1.3]), g=G, hmax=0.1, full_output=True,
+        elements_per_radian=0.0, elements_across=0.0,
+    )  # fmt: skip
+    assert report.domain_shares == {"hmin": 0.0, "hmax": pytest.approx(1.0)}
+    expected = 4.0 / np.sqrt(3.0) * np.pi / 0.1**2  # equilateral triangles
+    assert report.n_elements == pytest.approx(expected, rel=0.35)
+
+
+def test_of_too_many_elements_the_octree_stays_small():
+    half = np.array([1.4, 1.4, 0.4])
+    size, report = size_function(torus, box=(-half, half), max_elements=3000, full_output=True)
+    assert report.relaxation > 1.0
+    assert report.n_elements <= 3000
+    assert size.background.n_points < 100_000
+
+
+def test_between_two_parts_sizes_do_not_pass():
+    def two(x):  # a small disc 0.1 beside a large one
+        return np.minimum(
+            np.hypot(x[:, 0] + 0.3, x[:, 1]) - 0.8, np.hypot(x[:, 0] - 0.7, x[:, 1]) - 0.1
+        )
+
+    size = size_function(two, box=([-1.2, -1.0], [1.0, 1.0]), **CURVATURE)
+    assert_allclose(size([[0.49, 0.0]]), 0.2, rtol=TOLERANCE)
+    assert_allclose(size([[0.61, 0.0]]), 0.025, rtol=2.0 * TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    ("function", "box", "expected"),
+    [
+        (disc, ([2.0, 2.0], [3.0, 3.0]), "negative at a node"),
+        (disc, ([-0.2, -0.2], [0.2, 0.2]), "boundary in the background"),
+        (lambda x: np.full(len(x), np.nan), ([-1, -1], [1, 1]), "must be finite"),
+        (lambda x: x, ([-1, -1], [1, 1]), "must have shape"),
+    ],
+)
+def test_bad_functions_are_refused(function, box, expected):
+    with pytest.raises(ValueError, match=expected):
+        size_function(function, box=box)
+
+
+def test_an_array_of_bounds_is_refused_on_an_octree_that_is_chosen():
+    with pytest.raises(ValueError, match="h0 must be a function"):
+        size_function(disc, box=([-1.2, -1.2], [1.2, 1.2]), h0=np.ones(5))
+
+
+def test_the_limit_on_leaves_is_reported(monkeypatch):
+    monkeypatch.setattr("adaptsize.domain_size.implicit.MAX_LEAVES", {2: 1100, 3: 1100})
+    from adaptsize.errors import ResolutionWarning
+
+    with pytest.warns(ResolutionWarning, match="background"):
+        size_function(holes, box=([-1.1, -1.1], [1.1, 1.1]), **{**WIDTH, "hmax": 0.1})
+
+
+def test_a_grid_is_still_a_background_for_functions():
+    grid = CartesianGrid([-1.3, -1.3], 0.02, (131, 131))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        size = size_function(disc, background=grid, **CURVATURE)
+    assert size.background == grid or size.background.shape == grid.shape

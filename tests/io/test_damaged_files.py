@@ -1,0 +1,376 @@
+"""Damaged, truncated and foreign files: read completely, or refused with one clear line."""
+
+import contextlib
+import logging
+import os
+import sys
+import threading
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import meshio
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from meshes import random_sphere
+from numpy.testing import assert_array_equal
+from stl_files import ASCII_STL, binary_stl
+
+from adaptsize import SimplexMesh, SizeFunction, read, read_image, read_size, write
+from adaptsize._formats import text
+from adaptsize.background import CartesianGrid
+from adaptsize.errors import MeshFileError, MeshRepairWarning
+
+SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
+TWO_TRIANGLES = [[0, 1, 2], [0, 2, 3]]
+# 13 nodes: the last number of a file may lose a digit and still be that of a node.
+POINTS = np.vstack([np.eye(4, 3), [[2, i, 1.5] for i in range(9)]])
+FACES = [[0, 1, 2], [0, 1, 3], [1, 4, 5], [9, 10, 12]]
+TETRAHEDRA = [[0, 1, 2, 3], [1, 2, 3, 4], [4, 6, 7, 8], [4, 10, 11, 12]]
+
+posix_only = pytest.mark.skipif(sys.platform == "win32", reason="pipes with a path")
+
+
+BAD_FILES = {
+    "empty.stl": (b"", "is empty"),
+    "empty.vtu": (b"", "is empty"),
+    "garbage.stl": (b"this is not a mesh\n" * 20, "neither an ascii nor a binary STL"),
+    "short.stl": (b"\x01\x02\x03", "neither an ascii nor a binary STL"),
+    "none.stl": (binary_stl([]), "without triangles"),
+    "nothing.stl": (b"solid x\nendsolid x\n", "without triangles"),
+    "cut.stl": (binary_stl(np.ones((9, 3, 3)))[:-60], r"truncated .*promises 9 .*holds 7"),
+    "cut_text.stl": (ASCII_STL[:-20].encode(), "truncated"),
+    "cut_word.stl": (ASCII_STL[:200].encode(), "broken or truncated"),
+    "blah.stl": (ASCII_STL.replace("1.0e0 1 1", "1 blah 1").encode(), "line 12: .*'1 blah 1'"),
+    "two.stl": (ASCII_STL.replace("1.0e0 1 1", "1 1").encode(), "line 12: .*'1 1'"),
+    "nan.stl": (ASCII_STL.replace("1.0e0 1 1", "nan 1 1").encode(), "point 3 is not finite"),
+    "same.stl": (binary_stl(np.ones((3, 3, 3))), "contain a node twice"),
+    "nan.off": (b"OFF\n3 1 0\n0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "point 1 is not finite"),
+    "index.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", r"has nodes \[0, 1, 3\]"),
+    "negative.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", r"has nodes \[0, 1, -1\]"),
+    "garbage.off": (b"not an OFF file", "cannot be read"),
+    "garbage.obj": (b"\xff\xfe\x00garbage" * 9, "garbage.obj"),
+    "points.obj": (b"v 0 0 0\nv 1 0 0\n", "no cells"),
+    "garbage.ply": (b"ply\nformat nonsense\n", "cannot be read"),
+    "garbage.vtk": (b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET NONSENSE\n", "cannot be read"),
+    "garbage.vtu": (b"<VTKFile><unclosed>", "cannot be read"),
+    "garbage.msh": (b"$MeshFormat\n9.9 0 8\n$EndMeshFormat\n", "cannot be read"),
+    "garbage.mesh": (b"MeshVersionFormatted 2\nVertices\n5\n0 0 0\nEnd\n", "cannot be read"),
+    "no_end.mesh": (b"MeshVersionFormatted 2\nDimension 3\nVertices\n5\n0 0 0", "no End"),
+    "garbage.meshb": (b"\x01\x00\x00\x00\x09", "truncated"),
+    "other.msh": (b"(1 (an Ansys file))", "MeshFormat"),
+    "square.wkt": (b"TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0", r"knows \(\.wkt\).*from_meshio"),
+    "tecplot.dat": (b"TITLE = x\n", r"knows \(\.dat\)"),
+    "garbage.xdmf": (b"<Xdmf Version='3.0'></Xdmf>", "cannot be read"),
+    "garbage.inp": (b"*NODE\nx, y, z\n", "cannot be read"),
+    "notes.txt": (b"hello", r"suffix that no reader knows \(\.txt\)"),
+    "nosuffix": (b"hello", "suffix that no reader knows"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_bad_files_give_one_line_that_names_the_file_and_no_noise(tmp_path, capfd, name):
+    content, wanted = BAD_FILES[name]
+    file = tmp_path / name
+    file.write_bytes(content)
+    with pytest.raises(MeshFileError, match=wanted) as caught:
+        read(file)
+    message = str(caught.value)
+    assert message.startswith(f"{file}: ")
+    assert "\n" not in message
+    assert capfd.readouterr() == ("", "")
+
+
+def test_missing_files_and_directories_are_refused(tmp_path):
+    with pytest.raises(MeshFileError, match=r"absent\.stl: No such file"):
+        read(tmp_path / "absent.stl")
+    with pytest.raises(MeshFileError, match="is a directory"):
+        read(tmp_path)
+
+
+def test_a_readers_sys_exit_does_not_reach_the_caller(tmp_path, monkeypatch, capfd):
+    def complain(path):
+        raise meshio.ReadError("some complaint")
+
+    file = tmp_path / "mesh.vtu"
+    file.write_bytes(b"x")
+    monkeypatch.setitem(meshio._helpers.reader_map, "vtu", complain)
+    with pytest.raises(MeshFileError, match="some complaint"):
+        read(file)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_reading_leaves_the_output_of_other_threads_alone(tmp_path, capsys, monkeypatch):
+    file = tmp_path / "mesh.vtu"
+    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
+    reading, printed = threading.Event(), threading.Event()
+
+    def read_slowly(path):
+        reading.set()
+        assert printed.wait(10)
+        print("of the reader's own thread")
+        meshio._common.warn("cannot do this")
+        return meshio.vtu.read(path)
+
+    def talk():
+        assert reading.wait(10)
+        print("to stdout")
+        print("to stderr", file=sys.stderr)
+        meshio._common.warn("of meshio")
+        logging.getLogger("somewhere").warning("to the log")
+        printed.set()
+
+    monkeypatch.setitem(meshio._helpers.reader_map, "vtu", read_slowly)
+    talker = threading.Thread(target=talk)
+    talker.start()
+    assert read(file).n_cells == 2
+    talker.join()
+    out, err = capsys.readouterr()
+    assert out == "to stdout\nof the reader's own thread\n"
+    assert "to stderr" in err
+    assert "of meshio" in err
+    assert "cannot do this" not in err
+
+
+def test_many_threads_that_read_leave_the_filters_of_warnings_as_they_were(tmp_path):
+    file = tmp_path / "mesh.vtu"
+    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
+    before = list(warnings.filters)
+    with ThreadPoolExecutor(8) as pool:
+        meshes = list(pool.map(read, [file] * 40))
+    assert {mesh.n_cells for mesh in meshes} == {2}
+    assert warnings.filters == before
+
+
+TETRAHEDRON = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
+TWO_QUADS = "0 0 1\n1 0 1\n1 1 1\n0 1 1\n2 0 1\n2 1 1\n4 0 1 2 3\n4 1 4 5 2\n"
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\n"
+    "property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "n"),
+    [
+        ("a.off", "OFF\n4 4 0\n" + TETRAHEDRON, 4),
+        ("b.off", "OFF 4 4 0 # by hand\n" + TETRAHEDRON, 4),
+        ("quads.off", "OFF # by hand\n6 2 0\n" + TWO_QUADS, 2),
+        ("a.ply", PLY.format(4, 4) + TETRAHEDRON, 4),
+        ("quads.ply", PLY.format(6, 2) + TWO_QUADS, 2),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+def test_fewer_faces_than_the_header_says_are_refused(tmp_path, name, content, n):
+    file = tmp_path / name
+    file.write_text(content)
+    assert read(file).n_cells == 4
+    lines = content.splitlines(keepends=True)
+    file.write_text("".join(lines[:-1]))
+    with pytest.raises(MeshFileError, match=rf"truncated \(promises {n} faces, holds {n - 1}\)"):
+        read(file)
+    file.write_text(content.rstrip()[:-2])  # the last face lacks a node
+    with pytest.raises(MeshFileError):
+        read(file)
+
+
+def test_fewer_faces_than_the_header_of_a_binary_ply_says_are_refused(tmp_path):
+    file = tmp_path / "mesh.ply"
+    write(file, random_sphere(8, 7314))
+    n = read(file).n_cells
+    file.write_bytes(file.read_bytes()[:-13])  # one byte and three nodes
+    with pytest.raises(MeshFileError, match=rf"promises {n} faces, holds {n - 1}"):
+        read(file)
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_damaged_files_are_read_or_refused_never_worse(tmp_path_factory, data):
+    suffix = data.draw(st.sampled_from([".stl", ".off", ".vtk", ".mesh", ".xdmf"]))
+    file = tmp_path_factory.mktemp("damaged") / f"mesh{suffix}"
+    write(file, random_sphere(8, 7314))
+    content = bytearray(file.read_bytes())
+    for _ in range(data.draw(st.integers(0, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    file.write_bytes(content[: data.draw(st.integers(1, len(content)))])
+    with warnings.catch_warnings(), contextlib.suppress(MeshFileError):
+        warnings.simplefilter("ignore", MeshRepairWarning)
+        assert read(file).n_cells > 0  # any other exception fails the test
+
+
+# ---------------------------------------------------------------- cut at every byte
+
+
+def by_meshio(file_format, cells="triangle", fields=False, **options):
+    """Return a function that writes the file that all cuts are made from."""
+
+    def make(file):
+        of_type = {"triangle": FACES, "tetra": TETRAHEDRA}[cells]
+        point_data = {"h": POINTS[:, 1]} if fields else None
+        cell_data = {"rank": [np.arange(4.0)]} if fields else None
+        mesh = meshio.Mesh(POINTS, [(cells, of_type)], point_data=point_data, cell_data=cell_data)
+        with contextlib.redirect_stdout(None), contextlib.redirect_stderr(None):
+            meshio.write(file, mesh, file_format=file_format, **options)
+
+    return make
+
+
+def by_write(file):
+    write(file, SimplexMesh(POINTS, TETRAHEDRA, point_data={"h": POINTS[:, 1] + 0.25}))
+
+
+def by_trimesh(file):
+    import trimesh
+
+    trimesh.Trimesh(POINTS, FACES, process=False).export(file)
+
+
+def stl_text(file):
+    file.write_text(ASCII_STL)
+
+
+def stl_binary(file):
+    file.write_bytes(binary_stl(POINTS[FACES]))
+
+
+WHOLE_FILES = {
+    "a.off": by_meshio("off"),
+    "text.ply": by_meshio("ply", fields=True, binary=False),
+    "binary.ply": by_meshio("ply", fields=True),
+    "text.stl": stl_text,
+    "binary.stl": stl_binary,
+    "a.su2": by_meshio("su2", "tetra"),
+    "text.vtk": by_meshio("vtk42", fields=True, binary=False),
+    "cells.vtk": by_meshio("vtk42", "tetra", binary=False),
+    "binary.vtk": by_meshio("vtk42", "tetra", fields=True),
+    "new.vtk": by_meshio("vtk51", "tetra", fields=True, binary=False),
+    "text.vtu": by_meshio("vtu", binary=False),
+    "binary.vtu": by_meshio("vtu", fields=True),
+    "text2.msh": by_meshio("gmsh22", binary=False),
+    "binary2.msh": by_meshio("gmsh22", "tetra"),
+    "text4.msh": by_meshio("gmsh", "tetra", binary=False),
+    "binary4.msh": by_meshio("gmsh"),
+    "a.mesh": by_meshio("medit", "tetra"),
+    "a.meshb": by_meshio("medit"),
+    "a.xdmf": by_write,
+    "a.bdf": by_meshio("nastran"),
+    "a.glb": by_trimesh,
+}
+
+
+@pytest.mark.parametrize("name", WHOLE_FILES)
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+def test_a_file_cut_at_any_byte_is_refused_or_read_completely(tmp_path, name):
+    file = tmp_path / name
+    WHOLE_FILES[name](file)
+    content, whole = file.read_bytes(), read(file)
+    n_complete = 0
+    start = len(content) - 250  # to save time: each byte of the end, some of the rest
+    for n in [*range(0, start, 7), *range(max(start, 0), len(content))]:
+        file.write_bytes(content[:n])
+        try:
+            part = read(file)
+        except MeshFileError as error:
+            assert len(str(error)) < 400, n  # noqa: PT017 - most cuts raise
+            continue
+        n_complete += 1
+        assert_array_equal(part.points, whole.points)
+        assert_array_equal(part.cells, whole.cells)
+        fields = {field: len(values) for field, values in part.point_data.items()}
+        assert fields in ({}, {field: whole.n_points for field in whole.point_data}), n
+    assert n_complete < 30  # the end mark, and sections after the mesh
+
+
+def test_an_open_second_solid_is_refused(tmp_path):
+    facet = ASCII_STL[ASCII_STL.index("facet") : ASCII_STL.index("endsolid")]
+    (tmp_path / "a.stl").write_text(f"{ASCII_STL}solid second\n{facet}")
+    with pytest.raises(MeshFileError, match="no endsolid"):
+        read(tmp_path / "a.stl")
+
+
+@pytest.mark.parametrize(
+    ("name", "last_line"), [("a.obj", "f 2 3 1"), ("a.inp", "4, 2, 3, 1"), ("a.off", "3 2 3 1")]
+)
+def test_a_last_number_that_may_lack_digits_is_refused(tmp_path, name, last_line):
+    file = tmp_path / name
+    by_meshio({"a.obj": "obj", "a.inp": "abaqus", "a.off": "off"}[name])(file)
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join([*lines[:-1], last_line]))
+    with pytest.raises(MeshFileError, match=r"ends inside a line, after '1', .*add a line break"):
+        read(file)
+    file.write_text("\n".join([*lines[:-1], last_line, ""]))
+    assert read(file).n_cells == 4
+    file.write_text("\n".join([*lines[:-1], last_line[:-1] + "4"]))  # there is no node 40
+    assert read(file).n_cells == 4
+
+
+# ---------------------------------------------------------------- other faults
+
+
+@posix_only
+@pytest.mark.parametrize("reader", [read, read_size, read_image])
+@pytest.mark.parametrize("suffix", [".stl", ".vti", ".png"])
+def test_pipes_are_refused_at_once(tmp_path, reader, suffix):
+    pipe = tmp_path / f"pipe{suffix}"
+    os.mkfifo(pipe)  # opening it would wait for a writer
+    with pytest.raises(MeshFileError, match="is a device or a pipe"):
+        reader(pipe)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"solid x\nvertex 1 2 x" + b" " * 10**6 + b"x\n",
+        b"solid x\n" + b"\n" * 10**6 + b"vertex 1 2 3\n" * 3 + b"endfacet\n",
+        b"solid x\n" + b"vertex 1 2 3\n" * 10**5 + b"vertex " + b"1" * 10**6 + b" 1 1\n",
+        b"solid x\n" * 10**5 + b"vertex 1 2 3\n" * 3 + b"endfacet\n",
+    ],
+    ids=["spaces", "empty lines", "long word", "many solids"],
+)
+def test_no_text_makes_the_stl_reader_slow(tmp_path, content):
+    # With the square of the length, this would take until the time limit of the tests.
+    (tmp_path / "a.stl").write_bytes(content)
+    with pytest.raises(MeshFileError, match="ascii STL"):
+        read(tmp_path / "a.stl")
+
+
+def test_lack_of_memory_is_an_error_with_a_text(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise MemoryError
+
+    file = tmp_path / "a.vtu"
+    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
+    monkeypatch.setattr("adaptsize._formats.assembly.build", fail)
+    with pytest.raises(MeshFileError, match=r"a\.vtu: needs more memory"):
+        read(file)
+
+
+def test_names_in_a_file_do_not_make_the_message_long(tmp_path):
+    file = tmp_path / "a.vti"
+    grid = CartesianGrid([0.0, 0.0], spacing=1.0, shape=(2, 2))
+    fields = {f"field with a rather long name {i}": np.ones((2, 2)) for i in range(200)}
+    write(file, grid, fields=fields)
+    with pytest.raises(MeshFileError, match=r"has no nodal field 'h'") as caught:
+        read_size(file)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_size_function_in_a_damaged_file_is_refused(tmp_path):
+    file = tmp_path / "a.vti"
+    grid = CartesianGrid([0.0, 0.0], spacing=1.0, shape=(3, 3))
+    write(file, SizeFunction(grid, np.full((3, 3), 0.5)))
+    content = file.read_bytes()
+    for n in range(len(content) - 30):
+        file.write_bytes(content[:n])
+        with pytest.raises(MeshFileError, match=r"a\.vti: "):
+            read_size(file)
+
+
+def test_words_that_are_no_numbers_are_named_in_short():
+    with pytest.raises(MeshFileError, match=r"holds 'x{37}\.\.\.' where float64"):
+        text.numbers([b"1", b"x" * 1000], float)
+    with pytest.raises(MeshFileError, match=r"holds '1.5' where int32"):
+        text.numbers([b"1", b"1.5"], np.int32)
+    with pytest.raises(MeshFileError, match="too large"):
+        text.numbers([b"1", b"99999999999999999999"], np.int64)

@@ -1,0 +1,164 @@
+"""The demands on a mesh: each is missed by a mesh made to miss it, and by no other."""
+
+import json
+
+import numpy as np
+import pytest
+from meshes import random_sphere
+from shapes import block
+
+from adaptsize import SimplexMesh, check_mesh
+
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+CUBE = block(2)
+
+
+def moved(mesh, offset, scale=1.0):
+    return SimplexMesh(mesh.points * scale + offset, mesh.cells)
+
+
+def joined(*meshes):
+    starts = np.cumsum([0, *(mesh.n_points for mesh in meshes)])
+    cells = [mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]
+    return SimplexMesh(np.concatenate([mesh.points for mesh in meshes]), np.concatenate(cells))
+
+
+def without_cells(mesh, keep):
+    return SimplexMesh(mesh.points, mesh.cells[keep(mesh.points[mesh.cells].mean(axis=1))])
+
+
+def missed(mesh, **arguments):
+    return [demand.name for demand in check_mesh(mesh, **arguments).failures]
+
+
+@pytest.mark.parametrize("mesh", [SQUARE, CUBE, CUBE.boundary().mesh])
+def test_a_mesh_meets_all_demands_of_itself(mesh):
+    check = check_mesh(mesh, original=mesh, size=np.median(mesh.edge_lengths), tolerance=1e-9)
+    assert check.is_met, check
+    assert [demand.name for demand in check.demands if demand.places] == []
+
+
+def test_a_volume_mesh_is_compared_with_the_surface_that_it_fills():
+    surface = CUBE.boundary().mesh
+    assert check_mesh(CUBE, original=surface).is_met
+    assert check_mesh(moved(CUBE, 0.01), original=surface, tolerance=0.02).is_met
+    assert missed(moved(CUBE, 0.01), original=surface, tolerance=1e-3) == ["boundary"]
+
+
+def test_one_tetrahedron_far_away_is_no_mesh_of_a_cube():
+    far = SimplexMesh(np.vstack([np.zeros(3), np.eye(3)]) + 100.0, [[0, 1, 2, 3]])
+    check = check_mesh(far, original=CUBE)
+    assert [demand.name for demand in check.failures] == ["boundary", "measure"]
+    worst = check.failures[0].places[0]
+    # The farthest pair: the corner (0, 0, 0) of the cube, whose nearest node is (100, 100, 100),
+    # or a node of the tetrahedron, (101, 100, 100), whose nearest corner is (1, 1, 1).
+    assert worst.value == pytest.approx(np.sqrt(3) * 100)
+    assert worst.point == (0.0, 0.0, 0.0)
+
+
+def test_inverted_cells_are_listed_with_their_places():
+    cells = CUBE.cells.copy()
+    cells[[3, 7], :2] = cells[[3, 7], 1::-1]
+    check = check_mesh(SimplexMesh(CUBE.points, cells))
+    (demand,) = check.failures
+    assert demand.name == "cells"
+    assert demand.text == f"2 of {CUBE.n_cells} inverted or flat"
+    centroids = CUBE.points[CUBE.cells[[3, 7]]].mean(axis=1)
+    assert sorted(place.point for place in demand.places) == sorted(map(tuple, centroids.tolist()))
+    assert all(place.value < 0.0 for place in demand.places)
+
+
+def test_a_facet_of_three_cells_is_a_fault():
+    points = np.vstack([np.zeros(3), np.eye(3), [-1, 0, 0], [-2, -1, 0]])
+    fan = SimplexMesh(points, [[0, 1, 2, 3], [0, 2, 4, 3], [0, 2, 5, 3]])
+    (demand,) = check_mesh(fan).failures
+    assert demand.name == "facets"
+    assert demand.places[0].point == (0.0, 1 / 3, 1 / 3)
+    assert demand.places[0].value == 3.0
+
+
+def test_a_missing_piece_and_a_lost_component_are_noticed():
+    two = joined(CUBE, moved(CUBE, [3.0, 0.0, 0.0]))
+    assert missed(CUBE, original=two) == ["boundary", "measure", "topology"]
+    # Whatever is smaller than the tolerance is not missed by distance, but by topology.
+    speck = joined(CUBE, moved(CUBE, [0.5, 0.5, 1.002], scale=1e-3))
+    assert missed(CUBE, original=speck, tolerance=5e-3) == ["topology"]
+
+
+def test_a_handle_changes_the_euler_number():
+    solid = block(3)
+    through = without_cells(solid, lambda c: (np.abs(c[:, :2] - 0.5) > 1 / 6).any(axis=1))
+    demand = check_mesh(through, original=solid).failures[-1]
+    assert demand.text == (
+        "1 component(s) with Euler number 0; original: 1 component(s) with Euler number 2"
+    )
+
+
+def test_a_cavity_is_a_component_of_the_boundary():
+    solid = block(3)
+    hollow = without_cells(solid, lambda c: (np.abs(c - 0.5) > 1 / 6).any(axis=1))
+    assert missed(hollow, original=solid) == ["boundary", "measure", "topology"]
+    assert "2 component(s) with Euler number 4" in str(check_mesh(hollow, original=solid))
+
+
+def test_a_volume_is_compared_within_what_the_tolerance_allows():
+    sphere = random_sphere(400, 7331)
+    diagonal, area = sphere.diagonal, sphere.measures.sum()
+    for move, tolerance, failures in [(1e-3, 1.1e-3, []), (1e-2, 1e-3, ["boundary", "measure"])]:
+        larger = moved(sphere, 0.0, scale=1.0 + move * diagonal)
+        assert missed(larger, original=sphere, tolerance=tolerance) == failures
+    check = check_mesh(sphere, original=sphere)
+    volume = np.linalg.det(sphere.points[sphere.cells]).sum() / 6.0
+    assert f"{1e-3 * diagonal * area / volume:.3%} allowed" in str(check)
+
+
+def test_edges_off_their_size_are_a_fault_with_the_worst_places():
+    check = check_mesh(SQUARE, size=1.0, share_in_band=1.0)
+    assert check.is_met
+    check = check_mesh(SQUARE, size=lambda x: np.where(x[:, 1] > 0.9, 0.1, 1.0), share_in_band=0.9)
+    (demand,) = check.failures
+    assert demand.text == "80.0% within a factor sqrt 2 of the size, 90% required"
+    assert demand.places[0].point == (0.5, 1.0)
+    assert demand.places[0].value == pytest.approx(10.0)
+
+
+def test_of_an_open_surface_only_its_own_distance_counts():
+    surface = CUBE.boundary().mesh
+    lid = surface.points[surface.cells][..., 2].min(axis=1) == 1.0
+    opened = SimplexMesh(surface.points, surface.cells[~lid])
+    check = check_mesh(CUBE, original=opened)
+    assert check.is_met
+    assert [demand.name for demand in check.demands] == ["cells", "facets", "boundary"]
+    assert len(check.notes) == 2
+
+
+def test_the_volume_of_an_inconsistently_oriented_surface_is_not_compared():
+    surface = CUBE.boundary().mesh
+    cells = surface.cells.copy()
+    cells[0, :2] = cells[0, 1::-1]
+    check = check_mesh(CUBE, original=SimplexMesh(surface.points, cells))
+    assert check.is_met
+    assert "measure" not in [demand.name for demand in check.demands]
+    assert "not consistently oriented" in check.notes[0]
+
+
+def test_a_check_is_plain_data():
+    check = check_mesh(CUBE, original=SimplexMesh(CUBE.points + 1.0, CUBE.cells), n_places=2)
+    data = json.loads(json.dumps(check.as_dict()))
+    assert data["is_met"] is False
+    assert [len(demand["places"]) for demand in data["demands"]] == [0, 0, 2, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"original": SQUARE}, "original must be a mesh or a boundary in 3-D"),
+        ({"tolerance": 0.0}, "tolerance must be"),
+        ({"share_in_band": 1.5}, "share_in_band must be at most 1"),
+        ({"size": np.inf}, "size must be finite"),
+        ({"original": "cube.stl"}, "original must be a SimplexMesh"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        check_mesh(CUBE, **arguments)

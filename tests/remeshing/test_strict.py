@@ -1,0 +1,84 @@
+"""``remesh(strict=True)``: the demands are met, or an error lists what was tried."""
+
+import numpy as np
+import pytest
+from fake_generators import FakeBackend
+from shapes import block
+
+from adaptsize import check_mesh
+from adaptsize.errors import MeshingError, ResolutionWarning
+from adaptsize.remeshing import register_backend, registry, remesh
+from adaptsize.remeshing.protocol import RawMesh
+from adaptsize.remeshing.strict import routes
+
+CUBE = block(2)
+
+
+class Sloppy(FakeBackend):
+    """Moves the mesh by three times the tolerance."""
+
+    def solve(self, problem, run):
+        self.calls.append(problem.tolerance)
+        points = problem.mesh.points + np.array([3.0 * problem.tolerance, 0.0, 0.0])
+        return RawMesh(points, problem.mesh.cells)
+
+
+@pytest.fixture
+def sloppy(monkeypatch):
+    """Return how to remesh a cube with a generator that does not keep its tolerance."""
+    monkeypatch.setattr(registry, "_BACKENDS", dict(registry._BACKENDS))
+    backend = Sloppy("none")
+    object.__setattr__(backend, "calls", [])
+    register_backend(backend)
+
+    def run(**arguments):
+        size = np.median(CUBE.edge_lengths)
+        return remesh(CUBE, arguments.pop("size", size), backend="fake", **arguments)
+
+    run.calls = backend.calls
+    return run
+
+
+def test_a_smaller_tolerance_is_tried_before_giving_up(sloppy):
+    # 3 * 0.4 > 1 > 3 * 0.15: the third route keeps the tolerance.
+    with pytest.warns(ResolutionWarning, match=r"made by fake with 0.15 x tolerance after") as seen:
+        mesh = sloppy(tolerance=1e-2, strict=True)
+    assert sloppy.calls == pytest.approx([1e-2, 4e-3, 1.5e-3])
+    assert check_mesh(mesh, original=CUBE, tolerance=1e-2).is_met
+    message = str(seen[0].message)
+    assert "fake: boundary within 0.03 of the diagonal, 0.01 allowed" in message
+    assert seen[0].filename == __file__
+
+
+def test_without_strict_the_first_mesh_is_returned(sloppy):
+    sloppy(tolerance=1e-2)
+    assert len(sloppy.calls) == 1
+
+
+def test_an_error_lists_what_was_tried_and_the_worst_places(sloppy):
+    with pytest.raises(MeshingError, match="no mesh meets the demands") as caught:
+        sloppy(tolerance=1e-2, size=0.1, strict=True)
+    message = str(caught.value)
+    assert message.count("fake") == 3
+    assert "edges 0.0% within a factor sqrt 2 of the size, 80% required" in message
+    assert "worst places of the last: edges at (" in message
+    assert [demand.name for demand in caught.value.check.failures] == ["edges"]
+
+
+def test_failures_of_the_generator_are_among_what_was_tried(monkeypatch):
+    monkeypatch.setattr(registry, "_BACKENDS", dict(registry._BACKENDS))
+    register_backend(FakeBackend("fail"))
+    with pytest.raises(MeshingError, match=r"fake: fake failed: .*; fake with 0.4 x") as caught:
+        remesh(CUBE, 0.5, backend="fake", strict=True)
+    assert caught.value.check is None
+
+
+def test_other_generators_are_tried_for_auto_only():
+    names = {route.backend for route in routes("tetrahedra", "auto", "mmg", keep_facets=False)}
+    assert names <= {"mmg", "tetwild"}
+    assert "mmg" in names
+    assert {route.backend for route in routes("tetrahedra", "mmg", "mmg", keep_facets=False)} == {
+        "mmg"
+    }
+    kept = {route.backend for route in routes("tetrahedra", "auto", "mmg", keep_facets=True)}
+    assert kept == {"mmg"}
