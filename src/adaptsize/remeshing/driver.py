@@ -74,7 +74,8 @@ def remesh(
         (also with "auto"), or a new surface.
     backend : {"auto", "tetwild", "mmg", "gmsh"}
         The mesh generator.  "auto" selects Mmg if it is installed, otherwise fTetWild.  To fill
-        a surface, Mmg starts from a first mesh by fTetWild.  "auto" never selects Gmsh.
+        a surface, Mmg starts from a first mesh by Netgen if that is installed and can fill it,
+        otherwise by fTetWild.  "auto" never selects Gmsh.
     g : float, default 0.25
         Gradient with which nodal sizes on a surface grow into the volume.  A SizeFunction on a
         surface uses its own g, if it has one.
@@ -82,9 +83,11 @@ def remesh(
         Upper limit of the sizes, including those that grow into a volume.
     tolerance : float
         Allowed distance of the new boundary from the old one, over the diagonal of the bounding
-        box.  In tests on closed parts, fTetWild kept this tolerance (except for sizes above 1/12
-        of the diagonal), and boundaries by Mmg were up to 2.2 times as far.  Open or
-        self-intersecting surfaces are closed by fTetWild and may deviate more.
+        box.  No generator guarantees it.  On 14 closed parts with the sizes of `size_function`,
+        meshes by Netgen and Mmg were at most @WORST@ times as far, and those by fTetWild kept it
+        (except for sizes above 1/12 of the diagonal).  Where larger sizes are requested than the
+        tolerance allows, Mmg makes smaller cells.  Open or self-intersecting surfaces are closed
+        by fTetWild and may deviate more.
     required_facets : array_like of int, shape (n, cell_dim), optional
         Facets of ``mesh`` that must not change (Mmg only).
     max_elements : float
@@ -140,7 +143,8 @@ def remesh(
     met.
 
     fTetWild gives a different mesh in each run.  Mmg gives the same mesh for the same input.
-    fTetWild takes from ten seconds to minutes, Mmg a few seconds for 50 000 cells.
+    fTetWild takes from ten seconds to minutes, Netgen and Mmg a few seconds for 50 000 cells.
+    Netgen has a time limit, so on a slow machine another first mesh may be used.
 
     Generators run in child processes in a temporary directory.  Their crashes, output
     and files do not affect the caller, and Ctrl-C stops them.
