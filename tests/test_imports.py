@@ -55,6 +55,18 @@ def test_limiting_brings_no_mesh_or_picture_package():
     assert not _modules_after(code) & set(OPTIONAL)
 
 
+def test_limiting_brings_no_part_of_scipy_that_is_slow():
+    code = (
+        "import sys\n"
+        "from adaptsize import SimplexMesh, limit_gradient\n"
+        "mesh = SimplexMesh([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[0, 1, 2]])\n"
+        "limit_gradient(mesh, [0.1, 5.0, 5.0], 0.3)\n"
+        "slow = {'scipy.' + name for name in ('ndimage', 'sparse', 'spatial', 'optimize')}\n"
+        "assert not slow & set(sys.modules), slow & set(sys.modules)"
+    )
+    _modules_after(code)
+
+
 def test_every_public_name_is_listed_and_resolves():
     for name in adaptsize.__all__:
         assert getattr(adaptsize, name) is getattr(adaptsize, name)

@@ -232,3 +232,37 @@ def test_sizes_on_a_surface_grow_into_what_it_encloses():
     assert_allclose(size(cube.points), 10.0)  # and no farther than hmax
     free = SizeFunction(surface, np.full(surface.n_points, 10.0), g=0.1)
     assert_allclose(free(cube.points), 10.0 + 0.1 * depth, rtol=1e-12)
+
+
+# --- tolerance ----------------------------------------------------------------------
+
+
+def test_sizes_on_round_surfaces_allow_the_tolerance():
+    radius = 10.0
+    mesh = cylinder(60, radius=radius)
+    options = {"elements_across": 0, "hmax": 20.0, "g": 10.0}
+    for tolerance in (1e-4, 1e-3):
+        size, report = size_function(mesh, tolerance=tolerance, full_output=True, **options)
+        expected = min(2.0 * np.sqrt(tolerance * mesh.diagonal * radius), radius / 4.0)
+        assert_allclose(size(mesh.points), expected, rtol=0.02)
+        assert report.tolerance == tolerance
+        assert f"tolerance {tolerance:g}" in report.choices
+    default = size_function(mesh, **options)
+    assert_allclose(default(mesh.points), size(mesh.points))
+    for given in ({"tolerance": np.inf}, {"elements_per_radian": 4.0}):
+        size = size_function(mesh, **given, **options)
+        assert_allclose(size(mesh.points), radius / 4.0, rtol=0.02)
+
+
+def test_the_default_tolerance_is_relaxed_for_the_number_of_elements_and_reported():
+    mesh = cylinder(60, radius=10.0)
+    report = size_function(mesh, max_elements=2000, full_output=True)[1]
+    assert report.n_elements <= 2000
+    assert report.tolerance == pytest.approx(1e-3 * report.relaxation**2)
+    assert report.relaxation > 1.0
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])
+def test_a_tolerance_must_be_positive(tolerance):
+    with pytest.raises(ValueError, match="tolerance must be"):
+        size_function(cylinder(8), tolerance=tolerance)

@@ -25,7 +25,7 @@ class Folds(NamedTuple):
 
         The midpoint of row k of ``parents`` is the node ``n_points + k``.
         """
-        return Folds(*(_halved(edges, parents, n_points) for edges in self))
+        return Folds(*(halved_edges(edges, parents, n_points) for edges in self))
 
 
 def folds_of(mesh: SimplexMesh, crease_angle: float) -> Folds:
@@ -55,7 +55,13 @@ def are_among(edges: IntArray, others: IntArray) -> BoolArray:
     return np.isin(keys, known)
 
 
-def _halved(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
+def renumbered_edges(edges: IntArray, new_node: IntArray) -> IntArray:
+    """Return the edges with other numbers of nodes, without those that have vanished."""
+    ends = np.sort(new_node[edges], axis=1)
+    return np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0).astype(np.int32)
+
+
+def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
     """Return ``edges`` with those in ``split`` halved; row k has the midpoint n_points + k."""
     middle = np.arange(n_points, n_points + len(split), dtype=np.int32)
     affected = are_among(split, edges)

@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from adaptsize.cli.console import Console, with_console
@@ -38,6 +39,7 @@ _TARGETS = ("auto", "tetrahedra", "triangles")
 
 #: Names of the parts of meshing by the texts of the generators' progress.
 _PARTS = {
+    "filling the surface with Netgen": "first volume",
     "tetrahedralizing with pytetwild": "first volume",
     "adapting with Mmg": "Mmg",
     "meshing with Gmsh": "Gmsh",
@@ -75,12 +77,13 @@ def remesh(
         ),
     ] = "auto",
     tolerance: Annotated[
-        float,
+        float | None,
         typer.Option(
             metavar="NUMBER",
-            help="Distance of the new boundary from the old one, over the diagonal.",
+            help="Distance of the new boundary from the old one, over the diagonal.  "
+            "[default: 0.001, more if --max-elements requires it]",
         ),
-    ] = 1e-3,
+    ] = None,
     close: Annotated[
         bool,
         typer.Option("--close", help="Close the holes of a surface first, by nearly plane caps."),
@@ -106,6 +109,7 @@ def remesh(
     from adaptsize import remeshing
     from adaptsize._checks import as_number
     from adaptsize.cli.result import outcome_of_remeshing
+    from adaptsize.domain_size.request import TOLERANCE
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.io import read
     from adaptsize.remeshing.driver import check_backend
@@ -113,7 +117,9 @@ def remesh(
 
     check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
     check_installed(backend)
-    as_number("tolerance", tolerance, lower=0.0, strict=True)
+    allowed = TOLERANCE
+    if tolerance is not None:
+        allowed = as_number("tolerance", tolerance, lower=0.0, strict=True)
     as_number("timeout", timeout, lower=0.0, strict=True)
     with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
     parts = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
@@ -123,7 +129,7 @@ def remesh(
         mesh = read(file)
         check_backend(mesh, target, backend)  # type: ignore[arg-type]
         if mesh.cell_dim < mesh.dim and target != "triangles":
-            mesh = _accepted(console, mesh, tolerance * mesh.diagonal, close=close, strict=strict)
+            mesh = _accepted(console, mesh, allowed * mesh.diagonal, close=close, strict=strict)
         elif close:
             raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
         _announce_format(console, output, mesh, target)
@@ -138,10 +144,13 @@ def remesh(
             hmin=hmin,
             hmax=hmax,
             crease_angle=crease_angle,
+            tolerance=tolerance,
             sources=sources,
             max_elements=max_elements,
             progress=steps.report,
         )
+        if tolerance is None and np.isfinite(report.tolerance):
+            allowed = max(allowed, report.tolerance)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
             new = remeshing.remesh(
@@ -151,7 +160,7 @@ def remesh(
                 backend=backend,
                 g=gradient,
                 hmax=report.hmax,
-                tolerance=tolerance,
+                tolerance=allowed,
                 timeout=timeout,
                 strict=strict,
                 progress=steps.following(lambda text: parts.get(text, text)),
@@ -160,7 +169,7 @@ def remesh(
         steps.begin("writing")
         written = write_mesh(output, new)
         steps.begin("checks")
-        outcome = outcome_of_remeshing(new, mesh, found, report, tolerance)
+        outcome = outcome_of_remeshing(new, mesh, found, report, allowed)
         draw(console, plot, new)
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
     _print_report(console, outcome, written)

@@ -47,6 +47,7 @@ def size_function(
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
+    tolerance: float | None = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float = ...,
@@ -65,6 +66,7 @@ def size_function(
     hmin: float | None = ...,
     hmax: float | None = ...,
     crease_angle: float = ...,
+    tolerance: float | None = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float = ...,
@@ -82,6 +84,7 @@ def size_function(
     hmin: float | None = None,
     hmax: float | None = None,
     crease_angle: float = CREASE_ANGLE,
+    tolerance: float | None = None,
     sources: Any = (),
     h0: npt.ArrayLike | Implicit | None = None,
     max_elements: float = MAX_ELEMENTS,
@@ -128,6 +131,11 @@ def size_function(
         spacing.  For an image it is at least two.
     crease_angle : float, default 40
         Angle in degrees above which an edge is a feature edge, see `size_from_curvature`.
+    tolerance : float, optional
+        Allowed distance of the boundary of a mesh of these sizes from that of the domain, over
+        the diagonal, as in `remesh`.  Sizes on curved boundaries of radius r are at most
+        2 sqrt(tolerance * diagonal * r), if the mesh or the surface itself carries the sizes.
+        The default is 1e-3 if ``elements_per_radian`` is not given, and inf otherwise.
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
@@ -136,8 +144,8 @@ def size_function(
         ``background`` it must be a function.
     max_elements : float, default 300 000
         Limit on the predicted number of elements.  To stay within it, those of
-        ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin`` and ``hmax`` that are
-        not given are relaxed.  inf disables the limit.
+        ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin``, ``hmax`` and
+        ``tolerance`` that are not given are relaxed.  inf disables the limit.
     full_output : bool
         Whether to return a `SizeReport` too.
     progress : callable or bool, optional
@@ -206,6 +214,7 @@ def size_function(
             h0=h0,
             max_elements=max_elements,
             report=report,
+            tolerance=tolerance,
         )
         domain_ = _as_domain(domain, None if background == "auto" else background, box, report)
         size, found = within_budget(domain_, request)

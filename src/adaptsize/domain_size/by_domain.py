@@ -193,7 +193,7 @@ class MeshDomain:
         limits = request.limits(mesh.diagonal)
         if background is None:
             bounds = self._bounds(mesh, None, request) | request.external(mesh)
-            return limited_on(mesh, bounds, limits, request)
+            return limited_on(mesh, bounds, limits, request, with_tolerance="curvature" in bounds)
         encloses = mesh.cell_dim == mesh.dim - 1
         boundary = mesh if encloses else mesh.boundary().mesh
         bounds = self._bounds(background, boundary, request)
@@ -213,9 +213,12 @@ class MeshDomain:
         bounds = {}
         angle: dict[str, Any] = {"crease_angle": request.crease_angle}
         if request.per_radian > 0.0:
-            bounds["curvature"] = size_from_curvature(
+            h = size_from_curvature(
                 background, boundary, elements_per_radian=request.per_radian, **angle
             )
+            if boundary is None:  # on other backgrounds, h is not the size on the boundary alone
+                h = request.within_tolerance(h, self.mesh.diagonal)
+            bounds["curvature"] = h
         if request.across > 0.0:
             width = self._width.get(
                 lambda: size_from_feature(
@@ -232,7 +235,11 @@ def limited_on(
     limits: tuple[float, float],
     request: Request,
     weights: FloatArray | None = None,
+    *,
+    with_tolerance: bool = False,
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the limited minimum of several bounds as a size function, and its report."""
-    h, report = limit_requested(background, bounds, limits, request, weights)
+    h, report = limit_requested(
+        background, bounds, limits, request, weights, with_tolerance=with_tolerance
+    )
     return SizeFunction(background, h, sources=report.info.sources), report

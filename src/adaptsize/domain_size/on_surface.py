@@ -100,6 +100,7 @@ def _bounds_at_nodes(mesh: SimplexMesh, request: Request) -> dict[str, FloatArra
         bounds["curvature"] = size_from_curvature(
             mesh, elements_per_radian=request.per_radian, crease_angle=request.crease_angle
         )
+        bounds["curvature"] = request.within_tolerance(bounds["curvature"], mesh.diagonal)
     if request.h0 is not None:
         bounds["h0"] = bound_at_nodes(request.h0, mesh)
     return bounds
@@ -130,5 +131,5 @@ def _limited(
     every = bounds if across is None else bounds | {"feature size": across}
     every = every | request.from_sources(mesh)
     limits = request.limits(mesh.diagonal)
-    h, report = limit_requested(mesh, every, limits, request)
+    h, report = limit_requested(mesh, every, limits, request, with_tolerance="curvature" in bounds)
     return SizeFunction(mesh, h, g=request.g, hmax=limits[1]), report

@@ -53,6 +53,8 @@ class SizeReport:
     """Elements per radian of curved boundaries; 0 if curvature is disabled."""
     elements_across: float = 0.0
     """Elements across narrow regions; 0 if the feature size is disabled."""
+    tolerance: float = np.inf
+    """Allowed distance of chords from curved boundaries, over the diagonal; inf if not limited."""
     relaxation: float = 1.0
     """Factor by which parameters that were not given were relaxed, for ``max_elements``."""
 
@@ -64,6 +66,8 @@ class SizeReport:
             parts.append(f"{self.elements_per_radian:.3g} elements per radian")
         if self.elements_across > 0.0:
             parts.append(f"{self.elements_across:.3g} across")
+        if np.isfinite(self.tolerance):
+            parts.append(f"tolerance {self.tolerance:.3g}")
         least = min(self.smallest.values())
         limits = f"(hmin = {self.hmin:.3g}, hmax = {self.hmax:.3g})"
         return ", ".join(

@@ -23,6 +23,7 @@ ELEMENTS_PER_RADIAN = 4.0
 ELEMENTS_ACROSS = 2.0
 GRADIENT_LIMIT = 0.25
 CREASE_ANGLE = 40.0
+TOLERANCE = 1e-3
 MAX_ELEMENTS = 300_000.0
 
 _LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
@@ -43,6 +44,7 @@ class Request:
     h0: npt.ArrayLike | Implicit | None
     max_elements: float
     report: ProgressCallback | None
+    tolerance: float | None = None
     relaxation: float = 1.0
     """Factor by which parameters that are not given are relaxed, for ``max_elements``."""
 
@@ -64,6 +66,22 @@ class Request:
         if self.elements_across is not None:
             return self.elements_across
         return max(ELEMENTS_ACROSS / self.relaxation, 1.0)
+
+    @property
+    def chord_tolerance(self) -> float:
+        """Distance of chords from curved boundaries, over the diagonal; inf if not limited."""
+        if self.tolerance is not None or self.elements_per_radian is not None:
+            return np.inf if self.tolerance is None else self.tolerance
+        return TOLERANCE * self.relaxation**2  # sizes are in proportion to its square root
+
+    def within_tolerance(self, h: FloatArray, diagonal: float) -> FloatArray:
+        """Return sizes 1 / (K kappa) lowered to those of a mesh within the tolerance.
+
+        An edge of length l on a curve of radius r leaves the distance l^2 / (8 r).  Edges may be
+        longer than the size by sqrt 2, so the size is at most 2 sqrt(tolerance r).
+        """
+        radius = self.per_radian * h
+        return np.minimum(h, 2.0 * np.sqrt(self.chord_tolerance * diagonal * radius))
 
     def relaxed(self, relaxation: float) -> Request:
         """Return the same request with another relaxation factor."""
@@ -119,11 +137,14 @@ def as_request(
     h0: npt.ArrayLike | Implicit | None = None,
     max_elements: float = MAX_ELEMENTS,
     report: ProgressCallback | None = None,
+    tolerance: float | None = None,
 ) -> Request:
     """Return a request after checking its values."""
     for name, value in (("hmin", hmin), ("hmax", hmax)):
         if value is not None:
             as_number(name, value, lower=0.0, strict=True)
+    if tolerance is not None:
+        as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True)
     if hmin is not None and hmax is not None and hmin > hmax:
         raise ValueError(f"hmin must be at most hmax = {hmax:g}, got {hmin:g}")
     for name, value in (
@@ -143,6 +164,7 @@ def as_request(
         h0,
         as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
         report,
+        tolerance,
     )
 
 
@@ -152,8 +174,13 @@ def limit_requested(
     limits: tuple[float, float],
     request: Request,
     weights: FloatArray | None = None,
+    *,
+    with_tolerance: bool = False,
 ) -> tuple[FloatArray, SizeReport]:
-    """Return the minimum of several bounds, limited as requested, and its report."""
+    """Return the minimum of several bounds, limited as requested, and its report.
+
+    With ``with_tolerance``, the bound from curvature is within the tolerance.
+    """
     h, report = limit_bounds(
         background,
         bounds,
@@ -165,7 +192,10 @@ def limit_requested(
         progress=request.report,
     )
     return h, replace(
-        report, elements_per_radian=request.per_radian, elements_across=request.across
+        report,
+        elements_per_radian=request.per_radian,
+        elements_across=request.across,
+        tolerance=request.chord_tolerance if with_tolerance else np.inf,
     )
 
 

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csc_matrix, identity
-from scipy.sparse.linalg import splu
 
 from adaptsize._kernels.fast_marching import fill_policy
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
@@ -96,6 +94,9 @@ def iterate_policies(
 
 def _solve(nodes: npt.NDArray[np.int64], policy: _Policy, n: int) -> FloatArray:
     """Return the sizes of ``nodes`` that satisfy h = W h + c."""
+    from scipy.sparse import csc_matrix, identity
+    from scipy.sparse.linalg import splu
+
     place = np.empty(n, np.int64)
     place[nodes] = np.arange(len(nodes))
     weight = policy.weight[nodes]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -55,6 +55,8 @@ class Problem:
         Region of each cell, 0, 1, ...
     has_free_facets : bool
         Whether some of these facets lie inside one region.
+    ridges : int32[n, 2]
+        Edges of the boundary that must stay sharp, beside those that the generator detects.
     """
 
     task: Task
@@ -67,6 +69,7 @@ class Problem:
     required: npt.NDArray[np.bool_]
     regions: IntArray
     has_free_facets: bool = False
+    ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
 
 
 @dataclass(frozen=True)

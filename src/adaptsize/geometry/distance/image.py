@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from adaptsize.background import CartesianGrid
 from adaptsize.typing import BoolArray, FloatArray
@@ -34,6 +33,8 @@ def smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
     half.  The filter is ``2 G - G G`` with a Gaussian G.  Its second moments are zero, whereas a
     Gaussian of deviation s moves the boundary of a disc of radius r inwards by s^2 / (2 r).
     """
+    from scipy import ndimage
+
     to_outside, to_inside = (ndimage.distance_transform_edt(part) for part in (mask, ~mask))
     start: FloatArray = np.where(mask, 0.5 - to_outside, to_inside - 0.5)
     if smoothing == 0.0:
@@ -55,6 +56,8 @@ def _thin_parts(mask: BoolArray) -> BoolArray:
     Small groups of such pixels are omitted: where a round object is flat in the direction of an
     axis, a row of one or two pixels protrudes from it.
     """
+    from scipy import ndimage
+
     box = np.ones((3,) * mask.ndim, np.bool_)
     padded = np.pad(mask, 3, mode="edge")
     opened = ndimage.binary_opening(padded, box)[(slice(3, -3),) * mask.ndim]
@@ -71,11 +74,15 @@ class GridSpline:
     """
 
     def __init__(self, grid: CartesianGrid, values: FloatArray) -> None:
+        from scipy import ndimage
+
         self._grid = grid
         self._coefficients = ndimage.spline_filter(values, order=3, mode="mirror")
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Return the spline at points, float64[n]."""
+        from scipy import ndimage
+
         along = ((points - self._grid.origin) / self._grid.spacing).T
         return np.asarray(
             ndimage.map_coordinates(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.geometry.distance.projection import project
@@ -51,6 +50,8 @@ def implicit_distance(
         Nodes up to this number of spacings away are projected; inf: all.
     report : callable
     """
+    from scipy.spatial import cKDTree
+
     crossings, lengths = crossings_of(background, function, values)
     layer, spacing = _layer(background, values), float(lengths.max())
     place = places_of(background)
@@ -148,6 +149,8 @@ def _nearest_feet(
     background: AnyBackground, layer: Nodes, feet: FloatArray, report: ProgressCallback
 ) -> tuple[Nodes, FloatArray]:
     """Return for each node the nearest of the feet of the nodes of a layer, and its distance."""
+    from scipy.spatial import cKDTree
+
     if not isinstance(background, CartesianGrid):
         distance, nearest = cKDTree(feet).query(background.points)
         return nearest, distance

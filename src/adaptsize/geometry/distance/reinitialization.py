@@ -7,7 +7,6 @@ import warnings
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from adaptsize._kernels import reinitialize as kernels
 from adaptsize.background import CartesianGrid
@@ -128,6 +127,8 @@ def _near_zero(
     grid: CartesianGrid, positive: npt.NDArray[np.bool_], farthest: float
 ) -> npt.NDArray[np.bool_]:
     """Return the nodes of boxes around all changes of sign."""
+    from scipy import ndimage
+
     near = np.zeros(grid.shape, np.bool_)
     for axis in range(grid.dim):
         change = np.diff(positive, axis=axis)

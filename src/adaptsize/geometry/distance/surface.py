@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from adaptsize._kernels import surface_distance as kernels
 from adaptsize.background import CartesianGrid, SimplexMesh, topology
@@ -172,6 +169,10 @@ def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
     If the sum of the distances of two neighbours to the surface exceeds the distance between them,
     there is no facet between them.
     """
+    from scipy import ndimage
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     if isinstance(background, CartesianGrid):
         apart = distance > 0.5 * float(background.spacing.max()) * (1.0 + 1e-9)
         label, n = ndimage.label(apart)

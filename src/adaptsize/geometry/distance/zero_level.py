@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from adaptsize.background import Octree, SimplexMesh
 from adaptsize.geometry.distance.closest_points import Depths, FunctionBoundary, depths_of
@@ -43,6 +42,8 @@ class ZeroLevelBoundary:
     vertices = np.empty((0, 3))
 
     def __init__(self, function: Implicit, background: Octree, values: FloatArray) -> None:
+        from scipy.spatial import cKDTree
+
         self._function = function
         self._samples, self._spacings = crossings_of(background, function, values)
         gradient = gradient_of(function, self._samples, _STEP * self._spacings)[1]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_array
-from scipy.sparse.csgraph import connected_components
 
 from adaptsize._kernels.space_bends import Edges
 from adaptsize.background.topology import unique_rows
@@ -14,6 +12,9 @@ from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.exact.space_sight import NO_VOLUME, heights_of, scales_of
 from adaptsize.limiting.exact.work import along_curve
 from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 # Angles between a path and the faces of an edge below this are zero.
 GRAZING = 1e-9
@@ -92,6 +93,9 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
 
     A chain continues through nodes that have no other edge between facets of different planes.
     """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
     ends = ridges.ends[ridges.is_reflex]
     n = len(points)
     sharp = np.bincount(ridges.ends[ridges.is_sharp].ravel(), minlength=n)
@@ -122,6 +126,8 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
 
 def find_knots(points: FloatArray, boundary: FlatBoundary, slack: float) -> Knots:
     """Return the reflex edges of a boundary, with straight chains merged, and their nodes."""
+    from scipy.sparse import csr_array
+
     ridges = _ridges_of(points, boundary.facets)
     chain = _chains_of(points, ridges, slack)
     ends = ridges.ends[ridges.is_reflex]

@@ -1,0 +1,118 @@
+"""Netgen: tetrahedra between the given triangles of a closed surface.
+
+Mmg needs a first volume mesh.  Netgen keeps all nodes and triangles of the surface and takes a
+few seconds, where fTetWild takes minutes and moves the surface within its tolerance.  It refuses
+or fails on surfaces that are open, not manifold or self-intersecting; fTetWild fills those.
+
+Observed behaviour that is handled here:
+
+* Arrays returned by a mesh are views that end with it, so they are copied.
+* Tetrahedra have the opposite orientation.
+* Surfaces with slivers may take very long, so there is a time limit.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.background import SimplexMesh
+from adaptsize.background.topology import unique_rows
+from adaptsize.errors import BackendError
+from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.protocol import RawMesh
+
+#: Seconds for a surface, and for each of its triangles.  On closed parts, fewer than .3 ms per
+#: triangle were needed, except for surfaces with many slivers.
+_SECONDS = 5.0
+_SECONDS_PER_TRIANGLE = 1.5e-3
+#: Relative difference of the volume of the tetrahedra to that enclosed by the surface.
+_VOLUME_ERROR = 1e-9
+
+
+def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
+    """Return tetrahedra whose boundary is exactly ``surface``.
+
+    Returns
+    -------
+    RawMesh or None
+        The first points are those of the surface.  None if Netgen is not installed, the
+        surface is not closed, or Netgen fails.
+    """
+    if find_spec("netgen") is None or not _is_closed(surface):
+        return None
+    seconds = _SECONDS + _SECONDS_PER_TRIANGLE * surface.n_cells
+    deadline = time.monotonic() + seconds
+    if run.deadline is not None:
+        deadline = min(deadline, run.deadline)
+    try:
+        made = replace(run, backend="netgen", timeout=seconds, deadline=deadline)(
+            "adaptsize.remeshing.netgen:tetrahedralize",
+            "filling the surface with Netgen",
+            {"points": surface.points, "faces": surface.cells},
+            {},
+        )
+    except BackendError:
+        return None
+    return RawMesh(made["points"], made["cells"]) if _fills(made, surface) else None
+
+
+def _is_closed(surface: SimplexMesh) -> bool:
+    """Whether each edge has two triangles of opposite direction along it."""
+    if not (surface.facet_cell_counts == 2).all():
+        return False
+    ends = surface.cells[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
+    keys = ends @ np.array([surface.n_points, 1])
+    return len(np.unique(keys)) == len(keys)
+
+
+def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
+    """Whether the cells are positive, and their boundary is the surface."""
+    n = surface.n_points
+    if len(made["cells"]) == 0 or not np.array_equal(made["points"][:n], surface.points):
+        return False
+    mesh = SimplexMesh(made["points"], made["cells"])
+    volumes = mesh.signed_measures
+    enclosed = abs(float(np.linalg.det(surface.points[surface.cells]).sum())) / 6.0
+    if not (volumes > 0.0).all() or abs(volumes.sum() - enclosed) > _VOLUME_ERROR * enclosed:
+        return False
+    boundary = mesh.facets[mesh.facet_cell_counts == 1]
+    rows = np.concatenate([boundary, np.sort(surface.cells, axis=1)])
+    return len(boundary) == surface.n_cells == len(unique_rows(rows, mesh.n_points)[0])
+
+
+def tetrahedralize(
+    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
+) -> dict[str, npt.NDArray[Any]]:
+    """Call Netgen.  Runs in the child process.
+
+    Parameters
+    ----------
+    arrays : points float64[n, 3], faces int32[m, 3]
+    options : none
+
+    Returns
+    -------
+    points float64[n, 3], cells int32[m, 4]
+    """
+    from netgen import meshing
+
+    meshing.SetMessageImportance(0)
+    mesh = meshing.Mesh(dim=3)
+    mesh.AddPoints(np.ascontiguousarray(arrays["points"]))
+    descriptor = mesh.Add(meshing.FaceDescriptor(surfnr=1, domin=1, domout=0, bc=1))
+    faces = np.ascontiguousarray(arrays["faces"], dtype=np.int32)
+    mesh.AddElements(dim=2, index=descriptor, data=faces, base=0)
+    # Mmg improves the cells, so Netgen need not.
+    mesh.GenerateVolumeMesh(meshing.MeshingParameters(optsteps3d=0))
+    cells = np.array(mesh.Elements3D().NumPy()["nodes"][:, :4]) - 1
+    return {
+        "points": np.array(mesh.Coordinates()),
+        "cells": cells[:, [1, 0, 2, 3]].astype(np.int32),
+    }

@@ -1,0 +1,109 @@
+"""The surface of a solid, prepared for being filled and adapted.
+
+Triangles of CAD parts are as long as the part and narrow as a fillet.  They are divided and
+flipped without changing the surface, and edges that must not be rounded are listed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize.background import SimplexMesh
+from adaptsize.background.flipping import flip_edges, pairs_of_cells
+from adaptsize.background.folds import are_among, folds_of, halved_edges, renumbered_edges
+from adaptsize.background.splitting import split_edges
+from adaptsize.remeshing.sizing import Size
+from adaptsize.remeshing.slivers import remove_slivers
+from adaptsize.typing import FloatArray, IntArray
+
+#: Edges are divided until they are not longer than this many sizes ...
+_EDGE_OVER_SIZE = 4.0
+#: ... or the surface would have more triangles than this.
+_MAX_TRIANGLES = 400_000
+#: Triangles of less height than these shares of the tolerance are removed, in two attempts.
+THINNEST = (0.2, 0.02)
+#: Ridges closer than this share of the size are too close for good cells between them.
+_NARROW = 0.3
+#: Dihedral angle above which an edge is a feature edge.
+_FEATURE_ANGLE = np.deg2rad(30.0)
+#: Mmg rounds the triangles at an edge that is not a feature edge.  They may bulge by this share
+#: of the tolerance.
+_BULGE = 0.25
+
+
+def refine_surface(
+    mesh: SimplexMesh, size: Size, tolerance: float, thinnest: float = THINNEST[0]
+) -> tuple[SimplexMesh, IntArray]:
+    """Return the same surface with shorter edges, and the edges that must not be rounded.
+
+    Edges are divided until they are at most four times as long as the size.  Edges in flat
+    facets are flipped to avoid slivers.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        A closed surface.
+    size : callable
+    tolerance : float
+        Allowed distance from the surface, in the unit of the coordinates.
+    thinnest : float
+        Triangles of less height than this share of the tolerance are removed.
+
+    Returns
+    -------
+    SimplexMesh, int32[n, 2]
+    """
+    mesh, _ = remove_slivers(mesh, thinnest * tolerance)
+    mesh = _with_better_facets(mesh)
+    kept = _edges_to_keep(mesh, tolerance)
+    while True:
+        middles = mesh.points[mesh.edges].mean(axis=1)
+        long = mesh.edge_lengths > _EDGE_OVER_SIZE * size(middles)
+        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > _MAX_TRIANGLES:
+            return mesh, _ridges(mesh, kept, size)
+        split = split_edges(mesh, long)
+        kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
+        mesh, new_node = remove_slivers(split.mesh, thinnest * tolerance)
+        kept = renumbered_edges(kept, new_node)
+        mesh = _with_better_facets(mesh)
+
+
+def _with_better_facets(mesh: SimplexMesh) -> SimplexMesh:
+    """Flip edges in flat facets."""
+    folds = folds_of(mesh, _FEATURE_ANGLE)
+    return flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
+
+
+def _edges_to_keep(mesh: SimplexMesh, tolerance: float) -> IntArray:
+    """Return the edges, not sharp, at which a smooth surface would bulge too far.
+
+    A smooth surface through the corners of a triangle of height l bulges by about l a / 8 if its
+    normal turns by the angle a on the way to the next triangle.
+    """
+    bent = are_among(mesh.edges, folds_of(mesh, _FEATURE_ANGLE).bent)
+    if not bent.any():
+        return np.empty((0, 2), np.int32)
+    one, other = pairs_of_cells(mesh, bent).T // 3
+    corners = mesh.points[mesh.cells]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice_area: FloatArray = np.linalg.norm(normals, axis=1)
+    sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
+    angle = sine / np.maximum(twice_area[one] * twice_area[other], np.finfo(float).tiny)
+    height = np.maximum(twice_area[one], twice_area[other]) / mesh.edge_lengths[bent]
+    return np.asarray(mesh.edges[bent][angle * height / 8.0 > _BULGE * tolerance])
+
+
+def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
+    """Return feature edges and edges to keep, except for the latter beside other ones.
+
+    Between two ridges much closer than the size, all tetrahedra are flat.
+    """
+    sharp = are_among(mesh.edges, folds_of(mesh, _FEATURE_ANGLE).sharp)
+    kept_now = are_among(mesh.edges, kept) & ~sharp
+    on_ridge = np.zeros(mesh.n_points, bool)
+    on_ridge[mesh.edges[sharp | kept_now]] = True
+    height = 2.0 * mesh.measures[:, None] / mesh.edge_lengths[mesh.cell_facets]
+    narrow = height < _NARROW * size(mesh.points[mesh.cells].mean(axis=1))[:, None]
+    crowded = np.zeros(len(mesh.edges), bool)
+    crowded[mesh.cell_facets[narrow & on_ridge[mesh.cells]]] = True
+    return mesh.edges[sharp | (kept_now & ~crowded)]

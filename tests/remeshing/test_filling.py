@@ -1,0 +1,261 @@
+"""Filling a closed surface: preparation of the surface, and Netgen."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import SimplexMesh, remesh, size_conformity, size_function
+from adaptsize.remeshing import driver, netgen
+from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.slivers import remove_slivers
+from adaptsize.remeshing.surface import refine_surface
+
+CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+CUBE_CELLS = np.array([
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+])  # fmt: skip
+
+
+def cube(shift=0.0):
+    return SimplexMesh(CUBE + shift, CUBE_CELLS)
+
+
+def both(one, other):
+    points = np.concatenate([one.points, other.points])
+    return SimplexMesh(points, np.concatenate([one.cells, other.cells + one.n_points]))
+
+
+def cylinder(n, radius=0.2, height=1.0):
+    """A closed prism over a regular polygon: two fans and n strips of two long triangles."""
+    angle = 2.0 * np.pi * np.arange(n) / n
+    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.concatenate(
+        [np.column_stack([ring, np.full(n, z)]) for z in (0.0, height)]
+        + [[[0.0, 0.0, 0.0], [0.0, 0.0, height]]]
+    )
+    i = np.arange(n)
+    j = (i + 1) % n
+    bottom, top = np.full(n, 2 * n), np.full(n, 2 * n + 1)
+    cells = [(i, j, j + n), (i, j + n, i + n), (j, i, bottom), (i + n, j + n, top)]
+    return SimplexMesh(points, np.concatenate([np.column_stack(c) for c in cells]))
+
+
+def enclosed(mesh):
+    return float(np.linalg.det(mesh.points[mesh.cells]).sum()) / 6.0
+
+
+def sampled(mesh, n=6):
+    weights = [(i / n, j / n, (n - i - j) / n) for i in range(n + 1) for j in range(n + 1 - i)]
+    return np.einsum("kj,tjd->tkd", np.array(weights), mesh.points[mesh.cells]).reshape(-1, 3)
+
+
+def distance(one, other):
+    """Sampled Hausdorff distance of two surfaces."""
+    there = other.locator.nearest(sampled(one))[2].max()
+    return max(there, one.locator.nearest(sampled(other))[2].max())
+
+
+def is_closed(mesh):
+    return netgen._is_closed(mesh)
+
+
+@pytest.fixture
+def run():
+    return IsolatedRunner("netgen", None, None, lambda *_: None)
+
+
+def test_netgen_keeps_the_surface_exactly(run):
+    surface = cylinder(24)
+    raw = netgen.fill(surface, run)
+    volume = SimplexMesh(raw.points, raw.cells)
+    assert_array_equal(raw.points[: surface.n_points], surface.points)
+    boundary = volume.facets[volume.facet_cell_counts == 1]
+    assert set(map(tuple, boundary)) == set(map(tuple, np.sort(surface.cells, axis=1)))
+    assert (volume.signed_measures > 0.0).all()
+    assert_allclose(volume.measures.sum(), enclosed(surface), rtol=1e-12)
+
+
+def test_netgen_fills_a_shell_and_two_bodies(run):
+    outer = SimplexMesh(3.0 * CUBE - 1.0, CUBE_CELLS)
+    cavity = SimplexMesh(CUBE, CUBE_CELLS[:, ::-1])
+    assert netgen.fill(both(outer, cavity), run) is not None
+    assert netgen.fill(both(cube(), cube([2.0, 0.0, 0.0])), run) is not None
+
+
+def test_surfaces_that_netgen_must_not_fill(run):
+    assert netgen.fill(SimplexMesh(CUBE, CUBE_CELLS[1:]), run) is None  # open
+    assert netgen.fill(both(cube(), cube([0.5, 0.3, 0.4])), run) is None  # intersecting
+    turned = CUBE_CELLS.copy()
+    turned[0] = turned[0, ::-1]
+    assert netgen.fill(SimplexMesh(CUBE, turned), run) is None  # not oriented
+
+
+def test_without_netgen_ftetwild_fills(run, monkeypatch):
+    monkeypatch.setattr(netgen, "find_spec", lambda name: None)
+    assert netgen.fill(cube(), run) is None
+
+
+def test_netgen_is_stopped_at_its_time_limit(run, monkeypatch):
+    monkeypatch.setattr(netgen, "_SECONDS", 0.0)
+    monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
+    assert netgen.fill(cube(), run) is None
+
+
+def test_a_result_that_is_not_the_surface_is_refused():
+    surface = cube()
+    made = {"points": CUBE, "cells": np.array([[0, 1, 3, 7]])}
+    assert not netgen._fills(made, surface)
+    # Five tetrahedra fill the cube, but some of their facets cross its diagonals.
+    five = np.array([[0, 3, 5, 6], [1, 0, 3, 5], [2, 3, 0, 6], [4, 5, 6, 0], [7, 6, 5, 3]])
+    v = np.linalg.det(CUBE[five][:, 1:] - CUBE[five][:, :1])
+    five[v < 0.0, :2] = five[v < 0.0, 1::-1]
+    assert_allclose(SimplexMesh(CUBE, five).signed_measures.sum(), 1.0)
+    assert not netgen._fills({"points": CUBE, "cells": five}, surface)
+
+
+def test_refined_surface_is_the_same_surface():
+    surface = cylinder(12)
+    refined, _ = refine_surface(surface, lambda x: np.full(len(x), 0.02), 1e-3)
+    assert is_closed(refined)
+    assert refined.edge_lengths.max() <= 4.0 * 0.02
+    assert distance(refined, surface) <= 3e-4
+    assert_allclose(enclosed(refined), enclosed(surface), rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("n", "kept"),
+    [
+        (16, True),  # rounding would bulge by .2 * .39^2 / 8 = 4e-3
+        (160, False),  # ... by 4e-5
+    ],
+)
+def test_coarse_facets_stay_facets_and_fine_ones_are_rounded(n, kept):
+    refined, ridges = refine_surface(cylinder(n), lambda x: np.full(len(x), 0.1), 1e-3)
+    ends = refined.points[ridges]
+    on_rim = (ends[:, 0, 2] == ends[:, 1, 2]) & np.isin(ends[:, 0, 2], (0.0, 1.0))
+    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    assert_allclose(lengths[on_rim].sum(), 2 * n * 0.4 * np.sin(np.pi / n))
+    assert_allclose(lengths[~on_rim].sum(), n if kept else 0.0)
+
+
+def test_ridges_too_close_for_good_cells_are_rounded():
+    _, ridges = refine_surface(cylinder(16), lambda x: np.full(len(x), 2.0), 1e-3)
+    assert len(ridges) == 2 * 16  # the rims alone
+
+
+def strip(width):
+    """A cube with a strip of that width along one edge, as CAD exports leave them."""
+    n = 8
+    points = np.concatenate([CUBE, [[width, 0.0, 0.0], [width, 0.0, 1.0]]])
+    cells = [list(c) for c in CUBE_CELLS]
+    cells.remove([0, 4, 5])
+    cells.remove([0, 5, 1])
+    cells.remove([0, 6, 4])
+    cells.remove([1, 5, 7])
+    cells += [[0, n, n + 1], [0, n + 1, 1], [n, 4, 5], [n, 5, n + 1]]
+    cells += [[0, 6, n], [n, 6, 4], [1, n + 1, 7], [n + 1, 5, 7]]
+    return SimplexMesh(points, cells)
+
+
+def test_a_strip_of_rounding_width_is_removed():
+    surface = strip(1e-6)
+    assert is_closed(surface)
+    clean, new_node = remove_slivers(surface, 1e-4)
+    assert (clean.n_points, clean.n_cells) == (8, 12)
+    assert is_closed(clean)
+    assert_allclose(enclosed(clean), 1.0, rtol=1e-5)
+    assert new_node[8] == new_node[0]
+    assert new_node[9] == new_node[1]
+
+
+def test_a_wide_strip_stays():
+    surface = strip(1e-2)
+    clean, new_node = remove_slivers(surface, 1e-4)
+    assert_array_equal(clean.cells, surface.cells)
+    assert_array_equal(new_node, np.arange(10))
+
+
+def test_a_node_close_to_an_edge_is_connected_across_it():
+    points = np.concatenate([CUBE, [[0.5, 1e-6, 0.0]]])
+    cells = [list(c) for c in CUBE_CELLS]
+    cells.remove([0, 6, 4])  # the bottom beside the edge 0-4 ...
+    cells += [[0, 6, 8], [8, 6, 4], [0, 8, 4]]  # ... has a cap on it
+    surface = SimplexMesh(points, cells)
+    assert is_closed(surface)
+    clean, _ = remove_slivers(surface, 1e-4)
+    assert is_closed(clean)
+    longest = clean.edge_lengths[clean.cell_facets].max(axis=1)
+    assert (2.0 * clean.measures / longest).min() > 0.1
+    assert_allclose(enclosed(clean), 1.0, rtol=1e-5)
+
+
+def test_slivers_are_removed_within_their_height_from_any_surface():
+    rng = np.random.default_rng(5)
+    surface = cylinder(40)
+    refined, _ = refine_surface(surface, lambda x: np.full(len(x), 0.03), 1e-6)
+    moved = refined.points + 1e-4 * rng.standard_normal(refined.points.shape)
+    rough = SimplexMesh(moved, refined.cells)
+    clean, new_node = remove_slivers(rough, 5e-3)
+    assert is_closed(clean)
+    assert clean.n_points - len(clean.edges) + clean.n_cells == 2  # still a sphere
+    assert clean.n_points < rough.n_points
+    assert distance(clean, rough) < 3.0 * 5e-3
+    assert (new_node >= 0).all()
+
+
+def test_shallow_ridge_is_kept_only_if_it_is_passed():
+    """Two long facets that meet at 12 degrees bulge by 1 % of their length if rounded."""
+    roof = 0.5 * np.tan(np.deg2rad(6.0))
+    points = np.array(
+        [[x, y, z] for x in (0.0, 2.0) for y, z in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))]
+        + [[0.0, 0.5, 1.0 + roof], [2.0, 0.5, 1.0 + roof], [0.0, 0.0, 1.0], [2.0, 0.0, 1.0]]
+    )
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points)
+    cells = hull.simplices.copy()
+    corners = points[cells]
+    outward = np.einsum(
+        "ij,ij->i",
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
+        corners[:, 0] - points.mean(axis=0),
+    )
+    cells[outward < 0.0] = cells[outward < 0.0][:, ::-1]
+    surface = SimplexMesh(points, cells)
+    new = remesh(surface, 0.2)
+    assert distance(new.boundary().mesh, surface) <= 1e-3 * surface.diagonal
+    assert_allclose(new.measures.sum(), enclosed(surface), rtol=1e-3)
+
+
+def test_default_sizes_and_mesh_keep_the_tolerance():
+    surface = cylinder(60, radius=0.5)
+    size, report = size_function(surface, full_output=True)
+    new = remesh(surface, size)
+    found = size_conformity(new, size, surface=surface)
+    assert found.hausdorff_relative <= 1.1e-3
+    assert found.share_in_band >= 0.85
+    assert found.angle_min >= 5.0
+    assert 0.75 < new.n_cells / report.n_elements < 1.3
+
+
+def test_tags_of_the_surface_reach_the_solid():
+    surface = cylinder(16)
+    top = (surface.points[surface.cells, 2] == 1.0).all(axis=1)
+    tagged = SimplexMesh(surface.points, surface.cells, cell_tags=np.where(top, 7, 3))
+    new = remesh(tagged, 0.15)
+    facets = new.points[new.tagged_facets[new.facet_tags == 7]]
+    assert_allclose(facets[:, :, 2], 1.0)
+    area = np.linalg.norm(
+        np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0]), axis=1
+    )
+    assert_allclose(area.sum() / 2.0, surface.measures[top].sum(), rtol=1e-3)
+
+
+def test_ftetwild_takes_over_where_netgen_fails(monkeypatch):
+    called = []
+    backend_named = driver.backend_named
+    monkeypatch.setattr(driver, "backend_named", lambda n: called.append(n) or backend_named(n))
+    new = remesh(both(cube(), cube([0.5, 0.3, 0.4])), 0.3)
+    assert called == ["tetwild"]
+    assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
