@@ -40,6 +40,13 @@ def test_points_at_one_place_keep_their_order():
     assert len(along_curve(np.empty((0, 3)))) == 0
 
 
+@pytest.mark.parametrize("places", [[0.0, 5e-324], [0.0, 1e-302], [-1e308, 0.0, 1e308]])
+def test_points_keep_their_order_where_the_scale_of_keys_overflows(places):
+    # Regression: numbers out of the range of the digits, and so writing out of bounds.
+    points = np.column_stack([places, np.zeros(len(places))])
+    assert_array_equal(along_curve(points), np.arange(len(places)))
+
+
 @given(st.integers(1, 40), st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_each_box_holds_its_items_and_no_more(m, dim, seed):
     rng = np.random.default_rng(seed)

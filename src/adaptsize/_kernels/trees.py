@@ -41,7 +41,7 @@ def sort_along_curve(points, axes, lower, scale, spread, keys, order, counts):
     axes : tuple of length dim
     lower : float64[dim]
     scale : float64
-        Coordinates less ``lower`` times this are in [0, 2^BITS).
+        Coordinates less ``lower`` times this are in [0, 2^BITS); others, and nan, count as 0.
     spread : int64[2^DIGIT]
         Numbers with dim - 1 zeros after each of their bits.
     keys : int64[2, n]
@@ -56,7 +56,8 @@ def sort_along_curve(points, axes, lower, scale, spread, keys, order, counts):
     for i in range(points.shape[0]):
         key = 0
         for d in range(dim):
-            x = int((points[i, d] - lower[d]) * scale)
+            along = (points[i, d] - lower[d]) * scale
+            x = int(along) if 0.0 <= along < 2.0**BITS else 0
             key |= (spread[x & mask] | (spread[x >> DIGIT] << (DIGIT * dim))) << d
         keys[0, i] = key
         order[0, i] = i

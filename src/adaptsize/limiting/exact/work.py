@@ -22,18 +22,19 @@ _CHUNK = 512 * BLOCK
 def along_curve(points: FloatArray) -> IntArray:
     """Return the numbers of points in the order of a Morton curve, int32[n].
 
-    The time is 30 ns per point.
+    The time is 30 ns per point.  Points keep their order if the range of their coordinates, or
+    its inverse, overflows.
     """
     n, dim = points.shape
     if n == 0:
         return np.empty(0, np.int32)
-    lower = np.array([points[:, d].min() for d in range(dim)])
-    width = max(float(points[:, d].max() - lower[d]) for d in range(dim))
-    scale = (2.0**BITS - 1.0) / width if width > 1e-300 else 0.0  # below, it overflows
+    lower = [float(points[:, d].min()) for d in range(dim)]
+    width = max(float(points[:, d].max()) - lower[d] for d in range(dim))
+    scale = (2.0**BITS - 1.0) / width if width > 0.0 else 0.0
     keys, order = np.empty((2, n), np.int64), np.empty((2, n), np.int32)
     counts = np.empty(2**DIGIT, np.int64)
     given = read_only(np.ascontiguousarray(points))
-    sort_along_curve(given, (0,) * dim, lower, scale, _spread(dim), keys, order, counts)
+    sort_along_curve(given, (0,) * dim, np.array(lower), scale, _spread(dim), keys, order, counts)
     found: IntArray = order[0].copy()
     return found
 
