@@ -22,9 +22,9 @@ from _gallery import DATA, run, save_panels
 import adaptsize as ads
 from adaptsize.plot import plot_mesh, plot_size
 
-#: Edges of a third of the radius leave 1/72 of it between them and the surface, which is within
-#: the tolerance of the generators; longer ones would not be made.
 ELEMENTS_PER_RADIAN = 3.0
+#: Over the diagonal: more than the noise of the scan, which the mesh should not follow.
+TOLERANCE = 2e-3
 ELEMENTS_ACROSS = 3.0
 #: Rounds of averaging, against the noise of the scan.
 SMOOTHING = 2
@@ -51,7 +51,7 @@ def main(
     h0 = np.minimum(curvature, 2.0 * feature / ELEMENTS_ACROSS).clip(spacing, hmax)
     h = ads.limit_gradient(grid, h0, G)
     size = ads.SizeFunction(grid, h)
-    mesh = ads.remesh(scan, size, hmax=hmax)
+    mesh = ads.remesh(scan, size, hmax=hmax, tolerance=TOLERANCE)
     draw(output_dir / "scan.png", mesh, size, width)
     conformity = ads.size_conformity(mesh, size, surface=scan)
     inside = phi < 0.0

@@ -3,6 +3,7 @@
 import os
 import signal
 
+import pytest
 from hypothesis import settings
 
 # Shells start jobs in the background deaf to Ctrl-C; so would be the children that tests interrupt.
@@ -12,3 +13,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=60)
 settings.register_profile("random", deadline=None, max_examples=300)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+@pytest.fixture(autouse=True)
+def no_lines_about_steps(request, monkeypatch):
+    """Commands in the process of the tests print no lines about their steps, however slow it is."""
+    if request.path.parent.name == "cli":
+        monkeypatch.setattr("adaptsize.cli.steps.PATIENCE", 1e6)

@@ -44,7 +44,6 @@ _HOMES = {
     "mesh_from_distance": "remeshing",
     "size_conformity": "quality",
     "check_mesh": "quality",
-    "MeshCheck": "quality",
     "adapt": "adaptation",
     "transfer_fields": "adaptation",
     "FieldTransfer": "adaptation",

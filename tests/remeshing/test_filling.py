@@ -1,10 +1,14 @@
 """Filling a closed surface: preparation of the surface, and Netgen."""
 
+import sys
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import SimplexMesh, remesh, size_conformity, size_function
+from adaptsize.errors import BackendError, OpenSurfaceWarning
+from adaptsize.quality import minimum_angles
 from adaptsize.remeshing import driver, netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.slivers import remove_slivers
@@ -100,6 +104,15 @@ def test_netgen_is_stopped_at_its_time_limit(run, monkeypatch):
     monkeypatch.setattr(netgen, "_SECONDS", 0.0)
     monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
     assert netgen.fill(cube(), run) is None
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of processor time")
+def test_processor_time_is_limited(run, monkeypatch):
+    surface, _ = refine_surface(cylinder(200), lambda x: np.full(len(x), 0.004), 1e-5)
+    monkeypatch.setattr(netgen, "_SECONDS", 0.5)
+    monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
+    monkeypatch.setattr(netgen, "_PATIENCE", 1000.0)
+    assert netgen.fill(surface, run) is None
 
 
 def test_a_result_that_is_not_the_surface_is_refused():
@@ -228,6 +241,42 @@ def test_shallow_ridge_is_kept_only_if_it_is_passed():
     assert_allclose(new.measures.sum(), enclosed(surface), rtol=1e-3)
 
 
+@pytest.fixture
+def first_volumes(monkeypatch):
+    """Names of the generators that make first volumes, in the order of their use."""
+    used = []
+    restored = driver._Part.restored
+
+    def recording(part, raw, backend):
+        used.append(backend)
+        return restored(part, raw, backend)
+
+    monkeypatch.setattr(driver._Part, "restored", recording)
+    return used
+
+
+def test_flat_cells_are_a_reason_to_try_ftetwild(first_volumes, monkeypatch):
+    good = remesh(cube(), 0.3)
+    assert first_volumes == ["netgen", "mmg"]
+    first_volumes.clear()
+    monkeypatch.setattr(driver, "_LEAST_ANGLE", 80.0)
+    better = remesh(cube(), 0.3)
+    assert first_volumes == ["netgen", "mmg", "tetwild", "mmg"]
+    assert minimum_angles(better).min() >= minimum_angles(good).min()
+
+
+def test_a_failure_of_ftetwild_leaves_the_mesh_with_flat_cells(monkeypatch):
+    def failing(name):
+        raise BackendError(f"{name} failed")
+
+    monkeypatch.setattr(driver, "backend_named", failing)
+    monkeypatch.setattr(driver, "_LEAST_ANGLE", 80.0)
+    assert_allclose(remesh(cube(), 0.3).measures.sum(), 1.0)
+    monkeypatch.setattr(netgen, "find_spec", lambda name: None)
+    with pytest.raises(BackendError, match="tetwild failed"):
+        remesh(cube(), 0.3)
+
+
 def test_default_sizes_and_mesh_keep_the_tolerance():
     surface = cylinder(60, radius=0.5)
     size, report = size_function(surface, full_output=True)
@@ -256,6 +305,7 @@ def test_ftetwild_takes_over_where_netgen_fails(monkeypatch):
     called = []
     backend_named = driver.backend_named
     monkeypatch.setattr(driver, "backend_named", lambda n: called.append(n) or backend_named(n))
-    new = remesh(both(cube(), cube([0.5, 0.3, 0.4])), 0.3)
+    with pytest.warns(OpenSurfaceWarning, match="only 0 apart"):
+        new = remesh(both(cube(), cube([0.5, 0.3, 0.4])), 0.3)
     assert called == ["tetwild"]
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)

@@ -39,9 +39,10 @@ _ENTITIES = {
 #: edges of parts, which Mmg's default of 45 rounds off, and not the facets of coarse surfaces.
 _RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 
-#: Mmg's ``hausd`` over the tolerance.  On closed parts with sizes for the same tolerance, the
-#: measured distance was .2 to 1.1 times ``hausd``.  Larger sizes are reduced by Mmg.
-_TOLERANCE_FACTOR = 1.0
+#: Mmg's ``hausd`` over the tolerance.  In space, on closed parts with sizes for the same tolerance,
+#: the measured distance was .2 to 1.1 times ``hausd``.  Mmg reduces larger sizes.  In the plane it
+#: was .3 times ``hausd``; a smaller value rounds coarse polylines farther.
+_TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 2.0, "MmgMeshS": 1.0}
 #: Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
 _OWN_GRADIENT = 0.25
 #: Upper limit of the gradation passed to Mmg.  A larger one has no effect.
@@ -73,10 +74,11 @@ class MmgBackend:
         """Return the adapted mesh with its regions and groups of facets."""
         assert problem.size is not None
         n_regions = int(problem.regions.max()) + 1
+        kind = _CLASSES[problem.task]
         options = {
-            "class": _CLASSES[problem.task],
-            "hausd": _TOLERANCE_FACTOR * problem.tolerance,
-            "ridge_angle": _RIDGE_ANGLE[_CLASSES[problem.task]],
+            "class": kind,
+            "hausd": _TOLERANCE_FACTOR[kind] * problem.tolerance,
+            "ridge_angle": _RIDGE_ANGLE[kind],
             "n_regions": n_regions,
             "n_groups": int(problem.facet_groups.max(initial=-1)) + 1,
             "required_groups": np.unique(problem.facet_groups[problem.required]).tolist(),

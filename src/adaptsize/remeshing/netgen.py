@@ -1,8 +1,8 @@
 """Netgen: tetrahedra between the given triangles of a closed surface.
 
-Mmg needs a first volume mesh.  Netgen keeps all nodes and triangles of the surface and takes a
-few seconds, where fTetWild takes minutes and moves the surface within its tolerance.  It refuses
-or fails on surfaces that are open, not manifold or self-intersecting; fTetWild fills those.
+Mmg needs a first volume mesh.  Netgen keeps all nodes and triangles of the surface, where fTetWild
+moves the surface within its tolerance, which Mmg then amplifies.  It refuses or fails on surfaces
+that are open, not manifold or self-intersecting; fTetWild fills those.
 
 Observed behaviour that is handled here:
 
@@ -13,6 +13,7 @@ Observed behaviour that is handled here:
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -28,10 +29,13 @@ from adaptsize.errors import BackendError
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.protocol import RawMesh
 
-#: Seconds for a surface, and for each of its triangles.  On closed parts, fewer than .3 ms per
-#: triangle were needed, except for surfaces with many slivers.
+#: Seconds of processor time for a surface, and for each of its triangles.  Most closed parts needed
+#: less than .3 ms per triangle.
 _SECONDS = 5.0
-_SECONDS_PER_TRIANGLE = 1.5e-3
+_SECONDS_PER_TRIANGLE = 1e-3
+#: The limit of elapsed time over that of processor time.  It is needed where processes cannot have
+#: the latter, and far away from it, so that a busy machine makes the same mesh.
+_PATIENCE = 5.0
 #: Relative difference of the volume of the tetrahedra to that enclosed by the surface.
 _VOLUME_ERROR = 1e-9
 
@@ -48,15 +52,15 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
     if find_spec("netgen") is None or not _is_closed(surface):
         return None
     seconds = _SECONDS + _SECONDS_PER_TRIANGLE * surface.n_cells
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + _PATIENCE * seconds
     if run.deadline is not None:
         deadline = min(deadline, run.deadline)
     try:
-        made = replace(run, backend="netgen", timeout=seconds, deadline=deadline)(
+        made = replace(run, backend="netgen", timeout=_PATIENCE * seconds, deadline=deadline)(
             "adaptsize.remeshing.netgen:tetrahedralize",
             "filling the surface with Netgen",
             {"points": surface.points, "faces": surface.cells},
-            {},
+            {"seconds": seconds},
         )
     except BackendError:
         return None
@@ -95,7 +99,7 @@ def tetrahedralize(
     Parameters
     ----------
     arrays : points float64[n, 3], faces int32[m, 3]
-    options : none
+    options : seconds, the limit of processor time where there is one
 
     Returns
     -------
@@ -103,6 +107,7 @@ def tetrahedralize(
     """
     from netgen import meshing
 
+    _limit_processor_time(options["seconds"])
     meshing.SetMessageImportance(0)
     mesh = meshing.Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(arrays["points"]))
@@ -116,3 +121,18 @@ def tetrahedralize(
         "points": np.array(mesh.Coordinates()),
         "cells": cells[:, [1, 0, 2, 3]].astype(np.int32),
     }
+
+
+def _limit_processor_time(seconds: float) -> None:
+    """Have the system end this process after so many more seconds of processor time.
+
+    Windows has no such limit.
+    """
+    if find_spec("resource") is None:
+        return
+    import resource
+
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    used = time.process_time()
+    limit = math.ceil(used + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
