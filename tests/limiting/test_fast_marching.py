@@ -7,6 +7,7 @@ from meshes import random_square
 from adaptsize import CartesianGrid
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.geometry.distance.fast_marching import march_distance, march_through_mesh
+from adaptsize.limiting import limit_gradient
 
 
 def quiet(text, share):
@@ -82,3 +83,15 @@ def test_marching_through_a_mesh_warns_when_it_becomes_inexact(monkeypatch):
     with pytest.warns(ConvergenceWarning, match="changes below 0.1% are ignored"):
         rough = march_through_mesh(mesh, seeds, report=quiet, text="marching")
     np.testing.assert_allclose(rough, exact, rtol=0.05)
+
+
+def test_the_second_order_pass_sorts_sizes_whose_range_has_no_inverse():
+    # Regression: numbers of bins out of range, and so writing out of bounds.
+    active = np.ones((9, 9), bool)
+    active[4] = False
+    grid = CartesianGrid([0.0, 0.0], 1e-3, (9, 9), active=active)
+    h0 = np.full((9, 9), np.inf)
+    h0[0, 0], h0[8, 8] = 1e-310, 1.5e-310
+    h = limit_gradient(grid, h0, 1e-310, method="fast-marching", order=2)
+    assert (h[:4] == 1e-310).all()
+    assert (h[5:] == 1.5e-310).all()

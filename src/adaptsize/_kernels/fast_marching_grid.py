@@ -275,6 +275,8 @@ def order_by_size(u, u0, lowest, highest, start, order):
     """
     n_bins = start.shape[0] - 1
     per_bin = n_bins / (highest - lowest) if highest > lowest else 0.0
+    if per_bin == math.inf:  # numbers of bins would be out of range
+        return -1
     start[:] = 0
     for k in range(u.shape[0]):
         if u[k] < u0[k]:
