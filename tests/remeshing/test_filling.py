@@ -14,6 +14,9 @@ from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.slivers import remove_slivers
 from adaptsize.remeshing.surface import refine_surface
 
+pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
+pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
+
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 CUBE_CELLS = np.array([
     [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
