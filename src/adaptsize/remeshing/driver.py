@@ -89,7 +89,7 @@ def remesh(
         Upper limit of the sizes, including those that grow into a volume.
     tolerance : float
         Allowed distance of the new boundary from the old one, over the diagonal of the bounding
-        box.  No generator guarantees it.  On 14 closed parts with the sizes of `size_function`,
+        box.  No generator guarantees it.  On 13 closed parts with the sizes of `size_function`,
         the meshes on a first volume by Netgen kept it (scans: 1.4 times it), those by fTetWild
         alone too (except for sizes above 1/12 of the diagonal), and the meshes by Mmg on a first
         volume by fTetWild were up to 4 times as far.  Where larger sizes are requested than the

@@ -1,7 +1,8 @@
 """The surface of a solid, prepared for being filled and adapted.
 
 Triangles of CAD parts are as long as the part and narrow as a fillet.  They are divided and
-flipped without changing the surface, and edges that must not be rounded are listed.
+flipped in flat facets, which leaves the surface as it is.  Slivers are removed, which moves it by a
+share of the tolerance.  Edges that must not be rounded are listed.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _BULGE = 0.25
 def refine_surface(
     mesh: SimplexMesh, size: Size, tolerance: float, thinnest: float = THINNEST[0]
 ) -> tuple[SimplexMesh, IntArray]:
-    """Return the same surface with shorter edges, and the edges that must not be rounded.
+    """Return nearly the same surface with shorter edges, and those that must not be rounded.
 
     Edges are divided until they are at most four times as long as the size.  Edges in flat
     facets are flipped to avoid slivers.
@@ -51,7 +52,10 @@ def refine_surface(
 
     Returns
     -------
-    SimplexMesh, int32[n, 2]
+    SimplexMesh
+        Slivers apart, exactly the given surface.  Cell tags are kept; data are dropped.
+    int32[n, 2]
+        Edges that must not be rounded, rows sorted.
     """
     mesh, _ = remove_slivers(mesh, thinnest * tolerance)
     mesh = _with_better_facets(mesh)
