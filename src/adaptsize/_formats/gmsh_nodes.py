@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -33,20 +34,7 @@ def check(content: bytes) -> None:
     MeshFileError
         The message does not have the path.
     """
-    form = _FORMAT.search(content)
-    if form is None:
-        return
-    begin = _BEGIN.search(content, form.end())
-    if begin is None:
-        return
-    section = content[begin.end() : content.find(_END, begin.end())]
-    is_new, is_text = float(form[1]) >= 4.0, form[2] == b"0"
-    if not is_new:
-        numbers = _of_rows(_parsed(section), 1) if is_text else None  # binary ones are 1 to n
-    elif form[1] == b"4.0":
-        numbers = _of_4_0(_parsed(section)) if is_text else None
-    else:
-        numbers = _of_4_1(_parsed(section)) if is_text else _of_binary_4_1(section)
+    numbers = _numbers(content)
     if numbers is None or not len(numbers):
         return
     largest, count = float(np.max(numbers)), len(numbers)
@@ -57,15 +45,26 @@ def check(content: bytes) -> None:
         )
 
 
+def _numbers(content: bytes) -> npt.NDArray[Any] | None:
+    """Return the numbers of the nodes, or None."""
+    form = _FORMAT.search(content)
+    begin = None if form is None else _BEGIN.search(content, form.end())
+    if form is None or begin is None:
+        return None
+    section = content[begin.end() : content.find(_END, begin.end())]
+    is_text = form[2] == b"0"
+    if float(form[1]) < 4.0:
+        return _parsed(section)[1::4] if is_text else None  # binary ones are 1 to n
+    if form[1] == b"4.0":
+        return _of_4_0(_parsed(section)) if is_text else None
+    return _of_4_1(_parsed(section)) if is_text else _of_binary_4_1(section)
+
+
 def _parsed(section: bytes) -> npt.NDArray[np.float64]:
     """Return the numbers at the start of a text."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of what follows the numbers
         return np.fromstring(section, dtype=np.float64, sep=" ")
-
-
-def _of_rows(values: npt.NDArray[np.float64], at: int) -> npt.NDArray[np.float64]:
-    return values[at::4]
 
 
 def _of_4_0(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64] | None:
