@@ -45,7 +45,11 @@ _OF_DOMAIN = ("boundary", "measure", "topology")
 def main() -> int:
     arguments = _arguments()
     if arguments.one:
-        print(json.dumps(outcome_of(Path(arguments.folder), arguments.max_elements)))
+        print(
+            json.dumps(
+                outcome_of(Path(arguments.folder), arguments.max_elements, arguments.tolerance)
+            )
+        )
         return 0
     folder = Path(arguments.folder or f"nasty-{arguments.seed}")
     if arguments.nasty:
@@ -71,7 +75,7 @@ def main() -> int:
     return 1 if bad else 0
 
 
-def outcome_of(file: Path, max_elements: float) -> dict[str, Any]:
+def outcome_of(file: Path, max_elements: float, tolerance: float) -> dict[str, Any]:
     """Read, size, remesh and check a surface in this process."""
     import adaptsize as ads
 
@@ -84,10 +88,10 @@ def outcome_of(file: Path, max_elements: float) -> dict[str, Any]:
             warnings.simplefilter("always")
             surface = ads.read(file)
             row["triangles"] = surface.n_cells
-            size = ads.size_function(surface, max_elements=max_elements)
-            made = ads.remesh(surface, size)
+            size = ads.size_function(surface, max_elements=max_elements, tolerance=tolerance)
+            made = ads.remesh(surface, size, tolerance=tolerance)
         found = ads.size_conformity(made, size, surface=_of_space(surface))
-        check = ads.check_mesh(made, original=surface, size=size)
+        check = ads.check_mesh(made, original=surface, size=size, tolerance=tolerance)
     except Exception as error:
         try:
             check_error(error)
@@ -122,6 +126,7 @@ def _in_child(file: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     package = (__package__ or "tests.attack") + ".corpus"
     command = [sys.executable, "-m", package, "--one", str(file)]
     command += ["--max-elements", str(arguments.max_elements)]
+    command += ["--tolerance", str(arguments.tolerance)]
     memory, seconds = int(arguments.memory * 2**30), int(arguments.timeout)
 
     def limit() -> None:
@@ -198,6 +203,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--memory", type=number, default=8.0, help="gigabytes per process")
     parser.add_argument("--max-elements", type=number, default=100_000.0)
+    parser.add_argument("--tolerance", type=number, default=1e-3, help="as of remesh")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if not arguments.folder and not arguments.nasty:
