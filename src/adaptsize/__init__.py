@@ -47,6 +47,7 @@ _HOMES = {
     "adapt": "adaptation",
     "transfer_fields": "adaptation",
     "FieldTransfer": "adaptation",
+    "report": "reporting",
     "read": "io",
     "read_image": "io",
     "read_size": "io",
