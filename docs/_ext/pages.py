@@ -37,6 +37,7 @@ FOLDERS = {
     "docs/how-to": "how-to/README",
 }
 CONTENTS = {
+    "First steps": ["install", "troubleshooting"],
     "How to": [
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
         "how-to/export",

@@ -23,6 +23,7 @@ from adaptsize.cli.options import (
     MeshOutput,
     PerRadian,
     Picture,
+    Report,
     Smallest,
     Sources,
 )
@@ -32,7 +33,7 @@ from adaptsize.cli.sources import parse_source
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
-    from adaptsize.cli.result import Outcome
+    from adaptsize.reporting.outcome import Outcome
 
 _BACKENDS = ("auto", "tetwild", "mmg", "gmsh")
 _TARGETS = ("auto", "tetrahedra", "triangles")
@@ -101,6 +102,7 @@ def remesh(
         float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
     ] = 3600.0,
     plot: Picture = None,
+    page: Report = None,
 ) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
@@ -108,14 +110,25 @@ def remesh(
     """
     from adaptsize import remeshing
     from adaptsize._checks import as_number
-    from adaptsize.cli.result import outcome_of_remeshing
     from adaptsize.domain_size.request import TOLERANCE
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.io import read
     from adaptsize.remeshing.driver import check_backend
     from adaptsize.remeshing.registry import check_installed, is_usable
+    from adaptsize.reporting import report as write_report
+    from adaptsize.reporting.api import check_plotly
+    from adaptsize.reporting.outcome import outcome_of_remeshing
 
-    check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
+    check_files(
+        [file],
+        {
+            "--output": (output, "mesh"),
+            "--plot": (plot, "picture"),
+            "--report": (page, "report"),
+        },
+    )
+    if page is not None:
+        check_plotly()
     check_installed(backend)
     allowed = TOLERANCE
     if tolerance is not None:
@@ -171,6 +184,18 @@ def remesh(
         steps.begin("checks")
         outcome = outcome_of_remeshing(new, mesh, found, report, allowed)
         draw(console, plot, new)
+        if page is not None:
+            write_report(
+                page,
+                new,
+                found,
+                original=mesh,
+                size_report=report,
+                tolerance=allowed,
+                title=file.stem,
+                times=console.times,
+            )
+            console.say(f"report: {page}")
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
     _print_report(console, outcome, written)
 
