@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.support.meshes import random_square
+from meshes import random_square
 
 from adaptsize import CartesianGrid, Octree, interpolate, refine_at_boundary
 

@@ -6,8 +6,8 @@ import subprocess
 
 import numpy as np
 import pytest
+from meshes import jittered_square
 from PIL import Image
-from tests.support.meshes import jittered_square
 
 from adaptsize import CartesianGrid, PointSource, SimplexMesh, SizeFunction, report, size_function
 from adaptsize.cli.entry import run

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.support.meshes import random_square
+from meshes import random_square
 
 from adaptsize import CartesianGrid, SignedDistance, mesh_from_distance, signed_distance
 

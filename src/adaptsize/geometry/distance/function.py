@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -80,7 +80,7 @@ class SignedDistance:
         return f"SignedDistance({self.mesh.n_cells} facets in {self.mesh.dim}-D)"
 
 
-def _polygons(given: _Outline) -> list[FloatArray]:
+def _polygons(given: Any) -> list[FloatArray]:
     """Return the polygons without repeated last points; refuse what is not polygons."""
     if not isinstance(given, Sequence | np.ndarray) or isinstance(given, str):
         raise ValueError(f"boundary must be a mesh or polygons, got {describe(given)}")
