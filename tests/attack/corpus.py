@@ -23,7 +23,6 @@ import json
 import os
 import resource
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -31,6 +30,8 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from .nasty import write_surfaces
 from .tables import table, table_of_defects
@@ -44,19 +45,13 @@ _OF_DOMAIN = ("boundary", "measure", "topology")
 
 def main() -> int:
     arguments = _arguments()
-    if arguments.one:
-        print(
-            json.dumps(
-                outcome_of(Path(arguments.folder), arguments.max_elements, arguments.tolerance)
-            )
-        )
-        return 0
     folder = Path(arguments.folder or f"nasty-{arguments.seed}")
     if arguments.nasty:
         write_surfaces(folder, arguments.nasty, arguments.seed)
     files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES)
     store = arguments.output.with_suffix(arguments.output.suffix + ".jsonl")
     known = {row["file"]: row for row in _rows_in(store)}
+    _load_kernels()
     for number, file in enumerate(files, 1):
         name = str(file.relative_to(folder))
         if name in known:
@@ -122,55 +117,62 @@ def _of_space(surface: Any) -> Any:
 
 
 def _in_child(file: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the outcome of a surface, whatever happens to the process."""
-    package = (__package__ or "tests.attack") + ".corpus"
-    command = [sys.executable, "-m", package, "--one", str(file)]
-    command += ["--max-elements", str(arguments.max_elements)]
-    command += ["--tolerance", str(arguments.tolerance)]
+    """Return the outcome of a surface, whatever happens to the process.
+
+    The child is a copy of this process, which has loaded all kernels.
+    """
     memory, seconds = int(arguments.memory * 2**30), int(arguments.timeout)
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-        # Of each process: mesh generators run in processes of their own.
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-
-    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
-        child = subprocess.Popen(
-            command,
-            stdout=output,
-            stderr=errors,
-            start_new_session=True,
-            preexec_fn=limit,  # noqa: PLW1509 - there is one thread
-        )
-        code, usage = _wait(child, _PATIENCE * arguments.timeout)
+    with tempfile.TemporaryFile() as output:
+        pid = os.fork()
+        if pid == 0:
+            try:
+                os.setsid()
+                os.dup2(os.open(os.devnull, os.O_RDWR), 1)
+                os.dup2(1, 2)
+                resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+                # Of each process: mesh generators run in processes of their own.
+                resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+                row = outcome_of(file, arguments.max_elements, arguments.tolerance)
+                output.write(json.dumps(row).encode())
+                output.flush()
+            finally:
+                os._exit(0)
+        code, usage = _wait(pid, _PATIENCE * arguments.timeout)
         output.seek(0)
-        errors.seek(0)
-        printed = output.read().decode("utf-8", "replace").strip()
-        last = errors.read().decode("utf-8", "replace").strip().splitlines()[-1:]
+        printed = output.read()
     figures = {
         "CPU s": round(usage.ru_utime + usage.ru_stime, 1),
         "MB": usage.ru_maxrss // 1024,
     }
     if code != 0 or not printed:
-        died = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return {"kind": "failed", **figures, "outcome": f"{died}: {''.join(last)[:300]}"}
-    row = figures | json.loads(printed.splitlines()[-1])
+        died = signal.Signals(-code).name if code < 0 else "an unexpected end"
+        return {"kind": "failed", **figures, "outcome": died}
+    row = figures | json.loads(printed)
     if "SIGXCPU" in row["outcome"]:
         row["kind"] = "failed"
     return row
 
 
-def _wait(child: subprocess.Popen[bytes], seconds: float) -> tuple[int, resource.struct_rusage]:
+def _load_kernels() -> None:
+    """Run what every case runs once, so that children need not load or compile it."""
+    import adaptsize as ads
+
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    surface = ads.SimplexMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    size = ads.size_function(surface, max_elements=100)
+    ads.check_mesh(surface, original=surface, size=size)
+
+
+def _wait(child: int, seconds: float) -> tuple[int, resource.struct_rusage]:
     """Wait for a child; return its exit code, and what it and its children used."""
     until = time.monotonic() + seconds
     while True:
-        pid, status, usage = os.wait4(child.pid, os.WNOHANG)
+        pid, status, usage = os.wait4(child, os.WNOHANG)
         if pid:
-            child.returncode = os.waitstatus_to_exitcode(status)
-            return child.returncode, usage
+            return os.waitstatus_to_exitcode(status), usage
         if time.monotonic() > until:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(child.pid, signal.SIGKILL)
+                os.killpg(child, signal.SIGKILL)
         time.sleep(0.05)
 
 
@@ -204,7 +206,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--memory", type=number, default=8.0, help="gigabytes per process")
     parser.add_argument("--max-elements", type=number, default=100_000.0)
     parser.add_argument("--tolerance", type=number, default=1e-3, help="as of remesh")
-    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if not arguments.folder and not arguments.nasty:
         parser.error("a folder or --nasty is needed")

@@ -21,7 +21,7 @@ def attack(*options, module="tests.attack"):
 
 
 @pytest.mark.parametrize(
-    ("only", "cases"), [("calls", 1500), ("limiting", 1500), ("files", 2500), ("faults", 300)]
+    ("only", "cases"), [("calls", 300), ("limiting", 400), ("files", 500), ("faults", 100)]
 )
 def test_survives_a_short_attack(only, cases, tmp_path):
     report = tmp_path / "report.jsonl"
@@ -48,6 +48,12 @@ def test_crashes_hangs_and_failures_are_reported(number, noticed, tmp_path):
     outcome = json.loads(line)
     assert outcome["seed"] == number
     assert noticed in outcome["what"]
+
+
+def test_no_case_starts_after_the_time_limit():
+    done = attack("--start", 20260214, "--cases", 1000, "--only", "files", "--seconds", 0)
+    assert done.returncode == 0
+    assert "0 cases in 0 s" in done.stdout
 
 
 def test_a_case_is_repeated_by_its_number():

@@ -56,6 +56,14 @@ def test_one_tetrahedron_far_away_is_no_mesh_of_a_cube():
     assert worst.point == (0.0, 0.0, 0.0)
 
 
+def test_edges_between_coincident_nodes_are_the_worst():
+    points = [*SQUARE.points, SQUARE.points[2]]
+    mesh = SimplexMesh(points, [*SQUARE.cells, [1, 2, 4]])
+    demand = next(d for d in check_mesh(mesh, size=5.0).failures if d.name == "edges")
+    assert demand.places[0].point == (1.0, 1.0)
+    assert demand.places[0].value == 0.0
+
+
 def test_inverted_cells_are_listed_with_their_places():
     cells = CUBE.cells.copy()
     cells[[3, 7], :2] = cells[[3, 7], 1::-1]

@@ -262,7 +262,8 @@ def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Deman
     text = f"{found:.1%} within a factor sqrt 2 of the size, {share:.0%} required"
     if found >= share:
         return Demand("edges", True, text)
-    worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
+    with np.errstate(divide="ignore"):  # edges between coincident nodes are the worst
+        worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
     middles = mesh.points[mesh.edges[worst]].mean(axis=1)
     return Demand("edges", False, text, _places(middles, ratio[worst], count))
 
