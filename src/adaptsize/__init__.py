@@ -42,6 +42,7 @@ _HOMES = {
     "size_function": "domain_size",
     "size_function_from_image": "domain_size",
     "mesh_image": "domain_size",
+    "remesh_to_elements": "domain_size",
     "remesh": "remeshing",
     "mesh_from_distance": "remeshing",
     "size_conformity": "quality",

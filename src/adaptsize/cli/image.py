@@ -9,11 +9,11 @@ from adaptsize.cli.options import (
     Gradient,
     ImageAcross,
     ImageFile,
+    ImageMaxElements,
     ImagePerRadian,
     ImageSmallest,
     Label,
     Largest,
-    MaxElements,
     MeshOutput,
     Picture,
     Smoothing,
@@ -43,7 +43,7 @@ def image(
     hmin: ImageSmallest = None,
     hmax: Largest = None,
     source: Sources = None,
-    max_elements: MaxElements = MAX_ELEMENTS,
+    max_elements: ImageMaxElements = MAX_ELEMENTS,
     plot: Picture = None,
 ) -> None:
     """Mesh the objects in a mask or label image.
