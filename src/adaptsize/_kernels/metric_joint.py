@@ -88,17 +88,21 @@ class Joint(NamedTuple):
 
 def new_joint(dim: int) -> Joint:
     """Return scratch for one thread."""
-    stacks = [np.empty((MOST, dim, dim)) for _ in range(6)]
+    square = (MOST, dim, dim)
     return Joint(
-        np.empty((MOST, dim)),
-        stacks[0],
-        np.empty(MOST, np.int64),
-        np.empty(dim),
-        np.empty((dim, dim)),
-        np.empty(MOST),
-        *stacks[1:],
-        np.empty((10, dim, dim)),
-        np.empty((6, 7)),
+        h=np.empty((MOST, dim)),
+        r=np.empty(square),
+        number=np.empty(MOST, np.int64),
+        h_all=np.empty(dim),
+        r_all=np.empty((dim, dim)),
+        weight=np.empty(MOST),
+        k=np.empty(square),
+        t=np.empty(square),
+        y=np.empty(square),
+        dt=np.empty(square),
+        dy=np.empty(square),
+        small=np.empty((10, dim, dim)),
+        normal=np.empty((6, 7)),
     )
 
 

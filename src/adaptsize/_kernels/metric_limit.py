@@ -31,6 +31,9 @@ from adaptsize._kernels.trees import DEPTH, LEAF
 # Excesses up to this are removed by scaling.
 _MET = 1.0 + 1e-10
 
+# The least eigenvalue from which on a metric counts as above another one.
+_ABOVE = 1.0 + 1e-12
+
 # Sources that are added at one node at most.
 _ROUNDS = 100
 
@@ -75,6 +78,8 @@ class Scratch(NamedTuple):
     """int64[DEPTH]: boxes."""
     bound: np.ndarray
     """float64[DEPTH]: their excesses."""
+    recent: np.ndarray
+    """int64[MOST]: active sources of the point before, which are tried first."""
 
 
 def new_scratch(dim: int) -> Scratch:
@@ -86,6 +91,7 @@ def new_scratch(dim: int) -> Scratch:
         np.empty(dim),
         np.empty(DEPTH, np.int64),
         np.empty(DEPTH),
+        np.empty(MOST, np.int64),
     )
 
 
@@ -130,10 +136,10 @@ def _top_eigenvalue(axes, n):
 
 
 @lean
-def _excess(axes, h, r, more, s, n, row):
-    """Return the excess of a metric whose sizes are increased by ``more``, or slightly more.
+def _fill_relative(axes, h, r, more, s, n, row):
+    """Fill S^T M S for a metric M whose sizes are increased by ``more`` (Out: n).
 
-    n, row: float64[dim, dim], float64[dim], scratch.
+    row: float64[dim], scratch.
     """
     dim = len(axes)
     for i in range(dim):
@@ -149,12 +155,34 @@ def _excess(axes, h, r, more, s, n, row):
         for i in range(dim):
             for j in range(i, dim):
                 n[i, j] += row[i] * row[j]
+
+
+@lean
+def _excess(axes, h, r, more, s, n, row):
+    """Return the excess of a metric whose sizes are increased by ``more``, or slightly more."""
+    _fill_relative(axes, h, r, more, s, n, row)
     return _top_eigenvalue(axes, n)
 
 
 @lean
-def _exact_excess(axes, h, r, more, s, n):
-    """Return the excess as `_excess`, to rounding."""
+def _is_above(axes, n):
+    """Return whether all eigenvalues of a symmetric matrix exceed 1; n: In/Out, upper triangle."""
+    dim = len(axes)
+    for i in range(dim):
+        n[i, i] -= 1.0
+    for j in range(dim):  # Gauss' elimination
+        if not n[j, j] > 0.0:
+            return False
+        for i in range(j + 1, dim):
+            share = n[j, i] / n[j, j]
+            for k in range(i, dim):
+                n[i, k] -= share * n[j, k]
+    return True
+
+
+@lean
+def _extremes(axes, h, r, more, s, n):
+    """Return the least and the largest eigenvalue of S^T M S, to rounding."""
     dim = len(axes)
     for q in range(dim):
         for i in range(dim):
@@ -163,10 +191,11 @@ def _exact_excess(axes, h, r, more, s, n):
                 along += r[k, q] * s[k, i]
             n[q, i] = along / (h[q] + more)
     rotate_columns(axes, n, None)
-    largest = 0.0
+    least, largest = math.inf, 0.0
     for i in range(dim):
-        largest = max(largest, column_norm(axes, n, i))
-    return largest * largest
+        norm = column_norm(axes, n, i)
+        least, largest = min(least, norm), max(largest, norm)
+    return least * least, largest * largest
 
 
 @lean
@@ -208,7 +237,7 @@ def _most_excessive(axes, x, v, sources, g, scratch):
                 more = g * _distance(axes, x, v, sources.x, k)
                 value = _excess(axes, sources.h[k], sources.r[k], more, s, n, row)
                 if value > best and dim == 3:
-                    value = _exact_excess(axes, sources.h[k], sources.r[k], more, s, n)
+                    value = _extremes(axes, sources.h[k], sources.r[k], more, s, n)[1]
                 if value > best:
                     best, by = value, k
             continue
@@ -232,6 +261,85 @@ def _most_excessive(axes, x, v, sources, g, scratch):
             stack[size], bound[size] = near, at_near
             size += 1
     return best, by
+
+
+@lean
+def _most_excessive_of(axes, x, v, sources, some, count, g, scratch):
+    """Return the largest excess above `_MET` of some sources; 1 and -1 if there is none."""
+    best, by = _MET, np.int64(-1)
+    for i in range(count):
+        k = some[i]
+        more = g * _distance(axes, x, v, sources.x, k)
+        value = _extremes(axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n)[1]
+        if value > best:
+            best, by = value, k
+    return best, by
+
+
+@lean
+def _set_present(axes, joint, s):
+    """Fill S of the present metric (Out: s)."""
+    for i in range(len(axes)):
+        for j in range(len(axes)):
+            s[i, j] = joint.r_all[i, j] * joint.h_all[j]
+
+
+@lean
+def _dominating(axes, v, sources, g, scratch):
+    """Return a source whose grown metric is above that of source v, -1 if there is none."""
+    boxes, stack, x = sources.boxes, scratch.stack, sources.x
+    s, n, row, dim = scratch.s, scratch.n, scratch.row, len(axes)
+    m, n_leaves = x.shape[0], boxes.shape[0] // 2
+    for i in range(dim):
+        for j in range(dim):
+            s[i, j] = sources.r[v, i, j] * sources.h[v, j]
+    stack[0], size = 1, 1
+    while size > 0:
+        size -= 1
+        b = stack[size]
+        if b >= n_leaves:
+            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
+                more = g * _distance(axes, x, v, x, k)
+                if _extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > _ABOVE:
+                    return k
+            continue
+        near, far = 2 * b, 2 * b + 1
+        to_near = _distance_to_box(axes, boxes, near, x, v)
+        to_far = _distance_to_box(axes, boxes, far, x, v)
+        if to_far < to_near:
+            near, far, to_near, to_far = far, near, to_far, to_near
+        if to_far < math.inf:
+            _fill_relative(axes, sources.box_h[far], sources.box_r[far], g * to_far, s, n, row)
+            if _is_above(axes, n):
+                stack[size] = far
+                size += 1
+        _fill_relative(axes, sources.box_h[near], sources.box_r[near], g * to_near, s, n, row)
+        if _is_above(axes, n):
+            stack[size] = near
+            size += 1
+    return np.int64(-1)
+
+
+@lean_kernel
+def find_dominating(axes, first, last, sources, g, by, scratch):
+    """Find for each source another one whose grown metric is above its own.
+
+    The growth of the one then stays above that of the other everywhere, so that only sources for
+    which there is none can be active.
+
+    Parameters
+    ----------
+    axes : tuple of length dim
+    first, last : int
+        The part of the sources to process.
+    sources : Sources
+    g : float64
+    by : int32[m]
+        Out: the other source, -1 if there is none.
+    scratch : Scratch
+    """
+    for v in range(first, last):
+        by[v] = _dominating(axes, v, sources, g, scratch)
 
 
 @lean
@@ -273,7 +381,8 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
         Out: number of sources whose grown metrics determine the result.
     scratch : Scratch
     """
-    dim, joint, s = len(axes), scratch.joint, scratch.s
+    dim, joint, recent = len(axes), scratch.joint, scratch.recent
+    n_recent = np.int64(0)
     for position in range(first, last):
         v = order[position]
         _add(axes, joint, np.int64(0), h[v], r[v], 0.0, np.int64(-1))
@@ -283,10 +392,13 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
             count = np.int64(0)
         rough, best = True, 1.0
         for _ in range(_ROUNDS):
-            for i in range(dim):
-                for j in range(dim):
-                    s[i, j] = joint.r_all[i, j] * joint.h_all[j]
-            best, by = _most_excessive(axes, x, v, sources, g, scratch)
+            _set_present(axes, joint, scratch.s)
+            by = np.int64(-1)
+            if rough and n_recent > 0:
+                best, by = _most_excessive_of(axes, x, v, sources, recent, n_recent, g, scratch)
+                n_recent = n_recent if by >= 0 else np.int64(0)
+            if by < 0:
+                best, by = _most_excessive(axes, x, v, sources, g, scratch)
             if best <= _MET or _is_among(joint, count, by):
                 if not rough or count <= 2:
                     break
@@ -305,3 +417,8 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
             h[v, j] = joint.h_all[j] * scale
             for i in range(dim):
                 r[v, i, j] = joint.r_all[i, j]
+        n_recent = np.int64(0)
+        for i in range(count):
+            if joint.number[i] >= 0:
+                recent[n_recent] = joint.number[i]
+                n_recent += 1

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from adaptsize._kernels import metric_limit as kernels
-from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, read_only
-from adaptsize.metrics.algebra import with_finite_sizes
+from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, part_of, read_only
+from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 
-def sources_of(points: FloatArray, h: FloatArray, r: FloatArray, nodes: IntArray) -> kernels.Sources:
+def sources_of(
+    points: FloatArray, h: FloatArray, r: FloatArray, nodes: IntArray
+) -> kernels.Sources:
     """Return the metrics of some nodes as sources.
 
     Parameters
@@ -30,6 +34,40 @@ def sources_of(points: FloatArray, h: FloatArray, r: FloatArray, nodes: IntArray
     return sources
 
 
+def survivors_of(
+    points: FloatArray,
+    h: FloatArray,
+    r: FloatArray,
+    nodes: IntArray,
+    g: float,
+    threads: int,
+    report: ProgressCallback,
+) -> kernels.Sources:
+    """Return the sources among the nodes that no single other one dominates."""
+    sources = sources_of(points, h, r, nodes)
+    dim = points.shape[1]
+    by = np.empty(len(sources.number), np.int32)
+
+    def task(first: int, last: int) -> None:
+        kernels.find_dominating((0,) * dim, first, last, sources, g, by, kernels.new_scratch(dim))
+
+    in_chunks(task, len(by), threads, part_of(report, 0.0, 0.1))
+    return sources_of(points, h, r, np.sort(sources.number[by < 0]))
+
+
+class Limited(NamedTuple):
+    """Limited metrics."""
+
+    h: FloatArray
+    """float64[n, dim]: sizes."""
+    r: FloatArray
+    """float64[n, dim, dim]: directions."""
+    active: IntArray
+    """int32[n]: number of sources that determine the metric of each node."""
+    n_sources: int
+    """Number of sources that no other one dominates."""
+
+
 def limit_in_space(
     points: FloatArray,
     h: FloatArray,
@@ -37,26 +75,33 @@ def limit_in_space(
     g: float,
     threads: int,
     report: ProgressCallback,
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return the sizes and directions of the metrics limited along straight lines.
+) -> Limited:
+    """Return the metrics limited along straight lines.
 
-    Also returns the number of active sources of each node.
+    Parameters
+    ----------
+    points, h, r : float64[n, dim], float64[n, dim], float64[n, dim, dim]
+        Sizes may be inf, but not all.
+    g : float
+    threads : int
+        Number of threads, which does not change the result.
+    report : callable
     """
     bounded = np.flatnonzero(np.isfinite(h).any(axis=1)).astype(np.int32)
-    finite, unbounded = with_finite_sizes(h)
-    found = np.ascontiguousarray(r).copy()
+    scale = float(h.max(where=np.isfinite(h), initial=0.0))
+    finite, found = np.where(np.isfinite(h), h / scale, UNBOUNDED), np.array(r, order="C")
     active = np.zeros(len(h), np.int32)
-    if len(bounded):
-        dim = points.shape[1]
-        sources = sources_of(points, finite, found, bounded)
-        order, places = read_only(along_curve(points)), read_only(points)
+    places = points / scale
+    sources = survivors_of(places, finite, found, bounded, g, threads, report)
+    axes = (0,) * points.shape[1]
+    order, places = read_only(along_curve(places)), read_only(places)
 
-        def task(first: int, last: int) -> None:
-            scratch = kernels.new_scratch(dim)
-            kernels.limit_metrics(
-                (0,) * dim, places, order, first, last, sources, g, finite, found, active, scratch
-            )
+    def task(first: int, last: int) -> None:
+        scratch = kernels.new_scratch(len(axes))
+        kernels.limit_metrics(
+            axes, places, order, first, last, sources, g, finite, found, active, scratch
+        )
 
-        in_chunks(task, len(order), threads, report)
-    finite[finite >= unbounded] = np.inf
-    return finite, found, active
+    in_chunks(task, len(order), threads, part_of(report, 0.1, 1.0))
+    h = np.where(finite >= AS_UNBOUNDED, np.inf, finite * scale)
+    return Limited(h, found, active, len(sources.number))
