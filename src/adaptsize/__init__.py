@@ -65,6 +65,7 @@ _HOMES = {
 _SUBMODULES = (
     "adaptation",
     "background",
+    "bridges",
     "distributed",
     "domain_size",
     "errors",
