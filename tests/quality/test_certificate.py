@@ -56,6 +56,10 @@ def test_one_tetrahedron_far_away_is_no_mesh_of_a_cube():
     assert worst.point == (0.0, 0.0, 0.0)
 
 
+def test_sizes_so_small_that_the_ratio_overflows_are_not_met():
+    assert missed(SQUARE, size=5e-324) == ["edges"]
+
+
 def test_an_original_without_extent_is_refused():
     with pytest.raises(ValueError, match="original must not be a single point"):
         check_mesh(SQUARE, original=moved(SQUARE, 0.5, scale=0.0))

@@ -262,7 +262,7 @@ def _topology(new: Topology | None, old: Topology) -> Demand:
 
 def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Demand:
     ratio = edge_ratios(mesh, size)
-    known = np.flatnonzero(np.isfinite(ratio))
+    known = np.flatnonzero(~np.isnan(ratio))
     in_band = is_in_band(ratio[known])
     found = float(in_band.mean())
     text = f"{found:.1%} within a factor sqrt 2 of the size, {share:.0%} required"
