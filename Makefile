@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: lint test test-nojit test-bounds attack docs gallery examples bench clean
+.PHONY: lint test test-nojit test-bounds attack docs gallery examples bench dist clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -36,6 +36,11 @@ examples:
 
 bench:
 	$(PYTHON) benchmarks/limiting.py
+
+# One pure wheel and one source distribution, checked.  Needs: pip install build twine
+dist:
+	$(PYTHON) -m build --outdir dist
+	$(PYTHON) -m twine check --strict dist/*
 
 clean:
 	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist

@@ -6,15 +6,14 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files
 from adaptsize.cli.options import (
-    MAX_ELEMENTS,
     Across,
     Crease,
+    Elements,
     Field,
     Gradient,
     Input,
@@ -23,6 +22,7 @@ from adaptsize.cli.options import (
     MeshOutput,
     PerRadian,
     Picture,
+    Report,
     Smallest,
     Sources,
 )
@@ -31,8 +31,10 @@ from adaptsize.cli.size import as_dict, size_of_mesh
 from adaptsize.cli.sources import parse_source
 
 if TYPE_CHECKING:
+    from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
-    from adaptsize.cli.result import Outcome
+    from adaptsize.domain_size.report import SizeReport
+    from adaptsize.reporting.outcome import Outcome
 
 _BACKENDS = ("auto", "tetwild", "mmg", "gmsh")
 _TARGETS = ("auto", "tetrahedra", "triangles")
@@ -81,7 +83,7 @@ def remesh(
         typer.Option(
             metavar="NUMBER",
             help="Distance of the new boundary from the old one, over the diagonal.  "
-            "[default: 0.001, more if --max-elements requires it]",
+            "[default: 0.001, more if --max-elements or --elements requires it]",
         ),
     ] = None,
     close: Annotated[
@@ -96,11 +98,13 @@ def remesh(
             "bodies closer than the tolerance.",
         ),
     ] = False,
-    max_elements: MaxElements = MAX_ELEMENTS,
+    max_elements: MaxElements = None,
+    elements: Elements = None,
     timeout: Annotated[
         float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
     ] = 3600.0,
     plot: Picture = None,
+    page: Report = None,
 ) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
@@ -108,19 +112,32 @@ def remesh(
     """
     from adaptsize import remeshing
     from adaptsize._checks import as_number
-    from adaptsize.cli.result import outcome_of_remeshing
-    from adaptsize.domain_size.request import TOLERANCE
+    from adaptsize.domain_size.elements import reach_elements, tolerance_of
+    from adaptsize.domain_size.request import TOLERANCE, check_elements
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.io import read
     from adaptsize.remeshing.driver import check_backend
     from adaptsize.remeshing.registry import check_installed, is_usable
+    from adaptsize.reporting import report as write_report
+    from adaptsize.reporting.api import check_plotly
+    from adaptsize.reporting.outcome import outcome_of_remeshing
 
-    check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
+    check_files(
+        [file],
+        {
+            "--output": (output, "mesh"),
+            "--plot": (plot, "picture"),
+            "--report": (page, "report"),
+        },
+    )
+    if page is not None:
+        check_plotly()
     check_installed(backend)
     allowed = TOLERANCE
     if tolerance is not None:
         allowed = as_number("tolerance", tolerance, lower=0.0, strict=True)
     as_number("timeout", timeout, lower=0.0, strict=True)
+    check_elements(elements, max_elements)
     with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
     parts = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
     sources = [parse_source(text) for text in source or ()]
@@ -133,44 +150,67 @@ def remesh(
         elif close:
             raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
         _announce_format(console, output, mesh, target)
-        steps.begin("sizes")
-        found, report = size_of_mesh(
-            console,
-            mesh,
-            field,
-            elements_per_radian=elements_per_radian,
-            elements_across=elements_across,
-            g=gradient,
-            hmin=hmin,
-            hmax=hmax,
-            crease_angle=crease_angle,
-            tolerance=tolerance,
-            sources=sources,
-            max_elements=max_elements,
-            progress=steps.report,
-        )
-        if tolerance is None and np.isfinite(report.tolerance):
-            allowed = max(allowed, report.tolerance)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
-            new = remeshing.remesh(
+
+        def sized(number: float | None) -> tuple[SizeFunction, SizeReport]:
+            steps.begin("sizes")
+            return size_of_mesh(
+                console,
+                mesh,
+                field,
+                elements_per_radian=elements_per_radian,
+                elements_across=elements_across,
+                g=gradient,
+                hmin=hmin,
+                hmax=hmax,
+                crease_angle=crease_angle,
+                tolerance=tolerance,
+                sources=sources,
+                max_elements=max_elements,
+                elements=number,
+                progress=steps.report,
+            )
+
+        def meshed(found: SizeFunction, report: SizeReport) -> SimplexMesh:
+            new: SimplexMesh = remeshing.remesh(
                 mesh,
                 found,
                 target=target,
                 backend=backend,
                 g=gradient,
                 hmax=report.hmax,
-                tolerance=allowed,
+                tolerance=tolerance_of(report, tolerance),
                 timeout=timeout,
                 strict=strict,
                 progress=steps.following(lambda text: parts.get(text, text)),
             )
+            return new
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
+            if elements is None:
+                found, report = sized(None)
+                new = meshed(found, report)
+            else:
+                new, found, report = reach_elements(elements, sized, meshed)
+        allowed = tolerance_of(report, tolerance)
         new = new.with_data(point_data={"h": found(new.points)})
         steps.begin("writing")
         written = write_mesh(output, new)
         steps.begin("checks")
-        outcome = outcome_of_remeshing(new, mesh, found, report, allowed)
+        outcome = outcome_of_remeshing(new, mesh, found, report, allowed, elements)
         draw(console, plot, new)
+        if page is not None:
+            write_report(
+                page,
+                new,
+                found,
+                original=mesh,
+                size_report=report,
+                tolerance=allowed,
+                title=file.stem,
+                times=console.times,
+            )
+            console.say(f"report: {page}")
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
     _print_report(console, outcome, written)
 
