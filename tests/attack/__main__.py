@@ -12,6 +12,7 @@ from pathlib import Path
 
 from .cases import SHARES, class_of
 from .pool import outcomes
+from .worker import run_case
 
 
 def main() -> int:
@@ -32,7 +33,8 @@ def main() -> int:
     tried, failed, kinds = Counter(), Counter(), Counter()
     with open(arguments.report, "a", encoding="utf-8") as report:
         chosen = _until(began + arguments.seconds, numbers)
-        for done, outcome in enumerate(outcomes(chosen, arguments.jobs), 1):
+        found = outcomes(chosen, arguments.jobs) if arguments.jobs else map(run_case, chosen)
+        for done, outcome in enumerate(found, 1):
             tried[outcome["class"]] += 1
             if outcome["status"] != "ok":
                 failed[outcome["class"]] += 1
@@ -58,7 +60,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--start", type=int, help="the first number; by default a random one")
     parser.add_argument("--seed", type=int, help="run this case only, and say what it was")
     parser.add_argument("--only", choices=SHARES, help="run cases of this class only")
-    parser.add_argument("--jobs", type=int, default=2, help="children at a time")
+    jobs = "children at a time; 0 runs all cases in this process, without limits"
+    parser.add_argument("--jobs", type=int, default=2, help=jobs)
     parser.add_argument(
         "--report", type=Path, default=Path("/dev/null"), help="append a line of JSON per failure"
     )
