@@ -37,7 +37,7 @@ FOLDERS = {
     "docs/how-to": "how-to/README",
 }
 CONTENTS = {
-    "First steps": ["install", "troubleshooting"],
+    "First steps": ["install", "troubleshooting", "comparison"],
     "How to": [
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
         "how-to/export",
