@@ -145,19 +145,19 @@ def as_request(
 ) -> Request:
     """Return a request after checking its values."""
     most = check_elements(elements, max_elements)
-    for name, value in (("hmin", hmin), ("hmax", hmax)):
-        if value is not None:
-            as_number(name, value, lower=0.0, strict=True)
+    # As floats: arrays that are filled with an integer would hold integers.
+    if hmin is not None:
+        hmin = as_number("hmin", hmin, lower=0.0, strict=True)
+    if hmax is not None:
+        hmax = as_number("hmax", hmax, lower=0.0, strict=True)
     if tolerance is not None:
-        as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True)
+        tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True)
     if hmin is not None and hmax is not None and hmin > hmax:
         raise ValueError(f"hmin must be at most hmax = {hmax:g}, got {hmin:g}")
-    for name, value in (
-        ("elements_per_radian", elements_per_radian),
-        ("elements_across", elements_across),
-    ):
-        if value is not None:
-            as_number(name, value, lower=0.0)
+    if elements_per_radian is not None:
+        elements_per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0)
+    if elements_across is not None:
+        elements_across = as_number("elements_across", elements_across, lower=0.0)
     request = Request(
         elements_per_radian,
         elements_across,
