@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -203,11 +203,13 @@ def limit_requested(
     request: Request,
     weights: FloatArray | None = None,
     *,
+    options: Mapping[str, Any] | None = None,
     with_tolerance: bool = False,
 ) -> tuple[FloatArray, SizeReport]:
     """Return the minimum of several bounds, limited as requested, and its report.
 
-    With ``with_tolerance``, the bound from curvature is within the tolerance.
+    ``options`` are those of `limit_gradient`.  With ``with_tolerance``, the bound from curvature is
+    within the tolerance.
     """
     h, report = limit_bounds(
         background,
@@ -217,6 +219,7 @@ def limit_requested(
         hmax=limits[1],
         weights=weights,
         points=request.points(background.dim),
+        options=options,
         progress=request.report,
     )
     return h, replace(
