@@ -41,6 +41,7 @@ _TARGETS = ("auto", "tetrahedra", "triangles")
 
 #: Names of the parts of meshing by the texts of the generators' progress.
 _PARTS = {
+    "adapting the surface with Mmg": "surface",
     "filling the surface with Netgen": "first volume",
     "tetrahedralizing with pytetwild": "first volume",
     "adapting with Mmg": "Mmg",
