@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         surface_curvature,
     )
     from adaptsize.geometry.distance.api import signed_distance
+    from adaptsize.geometry.distance.function import SignedDistance
     from adaptsize.geometry.faces import tag_faces
     from adaptsize.geometry.level_sets import level_set_curvature
     from adaptsize.geometry.medial.axis import MedialAxis, medial_axis
@@ -26,6 +27,7 @@ _HOMES = {
     "crease_edges": "curvature",
     "polyline_curvature": "curvature",
     "surface_curvature": "curvature",
+    "SignedDistance": "distance.function",
     "signed_distance": "distance.api",
     "tag_faces": "faces",
     "level_set_curvature": "level_sets",
@@ -39,6 +41,7 @@ _HOMES = {
 __all__ = [
     "InscribedSpheres",
     "MedialAxis",
+    "SignedDistance",
     "corner_curvature",
     "crease_curvature",
     "crease_edges",
