@@ -75,24 +75,19 @@ def swept(mesh, metric, g, law):
 
 
 @njit
-def _pairwise(axes, x, order, sources, h, r, g, h_all, r_all, grown, k, n):
+def _two_by_two(axes, x, sources, h, r, g, law, h_all, r_all, grown, k, n):
     for v in range(x.shape[0]):
-        for s in range(sources.shape[0]):
-            y = sources[order[s]]
-            distance = 0.0
-            for d in range(len(axes)):
-                distance += (x[v, d] - x[y, d]) ** 2
-            for j in range(len(axes)):
-                grown[j] = h[y, j] + g * math.sqrt(distance)
+        for y in sources:
+            _grow(axes, x, y, v, h, r, g, law, grown)
             intersect_into(axes, h_all[v], r_all[v], grown, r[y], k, n)
 
 
-def pairwise(points, metric, g, order):
-    """Return the grown metrics of all nodes intersected two by two, in an order of the nodes."""
-    dim = points.shape[1]
+def two_by_two(mesh, metric, g, law, backwards=False):
+    """Return the grown metrics of all nodes intersected two by two, in the order of the nodes."""
+    points, dim = mesh.points, mesh.dim
     h_all, r_all = np.full(points.shape, _UNBOUNDED), np.tile(np.eye(dim), (len(points), 1, 1))
-    sources = np.flatnonzero(np.isfinite(metric.sizes).all(axis=1))
+    sources = np.flatnonzero(np.isfinite(metric.sizes).all(axis=1))[:: -1 if backwards else 1]
     scratch = np.empty(dim), np.empty((dim, dim)), np.empty((dim, dim))
-    _pairwise((0,) * dim, points, order, sources, metric.sizes, metric.directions, g, h_all, r_all,
-              *scratch)  # fmt: skip
+    _two_by_two((0,) * dim, points, sources.copy(), metric.sizes, metric.directions, g, law,
+                h_all, r_all, *scratch)  # fmt: skip
     return Metric(h_all, r_all)

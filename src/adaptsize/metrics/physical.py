@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels import metric_limit as kernels
-from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, part_of, read_only
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, part_of
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
