@@ -41,6 +41,7 @@ _HOMES = {
     "limit_gradient": "limiting",
     "Metric": "metrics",
     "isotropic_metric": "metrics",
+    "metric_from_curvature": "metrics",
     "metric_from_hessian": "metrics",
     "metric_from_layers": "metrics",
     "limit_metric": "metrics",
