@@ -8,9 +8,9 @@ import pytest
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
 from adaptsize.cli.entry import run
-from adaptsize.cli.result import Outcome
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.quality import size_conformity
+from adaptsize.reporting.outcome import Outcome
 
 DATA = Path(__file__).parents[2] / "data"
 CORNERS = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)

@@ -51,9 +51,9 @@ def image(
     A picture gives triangles, a volume gives tetrahedra.  Sizes come from the curvature of the
     boundaries of the objects and from their width.  Labels become the regions of the mesh.
     """
-    from adaptsize.cli.result import outcome_of_mesh
     from adaptsize.domain_size.images import mesh_image
     from adaptsize.io import read_image
+    from adaptsize.reporting.outcome import outcome_of_mesh
 
     check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
     sources = [parse_source(text) for text in source or ()]

@@ -134,6 +134,14 @@ Picture = Annotated[
         help="Also draw the result (.png).  [default: none]",
     ),
 ]
+Report = Annotated[
+    Path | None,
+    typer.Option(
+        "--report",
+        metavar="FILE",
+        help="Also write a page to look at, with the mesh in 3-D (.html).  [default: none]",
+    ),
+]
 Label = Annotated[
     list[int] | None,
     typer.Option(

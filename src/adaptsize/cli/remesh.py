@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from adaptsize.cli.console import Console, with_console
-from adaptsize.cli.files import beside, check_files
+from adaptsize.cli.files import beside, check_files, read_mesh
 from adaptsize.cli.options import (
     Across,
     Crease,
@@ -22,6 +22,7 @@ from adaptsize.cli.options import (
     MeshOutput,
     PerRadian,
     Picture,
+    Report,
     Smallest,
     Sources,
 )
@@ -32,8 +33,8 @@ from adaptsize.cli.sources import parse_source
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
-    from adaptsize.cli.result import Outcome
     from adaptsize.domain_size.report import SizeReport
+    from adaptsize.reporting.outcome import Outcome
 
 _BACKENDS = ("auto", "tetwild", "mmg", "gmsh")
 _TARGETS = ("auto", "tetrahedra", "triangles")
@@ -104,6 +105,7 @@ def remesh(
         float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
     ] = 3600.0,
     plot: Picture = None,
+    page: Report = None,
 ) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
@@ -111,27 +113,25 @@ def remesh(
     """
     from adaptsize import remeshing
     from adaptsize._checks import as_number
-    from adaptsize.cli.result import outcome_of_remeshing
     from adaptsize.domain_size.elements import reach_elements, tolerance_of
     from adaptsize.domain_size.request import TOLERANCE, check_elements
     from adaptsize.errors import OpenSurfaceWarning
-    from adaptsize.io import read
     from adaptsize.remeshing.driver import check_backend
-    from adaptsize.remeshing.registry import check_installed, is_usable
+    from adaptsize.remeshing.registry import check_installed
+    from adaptsize.reporting.outcome import outcome_of_remeshing
 
-    check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
+    _check_outputs(file, output, plot, page)
     check_installed(backend)
     allowed = TOLERANCE
     if tolerance is not None:
         allowed = as_number("tolerance", tolerance, lower=0.0, strict=True)
     as_number("timeout", timeout, lower=0.0, strict=True)
     check_elements(elements, max_elements)
-    with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
-    parts = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
+    parts = _names_of_parts(backend)
     sources = [parse_source(text) for text in source or ()]
     with console.steps(5) as steps:
         steps.begin("reading")
-        mesh = read(file)
+        mesh = read_mesh(file)
         check_backend(mesh, target, backend)  # type: ignore[arg-type]
         if mesh.cell_dim < mesh.dim and target != "triangles":
             mesh = _accepted(console, mesh, allowed * mesh.diagonal, close=close, strict=strict)
@@ -187,8 +187,44 @@ def remesh(
         steps.begin("checks")
         outcome = outcome_of_remeshing(new, mesh, found, report, allowed, elements)
         draw(console, plot, new)
+        _write_page(console, page, new, found, original=mesh, size_report=report, tolerance=allowed)
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
     _print_report(console, outcome, written)
+
+
+def _names_of_parts(backend: str) -> dict[str, str]:
+    """Return the names of the parts of meshing by the texts of the generators' progress."""
+    from adaptsize.remeshing.registry import is_usable
+
+    with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
+    return _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
+
+
+def _check_outputs(file: Path, output: Path, plot: Path | None, page: Path | None) -> None:
+    """Refuse files that cannot be written, before the work."""
+    from adaptsize.reporting.api import check_plotly
+
+    check_files(
+        [file],
+        {
+            "--output": (output, "mesh"),
+            "--plot": (plot, "picture"),
+            "--report": (page, "report"),
+        },
+    )
+    if page is not None:
+        check_plotly()
+
+
+def _write_page(
+    console: Console, page: Path | None, mesh: SimplexMesh, size: SizeFunction, **options: Any
+) -> None:
+    """Write the page to look at, if one is requested."""
+    from adaptsize.reporting import report
+
+    if page is not None:
+        report(page, mesh, size, times=console.times, **options)
+        console.say(f"report: {page}")
 
 
 def _print_report(console: Console, outcome: Outcome, written: list[dict[str, Any]]) -> None:

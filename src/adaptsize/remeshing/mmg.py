@@ -105,7 +105,8 @@ class MmgBackend:
                 best, best_share = made, share
             if share >= GOOD_SHARE:
                 break
-            factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
+            if median > 0.0:  # Mmg may return coincident nodes
+                factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
         return _raw(best)
 
 
@@ -150,9 +151,11 @@ def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> 
 
 def obedience(size: Size, made: Mapping[str, npt.NDArray[Any]]) -> tuple[float, float]:
     """Return the share of edges within sqrt 2 of the requested length, and the median ratio."""
+    from adaptsize.quality.conformity import is_in_band
+
     edges, lengths = _edges(made)
     ratio = lengths / size(made["points"][edges].mean(axis=1))
-    return float((np.abs(np.log(ratio)) <= 0.5 * np.log(2.0)).mean()), float(np.median(ratio))
+    return float(is_in_band(ratio).mean()), float(np.median(ratio))
 
 
 def adapt(

@@ -1,4 +1,4 @@
-"""What ``adaptsize remesh`` and ``image`` report: how good a mesh is, and what is out of bounds."""
+"""A new mesh compared with the request: how good it is, and what is out of bounds."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from adaptsize.cli.output import kind_of
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
@@ -24,6 +22,14 @@ _LEAST_IN_BAND = 0.8
 _LEAST_ANGLE = 5.0
 # ... and a volume that has changed by more than this share.
 _VOLUME_CHANGE = 0.01
+
+
+_KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
+
+
+def kind_of(mesh: SimplexMesh) -> str:
+    """Return the name of the cells of a mesh."""
+    return _KINDS[mesh.cell_dim]
 
 
 @dataclass(frozen=True)
@@ -67,8 +73,9 @@ class Outcome:
             result["measure_change"] = self.change
         return result
 
-    def __str__(self) -> str:
-        """Return one line per topic."""
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Topics, and what was found on each."""
         found = self.conformity
         cells = f"{found.n_cells} {self.kind}"
         if self.excess is not None:
@@ -84,7 +91,11 @@ class Outcome:
             rows.append(("boundary", f"{text}, tolerance {self.tolerance:.2g}"))
         if self.change is not None:
             rows.append((self._measure, f"changed by {self.change:+.2%}"))
-        return "\n".join(f"{name:10}{text}" for name, text in rows)
+        return rows
+
+    def __str__(self) -> str:
+        """Return one line per topic."""
+        return "\n".join(f"{name:10}{text}" for name, text in self.rows)
 
     @property
     def _measure(self) -> str:
