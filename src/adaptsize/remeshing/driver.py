@@ -46,7 +46,7 @@ _LEAST_ANGLE = 2.0
 
 #: Processor time, in all and per cell, after which the generator is stopped while it adapts a first
 #: volume.  On closed parts, it needed a fifth of that.
-_SECONDS = 20.0
+_SECONDS = 10.0
 _SECONDS_PER_CELL = 1e-3
 
 Target = Literal["auto", "tetrahedra", "triangles"]
@@ -140,7 +140,9 @@ def remesh(
         If a surface to be filled is open, or has bodies that are closer to each other than the
         tolerance: what it encloses is then decided by the generator.  See `close_holes`.
     ResolutionWarning
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if Mmg
+        fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills
+        it with.
 
     Notes
     -----
