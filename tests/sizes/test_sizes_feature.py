@@ -248,4 +248,4 @@ def test_a_bad_corner_angle_is_refused_for_all_methods(angle):
         return np.linalg.norm(x, axis=1) - 30.0
 
     with pytest.raises(ValueError, match="corner_angle must be"):
-        size_from_feature(jittered_cube(3, 842), distance, 2.0, corner_angle=angle)
+        size_from_feature(jittered_cube(3, 842), distance, corner_angle=angle)
