@@ -18,9 +18,10 @@ from adaptsize._checks import (
 )
 from adaptsize._progress import reporting
 from adaptsize.distributed.exact import Given, solve_exact
+from adaptsize.distributed.marching import solve_fast_marching
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
-from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
+from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize, ProgressCallback
 
 _METHODS = ("auto", "exact", "fast-marching")
 
@@ -103,13 +104,13 @@ def limit_gradient(
     """
     check_type("part", part, PartitionedMesh)
     comm = part.comm
-    bound, values, own = comm.agree(lambda: _checked(part, h0, g, method, face_sources))
+    bound, slope, limit, own = comm.agree(lambda: _checked(part, h0, g, method, face_sources))
     every: list[_Limit] = comm.allgather(own)
     least = min(limit.least for limit in every)
     if least == np.inf:
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     for name in ("number", "method", "face_sources"):
-        if len({getattr(limit, name) for limit in every if limit.varies == own.varies}) > 1:
+        if len({getattr(limit, name) for limit in every} - {None}) > 1:
             what = "g" if name == "number" else name
             raise ValueError(f"{what} must be the same on all ranks")
     varies = any(limit.varies for limit in every)
@@ -118,15 +119,18 @@ def limit_gradient(
     if method == "exact" and (varies or part.cell_dim < part.dim):
         raise ValueError("method='exact' needs a flat domain of full dimension and one number g")
     transform = None
-    if isinstance(values, tuple):
+    if limit is not None:
         finite = np.array([least, max(limit.largest for limit in every)])
-        transform = comm.agree(lambda: SizeTransform(values[1], *finite.tolist()))
+        transform = comm.agree(lambda: SizeTransform(limit, *finite.tolist()))
     u0 = bound if transform is None else transform.forward(bound)
     with reporting(progress) as report:
         if method == "exact":
-            number = 1.0 if own.number is None else own.number
+            number = next(limit.number for limit in every if limit.number is not None)
             u = solve_exact(part, u0, Given(number, face_sources, threads, report))
-        if method != "exact" or u is None:
+        else:
+            marched = solve_fast_marching(part, u0, slope, report)
+            u = None if marched is None else marched.h
+        if u is None:
             options = {"method": method, "face_sources": face_sources, "threads": threads}
             return _collected(part, bound, g, options)
     if transform is None:
@@ -137,8 +141,8 @@ def limit_gradient(
 
 def _checked(
     part: PartitionedMesh, h0: npt.ArrayLike, g: Any, method: str, face_sources: bool
-) -> tuple[FloatArray, Any, _Limit]:
-    """Return the checked bounds, g, and facts about them."""
+) -> tuple[FloatArray, Slope, GradientOfSize | None, _Limit]:
+    """Return the checked bounds, slopes, g(h) if there is one, and facts about them."""
     one_of("method", method, _METHODS)
     as_flag("face_sources", face_sources)
     check_range("part", part.points)
@@ -146,18 +150,16 @@ def _checked(
     if given.ndim == 0:
         given = np.full(part.n_points, float(given))
     bound = as_sizes("h0", given, part.nodal_shape)
-    in_space, limit = g, g
+    in_space, limit = g, None
     if isinstance(g, tuple) and len(g) == 2 and callable(g[1]):
-        in_space = g[0]
+        in_space, limit = g
     elif callable(g):
-        in_space, limit = 1.0, (1.0, g)
+        in_space, limit = 1.0, g
     slope = Slope(np.array([1.0]))
     is_array = np.ndim(in_space) > 0
     if part.mesh is not None:
         slope = resolve(part.mesh, in_space, bound)[0]
-    number = None if is_array else float(np.asarray(in_space, dtype=np.float64))
-    if part.mesh is not None and not is_array:
-        number = float(slope.values[0])
+    number = float(slope.values[0]) if part.mesh is not None and not is_array else None
     finite = bound[np.isfinite(bound)]
     facts = _Limit(
         float(finite.min(initial=np.inf)),
@@ -167,7 +169,7 @@ def _checked(
         method,
         face_sources,
     )
-    return bound, limit, facts
+    return bound, slope, limit, facts
 
 
 def _collected(

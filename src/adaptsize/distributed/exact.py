@@ -146,7 +146,9 @@ def _merge_corners(
     lowered[:] = np.array([own[2] for own in every])[best]
 
 
-def _local_facets(piece: Piece, skeleton: Skeleton) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
+def _local_facets(
+    piece: Piece, skeleton: Skeleton
+) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
     """Return the facets of the boundary both of whose nodes are on this rank, as local nodes."""
     at = np.minimum(np.searchsorted(piece.ids, skeleton.ids), max(len(piece.ids) - 1, 0))
     if piece.is_empty:
