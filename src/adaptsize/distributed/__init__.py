@@ -4,6 +4,7 @@ from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.communicator import Communicator, Traffic, as_communicator
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.simulated import SimulatedCommunicator
+from adaptsize.distributed.sizes import predicted_elements, size_from_error
 
 __all__ = [
     "Communicator",
@@ -12,4 +13,6 @@ __all__ = [
     "Traffic",
     "as_communicator",
     "limit_gradient",
+    "predicted_elements",
+    "size_from_error",
 ]

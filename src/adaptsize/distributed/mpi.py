@@ -48,6 +48,8 @@ class MpiCommunicator(Communicator):
         from mpi4py import MPI
 
         given = np.asarray(value)
+        if given.dtype == np.bool_:  # MPI has no minimum of these
+            given = given.astype(np.int8)
         self._count(given.nbytes)
         merge = {"sum": MPI.SUM, "min": MPI.MIN, "max": MPI.MAX}[op]
         result = np.empty(given.shape, given.dtype)
