@@ -56,6 +56,7 @@ _HOMES = {
 _SUBMODULES = (
     "adaptation",
     "background",
+    "distributed",
     "domain_size",
     "errors",
     "geometry",
