@@ -1,0 +1,115 @@
+"""Meshes of DOLFINx as partitioned meshes."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptsize._checks import describe
+from adaptsize.background import SimplexMesh
+from adaptsize.distributed.communicator import as_communicator
+from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.numbering import number_nodes
+from adaptsize.typing import FloatArray, IntArray
+
+_KINDS = {"interval": 1, "triangle": 2, "tetrahedron": 3}
+
+
+class DolfinxPart(NamedTuple):
+    """A mesh of DOLFINx as a `PartitionedMesh`, and how their nodes and cells correspond."""
+
+    part: PartitionedMesh
+    nodes: IntArray
+    """``nodes[i]`` is the row of ``mesh.geometry.x`` of local node i."""
+    cells: IntArray
+    """``cells[c]`` is the cell of the DOLFINx mesh of local cell c."""
+    vertices: IntArray
+    """``vertices[i]`` is the vertex (the dof of linear Lagrange elements) of local node i."""
+
+
+def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) -> DolfinxPart:
+    """Return the part of a ``dolfinx.mesh.Mesh`` on each rank; collective.
+
+    Parameters
+    ----------
+    mesh : dolfinx.mesh.Mesh
+        Of affine intervals, triangles or tetrahedra, in DOLFINx 0.8 or later.  Ghost cells are
+        left out.
+    cell_tags, facet_tags : dolfinx.mesh.MeshTags, optional
+        Tags of cells and facets, which become those of the `SimplexMesh`.
+
+    Returns
+    -------
+    DolfinxPart
+        Nodal values h of ``part`` become those of a function of linear Lagrange elements by
+        ``f.x.array[found.vertices] = h``, followed by ``f.x.scatter_forward()``.
+
+    Raises
+    ------
+    ValueError
+        If the argument is not such a mesh.
+    """
+    try:
+        topology, geometry, comm = mesh.topology, mesh.geometry, as_communicator(mesh.comm)
+        kind = topology.cell_name()
+        width = np.asarray(_dofmap(geometry)).shape[1]
+    except AttributeError as error:
+        raise ValueError(f"mesh must be a dolfinx.mesh.Mesh, got {describe(mesh)}") from error
+    if kind not in _KINDS or width != _KINDS[kind] + 1:
+        raise ValueError(f"mesh must have affine simplices, got {kind} with {width} nodes")
+    dim = _KINDS[kind]
+    topology.create_connectivity(dim, 0)
+    n_cells = topology.index_map(dim).size_local
+    rows = np.asarray(_dofmap(geometry))[:n_cells]
+    of_vertices = np.asarray(topology.connectivity(dim, 0).array)[: rows.size].reshape(rows.shape)
+    nodes, local = np.unique(rows, return_inverse=True)
+    vertices = np.empty(len(nodes), np.int32)
+    vertices[local.ravel()] = of_vertices.ravel()
+    keys = geometry.index_map().local_to_global(nodes.astype(np.int32)).astype(np.int64)
+    ids, owner = number_nodes(comm, keys)
+    piece = None
+    if n_cells:
+        points = _points(mesh, geometry.x[nodes])
+        tags: dict[str, Any] = {}
+        if cell_tags is not None:
+            tags["cell_tags"] = _cell_tags(cell_tags, n_cells)
+        if facet_tags is not None:
+            facets, values = _tagged_facets(topology, facet_tags, dim)
+            number = np.full(topology.index_map(0).size_local + topology.index_map(0).num_ghosts, -1)
+            number[vertices] = np.arange(len(nodes))
+            facets = number[facets]
+            held = (facets >= 0).all(axis=1)
+            tags |= {"tagged_facets": facets[held].astype(np.int32), "facet_tags": values[held]}
+        piece = SimplexMesh(points, local.reshape(rows.shape).astype(np.int32), **tags)
+    first = topology.index_map(dim).local_range[0]
+    part = PartitionedMesh(piece, ids, owner, comm, cell_ids=first + np.arange(n_cells))
+    return DolfinxPart(part, nodes.astype(np.int32), np.arange(n_cells, dtype=np.int32), vertices)
+
+
+def _dofmap(geometry: Any) -> Any:
+    """Return the nodes of the cells; ``dofmaps`` became an attribute in DOLFINx 0.11."""
+    maps = getattr(geometry, "dofmaps", None)
+    if maps is None:
+        return geometry.dofmap
+    return maps(0) if callable(maps) else maps[0]
+
+
+def _points(mesh: Any, x: FloatArray) -> FloatArray:
+    """Return the coordinates; DOLFINx stores three in any dimension."""
+    return np.ascontiguousarray(x[:, : mesh.geometry.dim])
+
+
+def _cell_tags(tags: Any, n_cells: int) -> IntArray:
+    """Return one tag per cell, 0 for cells without one."""
+    values = np.zeros(n_cells, np.int32)
+    own = np.asarray(tags.indices) < n_cells
+    values[np.asarray(tags.indices)[own]] = np.asarray(tags.values)[own]
+    return values
+
+
+def _tagged_facets(topology: Any, tags: Any, dim: int) -> tuple[IntArray, IntArray]:
+    """Return the vertices of tagged facets, and the tags."""
+    topology.create_connectivity(dim - 1, 0)
+    links = np.asarray(topology.connectivity(dim - 1, 0).array).reshape(-1, dim)
+    return links[np.asarray(tags.indices)], np.asarray(tags.values, np.int32)
