@@ -48,7 +48,9 @@ def read_parts(path: str | os.PathLike[str], comm: Any = None) -> PartitionedMes
     suffix = file.suffix.lower()
     if suffix == ".pvtu":
         names = ranks.agree(lambda: pvtu.names_of_pieces(file))
-        own = ranks.agree(lambda: [pvtu.read_piece(name) for name in names[ranks.rank :: ranks.size]])
+        own = ranks.agree(
+            lambda: [pvtu.read_piece(name) for name in names[ranks.rank :: ranks.size]]
+        )
         return from_pieces(ranks, [piece for piece in own if piece is not None])
     if suffix == ".msh":
         names = ranks.bcast(gmsh_parts.split_files(file) if ranks.rank == 0 else [])

@@ -76,7 +76,9 @@ def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) ->
             tags["cell_tags"] = _cell_tags(cell_tags, n_cells)
         if facet_tags is not None:
             facets, values = _tagged_facets(topology, facet_tags, dim)
-            number = np.full(topology.index_map(0).size_local + topology.index_map(0).num_ghosts, -1)
+            number = np.full(
+                topology.index_map(0).size_local + topology.index_map(0).num_ghosts, -1
+            )
             number[vertices] = np.arange(len(nodes))
             facets = number[facets]
             held = (facets >= 0).all(axis=1)

@@ -41,5 +41,6 @@ def _by_metis(mesh: SimplexMesh, n_parts: int) -> IntArray:
     graph = (incidence @ incidence.T).tocsr()
     graph.setdiag(0)
     graph.eliminate_zeros()
-    found = pymetis.part_graph(n_parts, xadj=graph.indptr, adjncy=graph.indices)
+    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+    found = pymetis.part_graph(n_parts, adjacency)
     return np.asarray(found[1], np.int32)

@@ -118,4 +118,3 @@ def _with_common_tags(comm: Communicator, mesh: SimplexMesh | None) -> SimplexMe
         added["tagged_facets"] = np.empty((0, mesh.cell_dim), np.int32)
         added["facet_tags"] = np.empty(0, np.int32)
     return replace(mesh, **added) if added else mesh
-
