@@ -71,9 +71,12 @@ def _joined(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
         if mesh.tagged_facets is not None
     ]
     if rows:
-        tagged["tagged_facets"] = np.concatenate(rows)
+        # A facet between two pieces may be in both.
+        facets = np.concatenate(rows)
+        once = np.sort(np.unique(np.sort(facets, axis=1), axis=0, return_index=True)[1])
         tags = [mesh.facet_tags for mesh in meshes if mesh.facet_tags is not None]
-        tagged["facet_tags"] = np.concatenate(tags)
+        tagged["tagged_facets"] = facets[once]
+        tagged["facet_tags"] = np.concatenate(tags)[once]
     mesh = SimplexMesh(
         np.concatenate([mesh.points for mesh in meshes])[first],
         np.concatenate(cells),

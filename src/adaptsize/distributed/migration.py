@@ -1,0 +1,82 @@
+"""Cells that move from rank to rank, and interfaces between parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize.distributed.communicator import split_rows
+from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.parts import cut_part
+from adaptsize.distributed.pieces import Piece, from_pieces
+from adaptsize.typing import IntArray
+
+
+def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
+    """Return the same mesh with each cell on another rank; collective.
+
+    Tags and fields move with the cells.  Nodes in no cell are left out, and nodes get new numbers.
+    """
+    pieces: list[Piece | None] = [None] * part.comm.size
+    if part.mesh is not None:
+        nobody = np.full(part.n_points, -1, np.int32)
+        for rank in np.unique(rank_of_cells).tolist():
+            cut = cut_part(part.mesh, rank_of_cells, nobody, rank)
+            if cut.mesh is not None:
+                pieces[rank] = Piece(cut.mesh, part.global_ids[cut.global_ids])
+    received = part.comm.alltoall(pieces)
+    return from_pieces(part.comm, [piece for piece in received if piece is not None])
+
+
+def interface_facets(part: PartitionedMesh) -> IntArray:
+    """Return the facets that this rank shares with others, as local nodes; collective.
+
+    Two exchanges: each candidate goes to a rank that follows from its lowest node, which counts
+    the ranks that have it.
+    """
+    comm, dim = part.comm, part.cell_dim
+    facets = np.empty((0, dim), np.int32)
+    if part.mesh is not None and comm.size > 1:
+        is_shared = np.zeros(part.n_points, bool)
+        is_shared[part.shared.every] = True
+        free = part.mesh.facets[part.mesh.facet_cell_counts == 1]
+        facets = free[is_shared[free].all(axis=1)]
+    elif comm.size > 1:
+        _ = part.shared  # collective
+    keys = np.sort(part.global_ids[facets], axis=1)
+    at = keys[:, 0] % comm.size
+    order = np.argsort(at, kind="stable")
+    asked = comm.alltoallv(split_rows(keys, at, comm.size))
+    rows = np.concatenate(asked)
+    by = np.repeat(np.arange(comm.size), [len(part) for part in asked])
+    count = np.zeros(0, np.int64)
+    if len(rows):
+        _, group, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+        count = times[group.ravel()]
+    found = np.empty(len(keys), np.int64)
+    found[order] = np.concatenate(comm.alltoallv(split_rows(count, by, comm.size)))
+    between: IntArray = facets[found > 1]
+    return between
+
+
+def displaced(part: PartitionedMesh, layers: int) -> IntArray:
+    """Return a rank for each cell such that present interfaces lie inside parts; collective.
+
+    Parts with fewer cells grow by some layers of cells into those with more; of equal ones, that of
+    the lower rank.  One exchange for each layer.
+    """
+    comm = part.comm
+    counts = np.array(comm.allgather(part.n_cells))
+    by_priority = np.lexsort((-np.arange(comm.size), -counts))  # the last one grows most
+    priority = np.empty(comm.size)
+    priority[by_priority] = np.arange(comm.size)
+    of_cells = np.full(part.n_cells, priority[comm.rank])
+    for _ in range(layers):
+        of_nodes = np.full(part.n_points, -1.0)
+        if part.n_cells:
+            np.maximum.at(of_nodes, part.cells, of_cells[:, None])
+        of_nodes = part.maximum(of_nodes)
+        if part.n_cells:
+            of_cells = of_nodes[part.cells].max(axis=1)
+    return by_priority[of_cells.astype(np.int64)].astype(np.int32)
+
+
