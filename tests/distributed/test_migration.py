@@ -5,7 +5,7 @@ import pytest
 
 from adaptsize import SimplexMesh
 from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
-from adaptsize.distributed.migration import displaced, interface_facets, migrate
+from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
 
 
 def _square(n):
@@ -98,3 +98,17 @@ def test_displacement_puts_interfaces_inside():
         1, lambda comm: displaced(PartitionedMesh.from_serial(mesh, None, comm), 3)
     )
     assert (alone[0] == 0).all()
+
+
+def test_balanced_parts():
+    mesh = _square(30)
+    ranks = np.random.default_rng(662).choice([0, 3], mesh.n_cells, p=[0.9, 0.1])
+
+    def run(comm):
+        part = PartitionedMesh.from_serial(mesh, ranks, comm)
+        moved = migrate(part, balanced(part))
+        return moved.n_cells, len(interface_facets(moved))
+
+    n_cells, n_facets = zip(*SimulatedCommunicator.run(4, run), strict=True)
+    assert max(n_cells) < 1.05 * mesh.n_cells / 4
+    assert sum(n_facets) < 400  # 1 250 in parts of random cells

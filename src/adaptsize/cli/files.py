@@ -46,7 +46,7 @@ def check_files(
                 raise ValueError(f"{option} must end in {', '.join(_PICTURES)}, got {str(path)!r}")
         else:
             _check_format(path, content)
-        _check_place(path)
+        check_place(path)
         for written in (path, beside(path) if content == "mesh" else None):
             if written is None:
                 continue
@@ -97,7 +97,8 @@ def check_cells(path: Path, mesh: SimplexMesh) -> None:
         )
 
 
-def _check_place(path: Path) -> None:
+def check_place(path: Path) -> None:
+    """Refuse a directory, and a place where no file can be written."""
     folder = path.parent
     if path.is_dir():
         raise ValueError(f"{path}: is a directory")

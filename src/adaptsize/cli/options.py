@@ -179,3 +179,9 @@ MaxElements = Annotated[
         "elements.  [default: 300000]",
     ),
 ]
+Mpi = Annotated[
+    bool,
+    typer.Option(
+        "--mpi", help="Run on all ranks of MPI.  Without it, if mpiexec has started several."
+    ),
+]

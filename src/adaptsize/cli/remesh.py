@@ -11,6 +11,7 @@ import typer
 
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files
+from adaptsize.cli.in_parts import refuse_in_parts, remesh_in_parts, runs_in_parts
 from adaptsize.cli.options import (
     MAX_ELEMENTS,
     Across,
@@ -21,6 +22,7 @@ from adaptsize.cli.options import (
     Largest,
     MaxElements,
     MeshOutput,
+    Mpi,
     PerRadian,
     Picture,
     Smallest,
@@ -101,11 +103,38 @@ def remesh(
         float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
     ] = 3600.0,
     plot: Picture = None,
+    mpi: Mpi = False,
+    gather: Annotated[
+        bool, typer.Option("--gather", help="Under MPI, mesh on one rank instead of in parts.")
+    ] = False,
 ) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
     Parameters that are not given are chosen from the part, and the values are printed.
     """
+    if runs_in_parts(console, file, output, mpi=mpi):
+        sizes = {
+            "--elements-per-radian": elements_per_radian is not None,
+            "--elements-across": elements_across is not None,
+            "--source": bool(source),
+        }
+        others = {
+            "--close": close,
+            "--strict": strict,
+            "--plot": plot is not None,
+            "--target triangles": target == "triangles",
+            f"--backend {backend}": backend not in ("auto", "mmg"),
+        }
+        refuse_in_parts(sizes | others)
+        limits = (0.0 if hmin is None else hmin, np.inf if hmax is None else hmax)
+        options = {
+            "how": "gather" if gather else "parts",
+            "tolerance": 1e-3 if tolerance is None else tolerance,
+            "max_elements": max_elements,
+            "timeout": timeout,
+        }
+        remesh_in_parts(console, file, output, field, gradient, limits, options)
+        return
     from adaptsize import remeshing
     from adaptsize._checks import as_number
     from adaptsize.cli.result import outcome_of_remeshing

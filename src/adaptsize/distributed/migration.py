@@ -10,6 +10,10 @@ from adaptsize.distributed.parts import cut_part
 from adaptsize.distributed.pieces import Piece, from_pieces
 from adaptsize.typing import IntArray
 
+# Bits per axis of keys along a Morton curve, and keys that each rank contributes to the division.
+_BITS = 20
+_SAMPLES = 1000
+
 
 def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
     """Return the same mesh with each cell on another rank; collective.
@@ -80,3 +84,30 @@ def displaced(part: PartitionedMesh, layers: int) -> IntArray:
     return by_priority[of_cells.astype(np.int64)].astype(np.int32)
 
 
+def balanced(part: PartitionedMesh) -> IntArray:
+    """Return a rank for each cell such that all have about the same number; collective.
+
+    Cells along a Morton curve are divided into pieces of equal length, to about 1 % of a share.
+    """
+    comm = part.comm
+    centroids = part.points[part.cells].mean(axis=1)
+    low, high = centroids.min(axis=0, initial=np.inf), -centroids.max(axis=0, initial=-np.inf)
+    ends = comm.allreduce(np.concatenate([low, high]), "min")
+    width = float((-ends[part.dim :] - ends[: part.dim]).max())
+    scale = (2**_BITS - 1) / width if width > 0.0 else 0.0
+    steps = ((centroids - ends[: part.dim]) * scale).astype(np.int64)
+    keys = np.zeros(len(steps), np.int64)
+    for bit in range(_BITS):
+        for axis in range(part.dim):
+            keys |= ((steps[:, axis] >> bit) & 1) << (bit * part.dim + axis)
+    count = min(_SAMPLES, len(keys))
+    at = (np.arange(count) + 0.5) * len(keys) / max(count, 1)
+    own = np.sort(keys)[at.astype(np.int64)]
+    every = comm.allgather((own, np.full(count, len(keys) / max(count, 1))))
+    samples = np.concatenate([keys for keys, _ in every])
+    weights = np.concatenate([weights for _, weights in every])
+    order = np.argsort(samples, kind="stable")
+    share = np.cumsum(weights[order]) / weights.sum()
+    cuts = np.searchsorted(share, np.arange(1, comm.size) / comm.size)
+    ranks: IntArray = np.searchsorted(samples[order[cuts]], keys, side="left").astype(np.int32)
+    return ranks

@@ -14,7 +14,7 @@ from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.interface_quality import InterfaceQuality, measure_interfaces
 from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.migration import displaced, interface_facets, migrate
+from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
 from adaptsize.distributed.numbering import number_nodes
 from adaptsize.distributed.transfer import interpolate
 from adaptsize.errors import BackendError
@@ -23,6 +23,9 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 # Layers of cells by which interfaces move.  Cells as far as 2 to 3 from an interface suffer from
 # its frozen facets.
 _LAYERS = 5
+
+# Parts are divided anew in the end if one has more cells than the mean times this.
+_IMBALANCE = 1.2
 
 How = Literal["parts", "gather"]
 
@@ -49,7 +52,7 @@ def remesh(
     h: npt.ArrayLike,
     *,
     how: How = "parts",
-    rounds: int = 3,
+    rounds: int = 2,
     tolerance: float = 1e-3,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,
@@ -68,7 +71,7 @@ def remesh(
         "parts": each rank remeshes its part by Mmg, with the facets between parts frozen.  Then
         parts move, so that these facets lie inside, and the next round begins.
         "gather": rank 0 remeshes the whole mesh and distributes it again.
-    rounds : int, default 3
+    rounds : int, default 2
         Number of rounds of "parts".
     tolerance, max_elements, timeout
         As for `adaptsize.remesh`.  ``max_elements`` applies to each rank.
@@ -150,6 +153,8 @@ def _by_parts(
         own = work
         made = work.comm.agree(lambda: _remeshed(own, h, frozen, diagonal, options))  # noqa: B023
         work = _stitched(work, made, frozen)
+    if max(work.comm.allgather(work.n_cells)) * work.comm.size > _IMBALANCE * work.n_global_cells:
+        work = migrate(work, balanced(work))
     return work, np.concatenate(part.comm.allgather(np.concatenate(places)))
 
 
@@ -180,9 +185,7 @@ def _remeshed(
     )
 
 
-def _stitched(
-    old: PartitionedMesh, mesh: SimplexMesh | None, frozen: IntArray
-) -> PartitionedMesh:
+def _stitched(old: PartitionedMesh, mesh: SimplexMesh | None, frozen: IntArray) -> PartitionedMesh:
     """Return the new meshes of the parts as one mesh.
 
     Frozen nodes have the same coordinates, bit for bit, and keep their numbers.

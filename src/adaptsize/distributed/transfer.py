@@ -219,7 +219,7 @@ def _overlap_sums(
         overlap = overlaps_of(old.mesh, sent, lambda text, share: None)
         return np.column_stack([np.asarray(overlap.sum(axis=1)).ravel(), overlap @ columns])
 
-    flat = corners.reshape(len(corners), -1)
+    flat = corners.reshape(len(corners), shape[0] * shape[1])
     parts = _answers(old, flat, which, rank, answer)
     sums = np.zeros((len(corners), parts.shape[1]))
     np.add.at(sums, which, parts)  # in order of rank
