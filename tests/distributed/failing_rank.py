@@ -1,4 +1,4 @@
-"""The command line, with a fault planted on one rank: python failing_rank.py PHASE RANK ARGUMENT..."""
+"""The command line with a fault planted on one rank: failing_rank.py PHASE RANK ARGUMENT..."""
 
 import os
 import signal
@@ -13,8 +13,8 @@ from adaptsize.distributed import files, pvtu
 
 phase, rank = sys.argv[1], int(sys.argv[2])
 
-# The module and the function in which each phase fails.  "alone" and "bug" fail where the other ranks
-# wait for this one; "killed" dies there.
+# The module and the function in which each phase fails.  "alone" and "bug" fail where the other
+# ranks wait for this one; "killed" dies there.
 PLACES = {
     "reading": (pvtu, "read_piece"),
     "alone": (adaptsize.distributed, "limit_gradient"),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.pieces import Piece
+from adaptsize.distributed.assembly import Piece
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import IntArray
 

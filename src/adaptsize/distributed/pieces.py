@@ -1,123 +1,119 @@
-"""Pieces of a mesh, read from files, as a partitioned mesh."""
+"""Connected components of a distributed mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.communicator import Communicator
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.numbering import keys_of_points, number_nodes
-
-Ids = npt.NDArray[np.int64]
-
-#: Name of the nodal field with the numbers of the nodes in the whole mesh.
-NODE_NUMBERS = "GlobalPointIds"
+from adaptsize.distributed.mesh import Ids, PartitionedMesh
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
 class Piece(NamedTuple):
-    """Some cells of a mesh."""
+    """The part of one component on this rank, nodes in the order of the whole mesh.
 
+    Methods then see nodes, edges and facets in the same order as in the whole mesh, and round
+    alike.
+    """
+
+    comm: Communicator
     mesh: SimplexMesh
-    keys: Ids | None
-    """Numbers >= 0 that identify the nodes in the whole mesh; None if only their coordinates do."""
+    """On a rank without cells of the component, some simplex."""
+    ids: Ids
+    """int64[n]: global numbers, ascending; empty on a rank without cells of the component."""
+    nodes: IntArray
+    """int32[n]: the nodes in the part of the rank."""
+    shared: list[IntArray]
+    """For each rank, the nodes that it holds too, ascending."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether this rank has no cells of the component."""
+        return len(self.ids) == 0
+
+    @property
+    def is_shared(self) -> BoolArray:
+        """bool[n]: nodes that other ranks hold too."""
+        marked: BoolArray = np.zeros(len(self.ids), np.bool_)
+        for nodes in self.shared:
+            marked[nodes] = True
+        return marked
+
+    def bounds(self, h0: FloatArray) -> FloatArray:
+        """Return the bounds at the nodes of ``mesh``, given those of the part."""
+        return np.full(self.mesh.n_points, np.inf) if self.is_empty else h0[self.nodes]
 
 
-def from_pieces(comm: Communicator, pieces: Sequence[Piece]) -> PartitionedMesh:
-    """Return the mesh composed of pieces, of which each rank has any number; collective.
+class Components(NamedTuple):
+    """The components of the whole mesh."""
 
-    Nodes of different pieces are the same if their keys are equal, or if some piece has no keys,
-    if their coordinates are.
-    """
+    number: IntArray
+    """int32[n_local]: component of each local node, -1 for nodes in no cell."""
+    count: int
 
-    def check() -> list[Piece]:
-        if by_points:
-            return [Piece(piece.mesh, keys_of_points(piece.mesh.points)) for piece in pieces]
-        return list(pieces)
-
-    by_points = bool(comm.allreduce(int(any(p.keys is None for p in pieces)), "max"))
-    own = comm.agree(check)
-    mesh, keys = comm.agree(lambda: _joined(own))
-    mesh = _with_common_tags(comm, mesh)
-    ids, owner = number_nodes(comm, keys)
-    return PartitionedMesh(mesh, ids, owner, comm)
+    def bounded(self, comm: Communicator, h0: FloatArray) -> list[int]:
+        """Return the components in which a node has a bound; collective."""
+        found = np.zeros(self.count + 1, np.int8)
+        found[self.number[np.isfinite(h0)]] = 1
+        found[-1] = 0
+        everywhere = comm.allreduce(found, "max")
+        return [int(k) for k in np.flatnonzero(everywhere)]
 
 
-def _joined(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
-    """Return the pieces of this rank as one mesh, and the keys of its nodes."""
-    if not pieces:
-        return None, np.empty(0, np.int64)
-    meshes = [piece.mesh for piece in pieces]
-    every = np.concatenate([piece.keys for piece in pieces if piece.keys is not None])
-    keys, first, number = np.unique(every, return_index=True, return_inverse=True)
-    ends = np.cumsum([mesh.n_points for mesh in meshes])
-    numbers = np.split(number.astype(np.int32), ends[:-1])
-    cells = [new[mesh.cells] for new, mesh in zip(numbers, meshes, strict=True)]
-    common = {"point": set(meshes[0].point_data), "cell": set(meshes[0].cell_data)}
-    for mesh in meshes:
-        common["point"] &= set(mesh.point_data)
-        common["cell"] &= set(mesh.cell_data)
-    tagged: dict[str, Any] = {}
-    if any(mesh.cell_tags is not None for mesh in meshes):
-        tagged["cell_tags"] = np.concatenate([_cell_tags(mesh) for mesh in meshes])
-    rows = [
-        new[mesh.tagged_facets]
-        for new, mesh in zip(numbers, meshes, strict=True)
-        if mesh.tagged_facets is not None
-    ]
-    if rows:
-        # A facet between two pieces may be in both.
-        facets = np.concatenate(rows)
-        once = np.sort(np.unique(np.sort(facets, axis=1), axis=0, return_index=True)[1])
-        tags = [mesh.facet_tags for mesh in meshes if mesh.facet_tags is not None]
-        tagged["tagged_facets"] = facets[once]
-        tagged["facet_tags"] = np.concatenate(tags)[once]
-    mesh = SimplexMesh(
-        np.concatenate([mesh.points for mesh in meshes])[first],
-        np.concatenate(cells),
-        tag_names={key: name for mesh in meshes for key, name in mesh.tag_names.items()},
-        point_data={
-            name: np.concatenate([mesh.point_data[name] for mesh in meshes])[first]
-            for name in meshes[0].point_data
-            if name in common["point"] and name != NODE_NUMBERS
-        },
-        cell_data={
-            name: np.concatenate([mesh.cell_data[name] for mesh in meshes])
-            for name in meshes[0].cell_data
-            if name in common["cell"]
-        },
-        **tagged,
-    )
-    return mesh, keys
+def components_of(part: PartitionedMesh) -> Components:
+    """Return the components; collective on first use."""
+    return part.once("_components", lambda: _find_components(part))
 
 
-def _cell_tags(mesh: SimplexMesh) -> npt.NDArray[np.int32]:
-    return np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
+def _find_components(part: PartitionedMesh) -> Components:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    root = np.arange(part.n_points, dtype=np.int32)
+    join_cells(part.cells, root)
+    label = part.global_ids[root]
+    used = np.zeros(part.n_points, np.bool_)
+    used[part.cells] = True
+    label[~used] = -1
+    received = part.comm.alltoallv([label[nodes] for nodes in part.shared.nodes])
+    links = [np.column_stack([np.unique(label[used])] * 2)]
+    for nodes, theirs in zip(part.shared.nodes, received, strict=True):
+        both = np.column_stack([label[nodes], theirs])
+        links.append(np.unique(both[(both >= 0).all(axis=1)], axis=0))
+    every = np.concatenate(part.comm.allgather(np.concatenate(links)))
+    labels, ends = np.unique(every, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends), np.int8), ends.T), shape=(len(labels),) * 2)
+    count, of_label = connected_components(graph, directed=False)
+    number = np.full(part.n_points, -1, np.int32)
+    number[used] = of_label[np.searchsorted(labels, label[used])]
+    # A node without a cell here may have one on another rank.
+    return Components(part.shared.merge(part.comm, number, np.maximum), int(count))
 
 
-def _with_common_tags(comm: Communicator, mesh: SimplexMesh | None) -> SimplexMesh | None:
-    """Return the mesh in the dimension of all pieces, with tags if any piece has some.
+def piece_of(part: PartitionedMesh, component: int) -> Piece:
+    """Return the part of a component on this rank."""
+    return part.once(f"_piece_{component}", lambda: _find_piece(part, component))
 
-    Files of meshes in the plane have z = 0.  A piece of a surface may lie in that plane by chance.
-    """
-    has_height = mesh is not None and mesh.dim == 3 and bool((mesh.points[:, 2] != 0.0).any())
-    has_height |= mesh is not None and mesh.cell_dim == 3
-    has_cells = mesh is not None and mesh.cell_tags is not None
-    has_facets = mesh is not None and mesh.tagged_facets is not None
-    given = comm.allreduce(np.array([has_height, has_cells, has_facets], np.int64), "max")
-    if mesh is None:
-        return None
-    if mesh.dim == 3 and not given[0]:
-        mesh = replace(mesh, points=mesh.points[:, :2])
-    added: dict[str, Any] = {}
-    if given[1] and not has_cells:
-        added["cell_tags"] = _cell_tags(mesh)
-    if given[2] and not has_facets:
-        added["tagged_facets"] = np.empty((0, mesh.cell_dim), np.int32)
-        added["facet_tags"] = np.empty(0, np.int32)
-    return replace(mesh, **added) if added else mesh
+
+def _find_piece(part: PartitionedMesh, component: int) -> Piece:
+    number = components_of(part).number
+    own = np.flatnonzero(number[part.cells[:, 0]] == component)
+    if part.mesh is None or len(own) == 0:
+        corners = np.vstack([np.zeros(part.dim), np.eye(part.dim)])
+        simplex = SimplexMesh(corners, np.arange(part.dim + 1)[None])
+        none = np.empty(0, np.int32)
+        return Piece(part.comm, simplex, part.global_ids[:0], none, [none] * part.comm.size)
+    nodes = np.flatnonzero(number == component)
+    nodes = nodes[np.argsort(part.global_ids[nodes])].astype(np.int32)
+    mesh, ids = part.mesh, part.global_ids[nodes]
+    local = np.full(part.n_points, -1, np.int32)
+    local[nodes] = np.arange(len(nodes))
+    if not np.array_equal(nodes, np.arange(part.n_points)):
+        mesh = SimplexMesh(mesh.points[nodes], local[mesh.cells[own]])
+    shared = [local[held][local[held] >= 0] for held in part.shared.nodes]
+    return Piece(part.comm, mesh, ids, nodes, shared)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._formats.whole_files import write_whole
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.pieces import NODE_NUMBERS, Piece
+from adaptsize.distributed.assembly import NODE_NUMBERS, Piece
 from adaptsize.errors import MeshFileError
 from adaptsize.io import read, write
 
