@@ -8,8 +8,8 @@ import pytest
 
 from adaptsize import SimplexMesh, read, write
 from adaptsize.distributed import SimulatedCommunicator
-from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.assembly import NODE_NUMBERS
+from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.errors import MeshFileError
 
 DATA = Path(__file__).parent / "data"

@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_path
 from adaptsize.distributed import gmsh_parts, pvtu
+from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.distributed.communicator import Communicator, as_communicator
 from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.io import read, write
 
 

@@ -89,6 +89,50 @@ def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) ->
     return DolfinxPart(part, nodes.astype(np.int32), np.arange(n_cells, dtype=np.int32), vertices)
 
 
+def to_dolfinx(part: PartitionedMesh) -> Any:
+    """Return a ``dolfinx.mesh.Mesh`` of the cells of a distributed mesh; collective.
+
+    DOLFINx partitions the mesh anew, so that `from_dolfinx` of the result has other parts.  Tags
+    and fields are left out: `transfer_fields` brings fields to the new parts, and
+    ``dolfinx.mesh.locate_entities_boundary`` finds facets again.
+
+    Parameters
+    ----------
+    part : PartitionedMesh
+
+    Raises
+    ------
+    ImportError
+        If DOLFINx is missing.
+    ValueError
+        If the mesh is not on a communicator of mpi4py.
+    """
+    import basix.ufl
+    import dolfinx
+    import ufl
+    from mpi4py import MPI
+
+    from adaptsize.distributed.mpi import MpiCommunicator
+
+    comm = part.comm
+    if not isinstance(comm, MpiCommunicator) and comm.size > 1:
+        raise ValueError("part must be on a communicator of mpi4py")
+    # Row i of the coordinates of all ranks, one after another, is node i.
+    own = part.is_owned
+    first = sum(comm.allgather(int(own.sum()))[: comm.rank])
+    rows = np.zeros(part.n_points)
+    rows[own] = first + np.arange(np.count_nonzero(own))
+    cells = part.exchange(rows).astype(np.int64)[part.cells]
+    kind = {number: name for name, number in _KINDS.items()}[part.cell_dim]
+    element = basix.ufl.element("Lagrange", kind, 1, shape=(part.dim,))
+    world = comm.mpi if isinstance(comm, MpiCommunicator) else MPI.COMM_SELF
+    # Integrals over interior facets need the cells on both sides.
+    ghosts = dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.shared_facet, 2)
+    return dolfinx.mesh.create_mesh(
+        world, cells, ufl.Mesh(element), part.points[own], partitioner=ghosts
+    )
+
+
 def _dofmap(geometry: Any) -> Any:
     """Return the nodes of the cells; ``dofmaps`` became an attribute in DOLFINx 0.11."""
     maps = getattr(geometry, "dofmaps", None)

@@ -7,16 +7,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.assembly import Piece
 from adaptsize.errors import MeshFileError
-from adaptsize.typing import IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 # Nodes of the elements of Gmsh by their types: points, segments, triangles, tetrahedra.
 _NODES = {15: 1, 1: 2, 2: 3, 4: 4}
 
 Entity = tuple[int, int]
+Ids = npt.NDArray[np.int64]
 
 
 class Partition(NamedTuple):
@@ -36,7 +38,7 @@ class _Entities(NamedTuple):
 
 def split_files(path: Path) -> list[Path]:
     """Return ``name_1.msh``, ``name_2.msh``, ... for ``name.msh``, as far as they exist."""
-    found = []
+    found: list[Path] = []
     while True:
         file = path.with_name(f"{path.stem}_{len(found) + 1}{path.suffix}")
         if not file.is_file():
@@ -144,7 +146,7 @@ def _entities(lines: list[str]) -> _Entities:
     return _Entities(partition, physical)
 
 
-def _nodes(lines: list[str]) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+def _nodes(lines: list[str]) -> tuple[Ids, FloatArray]:
     """Return the tags and the coordinates of the nodes."""
     tags, points = [], []
     at = 1
@@ -158,7 +160,7 @@ def _nodes(lines: list[str]) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[t
     return np.array(tags, np.int64), np.array(points, np.float64).reshape(-1, 3)
 
 
-def _elements(lines: list[str]) -> Iterator[tuple[Entity, int, np.ndarray]]:  # type: ignore[type-arg]
+def _elements(lines: list[str]) -> Iterator[tuple[Entity, int, Ids]]:
     """Yield the entity, the type and the nodes of each block of elements."""
     at = 1
     while at < len(lines):

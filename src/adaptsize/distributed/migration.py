@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.distributed.communicator import split_rows
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.parts import cut_part
-from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.typing import IntArray
 
 # Bits per axis of keys along a Morton curve, and keys that each rank contributes to the division.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,8 +13,8 @@ import numpy.typing as npt
 
 from adaptsize._formats.whole_files import write_whole
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.assembly import NODE_NUMBERS, Piece
+from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.io import read, write
 
@@ -41,9 +43,10 @@ def read_piece(path: Path) -> Piece | None:
         return None
     mesh = read(path, flatten=False)
     if _GHOST_TYPE in mesh.cell_data:
-        mesh = _without_ghosts(mesh)
-        if mesh is None:
+        own = _without_ghosts(mesh)
+        if own is None:
             return None
+        mesh = own
     name = next((name for name in _NUMBERS if name in mesh.point_data), None)
     keys = None if name is None else np.asarray(mesh.point_data[name]).astype(np.int64).ravel()
     return Piece(mesh, keys)
@@ -106,10 +109,14 @@ def write_pieces(
     def write_list() -> None:
         if own is not None and part.comm.rank == first:
             content = _listing(own[1], held)
-            write_whole(path, lambda place: place.write_bytes(content))
+            write_whole(path, partial(_write_bytes, content))
 
     part.comm.agree(write_list)
     return [path, *(path.with_name(name) for name in held)]
+
+
+def _write_bytes(content: bytes, place: Path) -> None:
+    place.write_bytes(content)
 
 
 def _listing(mesh: SimplexMesh, pieces: list[str]) -> bytes:
@@ -127,7 +134,8 @@ def _listing(mesh: SimplexMesh, pieces: list[str]) -> bytes:
     for piece in pieces:
         ElementTree.SubElement(grid, "Piece", Source=piece)
     ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return content
 
 
 def _cell_data(mesh: SimplexMesh) -> dict[str, npt.NDArray[np.generic]]:
@@ -137,7 +145,7 @@ def _cell_data(mesh: SimplexMesh) -> dict[str, npt.NDArray[np.generic]]:
     return {**mesh.cell_data, **tags}
 
 
-def _array(parent: ElementTree.Element, name: str, dtype: np.dtype, width: int) -> None:  # type: ignore[type-arg]
+def _array(parent: ElementTree.Element, name: str, dtype: np.dtype[Any], width: int) -> None:
     kind = _VTK_TYPES.get(dtype.str[1:], "Float64")
     ElementTree.SubElement(
         parent, "PDataArray", type=kind, Name=name, NumberOfComponents=str(width)

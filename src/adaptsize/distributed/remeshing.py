@@ -128,10 +128,11 @@ def _gathered(part: PartitionedMesh, sizes: FloatArray, options: _Options) -> Pa
     def make() -> SimplexMesh | None:
         if whole is None:
             return None
-        return remeshing.remesh(
+        made: SimplexMesh = remeshing.remesh(
             whole, h, backend="mmg", tolerance=options.tolerance,
             max_elements=options.max_elements, timeout=options.timeout, progress=options.progress,
         )  # fmt: skip
+        return made
 
     return PartitionedMesh.from_serial(part.comm.agree(make), None, part.comm)
 
@@ -173,7 +174,7 @@ def _remeshed(
     """Return a new mesh of the part of this rank; its frozen facets are the same."""
     if work.mesh is None:
         return None
-    return remeshing.remesh(
+    made: SimplexMesh = remeshing.remesh(
         work.mesh,
         h,
         backend="mmg",
@@ -183,6 +184,7 @@ def _remeshed(
         timeout=options.timeout,
         progress=options.progress,
     )
+    return made
 
 
 def _stitched(old: PartitionedMesh, mesh: SimplexMesh | None, frozen: IntArray) -> PartitionedMesh:
