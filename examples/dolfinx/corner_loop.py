@@ -15,12 +15,12 @@ from mpi4py import MPI  # loads the library of MPI that the wheel of DOLFINx nee
 # isort: split
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
 from dolfinx.fem.petsc import LinearProblem
 from petsc4py import PETSc
 
 from adaptsize import SimplexMesh
 from adaptsize import distributed as ads
+from dolfinx import fem, mesh
 
 G = 0.3
 
@@ -117,8 +117,8 @@ def main():
     domain = ads.to_dolfinx(ads.PartitionedMesh.from_serial(start, None, comm))
     for cycle in range(given.cycles + 1):
         found, eta, error = solve(domain)
-        part, _, cells, vertices = ads.from_dolfinx(domain)
-        assert len(eta) == len(cells)
+        old = ads.from_dolfinx(domain)
+        part = old.part
         if comm.rank == 0:
             print(f"{part.n_global_cells:7d} cells, error {error:.5f}", flush=True)
         if cycle == given.cycles:
@@ -127,9 +127,11 @@ def main():
         made = ads.remesh(part, h, how=given.how)
         domain = ads.to_dolfinx(made.part)
         new = ads.from_dolfinx(domain)
-        u = ads.transfer_fields(part, new.part, fields={"u": found.x.array[vertices]}).fields["u"]
-        start = fem.Function(fem.functionspace(domain, ("Lagrange", 1)))
-        start.x.array[new.vertices] = u
+        u = found.x.array[old.dofs(found.function_space)]
+        u = ads.transfer_fields(part, new.part, fields={"u": u}).fields["u"]
+        space = fem.functionspace(domain, ("Lagrange", 1))
+        start = fem.Function(space)
+        start.x.array[new.dofs(space)] = u
         start.x.scatter_forward()
         if comm.rank == 0:
             print(made.quality, flush=True)

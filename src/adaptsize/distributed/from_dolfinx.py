@@ -24,8 +24,13 @@ class DolfinxPart(NamedTuple):
     """``nodes[i]`` is the row of ``mesh.geometry.x`` of local node i."""
     cells: IntArray
     """``cells[c]`` is the cell of the DOLFINx mesh of local cell c."""
-    vertices: IntArray
-    """``vertices[i]`` is the vertex (the dof of linear Lagrange elements) of local node i."""
+
+    def dofs(self, space: Any) -> IntArray:
+        """Return the dof of each local node in a space of linear Lagrange elements."""
+        found = np.empty(self.part.n_points, np.int32)
+        # Cells list their dofs and their nodes in the same order.
+        found[self.part.cells] = np.asarray(space.dofmap.list)[: self.part.n_cells]
+        return found
 
 
 def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) -> DolfinxPart:
@@ -43,7 +48,7 @@ def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) ->
     -------
     DolfinxPart
         Nodal values h of ``part`` become those of a function of linear Lagrange elements by
-        ``f.x.array[found.vertices] = h``, followed by ``f.x.scatter_forward()``.
+        ``f.x.array[found.dofs(space)] = h``, followed by ``f.x.scatter_forward()``.
 
     Raises
     ------
@@ -86,7 +91,7 @@ def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) ->
         piece = SimplexMesh(points, local.reshape(rows.shape).astype(np.int32), **tags)
     first = topology.index_map(dim).local_range[0]
     part = PartitionedMesh(piece, ids, owner, comm, cell_ids=first + np.arange(n_cells))
-    return DolfinxPart(part, nodes.astype(np.int32), np.arange(n_cells, dtype=np.int32), vertices)
+    return DolfinxPart(part, nodes.astype(np.int32), np.arange(n_cells, dtype=np.int32))
 
 
 def to_dolfinx(part: PartitionedMesh) -> Any:
@@ -108,10 +113,10 @@ def to_dolfinx(part: PartitionedMesh) -> Any:
         If the mesh is not on a communicator of mpi4py.
     """
     import basix.ufl
-    import dolfinx
     import ufl
     from mpi4py import MPI
 
+    import dolfinx
     from adaptsize.distributed.mpi import MpiCommunicator
 
     comm = part.comm
