@@ -21,6 +21,8 @@ from adaptsize.distributed.exact import Given, solve_exact
 from adaptsize.distributed.marching import solve_fast_marching
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
+from adaptsize.limiting.on_simplices import METHODS
+from adaptsize.limiting.options import refuse_idle
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize, ProgressCallback
 
 _METHODS = ("auto", "exact", "fast-marching")
@@ -118,6 +120,7 @@ def limit_gradient(
         method = "exact" if part.cell_dim == part.dim and not varies else "fast-marching"
     if method == "exact" and (varies or part.cell_dim < part.dim):
         raise ValueError("method='exact' needs a flat domain of full dimension and one number g")
+    number = next((own.number for own in every if own.number is not None), 0.0)
     transform = None
     if limit is not None:
         finite = np.array([least, max(limit.largest for limit in every)])
@@ -125,14 +128,16 @@ def limit_gradient(
     u0 = bound if transform is None else transform.forward(bound)
     with reporting(progress) as report:
         if method == "exact":
-            number = next(limit.number for limit in every if limit.number is not None)
             u = solve_exact(part, u0, Given(number, face_sources, threads, report))
         else:
             marched = solve_fast_marching(part, u0, slope, report)
             u = None if marched is None else marched.h
         if u is None:
-            options = {"method": method, "face_sources": face_sources, "threads": threads}
-            return _collected(part, bound, g, options)
+            options: dict[str, Any] = {"method": method}
+            if method == "exact":
+                options |= {"face_sources": face_sources, "threads": threads}
+            per_cell = np.broadcast_to(slope.values, part.n_cells) if varies else None
+            return _collected(part, bound, (per_cell, limit, number), options)
     if transform is None:
         return np.minimum(u, bound)
     back = transform.backward
@@ -144,7 +149,7 @@ def _checked(
 ) -> tuple[FloatArray, Slope, GradientOfSize | None, _Limit]:
     """Return the checked bounds, slopes, g(h) if there is one, and facts about them."""
     one_of("method", method, _METHODS)
-    as_flag("face_sources", face_sources)
+    refuse_idle(method, METHODS, {"face_sources": not as_flag("face_sources", face_sources)})
     check_range("part", part.points)
     given = as_float_array("h0", h0)
     if given.ndim == 0:
@@ -173,14 +178,25 @@ def _checked(
 
 
 def _collected(
-    part: PartitionedMesh, h0: FloatArray, g: GradientLimit, options: dict[str, Any]
+    part: PartitionedMesh,
+    h0: FloatArray,
+    g: tuple[FloatArray | None, GradientOfSize | None, float],
+    options: dict[str, Any],
 ) -> FloatArray:
-    """Return the sizes that rank 0 computes on the whole mesh."""
+    """Return the sizes that rank 0 computes on the whole mesh.
+
+    ``g`` are the limits of the cells, a function of the size, and one number; the first two None
+    if they are not given.
+    """
     whole, bounds = part.gather(), part.gather_nodal(h0)
+    per_cell, of_size, number = g
+    in_space = number if per_cell is None else part.gather_cells(per_cell)
 
     def solve() -> FloatArray | None:
         if whole is None or bounds is None:
             return None
-        return limiting.limit_gradient(whole, bounds, g, **options)  # type: ignore[no-any-return]
+        limit: Any = in_space if of_size is None else (in_space, of_size)
+        h: FloatArray = limiting.limit_gradient(whole, bounds, limit, **options)
+        return h
 
     return part.scatter_nodal(part.comm.agree(solve))

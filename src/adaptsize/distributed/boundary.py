@@ -48,7 +48,7 @@ class Skeleton(NamedTuple):
             is_marked = np.zeros(len(self.ids) + 1, np.bool_)
             is_marked[marked] = True
             around = is_marked[self.rows(piece.ids)][mesh.cells].any(axis=1)
-            cells = mesh.cells[around]
+            cells = mesh.cells[around].astype(np.int64)
         nodes = np.unique(cells)
         every = piece.comm.allgather((piece.ids[cells], piece.ids[nodes], mesh.points[nodes]))
         ids, at = np.unique(
@@ -85,8 +85,8 @@ def find_skeleton(piece: Piece, threads: int) -> Skeleton | None:
     numbers, at = np.unique(np.concatenate([own[2] for own in every]), return_index=True)
     points = np.concatenate([own[3] for own in every])[at]
     facets = np.searchsorted(numbers, np.concatenate([own[1] for own in every]))
-    facets = facets[np.lexsort(np.sort(facets, axis=1).T[::-1])].astype(np.int32)
-    boundary = FlatBoundary(facets, np.zeros(len(facets), np.int32), True)
+    rows: IntArray = facets[np.lexsort(np.sort(facets, axis=1).T[::-1])].astype(np.int32)
+    boundary = FlatBoundary(rows, np.zeros(len(rows), np.int32), True)
     return Skeleton(numbers, points, boundary, is_convex(points, boundary))
 
 

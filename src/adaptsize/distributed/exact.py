@@ -27,7 +27,7 @@ from adaptsize.limiting.exact.problem import Problem, margin_for
 from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
 from adaptsize.limiting.exact.waves import Wave
 from adaptsize.limiting.exact.work import along_curve, number_of_threads
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
 class Given(NamedTuple):
@@ -42,8 +42,11 @@ class Given(NamedTuple):
 def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> FloatArray | None:
     """Return the limited sizes on the nodes of this rank; collective.
 
-    Returns None, on all ranks, if the mesh has cells without measure or cells that overlap.
+    Returns None, on all ranks, on a line, in a solid that is not convex, and if the mesh has cells
+    without measure or cells that overlap.
     """
+    if part.dim == 1:
+        return None
     h = h0.copy()
     for number in components_of(part).bounded(part.comm, h0):
         piece = piece_of(part, number)
@@ -83,7 +86,7 @@ def _solve_piece(
     plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     h = _with_others(piece, problem, plane.without_sizes(), skeleton)
     folded = not piece.is_empty and rises_too_fast(problem, h)
-    return None if comm.allreduce(folded, "max") else h
+    return None if comm.allreduce(int(folded), "max") else h
 
 
 def _with_others(
@@ -146,9 +149,7 @@ def _merge_corners(
     lowered[:] = np.array([own[2] for own in every])[best]
 
 
-def _local_facets(
-    piece: Piece, skeleton: Skeleton
-) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
+def _local_facets(piece: Piece, skeleton: Skeleton) -> IntArray:
     """Return the facets of the boundary both of whose nodes are on this rank, as local nodes."""
     at = np.minimum(np.searchsorted(piece.ids, skeleton.ids), max(len(piece.ids) - 1, 0))
     if piece.is_empty:

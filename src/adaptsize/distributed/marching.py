@@ -8,7 +8,7 @@ accepted, and sizes that have decreased at shared nodes are exchanged.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,8 @@ def solve_fast_marching(
     """
     comm, n = part.comm, part.n_points
     window = _window(part, slope)
-    h, heap, given = h0.copy(), new_heap(n), ()
+    h, heap = h0.copy(), new_heap(n)
+    given: tuple[Any, ...] = ()
     limit = (slope.values, slope.step)
     if part.mesh is not None:
         axes, candidate = (0,) * part.dim, np.empty(n)
@@ -66,7 +67,9 @@ def solve_fast_marching(
         rounds += 1
 
 
-def _exchange(part: PartitionedMesh, h: FloatArray, known: FloatArray, heap) -> None:  # type: ignore[no-untyped-def]
+def _exchange(
+    part: PartitionedMesh, h: FloatArray, known: FloatArray, heap: tuple[Any, ...]
+) -> None:
     """Send sizes that have decreased at shared nodes, and queue those received (In/Out: all)."""
     sent = []
     for nodes in part.shared.nodes:

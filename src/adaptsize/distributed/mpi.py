@@ -53,9 +53,8 @@ class MpiCommunicator(Communicator):
         from mpi4py import MPI
 
         given = np.asarray(value)
-        if given.dtype == np.bool_:  # MPI has no maximum of these
-            result = np.asarray(self.allreduce(given.astype(np.int8), op)) > 0
-            return result if isinstance(value, np.ndarray) else bool(result)
+        if given.dtype == np.bool_:  # MPI has no minimum of these
+            given = given.astype(np.int8)
         self._count(given.nbytes)
         merge = {"sum": MPI.SUM, "min": MPI.MIN, "max": MPI.MAX}[op]
         result = np.empty(given.shape, given.dtype)

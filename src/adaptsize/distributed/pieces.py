@@ -53,11 +53,12 @@ class Components(NamedTuple):
 
     number: IntArray
     """int32[n_local]: component of each local node, -1 for nodes in no cell."""
-    count: int
+    total: int
+    """Number of components."""
 
     def bounded(self, comm: Communicator, h0: FloatArray) -> list[int]:
         """Return the components in which a node has a bound; collective."""
-        found = np.zeros(self.count + 1, np.int8)
+        found = np.zeros(self.total + 1, np.int8)
         found[self.number[np.isfinite(h0)]] = 1
         found[-1] = 0
         everywhere = comm.allreduce(found, "max")
@@ -109,11 +110,11 @@ def _find_piece(part: PartitionedMesh, component: int) -> Piece:
         none = np.empty(0, np.int32)
         return Piece(part.comm, simplex, part.global_ids[:0], none, [none] * part.comm.size)
     nodes = np.flatnonzero(number == component)
-    nodes = nodes[np.argsort(part.global_ids[nodes])].astype(np.int32)
+    nodes = nodes[np.argsort(part.global_ids[nodes])]
     mesh, ids = part.mesh, part.global_ids[nodes]
     local = np.full(part.n_points, -1, np.int32)
     local[nodes] = np.arange(len(nodes))
     if not np.array_equal(nodes, np.arange(part.n_points)):
         mesh = SimplexMesh(mesh.points[nodes], local[mesh.cells[own]])
     shared = [local[held][local[held] >= 0] for held in part.shared.nodes]
-    return Piece(part.comm, mesh, ids, nodes, shared)
+    return Piece(part.comm, mesh, ids, nodes.astype(np.int32), shared)
