@@ -89,15 +89,21 @@ def remesh_in_parts(
     output: Path,
     field: str | None,
     gradient: float,
-    limits: tuple[float, float],
+    limits: tuple[float | None, float | None],
     options: Mapping[str, Any],
+    refused: Mapping[str, bool],
 ) -> None:
-    """Remesh a distributed mesh with the sizes in a nodal field, limited."""
+    """Remesh a distributed mesh with the sizes in a nodal field, limited.
+
+    ``options`` are those of `distributed.remesh`; None stands for its defaults.
+    """
     from adaptsize.distributed import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
     from adaptsize.distributed.remeshing import remesh
     from adaptsize.distributed.transfer import interpolate
 
+    refuse_in_parts(refused)
+    options = {name: value for name, value in options.items() if value is not None}
     if field is None:
         raise ValueError("--field is required for distributed meshes")
     comm = _ranks(console)
@@ -105,7 +111,8 @@ def remesh_in_parts(
         steps.begin("reading")
         comm.agree(lambda: _check_output(file, output, is_mesh=True))
         part = read_parts(file, comm)
-        h0 = np.clip(_bounds(part, field), *limits)
+        low, high = limits
+        h0 = np.clip(_bounds(part, field), 0.0 if low is None else low, high)
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, progress=steps.report)
         steps.begin("meshing")
