@@ -130,13 +130,21 @@ def remesh(
             "--target triangles": target == "triangles",
             f"--backend {backend}": backend not in ("auto", "mmg"),
         }
-        given = {
-            "how": "gather" if gather else "parts",
-            "tolerance": tolerance,
-            "max_elements": max_elements,
-            "timeout": timeout,
-        }
-        remesh_in_parts(console, file, output, field, gradient, (hmin, hmax), given, refused)
+        remesh_in_parts(
+            console,
+            file,
+            output,
+            field,
+            gradient,
+            (hmin, hmax),
+            {
+                "how": "gather" if gather else "parts",
+                "tolerance": tolerance,
+                "max_elements": max_elements,
+                "timeout": timeout,
+            },
+            refused,
+        )
         return
     from adaptsize import remeshing
     from adaptsize._checks import as_number
@@ -149,9 +157,8 @@ def remesh(
 
     _check_outputs(file, output, plot, page)
     check_installed(backend)
-    allowed = TOLERANCE
-    if tolerance is not None:
-        allowed = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    given = TOLERANCE if tolerance is None else tolerance
+    allowed = as_number("tolerance", given, lower=0.0, strict=True)
     as_number("timeout", timeout, lower=0.0, strict=True)
     check_elements(elements, max_elements)
     parts = _names_of_parts(backend)
