@@ -24,6 +24,8 @@ OPTIONAL = (
     "tifffile",
     "nibabel",
     "nrrd",
+    "mpi4py",
+    "pymetis",
     "rich",
     "typer",
 )

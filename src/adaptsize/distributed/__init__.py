@@ -9,6 +9,7 @@ from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
 from adaptsize.distributed.simulated import SimulatedCommunicator
+from adaptsize.distributed.sizes import predicted_elements, size_from_error
 from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
@@ -25,8 +26,10 @@ __all__ = [
     "from_dolfinx",
     "interpolate",
     "limit_gradient",
+    "predicted_elements",
     "read_parts",
     "remesh",
+    "size_from_error",
     "to_dolfinx",
     "transfer_fields",
     "write_parts",
