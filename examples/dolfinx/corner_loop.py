@@ -85,25 +85,6 @@ def _add():
     return InsertMode.add
 
 
-def sizes_for(part, eta, n_wanted, order=1):
-    """Return nodal sizes with the least error of all those with a given number of cells.
-
-    A cell of size h and indicator eta that gets the size s h has the error eta s^order and s^-dim
-    new cells.  The least sum of squares has s proportional to eta^(-2 / (2 order + dim)).
-    """
-    dim, comm = part.dim, part.comm
-    eta = np.maximum(eta, 1e-3 * comm.allreduce(float(eta.max(initial=0.0)), "max"))
-    power = 2.0 / (2.0 * order + dim)
-    total = comm.allreduce(float((eta ** (power * dim)).sum()), "sum")
-    factor = (total / n_wanted) ** (1.0 / dim) * eta**-power
-    own = np.full(part.n_points, np.inf)
-    if part.n_cells:
-        simplex = {2: np.sqrt(3.0) / 4.0, 3: np.sqrt(2.0) / 12.0}[dim]
-        h = (part.mesh.measures / simplex) ** (1.0 / dim) * np.clip(factor, 0.25, 2.0)
-        np.minimum.at(own, part.cells, h[:, None])
-    return part.minimum(own)
-
-
 def main():
     """Run the loop, and print a line for each cycle."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -123,7 +104,8 @@ def main():
             print(f"{part.n_global_cells:7d} cells, error {error:.5f}", flush=True)
         if cycle == given.cycles:
             break
-        h = ads.limit_gradient(part, sizes_for(part, eta, given.first * 2**cycle), G)
+        n_wanted = given.first * 2**cycle
+        h = ads.size_from_error(part, eta, order=1, target_elements=n_wanted, g=G, backend="mmg")
         made = ads.remesh(part, h, how=given.how)
         domain = ads.to_dolfinx(made.part)
         new = ads.from_dolfinx(domain)
