@@ -78,6 +78,7 @@ _SUBMODULES = (
     "plot",
     "quality",
     "remeshing",
+    "reporting",
     "sizes",
     "typing",
 )

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba import version_info as numba_version
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
@@ -212,13 +213,17 @@ def _cached(**options: Any) -> Callable[[Any], Any]:
     return decorate
 
 
-# These are not public in numba: without them functions are compiled as usual.
+# What follows is not public in numba: without it, and with versions later than the last one that
+# was tried, functions are compiled as usual, which takes longer.
+_LAST_TRIED = (0, 68)
 _PRIVATE = ["_optimize_functions", "_optimize_final_module", "_finalize_final_module"]
 _PRIVATE += ["_finalize_dynamic_globals", "_ensure_finalized"]
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True}
-_LEAN: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "pipeline_class": _LeanCompiler}
+_LEAN: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}
 _LEAN_INNER = {**_LEAN, **_INNER}
-if all(hasattr(JITCodeLibrary, name) for name in _PRIVATE):
+_is_known = numba_version[:2] <= _LAST_TRIED
+if _is_known and all(hasattr(JITCodeLibrary, name) for name in _PRIVATE):
+    _LEAN["pipeline_class"] = _LeanCompiler
     _INNER.update(cache=False, pipeline_class=_InnerCompiler)
     _LEAN_INNER.update(cache=False, pipeline_class=_LeanInnerCompiler)
 
