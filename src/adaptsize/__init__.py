@@ -58,6 +58,7 @@ _HOMES = {
     "FieldTransfer": "adaptation",
     "report": "reporting",
     "read": "io",
+    "read_cad": "remeshing",
     "read_image": "io",
     "read_size": "io",
     "write": "io",
