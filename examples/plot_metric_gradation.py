@@ -31,13 +31,13 @@ SIZES = ((0.02, 0.5), (0.03, 0.3))
 SCALE = 0.3
 
 
-def main(output_dir: Path, *, n_side: int = 121) -> dict[str, float]:
+def main(output_dir: Path, *, n_side: int = 121, width: int = 1040) -> dict[str, float]:
     mesh = jittered_rectangle((0.0, 0.0), (3.0, 1.4), n_side)
     bound = requested(mesh)
     limited, info = ads.limit_metric(mesh, bound, G, full_output=True)
 
     path = output_dir / "metric_gradation.png"
-    draw(path, mesh, bound, limited, info.n_active)
+    draw(path, mesh, bound, limited, info.n_active, width)
     return {
         "smallest size": float(limited.sizes.min()),
         "largest aspect ratio": float(limited.aspect_ratio.max()),
@@ -63,6 +63,7 @@ def draw(
     bound: Metric,
     limited: Metric,
     active: npt.NDArray[np.int32],
+    width: int,
 ) -> None:
     """Draw the requested ellipses, and the limited ones over the map of the aspect ratio."""
     import matplotlib as mpl
@@ -71,7 +72,7 @@ def draw(
     import matplotlib.pyplot as plt
 
     figure, (before, after) = plt.subplots(2, 1, figsize=(8.0, 7.6), layout="constrained")
-    before.set_title("requested: two points, no bound elsewhere")
+    before.set_title(f"requested: two points, no bound elsewhere (drawn at {SCALE:g} of the size)")
     some = np.array([node_at(mesh, place) for place in POINTS])
     ellipses(before, mesh.points[some], bound[some], "C3")
     before.plot(*mesh.points[some].T, "k.", markersize=3)
@@ -93,7 +94,7 @@ def draw(
     )  # fmt: skip
     for axes in (before, after):
         axes.set(aspect="equal", xlim=(0.0, 3.0), ylim=(0.0, 1.4), xlabel="x", ylabel="y")
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=width / 8.0)
     plt.close(figure)
 
 
