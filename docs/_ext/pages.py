@@ -45,8 +45,8 @@ CONTENTS = {
     "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
     "Examples": ["gallery/index"],
     "Methods": [
-        "limiting", "exact-limiting", "octrees", "distance", "medial-axis", "feature-size",
-        "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
+        "limiting", "exact-limiting", "anisotropic", "octrees", "distance", "medial-axis",
+        "feature-size", "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
         "adaptive-loops",
     ],
     "Reference": [
