@@ -107,7 +107,7 @@ def test_every_public_submodule_is_listed():
     assert set(SUBMODULES) <= set(dir(adaptsize))
 
 
-@pytest.mark.parametrize("module", ["adaptsize", "adaptsize.remeshing"])
+@pytest.mark.parametrize("module", ["adaptsize", "adaptsize.geometry", "adaptsize.remeshing"])
 def test_dir_lists_public_names_and_no_tools(module):
     names = dir(importlib.import_module(module))
     assert not {"Any", "import_module"} & set(names)

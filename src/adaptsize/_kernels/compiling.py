@@ -6,6 +6,8 @@ Kernels that only other kernels call do without.  numba also optimises each func
 it to machine code before it becomes part of its callers, where that is done again.  Functions that
 only kernels call do without this, too, which saves an eighth of the time.
 
+All that is done here is for the time of the first call.  Results do not depend on it.
+
 numba compiles a cached function again when its own file changes, but not when the file of a
 function changes that it calls, whose code it contains.  So the cached functions of this package
 get the state of all its files as their stamp.
@@ -93,10 +95,25 @@ def _few_of(full: Any) -> Any:
     return few
 
 
+class _OptimisedOnce(JITCodeLibrary):
+    """The code of a lean kernel; numba optimises twice, to remove the counting of references."""
+
+    def _optimize_final_module(self) -> None:
+        try:
+            manager, builder = self._codegen._module_pass_manager()
+        except (AttributeError, TypeError):  # not public: other versions have it otherwise
+            super()._optimize_final_module()
+        else:
+            manager.run(self._final_module, builder)
+
+
 class _LeanCompiler(Compiler):
     """numba's compiler for lean kernels."""
 
     def define_pipelines(self) -> list[Any]:
+        state = self.state
+        state.library = _OptimisedOnce(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
         return [_few_of(full) for full in super().define_pipelines()]
 
 

@@ -31,6 +31,11 @@ class MpiCommunicator(Communicator):
         self.rank, self.size = self._comm.Get_rank(), self._comm.Get_size()
         self.traffic = Traffic()
 
+    @property
+    def mpi(self) -> Any:
+        """The communicator of mpi4py."""
+        return self._comm
+
     def allgather(self, value: T) -> list[T]:
         """Return the values of all ranks, in order of rank."""
         data = as_words(value)

@@ -59,6 +59,8 @@ class Problem:
         Edges of the boundary that must stay sharp, beside those that the generator detects.
     is_adapted : bool
         Whether the boundary of the mesh has the requested edge lengths already.
+    seconds : float
+        Limit of processor time for one run of the generator, where there is one.
     """
 
     task: Task
@@ -73,6 +75,7 @@ class Problem:
     has_free_facets: bool = False
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_adapted: bool = False
+    seconds: float = np.inf
 
 
 @dataclass(frozen=True)
