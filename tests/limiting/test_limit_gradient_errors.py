@@ -248,3 +248,10 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
     assert info.residual > 1e-12
     assert (h <= h0).all()
     assert h[60] == 1.0
+
+
+@pytest.mark.parametrize("name", ["threads", "max_iter"])
+def test_a_long_argument_gives_a_short_message(name):
+    with pytest.raises(ValueError, match=f"{name} must be") as caught:
+        limit_gradient(SQUARE, H0, 0.3, **{name: "x" * 5000})
+    assert len(str(caught.value)) < 200

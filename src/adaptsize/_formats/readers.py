@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import gmsh_names, off, ply, stl, xdmf
+from adaptsize._formats import fort14, gmsh_names, off, ply, stl, xdmf
 from adaptsize._formats.blocks import RawMesh, check_raw, join
 from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.quietness import quiet
@@ -32,6 +32,8 @@ def load(path: Path) -> RawMesh:
     suffix = path.suffix.lower()
     if suffix == ".vti":
         raise MeshFileError("holds a grid, not a mesh; use read_size")
+    if suffix in (".step", ".stp", ".brep"):
+        raise MeshFileError("holds a CAD model, not a mesh; use read_cad")
     if suffix not in _LOADERS:
         raise MeshFileError(
             f"has a suffix that no reader knows ({suffix or 'none'}); these can be read: "
@@ -188,4 +190,7 @@ _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     ".nas": (_load_with_meshio,),
     ".fem": (_load_with_meshio,),
     ".su2": (_load_with_meshio,),
+    ".14": (fort14.read,),
+    ".grd": (fort14.read,),
+    ".gr3": (fort14.read,),
 }

@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize.background.flipping import pairs_of_cells
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import tags_of_facets
+from adaptsize.background.topology import are_among, tags_of_facets
 from adaptsize.typing import BoolArray, IntArray
 
 _FLAT_ANGLE = np.deg2rad(0.1)
@@ -55,13 +55,6 @@ def is_tagged(mesh: SimplexMesh) -> BoolArray:
         return np.zeros(len(mesh.facets), np.bool_)
     tags = tags_of_facets(mesh.facets, mesh.tagged_facets, mesh.facet_tags, mesh.n_points)
     return np.asarray(tags != 0)
-
-
-def are_among(edges: IntArray, others: IntArray) -> BoolArray:
-    """Return which rows are also rows of ``others``, bool[n]."""
-    width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
-    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
-    return np.isin(keys, known)
 
 
 def renumbered_edges(edges: IntArray, new_node: IntArray) -> IntArray:

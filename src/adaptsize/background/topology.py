@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.topology import fill_rings, group_rows
-from adaptsize.typing import IntArray
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.typing import BoolArray, IntArray
 
 # Fewer rows are sorted by numpy: the kernel takes longer to compile.
 _FEW = 10_000
@@ -29,7 +30,7 @@ def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     """
     ring_ptr = np.empty(n_points + 1, np.int32)
     ring = np.empty(cells.size, np.int32)
-    fill_rings(cells, n_points, ring_ptr, ring)
+    fill_rings(read_only(cells), n_points, ring_ptr, ring)
     return ring_ptr, ring
 
 
@@ -56,7 +57,9 @@ def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, I
         return rows[at], group.ravel().astype(np.int32)
     first = np.empty(len(rows), np.int32)
     number = np.empty(len(rows), np.int32)
-    count = group_rows(rows, n_points, first, number)
+    start, free = np.zeros((2, n_points + 1), np.int64)
+    order = np.empty(len(rows), np.int32)
+    count = group_rows(rows, start, free, order, first, number)
     return rows[first[:count]], number
 
 
@@ -120,3 +123,13 @@ def tags_of_facets(facets: IntArray, tagged: IntArray, tags: IntArray, n_points:
     tag_of_row = np.zeros(int(number.max()) + 1, np.int32)
     tag_of_row[number[len(facets) :]] = tags
     return tag_of_row[number[: len(facets)]]
+
+
+def are_among(edges: IntArray, others: IntArray) -> BoolArray:
+    """Return which edges are also rows of ``others``, bool[n]."""
+    width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
+    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
+    if len(known) == 0:
+        return np.zeros(len(keys), bool)
+    known.sort()  # np.isin hashes, which takes several times as long for millions of edges
+    return np.asarray(known[np.searchsorted(known, keys).clip(max=len(known) - 1)] == keys)

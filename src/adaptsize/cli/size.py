@@ -14,6 +14,7 @@ from adaptsize.cli.files import (
     holds_more_than_sizes,
     nodal_field,
     numbers,
+    read_mesh,
 )
 from adaptsize.cli.options import (
     MAX_ELEMENTS,
@@ -27,6 +28,7 @@ from adaptsize.cli.options import (
     MaxElements,
     PerRadian,
     Picture,
+    PredictedElements,
     SizesOutput,
     Smoothing,
     Sources,
@@ -65,7 +67,8 @@ def size(
     label: Label = None,
     threshold: Threshold = None,
     smoothing: Smoothing = None,
-    max_elements: MaxElements = MAX_ELEMENTS,
+    max_elements: MaxElements = None,
+    elements: PredictedElements = None,
     plot: Picture = None,
     plot_causes: Annotated[
         Path | None,
@@ -84,7 +87,7 @@ def size(
     A surface in space is refined where its triangles are long.  The sizes of an image are on the
     grid of its pixels: write .vti.
     """
-    from adaptsize.io import is_image_file, read
+    from adaptsize.io import is_image_file
 
     of_image = is_image_file(file)
     outputs = {
@@ -99,7 +102,7 @@ def size(
         "--spacing": spacing,
         "--smoothing": smoothing,
     }
-    _refuse_idle(file, {"--field": field} if of_image else for_images)
+    _refuse_idle(file, {"--field": field, "--elements": elements} if of_image else for_images)
     options: dict[str, Any] = {
         "elements_per_radian": elements_per_radian,
         "elements_across": elements_across,
@@ -108,6 +111,7 @@ def size(
         "hmax": hmax,
         "sources": [parse_source(text) for text in source or ()],
         "max_elements": max_elements,
+        "elements": elements,
     }
     with console.steps(3) as steps:
         steps.begin("reading")
@@ -116,7 +120,7 @@ def size(
             filters = {"label": label, "threshold": threshold, "smoothing": smoothing}
             found, report = _of_image(console, steps, file, spacing, **filters, **options)
         else:
-            mesh = read(file)
+            mesh = read_mesh(file)
             check_cells(output, mesh)
             steps.begin("sizes")
             found, report = size_of_mesh(console, mesh, field, crease_angle=crease_angle, **options)
@@ -184,8 +188,11 @@ def _of_image(
     from adaptsize.domain_size.images import size_function_from_image
     from adaptsize.io import read_image
 
+    del options["elements"]  # refused before
     if options["smoothing"] is None:
         del options["smoothing"]
+    if options["max_elements"] is None:
+        options["max_elements"] = MAX_ELEMENTS
     size_of_pixel = None if spacing is None else numbers("--spacing", spacing)
     image = read_image(file)
     steps.begin("sizes")

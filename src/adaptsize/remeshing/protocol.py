@@ -57,6 +57,8 @@ class Problem:
         Whether some of these facets lie inside one region.
     ridges : int32[n, 2]
         Edges of the boundary that must stay sharp, beside those that the generator detects.
+    is_adapted : bool
+        Whether the boundary of the mesh has the requested edge lengths already.
     """
 
     task: Task
@@ -70,6 +72,7 @@ class Problem:
     regions: IntArray
     has_free_facets: bool = False
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    is_adapted: bool = False
 
 
 @dataclass(frozen=True)
