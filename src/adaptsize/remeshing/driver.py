@@ -39,6 +39,7 @@ from adaptsize.remeshing.sizing import (
     known_points,
 )
 from adaptsize.remeshing.strict import remesh_strictly, routes
+from adaptsize.remeshing.tensors import as_tensor, mean_size
 from adaptsize.remeshing.surface import THINNEST, refine_surface
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -189,7 +190,8 @@ def remesh(
     if timeout is not None:
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
     chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
-    wanted = as_size(size, mesh, g=g, hmax=hmax)
+    metric = as_tensor(size, mesh)
+    wanted = as_size(size if metric is None else mean_size(metric), mesh, g=g, hmax=hmax)
     repaired = repair_mesh(mesh)
     if strict:
         attempt = partial(
@@ -205,6 +207,8 @@ def remesh(
     part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)
     own_size, known = frame.size(wanted), frame.to_own(known_points(size, mesh.dim))
     part = part.with_size(own_size, known)
+    if metric is not None:
+        part = replace(part, problem=replace(part.problem, metric=frame.tensor(metric)))
     _refuse_too_many(part.problem, limit)
     with reporting(progress) as report:
         deadline = None if timeout is None else time.monotonic() + timeout

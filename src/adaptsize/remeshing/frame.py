@@ -12,6 +12,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing.sizing import Size
+from adaptsize.remeshing.tensors import Tensor
 from adaptsize.typing import FloatArray
 
 #: Generators that scale their input move nodes that they keep by rounding, by less than this.
@@ -50,6 +51,14 @@ class Frame(NamedTuple):
 
         def own(points: FloatArray) -> FloatArray:
             return size(self.from_own(points)) / self.scale
+
+        return own
+
+    def tensor(self, metric: Tensor) -> Tensor:
+        """Return a metric as a function of points in the coordinates of the part."""
+
+        def own(points: FloatArray) -> FloatArray:
+            return metric(self.from_own(points)) * self.scale**2
 
         return own
 

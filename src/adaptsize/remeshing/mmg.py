@@ -10,6 +10,8 @@ Observed behaviour that is handled here:
   beside a fillet then bulge by more than the tolerance, unless the edge is passed as a ridge.
 * A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
   Mmg's own small sizes at curved boundaries end in jumps.
+* Metrics are passed as rows of the upper triangle: xx, xy, yy or xx, xy, xz, yy, yz, zz.  For
+  these, the gradation is off.
 """
 
 from __future__ import annotations
@@ -22,10 +24,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
+from adaptsize.remeshing.tensors import lengths_of, upper_triangles
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.sizing import Size
+    from adaptsize.remeshing.tensors import Tensor
 
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
@@ -47,12 +51,12 @@ _TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 2.0, "MmgMeshS": 1.0}
 _OWN_GRADIENT = 0.25
 #: Upper limit of the gradation passed to Mmg.  A larger one has no effect.
 _STEEPEST = 3.0
+_NO_GRADATION = -1.0
 #: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
 #: new mesh.
 #: Mmg does not change edges within sqrt 2 of the requested length.  If this shifts the median,
 #: the next run requests sizes corrected by the same factor.  A first run on a coarse mesh shifts
 #: it more, which says nothing about the next.
-_MAX_TURNS = 3
 _GOOD_SHARE = 0.9
 _LARGEST_FACTOR = 1.1
 
@@ -72,6 +76,8 @@ class MmgBackend:
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the adapted mesh with its regions and groups of facets."""
+        from adaptsize.quality.conformity import is_in_band
+
         assert problem.size is not None
         n_regions = int(problem.regions.max()) + 1
         kind = _CLASSES[problem.task]
@@ -92,20 +98,22 @@ class MmgBackend:
             "facet_groups": problem.facet_groups,
             "ridges": problem.ridges,
         }
+        request: _Sizes | _Tensors = _Sizes(problem.size)
+        if problem.metric is not None:
+            request = _Tensors(problem.metric)
         best, best_share, factor = made, -1.0, 1.0
-        for _ in range(_MAX_TURNS):
-            sizes = factor * problem.size(made["points"])
-            gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
-            options["hgrad"] = float(np.exp(min(gradient, _STEEPEST)))
+        for _ in range(request.max_turns):
+            values = request.at(made["points"], factor)
             made = run(
                 "adaptsize.remeshing.mmg:adapt",
                 "adapting with Mmg",
-                {**made, "sizes": sizes},
-                options,
+                {**made, "sizes": values},
+                options | {"hgrad": request.gradation(made, values)},
             )
             if len(made["cells"]) == 0:
                 return _raw(made)
-            share, median = _obedience(problem.size, made)
+            ratio = request.ratios(made)
+            share, median = float(is_in_band(ratio).mean()), float(np.median(ratio))
             if share > best_share:
                 best, best_share = made, share
             if share >= _GOOD_SHARE:
@@ -120,26 +128,57 @@ def _raw(made: Mapping[str, npt.NDArray[Any]]) -> RawMesh:
     )
 
 
+@dataclass(frozen=True)
+class _Sizes:
+    """Requested sizes that do not depend on the direction."""
+
+    size: Size
+    max_turns: int = 3
+
+    def at(self, points: FloatArray, factor: float) -> FloatArray:
+        """Return the sizes times a factor, float64[n, 1]."""
+        return np.asarray(factor * self.size(points)).reshape(-1, 1)
+
+    def gradation(self, made: Mapping[str, npt.NDArray[Any]], values: FloatArray) -> float:
+        """Return a gradation that leaves the sizes unchanged along all edges."""
+        edges, lengths = _edges(made)
+        rise = np.abs(values[edges[:, 0], 0] - values[edges[:, 1], 0])
+        steepest = float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
+        return float(np.exp(min(max(_OWN_GRADIENT, steepest), _STEEPEST)))
+
+    def ratios(self, made: Mapping[str, npt.NDArray[Any]]) -> FloatArray:
+        """Return the length of each edge over the requested one."""
+        edges, lengths = _edges(made)
+        return lengths / self.size(made["points"][edges].mean(axis=1))
+
+
+@dataclass(frozen=True)
+class _Tensors:
+    """A requested metric.  Each run reads it anew, at the nodes of the present mesh."""
+
+    metric: Tensor
+    max_turns: int = 6
+
+    def at(self, points: FloatArray, factor: float) -> FloatArray:
+        """Return the upper triangles of the matrices, for sizes times a factor."""
+        return upper_triangles(self.metric(points)) / factor**2
+
+    def gradation(self, made: Mapping[str, npt.NDArray[Any]], values: FloatArray) -> float:
+        """Return what disables gradation."""
+        return _NO_GRADATION
+
+    def ratios(self, made: Mapping[str, npt.NDArray[Any]]) -> FloatArray:
+        """Return the length of each edge in the metric."""
+        points = made["points"]
+        return lengths_of(points, _edges(made)[0], self.metric(points))
+
+
 def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], FloatArray]:
     from adaptsize.background.topology import edges_of
 
     edges = edges_of(made["cells"], len(made["points"]))
     ends = made["points"][edges]
     return edges, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-
-
-def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> float:
-    """Return the steepest slope of the sizes along an edge."""
-    edges, lengths = _edges(made)
-    rise = np.abs(sizes[edges[:, 0]] - sizes[edges[:, 1]])
-    return float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
-
-
-def _obedience(size: Size, made: Mapping[str, npt.NDArray[Any]]) -> tuple[float, float]:
-    """Return the share of edges within sqrt 2 of the requested length, and the median ratio."""
-    edges, lengths = _edges(made)
-    ratio = lengths / size(made["points"][edges].mean(axis=1))
-    return float((np.abs(np.log(ratio)) <= 0.5 * np.log(2.0)).mean()), float(np.median(ratio))
 
 
 def adapt(
@@ -149,7 +188,8 @@ def adapt(
 
     Parameters
     ----------
-    arrays : points, cells, regions, facets, facet_groups, sizes as in ``Problem``
+    arrays : points, cells, regions, facets, facet_groups, ridges as in ``Problem``; sizes,
+        float64[n, 1], or upper triangles of metrics, float64[n, 3 or 6]
     options : class, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
         required_groups, open_boundaries
 
@@ -182,7 +222,8 @@ def adapt(
     if len(ridges):
         mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
-    mesh["metric"] = np.ascontiguousarray(arrays["sizes"].reshape(-1, 1))
+    sizes = np.ascontiguousarray(arrays["sizes"])
+    mesh["metric" if sizes.shape[1] == 1 else "tensor"] = sizes
     settings = {"hausd": options["hausd"], "hgrad": options["hgrad"]}
     settings["verbose"] = 1 if options.get("verbose", False) else -1
     settings |= {"ar": options["ridge_angle"], "nosizreq": 1}

@@ -41,6 +41,9 @@ class Problem:
     size : callable or None
         Requested edge length at float64[n, dim] points, as float64[n], finite and positive.
         None selects the generator's default (for a first mesh that carries the sizes).
+    metric : callable or None
+        Requested metric at float64[n, dim] points, as float64[n, dim, dim].  None if the sizes do
+        not depend on the direction.  With a metric, ``size`` is the geometric mean of its sizes.
     size_nodes : float64[n, dim]
         Points between which the size function interpolates.  May be empty.
     tolerance : float
@@ -70,6 +73,7 @@ class Problem:
     regions: IntArray
     has_free_facets: bool = False
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    metric: Callable[[FloatArray], FloatArray] | None = None
 
 
 @dataclass(frozen=True)
