@@ -1,0 +1,13 @@
+"""Anisotropic sizes: metrics, their limits, and their gradient limiting."""
+
+from adaptsize.metrics.hessian import metric_from_hessian, predicted_simplices
+from adaptsize.metrics.layers import metric_from_layers
+from adaptsize.metrics.metric import Metric, isotropic_metric
+
+__all__ = [
+    "Metric",
+    "isotropic_metric",
+    "metric_from_hessian",
+    "metric_from_layers",
+    "predicted_simplices",
+]

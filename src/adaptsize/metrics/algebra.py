@@ -1,0 +1,95 @@
+"""Operations on arrays of sizes and directions, the parts of metrics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from adaptsize._kernels import metrics as kernels
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import FloatArray, IntArray
+
+# Stands for inf, in units of the largest finite size; and what counts as inf afterwards.
+_UNBOUNDED = 1e30
+_AS_UNBOUNDED = 1e20
+
+# Lengths whose ratio is nearer to 1 than this have their arithmetic as logarithmic mean.
+_EQUAL = 1e-4
+
+
+def assemble(directions: FloatArray, values: FloatArray) -> FloatArray:
+    """Return symmetric matrices with given eigenvectors and eigenvalues."""
+    return np.asarray((directions * values[:, None, :]) @ directions.swapaxes(1, 2))
+
+
+def with_finite_sizes(h: FloatArray) -> tuple[FloatArray, float]:
+    """Return sizes with a huge number instead of inf, and the size from which on they are inf."""
+    finite = np.isfinite(h)
+    largest = float(h.max(initial=0.0, where=finite)) or 1.0
+    return np.where(finite, h, _UNBOUNDED * largest), _AS_UNBOUNDED * largest
+
+
+def intersection(
+    sizes: list[FloatArray], directions: list[FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return sizes and directions of the intersections of two metrics or more."""
+    finite, unbounded = with_finite_sizes(np.stack(sizes))
+    h, r = finite[0].copy(), np.ascontiguousarray(directions[0]).copy()
+    dim = h.shape[1]
+    scratch = np.empty((2, dim, dim))
+    for number in range(1, len(sizes)):
+        other = np.ascontiguousarray(directions[number])
+        kernels.intersect_all((0,) * dim, h, r, finite[number].copy(), other.copy(), *scratch)
+    h[h >= unbounded] = np.inf
+    return h, r
+
+
+def logarithmic_mean(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return (a - b) / log(a / b) of numbers >= 0; 0 if one of them is 0."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(high > 0.0, (high - low) / high, 0.0)
+        mean = np.where(share > _EQUAL, (high - low) / -np.log1p(-share), 0.0)
+    # Series of share / -log(1 - share).
+    near = high * (1.0 - share / 2.0 - share**2 / 12.0 - share**3 / 24.0)
+    return np.where(share > _EQUAL, mean, near)
+
+
+def cell_volumes(sizes: FloatArray, directions: FloatArray, mesh: SimplexMesh) -> FloatArray:
+    """Return the measures of cells in the metric, the mean of those by the metrics of the nodes.
+
+    Parameters
+    ----------
+    sizes, directions : float64[n, dim], float64[n, dim, dim]
+    mesh : SimplexMesh
+        Cells of any dimension.
+
+    Returns
+    -------
+    float64[n_cells]
+    """
+    k = mesh.cell_dim
+    if k == mesh.dim:
+        density = 1.0 / sizes.prod(axis=1)
+        return np.asarray(mesh.measures * density[mesh.cells].mean(axis=1))
+    corners = mesh.points[mesh.cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    total = np.zeros(mesh.n_cells)
+    for nodes in mesh.cells.T:
+        inside = (edges @ directions[nodes]) / sizes[nodes][:, None, :]
+        gram = np.linalg.det(inside @ inside.swapaxes(1, 2))
+        total += np.sqrt(np.maximum(gram, 0.0)) / (math.factorial(k) * (k + 1))
+    return total
+
+
+def log_mean(
+    sizes: FloatArray, directions: FloatArray, nodes: IntArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return sizes and directions of log-Euclidean means of the metrics of nodes."""
+    free = np.isinf(sizes.max(axis=1))
+    logs = assemble(directions, np.where(free[:, None], 0.0, np.log(sizes)))
+    mean = np.einsum("mk,mkij->mij", weights, logs[nodes])
+    values, vectors = np.linalg.eigh(mean)
+    unbounded = (free[nodes] & (weights != 0.0)).any(axis=1)
+    return np.where(unbounded[:, None], np.inf, np.exp(values)), vectors

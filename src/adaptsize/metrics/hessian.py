@@ -1,0 +1,200 @@
+"""Metrics from the second derivatives of a field."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, check_type, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.metrics.metric import Metric
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration, scale_to
+from adaptsize.sizes.recovery import recovered_hessian
+from adaptsize.typing import FloatArray
+
+# Eigenvalues below this share of the range of the field over the diagonal squared are rounding.
+_NOISE = 1e-9
+
+
+def metric_from_hessian(
+    mesh: SimplexMesh,
+    values: npt.ArrayLike | None = None,
+    *,
+    hessian: npt.ArrayLike | None = None,
+    tolerance: float | None = None,
+    target_elements: float | None = None,
+    norm: float = 2.0,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    max_aspect: float = 1000.0,
+    backend: str | None = None,
+) -> Metric:
+    r"""Return the metric in which linear elements interpolate a field best for their number.
+
+    With the second derivatives H of the field, :math:`|H| = R\,\mathrm{diag}(|\lambda_i|)\,R^T`,
+    and the norm of :math:`L^q` of the error, the optimum is [1]_ [2]_
+
+    .. math:: M = D \, (\det |H|)^{-1 / (2 q + d)} \, |H| .
+
+    Elements are then stretched along directions in which the field changes linearly.  The smaller
+    q, the more elements go to places with small second derivatives.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane, tetrahedra, or triangles in space.
+    values : array_like of float, shape (n_points,), optional
+        The field at the nodes, from which the second derivatives are recovered.
+    hessian : array_like of float, shape (n_points, dim, dim), optional
+        Second derivatives at the nodes, symmetric, instead of ``values``.
+    tolerance : float, optional
+        Error bound, in the unit of the field.  For a finite ``norm``, in that unit times the area
+        or volume to the power of 1 / norm.  Either this or ``target_elements``.
+    target_elements : float, optional
+        Target number of elements, after all limits.
+    norm : float, default 2
+        q >= 1, or inf.
+    hmin, hmax : float, optional
+        Limits of the sizes.
+    max_aspect : float, default 1000
+        Limit of the aspect ratio, at least 1.
+    backend : str, optional
+        If given, ``target_elements`` is the number that this mesh generator makes, see
+        `adaptsize.sizes.predicted_elements`.  Otherwise it is the number of simplices that are
+        regular in the metric.
+
+    Returns
+    -------
+    Metric
+        At the nodes.  inf where the second derivatives are zero, unless ``hmax`` is given.
+        On surfaces, the size along the normal is the larger one in the tangent plane.
+
+    Raises
+    ------
+    ValueError
+        If the mesh is of another kind, an array has another shape or is not finite, not exactly
+        one target is given, or an option is out of range.
+
+    See Also
+    --------
+    limit_metric : the next step, gradient limiting.
+    size_from_hessian : the same with one size for all directions.
+
+    Notes
+    -----
+    With :math:`\delta = \int (\det|H|)^{q/(2q + d)}\,dx`, a tolerance :math:`\varepsilon` is met
+    with :math:`D = \delta^{1/q} / (2 \varepsilon)`, where an edge of unit length has the error
+    :math:`e^T |H| e / 2`.  As in `size_from_hessian`, this is conservative by a factor of about 3.
+    It applies before ``hmin``, ``hmax`` and limiting.  The integral is evaluated at the nodes.
+
+    Before it is scaled, the smallest eigenvalue is raised to the largest one over
+    ``max_aspect**2``.  Without this, the sizes would be zero where :math:`\det H = 0`.
+
+    References
+    ----------
+    .. [1] L. Chen, P. Sun, J. Xu, "Optimal anisotropic meshes for minimizing interpolation
+       errors in L^p-norm", Mathematics of Computation 76 (2007) 179-204.
+    .. [2] A. Loseille, F. Alauzet, "Continuous mesh framework part I: well-posed continuous
+       interpolation error", SIAM J. Numer. Anal. 49 (2011) 38-60.
+
+    Examples
+    --------
+    The field 50 x^2 + y^2 / 2 needs edges that are ten times as long along y:
+
+    >>> import numpy as np
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> H = np.broadcast_to(np.diag([100.0, 1.0]), (3, 2, 2))
+    >>> metric_from_hessian(mesh, hessian=H, tolerance=0.5, norm=np.inf).sizes[0]
+    array([0.1, 1. ])
+    """
+    check_type("mesh", mesh, SimplexMesh)
+    second = _second_derivatives(mesh, values, hessian)
+    q = as_number("norm", norm, lower=1.0, allow_inf=True)
+    aspect = as_number("max_aspect", max_aspect, lower=1.0)
+    goal, wanted = as_goal(tolerance, target_elements)
+    d = mesh.cell_dim
+    steepness, directions = _eigen(mesh, second, aspect)
+    exponent = 0.0 if math.isinf(q) else 1.0 / (2.0 * q + d)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        determinant = steepness[:, -d:].prod(axis=1)
+        shape = (steepness * determinant[:, None] ** -exponent) ** -0.5
+    shape[steepness[:, -1] == 0.0] = np.inf
+
+    def metric(scale: float) -> Metric:
+        return Metric.of(scale * shape, directions).clip(hmin, hmax, aspect)
+
+    if goal == "tolerance":
+        share = 1.0
+        if not math.isinf(q):
+            integral = mesh.measures * (determinant ** (q * exponent))[mesh.cells].mean(axis=1)
+            share = float(integral.sum()) ** (1.0 / q)
+        return metric(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
+    if not np.isfinite(shape).any():
+        return metric(1.0)
+
+    def number(scale: float) -> float:
+        return calibration(backend, d) * predicted_simplices(mesh, metric(scale))
+
+    once = predicted_simplices(mesh, Metric.of(shape, directions))
+    start = (once / wanted) ** (1.0 / d) if once > 0.0 else 1.0
+    return metric(scale_to(wanted, number, start))
+
+
+def predicted_simplices(mesh: SimplexMesh, metric: Metric) -> float:
+    """Return the number of simplices of unit edges in the metric that fill a mesh.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    metric : Metric
+        At its nodes.
+
+    Returns
+    -------
+    float
+        The complexity over the measure of a regular simplex of edge 1.
+
+    Examples
+    --------
+    >>> from adaptsize.metrics import isotropic_metric
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> round(predicted_simplices(mesh, isotropic_metric([0.1, 0.1, 0.1], 2)))
+    115
+    """
+    return ELEMENTS_PER_MEASURE[mesh.cell_dim] * metric.complexity(mesh)
+
+
+def _second_derivatives(
+    mesh: SimplexMesh, values: npt.ArrayLike | None, hessian: npt.ArrayLike | None
+) -> FloatArray:
+    """Return second derivatives at the nodes, given or recovered."""
+    if (values is None) == (hessian is None):
+        given = "none" if values is None else "both"
+        raise ValueError(f"one of values and hessian must be given, got {given}")
+    if hessian is None:
+        assert values is not None
+        return recovered_hessian(mesh, values)
+    if mesh.dim == 1 or mesh.cell_dim == 1:
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    second = as_float_array("hessian", hessian, (mesh.n_points, mesh.dim, mesh.dim))
+    refuse_where("hessian", ~np.isfinite(second), second, "must be finite")
+    skew = np.abs(second - second.swapaxes(1, 2)).max(axis=(1, 2))
+    largest = np.abs(second).max(axis=(1, 2))
+    refuse_where("hessian", skew > 1e-6 * largest, second, "must be symmetric")
+    return second
+
+
+def _eigen(mesh: SimplexMesh, second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
+    """Return absolute eigenvalues, ascending and limited in their ratio, and eigenvectors."""
+    values, vectors = np.linalg.eigh(0.5 * (second + second.swapaxes(1, 2)))
+    values = np.abs(values)
+    order = np.argsort(values, axis=1, kind="stable")
+    values = np.take_along_axis(values, order, axis=1)
+    vectors = np.take_along_axis(vectors, order[:, None, :], axis=2)
+    largest = values[:, -1:]
+    # Where all derivatives vanish to rounding the direction is noise.
+    noise = _NOISE * float(largest.max(initial=0.0)) * 1e-3
+    values[largest[:, 0] <= noise] = 0.0
+    return np.maximum(values, largest / aspect**2), vectors
