@@ -38,6 +38,7 @@ _HOMES = {
     "BallSource": "sizes",
     "limit_gradient": "limiting",
     "Metric": "metrics",
+    "MetricFunction": "metrics",
     "isotropic_metric": "metrics",
     "metric_from_hessian": "metrics",
     "metric_from_layers": "metrics",

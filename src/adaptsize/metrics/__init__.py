@@ -1,11 +1,15 @@
 """Anisotropic sizes: metrics, their limits, and their gradient limiting."""
 
+from adaptsize.metrics.function import MetricFunction
 from adaptsize.metrics.hessian import metric_from_hessian, predicted_simplices
+from adaptsize.metrics.implied import implied_metric
 from adaptsize.metrics.layers import metric_from_layers
 from adaptsize.metrics.metric import Metric, isotropic_metric
 
 __all__ = [
     "Metric",
+    "MetricFunction",
+    "implied_metric",
     "isotropic_metric",
     "metric_from_hessian",
     "metric_from_layers",

@@ -24,12 +24,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
-from adaptsize.remeshing.tensors import lengths_of, upper_triangles
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.sizing import Size
-    from adaptsize.remeshing.tensors import Tensor
+    from adaptsize.remeshing.tensors import MetricAt
 
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
@@ -73,6 +72,7 @@ class MmgBackend:
     )
     needs_volume: bool = True
     keeps_required_facets: bool = True
+    follows_metrics: bool = True
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the adapted mesh with its regions and groups of facets."""
@@ -156,12 +156,14 @@ class _Sizes:
 class _Tensors:
     """A requested metric.  Each run reads it anew, at the nodes of the present mesh."""
 
-    metric: Tensor
+    metric: MetricAt
     max_turns: int = 6
 
     def at(self, points: FloatArray, factor: float) -> FloatArray:
         """Return the upper triangles of the matrices, for sizes times a factor."""
-        return upper_triangles(self.metric(points)) / factor**2
+        from adaptsize.remeshing.tensors import upper_triangles
+
+        return upper_triangles(self.metric(points).scaled(factor).matrices)
 
     def gradation(self, made: Mapping[str, npt.NDArray[Any]], values: FloatArray) -> float:
         """Return what disables gradation."""
@@ -169,8 +171,7 @@ class _Tensors:
 
     def ratios(self, made: Mapping[str, npt.NDArray[Any]]) -> FloatArray:
         """Return the length of each edge in the metric."""
-        points = made["points"]
-        return lengths_of(points, _edges(made)[0], self.metric(points))
+        return self.metric(made["points"]).edge_lengths(made["points"], _edges(made)[0])
 
 
 def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], FloatArray]:

@@ -6,46 +6,67 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from adaptsize._checks import describe, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
-#: Takes float64[n, dim] points, returns float64[n, dim, dim] matrices.
-Tensor: TypeAlias = Callable[[FloatArray], FloatArray]
+#: A checked metric as a function of points.
+MetricAt: TypeAlias = Callable[[FloatArray], Metric]
+
+
+def as_metric_at(size: Any, mesh: SimplexMesh, hmax: float) -> MetricAt | None:
+    """Return a requested metric as a function of points that checks it, or None for sizes.
+
+    Parameters
+    ----------
+    size : Metric, MetricFunction, or callable that returns a Metric; anything else is a size
+    mesh : SimplexMesh
+        Mesh of the nodal values.
+    hmax : float
+        Upper limit of the sizes.
+
+    Raises
+    ------
+    ValueError
+        If the metric does not belong to the mesh or has infinite sizes.  The returned function
+        raises it too.
+    """
+    if isinstance(size, Metric):
+        size = MetricFunction(mesh, size)
+    elif not callable(size) or not isinstance(size(mesh.points[:1]), Metric):
+        return None
+
+    def metric(points: FloatArray) -> Metric:
+        there = size(points)
+        if not isinstance(there, Metric) or there.sizes.shape != points.shape:
+            wanted = f"a Metric with {len(points)} nodes in {points.shape[1]}-D"
+            raise ValueError(f"size(points) must be {wanted}, got {describe(there)}")
+        if np.isfinite(hmax):
+            there = there.clip(hmax=hmax)
+        bad = np.isinf(there.sizes)
+        refuse_where("size", bad, there.sizes, "must be finite in all directions: pass hmax")
+        return there
+
+    metric(mesh.points)
+    return metric
+
+
+def mean_size(metric: MetricAt, cell_dim: int) -> Size:
+    """Return the geometric mean of the sizes: that of regular cells of the same measure.
+
+    On a surface it is the mean of the two smallest, because the largest is that along the normal.
+    """
+
+    def size(points: FloatArray) -> FloatArray:
+        return np.asarray(np.exp(np.log(metric(points).sizes[:, :cell_dim]).mean(axis=1)))
+
+    return size
 
 
 def upper_triangles(matrices: FloatArray) -> FloatArray:
     """Return the rows of the upper triangles, float64[n, dim (dim + 1) / 2]."""
     i, j = np.triu_indices(matrices.shape[-1])
     return np.ascontiguousarray(matrices[:, i, j])
-
-
-def lengths_of(
-    points: FloatArray, edges: npt.NDArray[Any], matrices: FloatArray
-) -> FloatArray:
-    """placeholder."""
-    along = points[edges[:, 1]] - points[edges[:, 0]]
-    a, b = (np.sqrt(np.einsum("ni,nij,nj->n", along, matrices[e], along)) for e in edges.T)
-    near = np.abs(a - b) < 1e-6 * a
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(near, 0.5 * (a + b), (a - b) / np.log(a / b))
-
-
-def as_tensor(size, mesh):
-    if hasattr(size, "matrices"):
-        from adaptsize.remeshing.logtemp import field
-        return field(mesh, size.matrices)
-    if callable(size):
-        there = size(mesh.points[:1])
-        if hasattr(there, "matrices"):
-            return lambda x: size(x).matrices
-        if np.ndim(there) == 3:
-            return size
-    return None
-
-
-def mean_size(tensor):
-    def size(points):
-        m = tensor(points)
-        return np.linalg.det(m) ** (-0.5 / m.shape[-1])
-    return size
