@@ -42,6 +42,7 @@ _HOMES = {
     "isotropic_metric": "metrics",
     "metric_from_hessian": "metrics",
     "metric_from_layers": "metrics",
+    "limit_metric": "metrics",
     "size_function": "domain_size",
     "size_function_from_image": "domain_size",
     "mesh_image": "domain_size",
@@ -54,6 +55,7 @@ _HOMES = {
     "FieldTransfer": "adaptation",
     "read": "io",
     "read_image": "io",
+    "read_metric": "io",
     "read_size": "io",
     "write": "io",
 }

@@ -18,7 +18,7 @@ References
 
 import math
 
-from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.compiling import lean
 
 # Columns whose cosine is below this count as orthogonal.
 _ORTHOGONAL = 4e-16
@@ -144,19 +144,3 @@ def intersect_into(axes, h_a, r_a, h_b, r_b, k, g):
         for i in range(dim):
             k[i, j] *= s
     sizes_of_factor(axes, k, h_a, r_a)
-
-
-@lean_kernel
-def intersect_all(axes, h_a, r_a, h_b, r_b, k, g):
-    """Intersect metrics with others, node by node (In/Out: h_a, r_a).
-
-    Parameters
-    ----------
-    axes : tuple of length dim
-    h_a, h_b : float64[n, dim]
-    r_a, r_b : float64[n, dim, dim]
-    k, g : float64[dim, dim]
-        Scratch.
-    """
-    for i in range(h_a.shape[0]):
-        intersect_into(axes, h_a[i], r_a[i], h_b[i], r_b[i], k, g)

@@ -216,7 +216,12 @@ def adapt(
         as_flag("keep_integral", keep_integral),
     )
     is_metric = anisotropic is not False or as_metric_bound(h0, mesh) is not None
-    limits: dict[str, Any] = {"g": g, "hmin": hmin, "hmax": hmax, "target_elements": target_elements}
+    limits: dict[str, Any] = {
+        "g": g,
+        "hmin": hmin,
+        "hmax": hmax,
+        "target_elements": target_elements,
+    }
     request: Request
     if is_metric:
         if indicator is not None:
@@ -228,7 +233,8 @@ def adapt(
     else:
         request = SizeRequest(
             indicator=as_indicator(indicator, mesh),
-            h0=as_bound(cast("BoundLike | None", h0), mesh), order=order, tolerance=tolerance, max_refine=max_refine, max_coarsen=max_coarsen,
+            h0=as_bound(cast("BoundLike | None", h0), mesh), order=order, tolerance=tolerance,
+            max_refine=max_refine, max_coarsen=max_coarsen,
             **limits,
         )  # fmt: skip
         check_goal(request)

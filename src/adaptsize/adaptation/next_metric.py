@@ -19,15 +19,11 @@ from adaptsize.metrics import (
     Metric,
     MetricFunction,
     isotropic_metric,
+    limit_metric,
     metric_from_hessian,
     predicted_simplices,
 )
 from adaptsize.typing import FloatArray
-
-try:
-    from adaptsize.metrics import limit_metric
-except ImportError:
-    limit_metric = lambda mesh, m, g: m
 
 #: The scale of a metric is corrected at most so often to meet the number of elements; each time
 #: the metric is limited anew.

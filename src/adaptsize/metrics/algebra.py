@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels import metrics as kernels
+from adaptsize._kernels import metric_joint as kernels
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
 
-# Stands for inf, in units of the largest finite size; and what counts as inf afterwards.
-_UNBOUNDED = 1e30
-_AS_UNBOUNDED = 1e20
+#: Stands for inf, in units of the largest finite size; and what counts as inf afterwards.
+UNBOUNDED = 1e30
+AS_UNBOUNDED = 1e20
 
 # Lengths whose ratio is nearer to 1 than this have their arithmetic as logarithmic mean.
 _EQUAL = 1e-4
@@ -23,26 +23,18 @@ def assemble(directions: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray((directions * values[:, None, :]) @ directions.swapaxes(1, 2))
 
 
-def with_finite_sizes(h: FloatArray) -> tuple[FloatArray, float]:
-    """Return sizes with a huge number instead of inf, and the size from which on they are inf."""
-    finite = np.isfinite(h)
-    largest = float(h.max(initial=0.0, where=finite)) or 1.0
-    return np.where(finite, h, _UNBOUNDED * largest), _AS_UNBOUNDED * largest
-
-
 def intersection(
     sizes: list[FloatArray], directions: list[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Return sizes and directions of the intersections of two metrics or more."""
-    finite, unbounded = with_finite_sizes(np.stack(sizes))
-    h, r = finite[0].copy(), np.ascontiguousarray(directions[0]).copy()
-    dim = h.shape[1]
-    scratch = np.empty((2, dim, dim))
-    for number in range(1, len(sizes)):
-        other = np.ascontiguousarray(directions[number])
-        kernels.intersect_all((0,) * dim, h, r, finite[number].copy(), other.copy(), *scratch)
-    h[h >= unbounded] = np.inf
-    return h, r
+    h = np.stack(sizes)
+    scale = float(h.max(where=np.isfinite(h), initial=0.0)) or 1.0
+    h = np.where(np.isfinite(h), h / scale, UNBOUNDED)
+    r = np.stack(directions)
+    dim = h.shape[2]
+    h_all, r_all = np.empty(h.shape[1:]), np.empty(r.shape[1:])
+    kernels.intersect_stacks((0,) * dim, h, r, h_all, r_all, kernels.new_joint(dim))
+    return np.where(h_all >= AS_UNBOUNDED, np.inf, h_all * scale), r_all
 
 
 def logarithmic_mean(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from adaptsize._checks import (
     check_type,
     refuse_where,
 )
+from adaptsize._kernels.metric_joint import MOST
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import SimplexMesh
 from adaptsize.metrics import algebra
@@ -346,6 +347,8 @@ class Metric(ReadOnlyState):
         >>> along_x.intersect(along_y).sizes
         array([[0.1, 0.1]])
         """
+        if len(others) >= MOST:
+            raise ValueError(f"others must be at most {MOST - 1} metrics, got {len(others)}")
         for other in others:
             check_type("others", other, Metric)
             if other.sizes.shape != self.sizes.shape:

@@ -1,0 +1,479 @@
+r"""The intersection of several metrics: the largest one that is nowhere above any of them.
+
+The unit ball of a metric M is the ellipsoid x^T M x <= 1, and with P = M^-1 its volume is
+proportional to (det P)^(1/2).  The intersection of the metrics M_s = K_s K_s^T is the solution of
+
+    max log det P   such that   T_s = I - K_s^T P K_s  is positive semidefinite for all s.
+
+The objective is strictly concave and the constraints are convex, so that the solution is unique; it
+depends neither on the order of the metrics nor on those that are nowhere active.  It is the
+largest ellipsoid in the intersection of ellipsoids with one centre [1]_.
+
+For two metrics the solution is known (see metrics.py).  Otherwise the optimality conditions
+
+    P^-1 = sum_s K_s Y_s K_s^T,   T_s Y_s = 0,   Y_s positive semidefinite
+
+are solved by a primal-dual interior-point method: T_s Y_s = mu I with mu tending to 0.  Coordinates
+are such that intersecting two by two, one after another, gives the identity, which is a feasible
+start of the right size.
+
+References
+----------
+.. [1] L. Vandenberghe, S. Boyd, S.-P. Wu, "Determinant maximization with linear matrix inequality
+   constraints", SIAM J. Matrix Anal. Appl. 19 (1998) 499-533.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.metrics import (
+    column_norm,
+    fill_factor,
+    intersect_into,
+    rotate_columns,
+    sizes_of_factor,
+)
+
+#: Most metrics that are intersected at a time.
+MOST = 16
+
+# The sum of tr(Y_s T_s) at which steps with a constant mu begin, and their number.
+_GAP = 1e-10
+_CENTRE = 3
+_ITERATIONS = 60
+# Share to which mu falls after a full step and after a short one, and factors of steps that would
+# leave the domain.  With less, iterates come too near to the boundary to move.
+_FALL = 0.05
+_FALL_NEAR = 0.6
+_SHORTER = 0.95
+_SHORT = 0.99
+
+# Metrics with smaller multipliers are not active.
+_ACTIVE = 1e-6
+
+
+class Joint(NamedTuple):
+    """Metrics to intersect, their intersection, and scratch."""
+
+    h: np.ndarray
+    """float64[MOST, dim]: sizes of the metrics."""
+    r: np.ndarray
+    """float64[MOST, dim, dim]: their directions."""
+    number: np.ndarray
+    """int64[MOST]: their numbers."""
+    h_all: np.ndarray
+    """float64[dim]: sizes of the intersection."""
+    r_all: np.ndarray
+    """float64[dim, dim]: its directions."""
+    weight: np.ndarray
+    """float64[MOST]: multipliers tr(Y_s K_s^T P K_s), which add up to dim."""
+    k: np.ndarray
+    """float64[MOST, dim, dim]: factors."""
+    t: np.ndarray
+    """float64[MOST, dim, dim]: T_s."""
+    y: np.ndarray
+    """float64[MOST, dim, dim]: Y_s."""
+    dt: np.ndarray
+    """float64[MOST, dim, dim]: steps of T_s."""
+    dy: np.ndarray
+    """float64[MOST, dim, dim]: steps of Y_s."""
+    small: np.ndarray
+    """float64[10, dim, dim]"""
+    normal: np.ndarray
+    """float64[6, 7]: equations for the step of P."""
+
+
+def new_joint(dim: int) -> Joint:
+    """Return scratch for one thread."""
+    square = (MOST, dim, dim)
+    return Joint(
+        h=np.empty((MOST, dim)),
+        r=np.empty(square),
+        number=np.empty(MOST, np.int64),
+        h_all=np.empty(dim),
+        r_all=np.empty((dim, dim)),
+        weight=np.empty(MOST),
+        k=np.empty(square),
+        t=np.empty(square),
+        y=np.empty(square),
+        dt=np.empty(square),
+        dy=np.empty(square),
+        small=np.empty((10, dim, dim)),
+        normal=np.empty((6, 7)),
+    )
+
+
+@lean
+def _factorise(axes, a, c):
+    """Fill the lower triangle of the Cholesky factor (Out: c); return whether a is definite."""
+    dim = len(axes)
+    for j in range(dim):
+        for i in range(j, dim):
+            total = a[i, j]
+            for k in range(j):
+                total -= c[i, k] * c[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                c[j, j] = math.sqrt(total)
+            else:
+                c[i, j] = total / c[j, j]
+    return True
+
+
+@lean
+def _invert_lower(axes, c, inverse):
+    """Fill the inverse of a lower triangle, zeros above (Out: inverse)."""
+    dim = len(axes)
+    for j in range(dim):
+        for i in range(dim):
+            inverse[i, j] = 0.0
+        inverse[j, j] = 1.0 / c[j, j]
+        for i in range(j + 1, dim):
+            total = 0.0
+            for k in range(j, i):
+                total -= c[i, k] * inverse[k, j]
+            inverse[i, j] = total / c[i, i]
+
+
+@lean
+def _invert(axes, a, c, lower, inverse):
+    """Fill the inverse of a positive definite matrix (Out); c, lower: scratch."""
+    dim = len(axes)
+    if not _factorise(axes, a, c):
+        return False
+    _invert_lower(axes, c, lower)
+    for i in range(dim):
+        for j in range(dim):
+            total = 0.0
+            for k in range(dim):
+                total += lower[k, i] * lower[k, j]
+            inverse[i, j] = total
+    return True
+
+
+@lean
+def _sandwich(axes, k, a, transposed, half, out):
+    """Fill K A K^T, or K^T A K if ``transposed`` (Out: out); half: scratch."""
+    dim = len(axes)
+    for i in range(dim):
+        for j in range(dim):
+            total = 0.0
+            for m in range(dim):
+                total += (k[m, i] if transposed else k[i, m]) * a[m, j]
+            half[i, j] = total
+    for i in range(dim):
+        for j in range(dim):
+            total = 0.0
+            for m in range(dim):
+                total += half[i, m] * (k[m, j] if transposed else k[j, m])
+            out[i, j] = total
+
+
+@lean
+def _add_products(axes, b, c, normal):
+    """Add tr(E_a B E_c C) for all pairs of basis matrices to the lower triangle (In/Out)."""
+    dim = len(axes)
+    row = 0
+    for i in range(dim):
+        for j in range(i, dim):
+            column = 0
+            for m in range(i + 1):
+                for n in range(m, dim):
+                    if column > row:
+                        break
+                    value = b[i, m] * c[j, n] + b[i, n] * c[j, m]
+                    value += b[j, m] * c[i, n] + b[j, n] * c[i, m]
+                    value *= (1.0 if i != j else 0.5) * (1.0 if m != n else 0.5)
+                    normal[row, column] += value
+                    column += 1
+            row += 1
+
+
+@lean
+def _solve(m, a):
+    """Solve m equations with the right-hand side in column 6 (In/Out); lower triangle given."""
+    for j in range(m):
+        for i in range(j, m):
+            total = a[i, j]
+            for k in range(j):
+                total -= a[i, k] * a[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                a[j, j] = math.sqrt(total)
+            else:
+                a[i, j] = total / a[j, j]
+    for i in range(m):
+        for k in range(i):
+            a[i, 6] -= a[i, k] * a[k, 6]
+        a[i, 6] /= a[i, i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            a[i, 6] -= a[k, i] * a[k, 6]
+        a[i, 6] /= a[i, i]
+    return True
+
+
+@lean
+def _longest_step(axes, a, da, scratch, c):
+    """Return a step up to 1, most of the way to where a + step da is not definite any more."""
+    dim = len(axes)
+    step = 1.0
+    for _ in range(100):
+        for i in range(dim):
+            for j in range(dim):
+                scratch[i, j] = a[i, j] + step * da[i, j]
+        if _factorise(axes, scratch, c):
+            return step if step == 1.0 else _SHORT * step
+        step *= _SHORTER
+    return 0.0
+
+
+@lean
+def _improve(axes, count, joint, p, mu, inside):
+    """Take one step of the interior-point method (In/Out: p, joint); return its length up to 1.
+
+    ``inside``: whether the step must keep P, T_s and Y_s definite.
+    """
+    dim = len(axes)
+    small, normal = joint.small, joint.normal
+    half, inverse, b, c, low, product, x = (
+        small[1], small[2], small[3], small[4], small[5], small[6], small[7],
+    )  # fmt: skip
+    m = dim * (dim + 1) // 2
+    for i in range(m):
+        for j in range(7):
+            normal[i, j] = 0.0
+    if not _invert(axes, p, c, low, inverse):
+        return 0.0
+    _add_products(axes, inverse, inverse, normal)
+    for s in range(count):
+        if not _invert(axes, joint.t[s], c, low, x):
+            return 0.0
+        _sandwich(axes, joint.k[s], x, False, half, b)
+        _sandwich(axes, joint.k[s], joint.y[s], False, half, product)
+        _add_products(axes, b, product, normal)
+        for i in range(dim):
+            for j in range(dim):
+                inverse[i, j] -= mu * b[i, j]
+    row = 0
+    for i in range(dim):
+        for j in range(i, dim):
+            normal[row, 6] = inverse[i, j] if i == j else 2.0 * inverse[i, j]
+            row += 1
+    if not _solve(m, normal):
+        return 0.0
+    row = 0
+    dp = small[8]
+    for i in range(dim):
+        for j in range(i, dim):
+            dp[i, j] = dp[j, i] = normal[row, 6]
+            row += 1
+    step_p = _longest_step(axes, p, dp, b, c) if inside else 1.0
+    step_y = 1.0
+    for s in range(count):
+        t, y, dt, dy = joint.t[s], joint.y[s], joint.dt[s], joint.dy[s]
+        _sandwich(axes, joint.k[s], dp, True, half, dt)
+        _invert(axes, t, c, low, x)
+        for i in range(dim):
+            for j in range(dim):
+                dt[i, j] = -dt[i, j]
+        for i in range(dim):
+            for j in range(dim):
+                total = 0.0
+                for n in range(dim):
+                    total += dt[i, n] * x[n, j]
+                half[i, j] = total
+        for i in range(dim):
+            for j in range(dim):
+                total = 0.0
+                for n in range(dim):
+                    total += y[i, n] * half[n, j]
+                product[i, j] = total
+        for i in range(dim):
+            for j in range(dim):
+                dy[i, j] = mu * x[i, j] - y[i, j] - 0.5 * (product[i, j] + product[j, i])
+        if inside:
+            step_p = min(step_p, _longest_step(axes, t, dt, b, c))
+            step_y = min(step_y, _longest_step(axes, y, dy, b, c))
+    for i in range(dim):
+        for j in range(dim):
+            p[i, j] += step_p * dp[i, j]
+            for s in range(count):
+                joint.y[s, i, j] += step_y * joint.dy[s, i, j]
+    return min(step_p, step_y)
+
+
+@lean
+def _fill_slacks(axes, count, joint, p):
+    """Fill T_s = I - K_s^T P K_s; return the sum of tr(Y_s T_s)."""
+    dim = len(axes)
+    gap = 0.0
+    for s in range(count):
+        t = joint.t[s]
+        _sandwich(axes, joint.k[s], p, True, joint.small[1], t)
+        for i in range(dim):
+            for j in range(dim):
+                t[i, j] = (1.0 if i == j else 0.0) - t[i, j]
+        for i in range(dim):
+            for j in range(dim):
+                gap += t[i, j] * joint.y[s, i, j]
+    return gap
+
+
+@lean
+def _optimise(axes, count, joint, p):
+    """Solve for P from the feasible start I / 2 (Out: p)."""
+    dim = len(axes)
+    for i in range(dim):
+        for j in range(dim):
+            p[i, j] = 0.5 if i == j else 0.0
+            for s in range(count):
+                joint.y[s, i, j] = 1.0 / count if i == j else 0.0
+    fall, n = _FALL, count * dim
+    gap = _fill_slacks(axes, count, joint, p)
+    for _ in range(_ITERATIONS):
+        if gap < _GAP:
+            break
+        step = _improve(axes, count, joint, p, fall * gap / n, True)
+        gap = _fill_slacks(axes, count, joint, p)
+        fall = _FALL if step > 0.9 else _FALL_NEAR
+    for _ in range(_CENTRE):
+        _improve(axes, count, joint, p, gap / n, True)
+        _fill_slacks(axes, count, joint, p)
+    # From a point on the path of solutions for mu, a step to mu = 0 has an error of order mu^2.
+    _improve(axes, count, joint, p, 0.0, False)
+    _fill_slacks(axes, count, joint, p)
+
+
+@lean
+def _fill_weights(axes, count, joint):
+    """Fill the multipliers of the metrics (Out: weight); T_s and Y_s are given."""
+    dim = len(axes)
+    for s in range(count):
+        total = 0.0
+        for i in range(dim):
+            total += joint.y[s, i, i]
+            for j in range(dim):
+                total -= joint.y[s, i, j] * joint.t[s, i, j]
+        joint.weight[s] = total
+
+
+@lean
+def _drop_inactive(axes, count, joint):
+    """Remove the metrics of small multipliers (In/Out: h, r, number); return the new count."""
+    dim = len(axes)
+    kept = 0
+    for s in range(count):
+        if joint.weight[s] <= _ACTIVE:
+            continue
+        joint.number[kept] = joint.number[s]
+        for j in range(dim):
+            joint.h[kept, j] = joint.h[s, j]
+            for i in range(dim):
+                joint.r[kept, i, j] = joint.r[s, i, j]
+        kept += 1
+    return kept
+
+
+@lean
+def two_by_two(axes, count, joint):
+    """Fill the result (Out: h_all, r_all) of intersecting two by two, one after another."""
+    dim = len(axes)
+    h, r = joint.h_all, joint.r_all
+    for j in range(dim):
+        h[j] = joint.h[0, j]
+        for i in range(dim):
+            r[i, j] = joint.r[0, i, j]
+    for s in range(1, count):
+        intersect_into(axes, h, r, joint.h[s], joint.r[s], joint.small[1], joint.small[2])
+
+
+@lean
+def _as_metric(axes, count, joint, p):
+    """Set the result to P^-1 (In/Out: h_all, r_all), scaled so that no metric exceeds it."""
+    dim = len(axes)
+    base, c, low, g = joint.small[0], joint.small[4], joint.small[5], joint.small[6]
+    for i in range(dim):
+        for j in range(dim):
+            c[i, j] = 0.0
+    _factorise(axes, p, c)
+    largest = 0.0
+    for s in range(count):
+        for i in range(dim):
+            for j in range(dim):
+                value = 0.0
+                for n in range(dim):
+                    value += joint.k[s, n, i] * c[n, j]
+                g[i, j] = value
+        rotate_columns(axes, g, None)
+        for j in range(dim):
+            largest = max(largest, column_norm(axes, g, j))
+    _invert_lower(axes, c, low)
+    fill_factor(axes, joint.h_all, joint.r_all, base)
+    for i in range(dim):
+        for j in range(dim):
+            total = 0.0
+            for n in range(dim):
+                total += base[i, n] * low[j, n]
+            g[i, j] = total * largest
+    sizes_of_factor(axes, g, joint.h_all, joint.r_all)
+
+
+@lean
+def intersect_several(axes, count, joint):
+    """Fill the intersection of the first metrics of ``joint`` (In/Out).
+
+    Metrics that are not active are removed.  Returns the number of the others.
+    """
+    dim, p = len(axes), joint.small[9]
+    while True:
+        two_by_two(axes, count, joint)
+        if count <= 2:
+            return count
+        for s in range(count):  # K' = S^T K with S = R diag(h)
+            for i in range(dim):
+                for j in range(dim):
+                    total = 0.0
+                    for n in range(dim):
+                        total += joint.r_all[n, i] * joint.r[s, n, j]
+                    joint.k[s, i, j] = total * (joint.h_all[i] / joint.h[s, j])
+        _optimise(axes, count, joint, p)
+        _fill_weights(axes, count, joint)
+        kept = _drop_inactive(axes, count, joint)
+        if kept == count:
+            _as_metric(axes, count, joint, p)
+            return count
+        count = kept
+
+
+@lean_kernel
+def intersect_stacks(axes, h, r, h_all, r_all, joint):
+    """Intersect several metrics, node by node.
+
+    Parameters
+    ----------
+    axes : tuple of length dim
+    h, r : float64[m, n, dim], float64[m, n, dim, dim]
+        From 2 to MOST metrics at each of n nodes.
+    h_all, r_all : float64[n, dim], float64[n, dim, dim]
+        Out.
+    joint : Joint
+    """
+    dim, count = len(axes), h.shape[0]
+    for v in range(h.shape[1]):
+        for s in range(count):
+            for j in range(dim):
+                joint.h[s, j] = h[s, v, j]
+                for i in range(dim):
+                    joint.r[s, i, j] = r[s, v, i, j]
+            joint.number[s] = s
+        intersect_several(axes, count, joint)
+        for j in range(dim):
+            h_all[v, j] = joint.h_all[j]
+            for i in range(dim):
+                r_all[v, i, j] = joint.r_all[i, j]
