@@ -286,6 +286,7 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
     Examples
     --------
     >>> import tempfile, pathlib
+    >>> import numpy as np
     >>> from adaptsize.metrics import Metric, MetricFunction
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
@@ -356,6 +357,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     Examples
     --------
     >>> import tempfile, pathlib
+    >>> import numpy as np
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "mask.npz")
     ...     np.savez(file, labels=np.eye(3, dtype=int), spacing=[0.5, 1.0])
