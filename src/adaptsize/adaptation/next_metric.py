@@ -104,9 +104,10 @@ def metric_request(
         raise ValueError("fields need tolerance or target_elements, got neither")
     if not chosen and accuracy is not None:
         raise ValueError("tolerance needs fields whose error it limits, got none")
-    for name in ("interpolation_error", "target_elements"):
-        if options[name] is not None:
-            as_number(name, options[name], lower=0.0, strict=True)
+    if accuracy is not None:
+        as_number("tolerance", accuracy, lower=0.0, strict=True)
+    if target is not None:
+        as_number("target_elements", target, lower=1.0)
     g = options["g"]
     if g is not None and not (isinstance(g, int | float) and 0.0 <= g < math.inf):
         raise ValueError(f"g must be finite and >= 0, or None, with a metric, got {describe(g)}")
