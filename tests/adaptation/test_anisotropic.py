@@ -121,7 +121,9 @@ def test_a_smaller_tolerance_needs_more_elements():
         adapt(MESH, anisotropic=True, fields=fields, tolerance=t, hmax=0.3, enough=0.0).report
         for t in (4e-2, 1e-2)
     ]
-    assert predicted[1].predicted_elements > 2.0 * predicted[0].predicted_elements  # 4 without limits
+    assert (
+        predicted[1].predicted_elements > 2.0 * predicted[0].predicted_elements
+    )  # 4 without limits
 
 
 def test_two_fields_give_the_intersection():
