@@ -3,7 +3,7 @@
 The flow of `plot_euler_bump.py`, with the same solver.  There the size is the same in all
 directions, and the shocks need thousands of small triangles along them.  Here each cycle calls
 `adapt` with ``anisotropic="density"``: the metric follows from the second derivatives of the
-density, is limited to g = 0.25 in space, and scaled to the number of triangles.  Mmg makes the
+density, is limited in physical space, and scaled to the number of triangles.  Mmg makes the
 mesh, boundary nodes are projected onto the arc, and mass, momentum and energy are transferred
 conservatively.
 
@@ -73,7 +73,6 @@ def stretched(result: bump.Cycle, n_triangles: float) -> bump.Cycle:
         hmin=HMIN,
         hmax=HMAX,
         max_aspect=ASPECT,
-        g=bump.G,
         project=onto_boundary,
         enough=1.1,
     )

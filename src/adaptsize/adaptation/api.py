@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, cast
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_number, check_type, describe
+from adaptsize._checks import as_flag, as_number, check_type, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
@@ -35,6 +35,9 @@ from adaptsize.typing import GradientLimit, ProgressCallback
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 _Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
 
+#: Default gradient limits.
+_G, _G_OF_METRICS = 0.25, 1.0
+
 
 def adapt(
     mesh: SimplexMesh,
@@ -44,7 +47,7 @@ def adapt(
     h0: BoundLike | Metric | MetricFunction | None = None,
     target_elements: float | None = None,
     tolerance: float | None = None,
-    g: GradientLimit | None = 0.25,
+    g: GradientLimit | Literal["auto"] | None = "auto",
     hmin: float | None = None,
     hmax: float | None = None,
     max_refine: float = 4.0,
@@ -92,8 +95,10 @@ def adapt(
         are scaled to meet it.  With ``tolerance`` it is an upper limit.
     tolerance : float, optional
         Target for the total error, > 0.  The sizes are computed for 0.95 of it.
-    g : float, array_like, callable, tuple or None, default 0.25
-        Gradient limit, as in `limit_gradient`.  None disables gradient limiting.
+    g : float, array_like, callable, tuple, "auto" or None
+        Gradient limit, as in `limit_gradient`.  None disables gradient limiting.  "auto" is 0.25,
+        and 1 for metrics: `limit_metric` limits all sizes at a node by the smallest ones nearby,
+        and 0.25 needed 1.6 to 2.5 times as many elements for the same error of interpolation.
     hmin, hmax : float, optional
         Limits of the size.
     max_refine, max_coarsen : float, default 4 and 2
@@ -216,6 +221,9 @@ def adapt(
         as_flag("keep_integral", keep_integral),
     )
     is_metric = anisotropic is not False or as_metric_bound(h0, mesh) is not None
+    if isinstance(g, str):
+        one_of("g", g, ("auto",))
+        g = _G_OF_METRICS if is_metric else _G
     limits: dict[str, Any] = {
         "g": g,
         "hmin": hmin,
