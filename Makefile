@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: lint test test-nojit test-bounds attack docs gallery examples bench clean
+.PHONY: lint test test-nojit test-bounds lowest attack docs gallery examples bench dist clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -11,12 +11,25 @@ lint:
 test:
 	$(PYTHON) -m pytest -n 2
 
+# Kernels as plain Python: their tests, and random calls of the public functions.  Prints which share of
+# the lines was executed.  Scalars of numpy warn where compiled code does not.
+test-nojit: export NUMBA_DISABLE_JIT = 1
 test-nojit:
-	NUMBA_DISABLE_JIT=1 $(PYTHON) -m pytest tests/kernels
+	$(PYTHON) -m coverage run -m pytest -W ignore::RuntimeWarning tests/kernels
+	$(PYTHON) -m coverage run --append -m tests.attack --jobs 0 --start 20260214 --cases $(PLAIN_CASES) --only calls
+	$(PYTHON) -m coverage report --skip-covered
+PLAIN_CASES ?= 1500
 
-# A cache of its own: numba does not distinguish kernels with bounds checks from those without.
+# Kernels with checks of array bounds.  A cache of its own: numba does not distinguish them.
+test-bounds: export NUMBA_BOUNDSCHECK = 1
+test-bounds: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
 test-bounds:
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba_cache/bounds $(PYTHON) -m pytest tests/kernels tests/laws
+	$(PYTHON) -m pytest -n 2 tests/kernels tests/limiting/exact tests/adaptation/test_transfer.py \
+		tests/background/test_location.py tests/background/test_octree_location.py
+
+# Tests with the lowest versions of the dependencies, in fresh environments.
+lowest:
+	.ci/lowest
 
 # 20 000 random cases from a new seed, which is printed; CASES and SEED choose others.
 CASES ?= 20000
@@ -37,7 +50,12 @@ examples:
 bench:
 	$(PYTHON) benchmarks/limiting.py
 
+# One pure wheel and one source distribution, checked.  Needs: pip install build twine
+dist:
+	$(PYTHON) -m build --outdir dist
+	$(PYTHON) -m twine check --strict dist/*
+
 clean:
 	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
 	rm -rf docs/_build docs/api docs/gallery docs/project docs/results
-	rm -f bracket.vtu bracket.png attack.jsonl corpus.md corpus.md.jsonl
+	rm -f .coverage bracket.vtu bracket.png attack.jsonl corpus.md corpus.md.jsonl

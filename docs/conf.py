@@ -22,7 +22,8 @@ extensions = [
     "numpydoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+    "formulas",
     "pages",
 ]
 exclude_patterns = ["_build", "measurements", "decisions/template.md"]
@@ -38,9 +39,12 @@ autodoc_member_order = "bysource"
 numpydoc_show_class_members = False  # autodoc shows them
 numpydoc_xref_param_type = False
 
+copybutton_prompt_text = "$ "  # copied commands come without it, and without their output
+
 html_theme = "furo"
 html_title = f"adaptsize {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_math_renderer = "mathml"
 html_theme_options = {"navigation_with_keys": True}

@@ -27,7 +27,9 @@ DOCS = ROOT / "docs"
 PAGES = [
     "README.md",
     "docs/index.md",
+    "docs/install.md",
     *sorted(f"docs/how-to/{p.name}" for p in DOCS.glob("how-to/[a-z]*.md")),
+    *sorted(f"docs/tutorials/{p.name}" for p in DOCS.glob("tutorials/[a-z]*.md")),
 ]
 FIRST = "adaptsize remesh data/bracket.stl -o bracket.vtu --plot bracket.png"
 COARSER = {
@@ -44,6 +46,14 @@ COARSER = {
     "docs/how-to/image.md": [],
     "docs/how-to/fem-loop.md": [("(1000, 2000, 4000, 8000)", "(100, 200)")],
     "docs/how-to/export.md": [],
+    "docs/install.md": [("adaptsize warmup", "")],
+    "docs/tutorials/coast.md": [
+        ("12_000", "1_200"),
+        ("8_000", "800"),
+        ("0.5)\nb =", "4.0)\nb ="),
+        ("h_shore = 1.0", "h_shore = 8.0"),
+    ],
+    "docs/tutorials/seismic.md": [("per_wavelength = 5.0, 5.0", "per_wavelength = 2.0, 4.0")],
 }  # fmt: skip
 BLOCK = re.compile(
     r"^(?:<!-- needs: (?P<needs>\S+) -->\n)?```(?P<kind>sh|python)\n(?P<code>.*?)^```$",

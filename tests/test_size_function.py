@@ -293,3 +293,5 @@ def test_growth_is_refused_where_sizes_fill_their_space():
         SizeFunction(SQUARE, [1.0] * SQUARE.n_points, g=0.3)
     with pytest.raises(ValueError, match="hmax needs g"):
         SizeFunction(SQUARE, [1.0] * SQUARE.n_points, hmax=0.3)
+    with pytest.raises(ValueError, match="hmax must be a number"):
+        SizeFunction(SQUARE, [1.0] * SQUARE.n_points, hmax=[1.0, 2.0])

@@ -26,6 +26,26 @@ FIGURES = {
     14: "g(x), different from place to place",
     15: "g(h), different from size to size",
 }
+# The subjects of the gallery, in their order; examples that nobody listed come last.
+SUBJECTS = {
+    "Start here": ["plot_point_source", "plot_bracket", "plot_image", "fem_loop"],
+    "Gradient limiting": [
+        "plot_one_dimension", "plot_two_sources", "plot_slit", "plot_exact_maze", "plot_sources",
+        "plot_grid_schemes", "plot_space_dependent_g", "plot_g_of_h", "plot_g_on_a_domain",
+        "plot_backgrounds",
+    ],
+    "Geometry: distance, curvature, feature size": [
+        "plot_distance", "plot_medial_axis", "plot_curved_boundary", "plot_feature_and_curvature",
+        "plot_feature_size", "plot_level_set_curvature", "plot_octree", "plot_octree_feature_size",
+    ],
+    "Meshes of parts, scans, images and implicit domains": [
+        "plot_scan", "plot_two_regions", "plot_volume", "plot_smooth_boundaries",
+        "plot_implicit_background",
+    ],
+    "Adaptive solutions": [
+        "plot_lshape", "plot_fichera", "plot_hot_spot", "plot_front", "plot_euler_bump",
+    ],
+}  # fmt: skip
 ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md)"}
 
 
@@ -115,18 +135,6 @@ def index_of(examples: Sequence[Example]) -> str:
         answers = [f"[{e.title}]({e.name}.md)" for e in examples if number in e.figures]
         shown = "; ".join(answers) or ELSEWHERE.get(number, "")
         rows.append(f"| {number} | {subject} | {shown} |")
-    cards = [
-        "\n".join(
-            [
-                "::::{container} card",
-                f"[![{e.title}](../figures/{e.pictures[0]})]({e.name}.md)",
-                "",
-                f"[{e.title}]({e.name}.md)",
-                "::::",
-            ]
-        )
-        for e in examples
-    ]
     return "\n".join(
         [
             "# Gallery",
@@ -134,12 +142,7 @@ def index_of(examples: Sequence[Example]) -> str:
             "Each picture is drawn by a script in `examples/`, which the tests run at a coarser",
             "setting. `python examples/plot_slit.py` writes its pictures to `examples/output/`.",
             "",
-            "## All examples",
-            "",
-            ":::::{container} gallery",
-            "\n".join(cards),
-            ":::::",
-            "",
+            *_cards(examples),
             "## Figure by figure",
             "",
             "The figures of Persson's paper and the examples that draw the like:",
@@ -151,9 +154,39 @@ def index_of(examples: Sequence[Example]) -> str:
             "```{toctree}",
             ":hidden:",
             "",
-            *[f"{e.short_title} <{e.name}>" for e in examples],
+            *[f"{e.short_title} <{e.name}>" for _, chosen in _by_subject(examples) for e in chosen],
             "```",
             "",
+        ]
+    )
+
+
+def _by_subject(examples: Sequence[Example]) -> Iterator[tuple[str, list[Example]]]:
+    """Yield each subject with its examples."""
+    by_name = {e.name: e for e in examples}
+    listed = {name for names in SUBJECTS.values() for name in names}
+    for subject, names in {**SUBJECTS, "More": sorted(set(by_name) - listed)}.items():
+        if chosen := [by_name[name] for name in names if name in by_name]:
+            yield subject, chosen
+
+
+def _cards(examples: Sequence[Example]) -> Iterator[str]:
+    """Yield the cards of the examples under the headings of their subjects."""
+    for subject, chosen in _by_subject(examples):
+        yield f"## {subject}\n\n:::::{{container}} gallery"
+        yield from (_card(e) for e in chosen)
+        yield ":::::\n"
+
+
+def _card(example: Example) -> str:
+    link = f"{example.name}.md"
+    return "\n".join(
+        [
+            "::::{container} card",
+            f"[![{example.title}](../figures/{example.pictures[0]})]({link})",
+            "",
+            f"[{example.title}]({link})",
+            "::::",
         ]
     )
 

@@ -37,10 +37,12 @@ FOLDERS = {
     "docs/how-to": "how-to/README",
 }
 CONTENTS = {
+    "First steps": ["install", "troubleshooting", "comparison"],
     "How to": [
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
         "how-to/export",
     ],
+    "Tutorials": ["tutorials/coast", "tutorials/seismic"],
     "Examples": ["gallery/index"],
     "Methods": [
         "limiting", "exact-limiting", "octrees", "distance", "medial-axis", "feature-size",

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 import fem_loop
 from meshes import jittered_cube, jittered_square
-from test_sizes_error import (
+from recovery import (
     MESHES,
     gradient_errors,
     means_of_cell_gradients,

@@ -20,7 +20,6 @@ from adaptsize.sizes import recovered_gradient, recovered_hessian
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "sizes"))
 
 import _problems
 import curved_shapes
@@ -28,7 +27,7 @@ import octrees
 import planar_shapes
 from _gallery import drawing, save_drawing
 from meshes import jittered_square
-from test_sizes_error import means_of_cell_gradients, root_mean_square, wave
+from recovery import means_of_cell_gradients, root_mean_square, wave
 
 G = _problems.G
 FIGURES = Path(__file__).parents[1] / "figures"

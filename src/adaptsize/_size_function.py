@@ -146,16 +146,16 @@ class SizeFunction(ReadOnlyState):
         values.flags.writeable = False
         object.__setattr__(self, "values", values)  # bypasses the frozen dataclass
         one_of("outside", self.outside, ("nearest", "error"))
+        hmax = as_number("hmax", self.hmax, lower=0.0, strict=True, allow_inf=True)
         if self.g is not None:
             as_number("g", self.g, lower=0.0)
-            as_number("hmax", self.hmax, lower=0.0, strict=True, allow_inf=True)
             if not _is_thin(self.background) or self.outside == "error":
                 raise ValueError(
                     "g is for sizes on surfaces and lines that continue off them, "
                     f"got g = {self.g:g} with outside={self.outside!r} on {self.background!r}"
                 )
-        elif self.hmax != np.inf:
-            raise ValueError(f"hmax needs g, got hmax = {self.hmax:g} alone")
+        elif hmax != np.inf:
+            raise ValueError(f"hmax needs g, got hmax = {hmax:g} alone")
         if self.sources is None:
             return
         from adaptsize.limiting import SizeSources

@@ -7,10 +7,12 @@ import signal
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from .cases import SHARES, class_of
 from .pool import outcomes
+from .worker import run_case
 
 
 def main() -> int:
@@ -30,7 +32,9 @@ def main() -> int:
     began = time.monotonic()
     tried, failed, kinds = Counter(), Counter(), Counter()
     with open(arguments.report, "a", encoding="utf-8") as report:
-        for done, outcome in enumerate(outcomes(numbers, arguments.jobs), 1):
+        chosen = _until(began + arguments.seconds, numbers)
+        found = outcomes(chosen, arguments.jobs) if arguments.jobs else map(run_case, chosen)
+        for done, outcome in enumerate(found, 1):
             tried[outcome["class"]] += 1
             if outcome["status"] != "ok":
                 failed[outcome["class"]] += 1
@@ -50,14 +54,26 @@ def main() -> int:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__)
     parser.add_argument("--cases", type=int, default=1000, help="how many cases")
+    parser.add_argument(
+        "--seconds", type=float, default=float("inf"), help="start no case after so many seconds"
+    )
     parser.add_argument("--start", type=int, help="the first number; by default a random one")
     parser.add_argument("--seed", type=int, help="run this case only, and say what it was")
     parser.add_argument("--only", choices=SHARES, help="run cases of this class only")
-    parser.add_argument("--jobs", type=int, default=2, help="children at a time")
+    jobs = "children at a time; 0 runs all cases in this process, without limits"
+    parser.add_argument("--jobs", type=int, default=2, help=jobs)
     parser.add_argument(
         "--report", type=Path, default=Path("/dev/null"), help="append a line of JSON per failure"
     )
     return parser.parse_args()
+
+
+def _until(end: float, numbers: Iterable[int]) -> Iterator[int]:
+    """Return the numbers of the cases to start, until a time."""
+    for number in numbers:
+        if time.monotonic() > end:
+            return
+        yield number
 
 
 def _kind(outcome: dict) -> str:

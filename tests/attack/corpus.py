@@ -1,38 +1,57 @@
 """Remesh every surface in a folder, each in a child process, and tabulate what happened.
 
     python -m tests.attack.corpus DIR [--output FILE] [--timeout S] [--memory GB]
+    python -m tests.attack.corpus --nasty N --seed S [--output FILE]
 
 The outcomes are kept in FILE.jsonl, one line per surface.  A second run skips what is there, so
-that an interrupted run can be resumed.  FILE is the table, in markdown.
+that an interrupted run can be resumed.  FILE is the table, in markdown.  With ``--nasty`` the
+surfaces are those of `nasty`, and the table has a line per defect.
+
+An outcome is of one of five kinds:
+
+kept      a mesh without inverted cells that meets the demands of `check_mesh` on the boundary, the
+          volume and the topology
+warned    a mesh without inverted cells that misses such a demand, with a warning about the surface
+deviates  the same without a warning
+refused   an error of one line
+failed    anything else: a crash, a limit of time or memory, an unclear error, inverted cells
 """
 
 import argparse
+import contextlib
 import json
 import os
 import resource
 import signal
-import subprocess
 import sys
+import tempfile
 import time
 import warnings
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from .nasty import write_surfaces
+from .tables import table, table_of_defects
+
 _SUFFIXES = {".stl", ".off", ".obj", ".ply", ".vtk", ".vtu", ".msh", ".mesh", ".meshb"}
-_COLUMNS = ("file", "triangles", "made", "s", "MB", "in band", "angle", "distance", "outcome")
+#: The wall time of a case is limited to this many times its processor time.
+_PATIENCE = 20.0
+#: Demands of `check_mesh` about the domain.
+_OF_DOMAIN = ("boundary", "measure", "topology")
 
 
 def main() -> int:
     arguments = _arguments()
-    if arguments.one:
-        print(json.dumps(outcome_of(Path(arguments.folder), arguments.max_elements)))
-        return 0
-    folder = Path(arguments.folder)
+    folder = Path(arguments.folder or f"nasty-{arguments.seed}")
+    if arguments.nasty:
+        write_surfaces(folder, arguments.nasty, arguments.seed)
     files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES)
     store = arguments.output.with_suffix(arguments.output.suffix + ".jsonl")
     known = {row["file"]: row for row in _rows_in(store)}
+    _load_kernels()
     for number, file in enumerate(files, 1):
         name = str(file.relative_to(folder))
         if name in known:
@@ -41,19 +60,18 @@ def main() -> int:
         known[name] = row
         with open(store, "a", encoding="utf-8") as rows:
             rows.write(json.dumps(row) + "\n")
-        print(f"{number} of {len(files)}: {name}: {row['outcome'][:120]}", flush=True)
-    names = [str(file.relative_to(folder)) for file in files]
-    arguments.output.write_text(table(known[name] for name in names), encoding="utf-8")
-    bad = [row for row in known.values() if row["kind"] == "failed"]
-    print(f"{len(files)} files, {len(bad)} failed; {arguments.output}")
+        said = f"{row['kind']}: {row['outcome'][:120]}"
+        print(f"{number} of {len(files)}: {name}: {said}", flush=True)
+    chosen = [known[str(file.relative_to(folder))] for file in files]
+    made = table_of_defects(chosen) if arguments.nasty else table(chosen)
+    arguments.output.write_text(made, encoding="utf-8")
+    bad = sum(row["kind"] == "failed" for row in chosen)
+    print(f"{len(files)} files, {bad} failed; {arguments.output}")
     return 1 if bad else 0
 
 
-def outcome_of(file: Path, max_elements: float) -> dict[str, Any]:
-    """Read, size and remesh a surface in this process.
-
-    The kind of the outcome is "mesh", "refused" (one clear line) or "failed".
-    """
+def outcome_of(file: Path, max_elements: float, tolerance: float) -> dict[str, Any]:
+    """Read, size, remesh and check a surface in this process."""
     import adaptsize as ads
 
     from .calls import check_error
@@ -65,9 +83,10 @@ def outcome_of(file: Path, max_elements: float) -> dict[str, Any]:
             warnings.simplefilter("always")
             surface = ads.read(file)
             row["triangles"] = surface.n_cells
-            size = ads.size_function(surface, max_elements=max_elements)
-            made = ads.remesh(surface, size)
-            found = ads.size_conformity(made, size, surface=_of_space(surface))
+            size = ads.size_function(surface, max_elements=max_elements, tolerance=tolerance)
+            made = ads.remesh(surface, size, tolerance=tolerance)
+        found = ads.size_conformity(made, size, surface=_of_space(surface))
+        check = ads.check_mesh(made, original=surface, size=size, tolerance=tolerance)
     except Exception as error:
         try:
             check_error(error)
@@ -81,10 +100,16 @@ def outcome_of(file: Path, max_elements: float) -> dict[str, Any]:
         "angle": round(found.angle_min, 1),
         "distance": found.hausdorff_relative,
     }
-    if found.n_inverted:
-        return row | {"kind": "failed", "outcome": f"{found.n_inverted} inverted cells"}
+    odd = [w for w in warned if not issubclass(w.category, UserWarning)]
+    if odd or found.n_inverted:
+        text = f"{odd[0].category.__name__}: {odd[0].message}" if odd else "inverted cells"
+        return row | {"kind": "failed", "outcome": text}
+    missed = [demand.name for demand in check.failures if demand.name in _OF_DOMAIN]
     said = "; ".join(sorted({str(w.message).splitlines()[0][:100] for w in warned}))
-    return row | {"kind": "mesh", "outcome": "mesh" + (f", warned: {said}" if said else "")}
+    parts = [f"other {', '.join(missed)}"] if missed else []
+    parts += [f"warned: {said}"] if said else []
+    kind = "kept" if not missed else "warned" if said else "deviates"
+    return row | {"kind": kind, "outcome": "; ".join(parts)}
 
 
 def _of_space(surface: Any) -> Any:
@@ -92,54 +117,63 @@ def _of_space(surface: Any) -> Any:
 
 
 def _in_child(file: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the outcome of a surface, whatever happens to the process."""
-    package = (__package__ or "tests.attack") + ".corpus"
-    command = [sys.executable, "-m", package, "--one", str(file)]
-    command += ["--max-elements", str(arguments.max_elements)]
-    limit = int(arguments.memory * 2**30)
-    began = time.monotonic()
-    child = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=lambda: resource.setrlimit(  # noqa: PLW1509 - there is one thread
-            resource.RLIMIT_DATA, (limit, limit)
-        ),
-    )
-    try:
-        printed, errors = child.communicate(timeout=arguments.timeout)
-    except subprocess.TimeoutExpired:
-        os.killpg(child.pid, signal.SIGKILL)
-        child.communicate()
-        return {"kind": "failed", "s": arguments.timeout, "outcome": "stopped at the time limit"}
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    figures = {"s": round(time.monotonic() - began, 1), "MB": usage.ru_maxrss // 1024}
-    if child.returncode != 0 or not printed.strip():
-        code = child.returncode
-        died = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        last = (errors.strip().splitlines() or [""])[-1]
-        return {"kind": "failed", **figures, "outcome": f"{died}: {last[:300]}"}
-    return figures | json.loads(printed.strip().splitlines()[-1])
+    """Return the outcome of a surface, whatever happens to the process.
+
+    The child is a copy of this process, which has loaded all kernels.
+    """
+    memory, seconds = int(arguments.memory * 2**30), int(arguments.timeout)
+    with tempfile.TemporaryFile() as output:
+        pid = os.fork()
+        if pid == 0:
+            try:
+                os.setsid()
+                os.dup2(os.open(os.devnull, os.O_RDWR), 1)
+                os.dup2(1, 2)
+                resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+                # Of each process: mesh generators run in processes of their own.
+                resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+                row = outcome_of(file, arguments.max_elements, arguments.tolerance)
+                output.write(json.dumps(row).encode())
+                output.flush()
+            finally:
+                os._exit(0)
+        code, usage = _wait(pid, _PATIENCE * arguments.timeout)
+        output.seek(0)
+        printed = output.read()
+    figures = {
+        "CPU s": round(usage.ru_utime + usage.ru_stime, 1),
+        "MB": usage.ru_maxrss // 1024,
+    }
+    if code != 0 or not printed:
+        died = signal.Signals(-code).name if code < 0 else "an unexpected end"
+        return {"kind": "failed", **figures, "outcome": died}
+    row = figures | json.loads(printed)
+    if "SIGXCPU" in row["outcome"]:
+        row["kind"] = "failed"
+    return row
 
 
-def table(rows: Iterable[dict[str, Any]]) -> str:
-    """Return the outcomes as markdown, with a line of counts."""
-    rows = list(rows)
-    lines = ["| " + " | ".join(_COLUMNS) + " |", "|---|" + "---|" * (len(_COLUMNS) - 1)]
-    for row in rows:
-        cells = [str(_format(row.get(column, ""))) for column in _COLUMNS]
-        lines.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
-    counts = Counter(row["kind"] for row in rows)
-    total = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
-    return "\n".join([*lines, "", f"{len(rows)} files: {total}.", ""])
+def _load_kernels() -> None:
+    """Run what every case runs once, so that children need not load or compile it."""
+    import adaptsize as ads
+
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    surface = ads.SimplexMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    size = ads.size_function(surface, max_elements=100)
+    ads.check_mesh(surface, original=surface, size=size)
 
 
-def _format(value: Any) -> Any:
-    if isinstance(value, float):
-        return f"{value:.3g}"
-    return value[:160] if isinstance(value, str) else value
+def _wait(child: int, seconds: float) -> tuple[int, resource.struct_rusage]:
+    """Wait for a child; return its exit code, and what it and its children used."""
+    until = time.monotonic() + seconds
+    while True:
+        pid, status, usage = os.wait4(child, os.WNOHANG)
+        if pid:
+            return os.waitstatus_to_exitcode(status), usage
+        if time.monotonic() > until:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child, signal.SIGKILL)
+        time.sleep(0.05)
 
 
 def _rows_in(store: Path) -> list[dict[str, Any]]:
@@ -162,13 +196,20 @@ def _arguments() -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("folder")
+    parser.add_argument("folder", nargs="?", help="with --nasty, where the surfaces are written")
     parser.add_argument("--output", type=Path, default=Path("corpus.md"))
-    parser.add_argument("--timeout", type=number, default=900.0, help="seconds per surface")
-    parser.add_argument("--memory", type=number, default=8.0, help="gigabytes per surface")
+    parser.add_argument("--nasty", type=int, default=0, help="generate so many surfaces")
+    parser.add_argument("--seed", type=int, default=1, help="of the generated surfaces")
+    parser.add_argument(
+        "--timeout", type=number, default=900.0, help="seconds of processor time per process"
+    )
+    parser.add_argument("--memory", type=number, default=8.0, help="gigabytes per process")
     parser.add_argument("--max-elements", type=number, default=100_000.0)
-    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
-    return parser.parse_args()
+    parser.add_argument("--tolerance", type=number, default=1e-3, help="as of remesh")
+    arguments = parser.parse_args()
+    if not arguments.folder and not arguments.nasty:
+        parser.error("a folder or --nasty is needed")
+    return arguments
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -108,18 +107,23 @@ class Child:
 
 def outcomes(numbers: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
     """Run the cases in ``jobs`` children and return the outcome of each as it comes."""
-    waiting = deque(numbers)
+    waiting = iter(numbers)
     selector = selectors.DefaultSelector()
     busy: set[Child] = set()
 
     def start(child: Child | None = None) -> None:
-        if child is None or child.n_cases >= _MOST_CASES:
-            if child is not None:
-                stop(child)
+        """Give the next case to a child, or to a new one; end the child if there is none."""
+        number = next(waiting, None)
+        if child is not None and (number is None or child.n_cases >= _MOST_CASES):
+            stop(child)
+            child = None
+        if number is None:
+            return
+        if child is None:
             child = Child()
             busy.add(child)
             selector.register(child.process.stdout, selectors.EVENT_READ, child)
-        child.give(waiting.popleft())
+        child.give(number)
 
     def stop(child: Child) -> None:
         selector.unregister(child.process.stdout)
@@ -127,7 +131,7 @@ def outcomes(numbers: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
         child.end()
 
     try:
-        for _ in range(min(jobs, len(waiting))):
+        for _ in range(jobs):
             start()
         while busy:
             ready = {key.data for key, _ in selector.select(1.0)}
@@ -136,10 +140,9 @@ def outcomes(numbers: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
                 if found is None:
                     continue
                 is_gone = child not in ready or child.process.poll() is not None
-                if is_gone or not waiting:
+                if is_gone:
                     stop(child)
-                if waiting:
-                    start(None if is_gone else child)
+                start(None if is_gone else child)
                 yield found
     finally:
         for child in list(busy):

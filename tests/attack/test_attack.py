@@ -21,7 +21,7 @@ def attack(*options, module="tests.attack"):
 
 
 @pytest.mark.parametrize(
-    ("only", "cases"), [("calls", 1500), ("limiting", 1500), ("files", 2500), ("faults", 300)]
+    ("only", "cases"), [("calls", 300), ("limiting", 400), ("files", 500), ("faults", 100)]
 )
 def test_survives_a_short_attack(only, cases, tmp_path):
     report = tmp_path / "report.jsonl"
@@ -48,6 +48,12 @@ def test_crashes_hangs_and_failures_are_reported(number, noticed, tmp_path):
     outcome = json.loads(line)
     assert outcome["seed"] == number
     assert noticed in outcome["what"]
+
+
+def test_no_case_starts_after_the_time_limit():
+    done = attack("--start", 20260214, "--cases", 1000, "--only", "files", "--seconds", 0)
+    assert done.returncode == 0
+    assert "0 cases in 0 s" in done.stdout
 
 
 def test_a_case_is_repeated_by_its_number():
@@ -84,7 +90,7 @@ def test_a_folder_of_surfaces_is_tabulated_and_resumed(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     table = (tmp_path / "table.md").read_text()
     assert "| good.stl | 4 |" in table
-    assert "2 files: 1 mesh, 1 refused." in table
+    assert "2 files: 1 kept, 1 refused." in table
     # Half a line is left of a run that was interrupted.
     store = tmp_path / "table.md.jsonl"
     bad, good = store.read_text().splitlines()
@@ -92,4 +98,37 @@ def test_a_folder_of_surfaces_is_tabulated_and_resumed(tmp_path):
     again = attack(*options, module="tests.attack.corpus")
     assert "good.stl" in again.stdout
     assert "bad.off" not in again.stdout
-    assert "2 files: 1 mesh, 1 refused." in (tmp_path / "table.md").read_text()
+    assert "2 files: 1 kept, 1 refused." in (tmp_path / "table.md").read_text()
+
+
+def test_nasty_surfaces_are_fixed_by_their_seed_and_tabulated_by_defect(tmp_path):
+    from attack.nasty import write_surfaces
+
+    folder, again = tmp_path / "nasty", tmp_path / "again"
+    write_surfaces(folder, 20, 5)
+    write_surfaces(again, 20, 5)
+    files = sorted(folder.iterdir())
+    assert [f.read_bytes() for f in files] == [f.read_bytes() for f in sorted(again.iterdir())]
+    assert len({f.stem[4:] for f in files}) == 20
+    assert {f.suffix for f in files} == {".off", ".stl"}
+    rows = [
+        {"file": f.name, "kind": "refused", "outcome": "", "CPU s": 1.0, "MB": 9} for f in files
+    ]
+    output = tmp_path / "table.md"
+    store = tmp_path / "table.md.jsonl"
+    store.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    options = (folder, "--nasty", 20, "--seed", 5, "--output", output)
+    done = attack(*options, module="tests.attack.corpus")
+    assert done.returncode == 0, done.stderr
+    assert "| fins | 1 |  |  |  | 1 |  | 1 | 1 | 9 |" in output.read_text()
+    assert "20 files: 20 refused." in output.read_text()
+
+
+def test_a_case_of_the_corpus_that_computes_too_long_fails(tmp_path):
+    corners = np.random.default_rng(6).random((3000, 3))
+    surface = ads.SimplexMesh(corners, np.arange(3000).reshape(-1, 3))
+    ads.write(tmp_path / "soup.off", surface)
+    options = (tmp_path, "--output", tmp_path / "table.md", "--timeout", 1)
+    done = attack(*options, module="tests.attack.corpus")
+    assert done.returncode == 1
+    assert "SIGXCPU" in done.stdout or "SIGKILL" in done.stdout

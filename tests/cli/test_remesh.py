@@ -8,9 +8,9 @@ import pytest
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
 from adaptsize.cli.entry import run
-from adaptsize.cli.result import Outcome
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.quality import size_conformity
+from adaptsize.reporting.outcome import Outcome
 
 DATA = Path(__file__).parents[2] / "data"
 CORNERS = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -84,6 +84,39 @@ def test_remesh_is_read_size_function_and_remesh(tmp_path):
     np.testing.assert_array_equal(written.point_data["h"], size(new.points))
 
 
+def test_elements_is_the_number_of_elements_of_the_mesh(capsys, tmp_path):
+    pytest.importorskip("mmgpy")
+    output = tmp_path / "new.vtu"
+    words = ["--elements", 900, "--source", "point:0,0=0.01", "--json"]
+    assert call("remesh", DATA / "lshape.vtu", "-o", output, *words) == 0
+    printed = capsys.readouterr()
+    mesh = read(output)
+    assert mesh.n_cells == pytest.approx(900, rel=0.15)
+    result = json.loads(printed.out)
+    assert result["mesh"]["n_cells_requested"] == 900
+    assert "n_cells_predicted" not in result["mesh"]
+    assert (
+        call("size", DATA / "lshape.vtu", "-o", tmp_path / "h.vtu", "--elements", 900, "--json")
+        == 0
+    )
+    assert json.loads(capsys.readouterr().out)["size"]["n_elements"] == pytest.approx(900, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--elements", "0"], "elements must be finite and >= 1, got 0"),
+        (["--elements", "nan"], "elements must be finite and >= 1, got nan"),
+        (["--elements", "9e3", "--max-elements", "8e3"], "elements must be at most max_elements"),
+    ],
+)
+def test_bad_numbers_of_elements_are_refused_before_reading(capsys, tmp_path, words, message):
+    file = tmp_path / "empty.stl"
+    file.touch()
+    assert call("remesh", file, "-o", tmp_path / "new.vtu", *words) == 1
+    assert message in capsys.readouterr().err
+
+
 # --- the report -------------------------------------------------------------------
 
 
@@ -124,7 +157,7 @@ FLAT = SimplexMesh([[0, 0], [1, 0], [0.5, 0.02]], [[0, 1, 2]])
     ],
 )
 def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warned):
-    outcome = Outcome("triangles", size_conformity(mesh, size), predicted, 1e-3, change)
+    outcome = Outcome("triangles", size_conformity(mesh, size), predicted, False, 1e-3, change)
     printed = [text for text in outcome.warnings() if "edges" not in text or warned]
     assert len(printed) >= len(warned)
     assert all(any(text.startswith(part) for text in printed) for part in warned)

@@ -56,6 +56,30 @@ def test_one_tetrahedron_far_away_is_no_mesh_of_a_cube():
     assert worst.point == (0.0, 0.0, 0.0)
 
 
+def test_sizes_so_small_that_the_ratio_overflows_are_not_met():
+    assert missed(SQUARE, size=5e-324) == ["edges"]
+
+
+def test_an_original_without_extent_is_refused():
+    with pytest.raises(ValueError, match="original must not be a single point"):
+        check_mesh(SQUARE, original=moved(SQUARE, 0.5, scale=0.0))
+
+
+def test_the_volume_of_a_flat_bag_is_not_compared():
+    flat = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
+    check = check_mesh(flat, original=flat)
+    assert "measure" not in [demand.name for demand in check.demands]
+    assert check.notes == ("the volume is not compared: the original encloses none",)
+
+
+def test_edges_between_coincident_nodes_are_the_worst():
+    points = [*SQUARE.points, SQUARE.points[2]]
+    mesh = SimplexMesh(points, [*SQUARE.cells, [1, 2, 4]])
+    demand = next(d for d in check_mesh(mesh, size=5.0).failures if d.name == "edges")
+    assert demand.places[0].point == (1.0, 1.0)
+    assert demand.places[0].value == 0.0
+
+
 def test_inverted_cells_are_listed_with_their_places():
     cells = CUBE.cells.copy()
     cells[[3, 7], :2] = cells[[3, 7], 1::-1]

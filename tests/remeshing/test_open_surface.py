@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from adaptsize import SimplexMesh
+from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.remeshing import close_holes, near_bodies, open_boundary
 
 CORNERS = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -186,3 +187,11 @@ def test_all_pairs_of_near_bodies_are_counted():
     assert near.n_pairs == 2
     assert near.distance == pytest.approx(0.01)
     assert str(near).startswith("2 pairs of bodies are down to 0.01 apart at (")
+
+
+def test_more_bodies_than_are_examined_are_reported():
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    points = (corners + 2.0 * np.arange(2001)[:, None, None]).reshape(-1, 3)
+    many = SimplexMesh(points, np.arange(len(points)).reshape(-1, 3))
+    with pytest.warns(OpenSurfaceWarning, match="2001 bodies"):
+        assert near_bodies(many, 10.0) is None

@@ -162,7 +162,7 @@ def spiral(n, *, turns=3, width=2.0, seed=1010):
         far, near = w - turn * pitch, w - (turn + 1) * pitch
         centre += [(far, far), (far, -far), (-far, -far), (-far, near)]
     # Both sides of the wall: every part moved across, corners where moved parts meet.
-    centre = np.array(centre)
+    centre = np.array(centre[:-1])  # the last part has no length
     along = np.diff(centre, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     left = 0.5 * width * along[:, ::-1] * [-1.0, 1.0]

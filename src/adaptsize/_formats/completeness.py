@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from adaptsize._formats import gmsh_nodes
 from adaptsize._formats.blocks import RawMesh
 from adaptsize._formats.text import check_last_number
 from adaptsize.errors import MeshFileError
@@ -18,7 +19,8 @@ _MEDIT_END = 54
 def check_end(suffix: str, content: bytes) -> None:
     """Refuse a file that lacks the end mark of its format, before it is read.
 
-    Some readers of other packages run forever at the end of such a file.
+    Some readers of other packages run forever at the end of such a file.  Also refused are Gmsh
+    files whose node numbers would take gigabytes.
 
     Raises
     ------
@@ -50,6 +52,11 @@ def _check_gmsh_sections(content: bytes) -> None:
         begun = len(re.findall(rb"^\$" + name + rb"\s*$", content, re.MULTILINE))
         if begun > content.count(b"$End" + name):
             raise MeshFileError(f"is truncated (no $End{name.decode()})")
+
+
+def _check_gmsh(content: bytes) -> None:
+    _check_gmsh_sections(content)
+    gmsh_nodes.check(content)
 
 
 def _check_medit_end(content: bytes) -> None:
@@ -138,7 +145,7 @@ def _compare(what: str, promised: int, held: int) -> None:
 
 
 _ENDS: dict[str, Callable[[bytes], None]] = {
-    ".msh": _check_gmsh_sections,
+    ".msh": _check_gmsh,
     ".mesh": _check_medit_end,
     ".meshb": _check_binary_medit,
     ".bdf": _check_nastran_end,

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, describe, refuse_where
-from adaptsize._formats import gmsh_names, sizes, stl, xdmf
+from adaptsize._formats import fort14, gmsh_names, sizes, stl, xdmf
 from adaptsize._formats.blocks import UNTAGGED
 from adaptsize._formats.metrics import METRIC, as_tensors
 from adaptsize._formats.quietness import quiet
@@ -261,6 +261,7 @@ FORMATS: dict[str, Format] = {
         holds_fields=False,
         only_triangles=True,
     ),
+    "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, holds_fields=False, only_full=True),
     "off": Format(
         (".off",),
         lambda p, mesh: _write_bare_surface(p, mesh, "off"),

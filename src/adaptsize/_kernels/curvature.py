@@ -135,13 +135,14 @@ def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tens
             for d in range(3):
                 x[k, d] = points[cells[c, k], d]
                 n[k, d] = sign[corner] * normals[sector[corner], d]
-            if not is_known(normals, sector[corner]):  # the tip of a cone is as flat as the face
+            if not is_known(normals, np.int64(sector[corner])):
+                # The tip of a cone is as flat as the face.
                 for d in range(3):
                     n[k, d] = face_normals[c, d]
         _face_tensor(x, n, face_normals[c], u, v, shape)
         for k in range(3):
             corner = 3 * c + k
-            s = sector[corner]
+            s = np.int64(sector[corner])
             if not is_known(normals, s):
                 continue
             # The tensor changes sign with the normal, the sum is in the sector's orientation.
@@ -204,7 +205,7 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
             c = fan[k] // 3
             for w in range(3):
                 corner = 3 * c + w
-                t = sector[corner]
+                t = np.int64(sector[corner])
                 if not is_known(normals, t):
                     continue
                 turn = sign[fan[k]] * sign[corner]

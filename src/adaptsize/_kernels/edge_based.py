@@ -2,12 +2,14 @@
 
 import math
 
-from adaptsize._kernels.compiling import kernel
+import numpy as np
+
+from adaptsize._kernels.compiling import lean_kernel
 from adaptsize._kernels.heap import pop, push_or_decrease
 from adaptsize._kernels.local_updates import distance
 
 
-@kernel
+@lean_kernel
 def march_edges(
     points,
     axes,
@@ -36,7 +38,7 @@ def march_edges(
         for entry in range(star_ptr[j], star_ptr[j + 1]):
             g_here = g[owner[entry]] if g_step else g[0]
             for v in range(len(others)):
-                k = star[entry, v]
+                k = np.int64(star[entry, v])
                 if h[k] > h[j]:
                     value = h[j] + g_here * distance(points, axes, k, j)
                     if value < h[k] * keep:
@@ -45,21 +47,21 @@ def march_edges(
     return pops
 
 
-@kernel
+@lean_kernel
 def sweep_edges(points, axes, cells, h, g, g_step, floor):
     """Do as `sweep_cells`, but along edges only."""
     floor[:] = math.inf
     for c in range(cells.shape[0]):
         for v in range(cells.shape[1]):
-            k = cells[c, v]
+            k = np.int64(cells[c, v])
             for w in range(cells.shape[1]):
-                j = cells[c, w]
+                j = np.int64(cells[c, w])
                 if h[j] < h[k]:
                     value = h[j] + g[c * g_step] * distance(points, axes, k, j)
                     floor[k] = min(floor[k], value)
 
 
-@kernel
+@lean_kernel
 def largest_edge_slope(points, axes, cells, h, g, g_step):
     """Return the largest (h_i - h_j) / (g |x_i - x_j|) over the edges of all cells.
 
@@ -69,8 +71,8 @@ def largest_edge_slope(points, axes, cells, h, g, g_step):
     for c in range(cells.shape[0]):
         for v in range(cells.shape[1]):
             for w in range(v):
-                i = cells[c, v]
-                j = cells[c, w]
+                i = np.int64(cells[c, v])
+                j = np.int64(cells[c, w])
                 rise = abs(h[i] - h[j])
                 if rise > 0.0 and math.isfinite(rise):
                     run = g[c * g_step] * distance(points, axes, i, j)

@@ -9,7 +9,9 @@ along which h0 is less steep than g: on others the minimum is at an end (edge).
 
 import math
 
-from adaptsize._kernels.compiling import inner, kernel
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.exact import fill_values
 from adaptsize._kernels.linear_data import FLAT
 from adaptsize._kernels.local_updates import distance
@@ -22,7 +24,7 @@ _NEARLY = 1.0 - 1e-9
 _LESS = 1.0 - 1e-11
 
 
-@inner
+@lean
 def _is_steep(points, axes, cells, c, h0, g):
     """Return whether |grad h0| in a cell may exceed g; all bounds are finite."""
     dim = len(axes)
@@ -53,7 +55,7 @@ def _is_steep(points, axes, cells, c, h0, g):
     return det <= FLAT * a11 * a22 * a33 or square > g * g * _NEARLY * det
 
 
-@kernel
+@lean_kernel
 def have_neighbours(cells, h0):
     """Return whether any cell has two nodes with finite bounds."""
     for c in range(cells.shape[0]):
@@ -66,7 +68,7 @@ def have_neighbours(cells, h0):
     return False
 
 
-@kernel
+@lean_kernel
 def any_edge_exceeds(points, axes, cells, h, g):
     """Return whether sizes differ by more than g times its length, and rounding, along any edge."""
     for c in range(cells.shape[0]):
@@ -83,7 +85,7 @@ def any_edge_exceeds(points, axes, cells, h, g):
     return False
 
 
-@kernel
+@lean_kernel
 def mark_steep(points, axes, cells, h0, g, linear, steep, candidate):
     """Mark steep cells and the nodes that may be sources.
 
@@ -132,9 +134,9 @@ def mark_steep(points, axes, cells, h0, g, linear, steep, candidate):
         if not steep[c]:
             continue
         for v in range(corners):
-            i = cells[c, v]
+            i = np.int64(cells[c, v])
             for w in range(v):
-                j = cells[c, w]
+                j = np.int64(cells[c, w])
                 away = g * distance(points, axes, i, j)
                 if h0[i] + away < h0[j]:
                     candidate[j] = False
@@ -143,7 +145,7 @@ def mark_steep(points, axes, cells, h0, g, linear, steep, candidate):
     return count
 
 
-@kernel
+@lean_kernel
 def keep_undominated(points, axes, rows, h0, source, table, g, edges, faces, block, keep):
     """Find the edges or faces that no source of one of their vertices dominates.
 
@@ -167,14 +169,14 @@ def keep_undominated(points, axes, rows, h0, source, table, g, edges, faces, blo
     values = block.values
     for r in range(rows.shape[0]):
         keep[r] = True
-        count = 0
+        count = np.int64(0)  # callees would be compiled for a literal, too
         for v in range(rows.shape[1]):
             if rows[r, v] >= 0:
                 count += 1
                 for d in range(len(axes)):
                     block.x[d, v] = points[rows[r, v], d]
         for v in range(count):
-            k = source[rows[r, v]]
+            k = np.int64(source[rows[r, v]])
             if k < 0 or not keep[r]:
                 continue
             fill_values(table, k, axes, block.x, count, g, values, block.share, edges, faces)

@@ -20,7 +20,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.exact import BLOCK, SLACK, fill_values, gather
-from adaptsize._kernels.local_updates import minimum_on_edge, minimum_on_triangle
+from adaptsize._kernels.local_updates import SPACE, WITH_BC, minimum_on_edge, minimum_on_triangle
 from adaptsize._kernels.space_bends import length_between, length_from, straighten
 from adaptsize._kernels.space_sight import AHEAD, without_hidden, without_leaving
 from adaptsize._kernels.trees import LEAF
@@ -30,10 +30,6 @@ _IN_ITEM = 1e-9
 
 # Part of the ends of an edge that belongs to its nodes.
 _END = 1e-12
-
-
-# The dimension, see local_updates.py; kernels would be compiled anew for literals.
-AXES = (np.int64(0), np.int64(0), np.int64(0))
 
 
 @lean
@@ -91,12 +87,12 @@ def _allowed(bases, base, work, g):
 
     ``work``: float64[4, 3], rows 1 to 3 the vertices.
     """
-    axes, x, a = AXES, np.int64(0), np.int64(1)
+    axes, x, a = SPACE, np.int64(0), np.int64(1)
     sa, sb, sc = bases.table[base, 9], bases.table[base, 10], bases.table[base, 11]
     if bases.counts[base] == 2:
         value, t = minimum_on_edge(work, axes, x, a, a + 1, sa, sb, g)
         return value, t, 0.0
-    return minimum_on_triangle(work, axes, x, a, a + 1, a + 2, sa, sb, sc, g, True)
+    return minimum_on_triangle(work, axes, x, a, a + 1, a + 2, sa, sb, sc, g, WITH_BC)
 
 
 @lean
@@ -238,7 +234,7 @@ def _try_way(ways, w, count, sight, g, faces, block):
         _estimate(ways, w, x, count, g, sight.walls.slack, values)
     else:
         base = np.int64(ways.base[w])
-        fill_values(ways.bases.table, base, AXES, x, count, g, values, values, None, None)
+        fill_values(ways.bases.table, base, SPACE, x, count, g, values, values, None, None)
         if ways.bases.counts[base] > 1:
             for i in range(count):
                 values[i] = -math.inf
@@ -355,7 +351,7 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
     for start in range(span[0], span[1], span[2]):
         stop = min(start + span[2], span[1])
         count = stop - start
-        gather(points, AXES, order, start, count, block.feet[0], block.box)
+        gather(points, SPACE, order, start, count, block.feet[0], block.box)
         queued = _first_tries(order, start, count, hints, recent, queue)
         for i in range(count):
             p = order[start + i]

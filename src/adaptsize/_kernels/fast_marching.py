@@ -12,12 +12,20 @@ the length counts (embedding dimension; vertices of a star entry), see local_upd
 
 import math
 
-from adaptsize._kernels.compiling import inner, kernel
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.heap import pop, push_or_decrease
-from adaptsize._kernels.local_updates import distance, minimum_on_edge, minimum_on_triangle
+from adaptsize._kernels.local_updates import (
+    WITH_BC,
+    WITHOUT_BC,
+    distance,
+    minimum_on_edge,
+    minimum_on_triangle,
+)
 
 
-@kernel
+@lean_kernel
 def fill_stars(cells, star_ptr, star, owner):
     """List for each node the other vertices of its cells.
 
@@ -54,7 +62,7 @@ def fill_stars(cells, star_ptr, star, owner):
     star_ptr[0] = 0
 
 
-@inner
+@lean
 def minimum_in_cell(points, axes, cells, c, k, h, g):
     """Return the size at vertex k of cell c allowed by all its other vertices, and its source.
 
@@ -80,10 +88,10 @@ def minimum_in_cell(points, axes, cells, c, k, h, g):
     l1, l2 : float64
         Weights of i1 and i2 there.
     """
-    a = b = d = -1
+    a = b = d = np.int64(-1)  # callees would be compiled for a literal, too
     below = False
     for v in range(cells.shape[1]):
-        i = cells[c, v]
+        i = np.int64(cells[c, v])
         if i == k or math.isinf(h[i]):
             continue
         below = below or h[i] < h[k]
@@ -101,11 +109,13 @@ def minimum_in_cell(points, axes, cells, c, k, h, g):
         elif d < 0:
             value, l1 = minimum_on_edge(points, axes, k, a, b, h[a], h[b], g)
         else:
-            value, l1, l2 = minimum_on_triangle(points, axes, k, a, b, d, h[a], h[b], h[d], g, True)
+            value, l1, l2 = minimum_on_triangle(
+                points, axes, k, a, b, d, h[a], h[b], h[d], g, WITH_BC
+            )
     return value, a, b, d, l1, l2
 
 
-@kernel
+@lean_kernel
 def sweep_cells(points, axes, cells, h, g, g_step, floor):
     """Fill the least candidate of every node over its cells, all from the same sizes.
 
@@ -131,13 +141,13 @@ def sweep_cells(points, axes, cells, h, g, g_step, floor):
         if math.isinf(least):
             continue
         for v in range(cells.shape[1]):
-            k = cells[c, v]
+            k = np.int64(cells[c, v])
             if h[k] > least:
                 value = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])[0]
                 floor[k] = min(floor[k], value)
 
 
-@kernel
+@lean_kernel
 def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, cost):
     """Fill each node's best local update as a linear equation in the sizes it uses.
 
@@ -164,7 +174,7 @@ def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, co
     weight[:] = 0.0
     for c in range(cells.shape[0]):
         for v in range(cells.shape[1]):
-            k = cells[c, v]
+            k = np.int64(cells[c, v])
             found, a, b, d, l1, l2 = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])
             if found < value[k]:
                 value[k] = found
@@ -184,7 +194,7 @@ def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, co
                 cost[k] = found - used
 
 
-@kernel
+@lean_kernel
 def queue_lowered(h, candidate, keep, key, node, place, size):
     """Lower each node to its candidate and put those that change into the heap.
 
@@ -203,7 +213,7 @@ def queue_lowered(h, candidate, keep, key, node, place, size):
             push_or_decrease(key, node, place, size, k, h[k])
 
 
-@inner
+@lean
 def _is_acute(points, axes, k, j, m):
     """Return whether the angle at k between j and m is below 90 degrees."""
     dot = 0.0
@@ -212,7 +222,7 @@ def _is_acute(points, axes, k, j, m):
     return dot > 0.0
 
 
-@kernel
+@lean_kernel
 def march(
     points,
     axes,
@@ -261,14 +271,14 @@ def march(
         for entry in range(star_ptr[j], star_ptr[j + 1]):
             g_here = g[owner[entry]] if g_step else g[0]
             for v in range(len(others)):
-                k = star[entry, v]
+                k = np.int64(star[entry, v])
                 h_k = h[k]
                 # The side opposite to k is j with a and b.  Nodes in the heap are omitted:
                 # the side is processed again when they are accepted.  Parts of it without
                 # j were processed when their last node was accepted.
-                a = b = -1
+                a = b = np.int64(-1)
                 for w in range(1, len(others)):
-                    i = star[entry, (v + w) % len(others)]
+                    i = np.int64(star[entry, (v + w) % len(others)])
                     if place[i] < 0 and h[i] < math.inf:
                         if a < 0:
                             a = i
@@ -291,7 +301,7 @@ def march(
                         value = minimum_on_edge(points, axes, k, j, a, h_j, h[a], g_here)[0]
                     else:
                         value = minimum_on_triangle(
-                            points, axes, k, j, a, b, h_j, h[a], h[b], g_here, False
+                            points, axes, k, j, a, b, h_j, h[a], h[b], g_here, WITHOUT_BC
                         )[0]
                 if value < h_k * keep:
                     h[k] = value

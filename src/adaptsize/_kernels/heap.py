@@ -12,10 +12,12 @@ size : int64[1]
     Number of entries.
 """
 
-from adaptsize._kernels.compiling import inner, kernel
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
 
 
-@inner
+@lean
 def _rise(key, node, place, here, value, i):
     """Put node i with its key at ``here`` or above."""
     while here > 0:
@@ -31,7 +33,7 @@ def _rise(key, node, place, here, value, i):
     place[i] = here
 
 
-@kernel
+@lean_kernel
 def push_or_decrease(key, node, place, size, i, value):
     """Insert node i, or lower its key if it is in the heap already."""
     here = place[i]
@@ -41,17 +43,17 @@ def push_or_decrease(key, node, place, size, i, value):
     _rise(key, node, place, here, value, i)
 
 
-@kernel
+@lean_kernel
 def pop(key, node, place, size):
     """Take out the entry of smallest key and return its node; the heap must not be empty."""
-    top = node[0]
+    top = np.int64(node[0])
     place[top] = -1
     size[0] -= 1
     n = size[0]
     if n == 0:
         return top
     value = key[n]
-    i = node[n]
+    i = np.int64(node[n])
     here = 0
     while True:
         child = 4 * here + 1

@@ -129,7 +129,7 @@ def sort_for_tree(centroids, n_leaves, order):
             width >>= 1
         leaf = node * width - n_leaves
         first, last = leaf * m // n_leaves, (leaf + width) * m // n_leaves
-        axis = 0
+        axis = np.int64(0)  # callees would be compiled for a literal, too
         longest = -1.0
         for d in range(3):
             lower = math.inf
@@ -229,7 +229,7 @@ def _find_cell(points, cells, boxes, x, stack):
     n_cells = cells.shape[0]
     n_leaves = boxes.shape[0] // 2
     stack[0] = 1
-    top = 1 if _holds(boxes, 1, x) else 0
+    top = 1 if _holds(boxes, stack[0], x) else 0
     while top > 0:
         top -= 1
         node = stack[top]
@@ -267,7 +267,7 @@ def _find_closest(points, cells, boxes, x, stack, bounds):
     best_cell = -1
     best_weights = (1.0, 0.0, 0.0, 0.0)
     stack[0] = 1
-    bounds[0] = _distance2_to_box(boxes, 1, x)
+    bounds[0] = _distance2_to_box(boxes, stack[0], x)
     top = 1
     while top > 0:
         top -= 1

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.linear_data import FLAT
-from adaptsize._kernels.local_updates import distance
+from adaptsize._kernels.local_updates import SPACE, distance
 
 # Slopes, as shares of g, and angles that may be off by so much.
 _ROUNDING = 1e-9
 
 
-@inner
+@lean
 def _rise_from_edge(points, axes, i, j, k, h0):
     """Return how h0 changes, per length, from the line ij across to node k in their plane."""
     length2 = dot = square = 0.0
@@ -28,7 +28,7 @@ def _rise_from_edge(points, axes, i, j, k, h0):
     return (h0[k] - h0[i] - t * (h0[j] - h0[i])) / math.sqrt(square)
 
 
-@inner
+@lean
 def _angle_between_faces(points, i, j, p, q):
     """Return the angle between the half planes from the edge ij to the nodes p and q, in space."""
     length2 = at_p = at_q = 0.0
@@ -50,7 +50,7 @@ def _angle_between_faces(points, i, j, p, q):
     return math.acos(min(1.0, max(-1.0, pq / math.sqrt(pp * qq))))
 
 
-@inner
+@lean
 def _angle_to(slope, across):
     """Return the smallest angle to a face at which a path may leave an edge; inf if never."""
     if slope >= across:
@@ -58,7 +58,7 @@ def _angle_to(slope, across):
     return math.inf if slope < -across else math.acos(slope / across)
 
 
-@kernel
+@lean_kernel
 def list_edges(points, axes, cells, steep, h0, h, g, edges):
     """List the edges of steep cells that may be sources, once for each such cell.
 
@@ -93,7 +93,8 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
             continue
         for v in range(dim + 1):
             for w in range(v):
-                i, j = min(cells[c, v], cells[c, w]), max(cells[c, v], cells[c, w])
+                i, j = np.int64(cells[c, v]), np.int64(cells[c, w])
+                i, j = min(i, j), max(i, j)
                 if not (h0[i] < math.inf and h0[j] < math.inf):
                     continue
                 length = distance(points, axes, i, j)
@@ -126,8 +127,8 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
     return count
 
 
-@kernel
-def mark_blocked(points, rows, first, h0, g, blocked):
+@lean_kernel
+def mark_blocked(points, rows, first, h0, g, angle, limit, blocked):
     """Mark edges in space that h0 leaves in no direction at the rate g.
 
     A size that grows from an edge leaves it in a direction w across the edge, |w| = 1, at the
@@ -147,16 +148,14 @@ def mark_blocked(points, rows, first, h0, g, blocked):
         The rows of edge k are ``first[k]`` to ``first[k + 1] - 1``.
     h0 : float64[n]
     g : float64
+    angle, limit : float64[k]
+        Scratch; k is twice the largest number of rows of an edge.
     blocked : bool[e]
         Out.
     """
-    axes = (0, 0, 0)
-    room = 1
+    axes = SPACE
     for k in range(blocked.shape[0]):
-        room = max(room, 2 * (first[k + 1] - first[k]))
-    angle, limit = np.empty(room), np.empty(room)
-    for k in range(blocked.shape[0]):
-        i, j = rows[first[k], 0], rows[first[k], 1]
+        i, j = np.int64(rows[first[k], 0]), np.int64(rows[first[k], 1])
         length = distance(points, axes, i, j)
         across = math.sqrt(max(0.0, g * g - ((h0[j] - h0[i]) / length) ** 2))
         blocked[k] = False
@@ -187,7 +186,7 @@ def mark_blocked(points, rows, first, h0, g, blocked):
                     blocked[k] = False
 
 
-@inner
+@lean
 def _turn_about(points, i, j, p, q):
     """Return the angle from the half plane of the edge ij and p to that of q."""
     ex, ey, ez = (
@@ -213,7 +212,7 @@ def _turn_about(points, i, j, p, q):
     return math.atan2(triple * length, along)
 
 
-@kernel
+@lean_kernel
 def list_faces(points, axes, cells, steep, h0, h, g, faces):
     """List the faces of steep tetrahedra that may be sources, once for each such cell.
 

@@ -21,10 +21,20 @@ References
 
 import math
 
-from adaptsize._kernels.compiling import kernel
+import numpy as np
+
+from adaptsize._kernels.compiling import lean_kernel
+
+# Kernels are compiled once more for each literal that is an argument, so these are none.
+
+#: ``axes`` in space.
+SPACE = (np.int64(0), np.int64(0), np.int64(0))
+
+#: Values of ``with_bc``.
+WITH_BC, WITHOUT_BC = np.bool_(True), np.bool_(False)
 
 
-@kernel
+@lean_kernel
 def distance(points, axes, i, j):
     """Return the distance of points i and j of float64[n, dim]."""
     total = 0.0
@@ -33,7 +43,7 @@ def distance(points, axes, i, j):
     return math.sqrt(total)
 
 
-@kernel
+@lean_kernel
 def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     """Return the largest size at node k allowed by linear sizes on the edge (a, b), and where.
 
@@ -90,7 +100,7 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     return h_a + foot * rise + ratio * slack2, t
 
 
-@kernel
+@lean_kernel
 def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
     """Return the largest size at node k allowed by linear sizes on the triangle (a, b, c).
 

@@ -23,7 +23,6 @@ References
    constraints", SIAM J. Matrix Anal. Appl. 19 (1998) 499-533.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +35,7 @@ from adaptsize._kernels.metrics import (
     rotate_columns,
     sizes_of_factor,
 )
+from adaptsize._kernels.small_matrices import factorise, invert, invert_lower, sandwich, solve
 
 #: Most metrics that are intersected at a time.
 MOST = 16
@@ -107,73 +107,6 @@ def new_joint(dim: int) -> Joint:
 
 
 @lean
-def _factorise(axes, a, c):
-    """Fill the lower triangle of the Cholesky factor (Out: c); return whether a is definite."""
-    dim = len(axes)
-    for j in range(dim):
-        for i in range(j, dim):
-            total = a[i, j]
-            for k in range(j):
-                total -= c[i, k] * c[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                c[j, j] = math.sqrt(total)
-            else:
-                c[i, j] = total / c[j, j]
-    return True
-
-
-@lean
-def _invert_lower(axes, c, inverse):
-    """Fill the inverse of a lower triangle, zeros above (Out: inverse)."""
-    dim = len(axes)
-    for j in range(dim):
-        for i in range(dim):
-            inverse[i, j] = 0.0
-        inverse[j, j] = 1.0 / c[j, j]
-        for i in range(j + 1, dim):
-            total = 0.0
-            for k in range(j, i):
-                total -= c[i, k] * inverse[k, j]
-            inverse[i, j] = total / c[i, i]
-
-
-@lean
-def _invert(axes, a, c, lower, inverse):
-    """Fill the inverse of a positive definite matrix (Out); c, lower: scratch."""
-    dim = len(axes)
-    if not _factorise(axes, a, c):
-        return False
-    _invert_lower(axes, c, lower)
-    for i in range(dim):
-        for j in range(dim):
-            total = 0.0
-            for k in range(dim):
-                total += lower[k, i] * lower[k, j]
-            inverse[i, j] = total
-    return True
-
-
-@lean
-def _sandwich(axes, k, a, transposed, half, out):
-    """Fill K A K^T, or K^T A K if ``transposed`` (Out: out); half: scratch."""
-    dim = len(axes)
-    for i in range(dim):
-        for j in range(dim):
-            total = 0.0
-            for m in range(dim):
-                total += (k[m, i] if transposed else k[i, m]) * a[m, j]
-            half[i, j] = total
-    for i in range(dim):
-        for j in range(dim):
-            total = 0.0
-            for m in range(dim):
-                total += half[i, m] * (k[m, j] if transposed else k[j, m])
-            out[i, j] = total
-
-
-@lean
 def _add_products(axes, b, c, normal):
     """Add tr(E_a B E_c C) for all pairs of basis matrices to the lower triangle (In/Out)."""
     dim = len(axes)
@@ -194,31 +127,6 @@ def _add_products(axes, b, c, normal):
 
 
 @lean
-def _solve(m, a):
-    """Solve m equations with the right-hand side in column 6 (In/Out); lower triangle given."""
-    for j in range(m):
-        for i in range(j, m):
-            total = a[i, j]
-            for k in range(j):
-                total -= a[i, k] * a[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                a[j, j] = math.sqrt(total)
-            else:
-                a[i, j] = total / a[j, j]
-    for i in range(m):
-        for k in range(i):
-            a[i, 6] -= a[i, k] * a[k, 6]
-        a[i, 6] /= a[i, i]
-    for i in range(m - 1, -1, -1):
-        for k in range(i + 1, m):
-            a[i, 6] -= a[k, i] * a[k, 6]
-        a[i, 6] /= a[i, i]
-    return True
-
-
-@lean
 def _longest_step(axes, a, da, scratch, c):
     """Return a step up to 1, most of the way to where a + step da is not definite any more."""
     dim = len(axes)
@@ -227,7 +135,7 @@ def _longest_step(axes, a, da, scratch, c):
         for i in range(dim):
             for j in range(dim):
                 scratch[i, j] = a[i, j] + step * da[i, j]
-        if _factorise(axes, scratch, c):
+        if factorise(axes, scratch, c):
             return step if step == 1.0 else _SHORT * step
         step *= _SHORTER
     return 0.0
@@ -248,14 +156,14 @@ def _improve(axes, count, joint, p, mu, inside):
     for i in range(m):
         for j in range(7):
             normal[i, j] = 0.0
-    if not _invert(axes, p, c, low, inverse):
+    if not invert(axes, p, c, low, inverse):
         return 0.0
     _add_products(axes, inverse, inverse, normal)
     for s in range(count):
-        if not _invert(axes, joint.t[s], c, low, x):
+        if not invert(axes, joint.t[s], c, low, x):
             return 0.0
-        _sandwich(axes, joint.k[s], x, False, half, b)
-        _sandwich(axes, joint.k[s], joint.y[s], False, half, product)
+        sandwich(axes, joint.k[s], x, False, half, b)
+        sandwich(axes, joint.k[s], joint.y[s], False, half, product)
         _add_products(axes, b, product, normal)
         for i in range(dim):
             for j in range(dim):
@@ -265,7 +173,7 @@ def _improve(axes, count, joint, p, mu, inside):
         for j in range(i, dim):
             normal[row, 6] = inverse[i, j] if i == j else 2.0 * inverse[i, j]
             row += 1
-    if not _solve(m, normal):
+    if not solve(m, normal):
         return 0.0
     row = 0
     dp = small[8]
@@ -277,8 +185,8 @@ def _improve(axes, count, joint, p, mu, inside):
     step_y = 1.0
     for s in range(count):
         t, y, dt, dy = joint.t[s], joint.y[s], joint.dt[s], joint.dy[s]
-        _sandwich(axes, joint.k[s], dp, True, half, dt)
-        _invert(axes, t, c, low, x)
+        sandwich(axes, joint.k[s], dp, True, half, dt)
+        invert(axes, t, c, low, x)
         for i in range(dim):
             for j in range(dim):
                 dt[i, j] = -dt[i, j]
@@ -315,7 +223,7 @@ def _fill_slacks(axes, count, joint, p):
     gap = 0.0
     for s in range(count):
         t = joint.t[s]
-        _sandwich(axes, joint.k[s], p, True, joint.small[1], t)
+        sandwich(axes, joint.k[s], p, True, joint.small[1], t)
         for i in range(dim):
             for j in range(dim):
                 t[i, j] = (1.0 if i == j else 0.0) - t[i, j]
@@ -401,7 +309,7 @@ def _as_metric(axes, count, joint, p):
     for i in range(dim):
         for j in range(dim):
             c[i, j] = 0.0
-    _factorise(axes, p, c)
+    factorise(axes, p, c)
     largest = 0.0
     for s in range(count):
         for i in range(dim):
@@ -413,7 +321,7 @@ def _as_metric(axes, count, joint, p):
         rotate_columns(axes, g, None)
         for j in range(dim):
             largest = max(largest, column_norm(axes, g, j))
-    _invert_lower(axes, c, low)
+    invert_lower(axes, c, low)
     fill_factor(axes, joint.h_all, joint.r_all, base)
     for i in range(dim):
         for j in range(dim):

@@ -12,10 +12,10 @@ With the present metric P^-1 = (S S^T)^-1 of a node,
 
     lambda_max(S^T M S)
 
-is the *excess* of M: if it is at most 1 for a box, then no source in the box is above the present
-metric.  The source of largest excess is added to the intersection until no excess is above 1.
-The result is then the intersection of all sources, since it solves the problem of some of them
-and satisfies the constraints of the others.
+is the *excess* of M (metric_order.py): if it is at most 1 for a box, then no source in the box is
+above the present metric.  The source of largest excess is added to the intersection until no
+excess is above 1.  The result is then the intersection of all sources, since it solves the problem
+of some of them and satisfies the constraints of the others.
 """
 
 import math
@@ -25,7 +25,8 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metric_joint import MOST, Joint, intersect_several, new_joint, two_by_two
-from adaptsize._kernels.metrics import column_norm, intersect_into, rotate_columns
+from adaptsize._kernels.metric_order import excess, extremes, fill_relative, is_above
+from adaptsize._kernels.metrics import intersect_into
 from adaptsize._kernels.trees import DEPTH, LEAF
 
 # Excesses up to this are removed by scaling.
@@ -36,10 +37,6 @@ _ABOVE = 1.0 + 1e-12
 
 # Sources that are added at one node at most.
 _ROUNDS = 100
-
-# Bound of the share by which the formula for the eigenvalues of matrices of size 3 is wrong where
-# two of them are equal.
-_LOOSE = 1.0 + 1e-7
 
 # Sizes above this count as no bound; the others are at most 1 (see physical.py).
 _UNBOUNDED = 1e20
@@ -113,92 +110,6 @@ def fill_boxes(axes, sources, k, g):
 
 
 @lean
-def _top_eigenvalue(axes, n):
-    """Return a bound of the largest eigenvalue of a symmetric matrix, exact to 1e-7."""
-    dim = len(axes)
-    if dim == 1:
-        return n[0, 0]
-    if dim == 2:
-        half = 0.5 * (n[0, 0] - n[1, 1])
-        return 0.5 * (n[0, 0] + n[1, 1]) + math.sqrt(half * half + n[0, 1] * n[0, 1])
-    # The trigonometric solution of the cubic equation.
-    mean = (n[0, 0] + n[1, 1] + n[2, 2]) / 3.0
-    off = n[0, 1] * n[0, 1] + n[0, 2] * n[0, 2] + n[1, 2] * n[1, 2]
-    a, b, c = n[0, 0] - mean, n[1, 1] - mean, n[2, 2] - mean
-    p = math.sqrt((a * a + b * b + c * c + 2.0 * off) / 6.0)
-    if not p > 0.0:
-        return _LOOSE * mean
-    a, b, c = a / p, b / p, c / p
-    d, e, f = n[0, 1] / p, n[0, 2] / p, n[1, 2] / p
-    half = 0.5 * (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e))
-    angle = math.acos(min(max(half, -1.0), 1.0)) / 3.0
-    return _LOOSE * (mean + 2.0 * p * math.cos(angle))
-
-
-@lean
-def _fill_relative(axes, h, r, more, s, n, row):
-    """Fill S^T M S for a metric M whose sizes are increased by ``more`` (Out: n).
-
-    row: float64[dim], scratch.
-    """
-    dim = len(axes)
-    for i in range(dim):
-        for j in range(dim):
-            n[i, j] = 0.0
-    for q in range(dim):
-        over = 1.0 / (h[q] + more)
-        for i in range(dim):
-            along = 0.0
-            for k in range(dim):
-                along += r[k, q] * s[k, i]
-            row[i] = along * over
-        for i in range(dim):
-            for j in range(i, dim):
-                n[i, j] += row[i] * row[j]
-
-
-@lean
-def _excess(axes, h, r, more, s, n, row):
-    """Return the excess of a metric whose sizes are increased by ``more``, or slightly more."""
-    _fill_relative(axes, h, r, more, s, n, row)
-    return _top_eigenvalue(axes, n)
-
-
-@lean
-def _is_above(axes, n):
-    """Return whether all eigenvalues of a symmetric matrix exceed 1; n: In/Out, upper triangle."""
-    dim = len(axes)
-    for i in range(dim):
-        n[i, i] -= 1.0
-    for j in range(dim):  # Gauss' elimination
-        if not n[j, j] > 0.0:
-            return False
-        for i in range(j + 1, dim):
-            share = n[j, i] / n[j, j]
-            for k in range(i, dim):
-                n[i, k] -= share * n[j, k]
-    return True
-
-
-@lean
-def _extremes(axes, h, r, more, s, n):
-    """Return the least and the largest eigenvalue of S^T M S, to rounding."""
-    dim = len(axes)
-    for q in range(dim):
-        for i in range(dim):
-            along = 0.0
-            for k in range(dim):
-                along += r[k, q] * s[k, i]
-            n[q, i] = along / (h[q] + more)
-    rotate_columns(axes, n, None)
-    least, largest = math.inf, 0.0
-    for i in range(dim):
-        norm = column_norm(axes, n, i)
-        least, largest = min(least, norm), max(largest, norm)
-    return least * least, largest * largest
-
-
-@lean
 def _distance_to_box(axes, boxes, b, x, v):
     """Return the distance of point v from a box; inf if the box is empty."""
     dim = len(axes)
@@ -235,20 +146,20 @@ def _most_excessive(axes, x, v, sources, g, scratch):
         if b >= n_leaves:
             for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
                 more = g * _distance(axes, x, v, sources.x, k)
-                value = _excess(axes, sources.h[k], sources.r[k], more, s, n, row)
+                value = excess(axes, sources.h[k], sources.r[k], more, s, n, row)
                 if value > best and dim == 3:
-                    value = _extremes(axes, sources.h[k], sources.r[k], more, s, n)[1]
+                    value = extremes(axes, sources.h[k], sources.r[k], more, s, n)[1]
                 if value > best:
                     best, by = value, k
             continue
         near, far = 2 * b, 2 * b + 1
-        at_near = _excess(
+        at_near = excess(
             axes, sources.box_h[near], sources.box_r[near],
             g * _distance_to_box(axes, boxes, near, x, v), s, n, row,
         )  # fmt: skip
         at_far = 0.0
         if boxes[far, 0] < math.inf:
-            at_far = _excess(
+            at_far = excess(
                 axes, sources.box_h[far], sources.box_r[far],
                 g * _distance_to_box(axes, boxes, far, x, v), s, n, row,
             )  # fmt: skip
@@ -270,7 +181,7 @@ def _most_excessive_of(axes, x, v, sources, some, count, g, scratch):
     for i in range(count):
         k = some[i]
         more = g * _distance(axes, x, v, sources.x, k)
-        value = _extremes(axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n)[1]
+        value = extremes(axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n)[1]
         if value > best:
             best, by = value, k
     return best, by
@@ -300,7 +211,7 @@ def _dominating(axes, v, sources, g, scratch):
         if b >= n_leaves:
             for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
                 more = g * _distance(axes, x, v, x, k)
-                if _extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > _ABOVE:
+                if extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > _ABOVE:
                     return k
             continue
         near, far = 2 * b, 2 * b + 1
@@ -309,12 +220,12 @@ def _dominating(axes, v, sources, g, scratch):
         if to_far < to_near:
             near, far, to_near, to_far = far, near, to_far, to_near
         if to_far < math.inf:
-            _fill_relative(axes, sources.box_h[far], sources.box_r[far], g * to_far, s, n, row)
-            if _is_above(axes, n):
+            fill_relative(axes, sources.box_h[far], sources.box_r[far], g * to_far, s, n, row)
+            if is_above(axes, n):
                 stack[size] = far
                 size += 1
-        _fill_relative(axes, sources.box_h[near], sources.box_r[near], g * to_near, s, n, row)
-        if _is_above(axes, n):
+        fill_relative(axes, sources.box_h[near], sources.box_r[near], g * to_near, s, n, row)
+        if is_above(axes, n):
             stack[size] = near
             size += 1
     return np.int64(-1)

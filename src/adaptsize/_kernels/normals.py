@@ -158,7 +158,7 @@ def _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, su
     """
     for k in range(5):
         sums[k] = 0.0
-    s = sector[fan[first]]
+    s = np.int64(sector[fan[first]])
     for k in range(first, last):
         corner = fan[k]
         c, w = corner // 3, corner % 3
@@ -172,7 +172,7 @@ def _chord_sums(points, cells, fan, first, last, sector, sign, normals, u, v, su
                 along_u += gap * u[d]
                 along_v += gap * v[d]
                 off += gap * (normals[s, d] + agree * normals[sector[there], d])
-            if squared == 0.0 or not is_known(normals, sector[there]):
+            if squared == 0.0 or not is_known(normals, np.int64(sector[there])):
                 continue
             weight = 1.0 / (squared * squared)
             sums[0] += weight * along_u * along_u

@@ -168,7 +168,7 @@ def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_cr
         is_crease[f] = True
         if facet_counts[f] != 2:
             continue
-        c, other = facet_cells[f, 0], facet_cells[f, 1]
+        c, other = np.int64(facet_cells[f, 0]), np.int64(facet_cells[f, 1])
         sign = _agreement(cells, c, other, facets[f, 0], facets[f, 1])
         cross(normals[c], normals[other], product)
         # atan2 keeps small angles exact, where acos loses half the digits.
@@ -177,14 +177,13 @@ def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_cr
 
 
 @inner
-def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, sign, fan, count):
+def _walk(mesh, start, towards, sector, sign, fan, count):
     """Walk around a node from corner to corner until a feature edge; return the new count.
 
     Parameters
     ----------
-    cells, cell_facets : int32[m, 3]
-    facet_cells : int32[n_facets, 2]
-    is_crease : bool[n_facets]
+    mesh : tuple
+        ``cells``, ``cell_facets``, ``facet_cells`` and ``is_crease`` of `fill_sectors`.
     start : int
         First corner, 3 c + v; it has its sector and sign already.
     towards : int
@@ -203,6 +202,7 @@ def _walk(cells, cell_facets, facet_cells, is_crease, start, towards, sector, si
     last : int
         Far node of the feature edge where the walk stopped; -1: the fan is closed.
     """
+    cells, cell_facets, facet_cells, is_crease = mesh
     c, v = start // 3, start % 3
     out = (v + towards) % 3
     i = cells[c, v]
@@ -253,20 +253,18 @@ def fill_sectors(cells, cell_facets, facet_cells, is_crease, sector, sign, fan, 
         sector[corner] = -1
     fan_ptr[0] = 0
     count, n_sectors = 0, 0
+    ahead, back = np.int64(1), np.int64(2)  # _walk would be compiled for each literal
     for corner in range(sector.shape[0]):
         if sector[corner] >= 0:
             continue
         sector[corner] = n_sectors
         sign[corner] = 1.0
         fan[count] = corner
-        count, ends[n_sectors, 0] = _walk(
-            cells, cell_facets, facet_cells, is_crease, corner, 1, sector, sign, fan, count + 1
-        )
+        mesh = (cells, cell_facets, facet_cells, is_crease)
+        count, ends[n_sectors, 0] = _walk(mesh, corner, ahead, sector, sign, fan, count + 1)
         ends[n_sectors, 1] = -1
         if ends[n_sectors, 0] >= 0:
-            count, ends[n_sectors, 1] = _walk(
-                cells, cell_facets, facet_cells, is_crease, corner, 2, sector, sign, fan, count
-            )
+            count, ends[n_sectors, 1] = _walk(mesh, corner, back, sector, sign, fan, count)
         n_sectors += 1
         fan_ptr[n_sectors] = count
     return n_sectors

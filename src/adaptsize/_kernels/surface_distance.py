@@ -6,6 +6,8 @@ there are fewer, and nodes are numbered row by row, the last axis fastest.
 
 import math
 
+import numpy as np
+
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
 
@@ -147,7 +149,7 @@ def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
             b = corners[f, 2]
         found = f
         for place in range(ring_ptr[a], ring_ptr[a + 1]):
-            other = ring[place]
+            other = np.int64(ring[place])
             beside = b == a
             ahead = False
             for v in range(width):
@@ -277,7 +279,8 @@ def propagate_features(
             lower[1] + at[1] * spacing[1],
             lower[2] + at[2] * spacing[2],
         )
-        f, found2 = _nearest_around(points, facets, corners, ring_ptr, ring, nearest[node], x)
+        f = np.int64(nearest[node])
+        f, found2 = _nearest_around(points, facets, corners, ring_ptr, ring, f, x)
         reached = min(math.sqrt(found2), distance[node])
         nearest[node] = f
         distance[node] = reached

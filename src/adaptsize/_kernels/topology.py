@@ -1,11 +1,9 @@
 """Rings and unique sub-simplices, in time proportional to the number of cells."""
 
-import numpy as np
-
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import lean, lean_kernel
 
 
-@kernel
+@lean_kernel
 def fill_rings(cells, n_points, ring_ptr, ring):
     """List the cells around each point in compressed rows (CSR), cells ascending.
 
@@ -35,7 +33,7 @@ def fill_rings(cells, n_points, ring_ptr, ring):
     ring_ptr[0] = 0
 
 
-@inner
+@lean
 def _is_before(rows, a, b):
     """Return whether row a comes before row b in lexicographic order, equal rows by index."""
     for d in range(rows.shape[1]):
@@ -44,8 +42,8 @@ def _is_before(rows, a, b):
     return a < b
 
 
-@kernel
-def group_rows(rows, n_points, first, group):
+@lean_kernel
+def group_rows(rows, start, free, order, first, group):
     """Give each row of sorted indices the number of its group, groups in lexicographic order.
 
     Rows are dealt into one bucket per first index; the buckets are short in any
@@ -55,7 +53,10 @@ def group_rows(rows, n_points, first, group):
     ----------
     rows : int32[m, k]
         Indices in 0..n_points - 1, ascending within each row.
-    n_points : int
+    start, free : int64[n_points + 1]
+        Zeros; scratch.
+    order : int32[m]
+        Scratch.
     first : int32[m]
         Out: ``first[:n_groups]`` are the rows that are met first of each group.
     group : int32[m]
@@ -67,13 +68,12 @@ def group_rows(rows, n_points, first, group):
         Number of different rows.
     """
     m, k = rows.shape
-    start = np.zeros(n_points + 1, np.int64)
+    n_points = start.shape[0] - 1
     for r in range(m):
         start[rows[r, 0] + 1] += 1
     for i in range(n_points):
         start[i + 1] += start[i]
-    order = np.empty(m, np.int32)
-    free = start[:-1].copy()
+        free[i + 1] = start[i + 1]
     for r in range(m):
         i = rows[r, 0]
         order[free[i]] = r
@@ -101,7 +101,7 @@ def group_rows(rows, n_points, first, group):
     return n_groups
 
 
-@kernel
+@lean_kernel
 def join_cells(cells, parent):
     """Join the nodes of each cell, so that equal roots mean the same component.
 
@@ -130,7 +130,7 @@ def join_cells(cells, parent):
         parent[i] = parent[parent[i]]
 
 
-@kernel
+@lean_kernel
 def mark_nodes(cells, used):
     """Mark the nodes of cells (In/Out: used, bool[n_points]); return how many are marked now."""
     for c in range(cells.shape[0]):

@@ -26,7 +26,10 @@ def own(array: npt.NDArray[Any], given: npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only view; ``array`` itself stays writable."""
+    """Return a read-only view; ``array`` itself stays writable.
+
+    Kernels are compiled once more for writable arrays where they got read-only ones before.
+    """
     view = array.view()
     view.flags.writeable = False
     return view

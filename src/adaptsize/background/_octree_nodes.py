@@ -88,5 +88,5 @@ def cut(parts: Parts) -> IntArray:
 
 def _hash_table(n_entries: int) -> tuple[npt.NDArray[np.int64], IntArray]:
     """Return an empty hash table that n entries fill by at most two thirds."""
-    size = 1 << max(3 * n_entries // 2, 1).bit_length()
+    size = 1 << int(max(3 * n_entries // 2, 1)).bit_length()
     return np.full(size, -1, np.int64), np.empty(size, np.int32)

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.topology import fill_rings, group_rows
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import IntArray
 
 # Fewer rows are sorted by numpy: the kernel takes longer to compile.
@@ -29,7 +30,7 @@ def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     """
     ring_ptr = np.empty(n_points + 1, np.int32)
     ring = np.empty(cells.size, np.int32)
-    fill_rings(cells, n_points, ring_ptr, ring)
+    fill_rings(read_only(cells), n_points, ring_ptr, ring)
     return ring_ptr, ring
 
 
@@ -56,7 +57,9 @@ def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, I
         return rows[at], group.ravel().astype(np.int32)
     first = np.empty(len(rows), np.int32)
     number = np.empty(len(rows), np.int32)
-    count = group_rows(rows, n_points, first, number)
+    start, free = np.zeros((2, n_points + 1), np.int64)
+    order = np.empty(len(rows), np.int32)
+    count = group_rows(rows, start, free, order, first, number)
     return rows[first[:count]], number
 
 

@@ -13,7 +13,11 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+#: Suffixes of what is neither a mesh nor sizes.
+_SUFFIXES = {
+    "picture": (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"),
+    "report": (".html", ".htm"),
+}
 
 #: What a command writes: a mesh, sizes on a mesh, sizes and other fields, or sizes on a grid.
 Content = Literal["mesh", "sizes", "fields", "sizes of an image"]
@@ -21,7 +25,7 @@ Content = Literal["mesh", "sizes", "fields", "sizes of an image"]
 
 def check_files(
     inputs: Sequence[Path | None],
-    outputs: Mapping[str, tuple[Path | None, Content | Literal["picture"]]],
+    outputs: Mapping[str, tuple[Path | None, Content | Literal["picture", "report"]]],
 ) -> None:
     """Refuse output files that cannot be written, or would replace an input or each other.
 
@@ -41,11 +45,12 @@ def check_files(
     for option, (path, content) in outputs.items():
         if path is None:
             continue
-        if content == "picture":
-            if path.suffix.lower() not in _PICTURES:
-                raise ValueError(f"{option} must end in {', '.join(_PICTURES)}, got {str(path)!r}")
+        allowed = _SUFFIXES.get(content)
+        if allowed is not None:
+            if path.suffix.lower() not in allowed:
+                raise ValueError(f"{option} must end in {', '.join(allowed)}, got {str(path)!r}")
         else:
-            _check_format(path, content)
+            _check_format(path, content)  # type: ignore[arg-type]
         _check_place(path)
         for written in (path, beside(path) if content == "mesh" else None):
             if written is None:

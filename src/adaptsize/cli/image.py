@@ -9,11 +9,11 @@ from adaptsize.cli.options import (
     Gradient,
     ImageAcross,
     ImageFile,
+    ImageMaxElements,
     ImagePerRadian,
     ImageSmallest,
     Label,
     Largest,
-    MaxElements,
     MeshOutput,
     Picture,
     Smoothing,
@@ -43,7 +43,7 @@ def image(
     hmin: ImageSmallest = None,
     hmax: Largest = None,
     source: Sources = None,
-    max_elements: MaxElements = MAX_ELEMENTS,
+    max_elements: ImageMaxElements = MAX_ELEMENTS,
     plot: Picture = None,
 ) -> None:
     """Mesh the objects in a mask or label image.
@@ -51,9 +51,9 @@ def image(
     A picture gives triangles, a volume gives tetrahedra.  Sizes come from the curvature of the
     boundaries of the objects and from their width.  Labels become the regions of the mesh.
     """
-    from adaptsize.cli.result import outcome_of_mesh
     from adaptsize.domain_size.images import mesh_image
     from adaptsize.io import read_image
+    from adaptsize.reporting.outcome import outcome_of_mesh
 
     check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
     sources = [parse_source(text) for text in source or ()]

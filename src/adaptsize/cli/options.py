@@ -134,6 +134,14 @@ Picture = Annotated[
         help="Also draw the result (.png).  [default: none]",
     ),
 ]
+Report = Annotated[
+    Path | None,
+    typer.Option(
+        "--report",
+        metavar="FILE",
+        help="Also write a page to look at, with the mesh in 3-D (.html).  [default: none]",
+    ),
+]
 Label = Annotated[
     list[int] | None,
     typer.Option(
@@ -167,9 +175,18 @@ Smoothing = Annotated[
         help="Width of the low-pass filter of the mask.  [default: 2 pixels]",
     ),
 ]
+MaxElements = Annotated[
+    float | None,
+    typer.Option(
+        "--max-elements",
+        metavar="NUMBER",
+        help="Parameters that are not given are relaxed until the mesh has about this many "
+        "elements.  [default: 300000; with --elements: none]",
+    ),
+]
 #: Equal to `adaptsize.domain_size.request.MAX_ELEMENTS`, which is slow to import.
 MAX_ELEMENTS = 300_000.0
-MaxElements = Annotated[
+ImageMaxElements = Annotated[
     float,
     typer.Option(
         "--max-elements",
@@ -177,5 +194,23 @@ MaxElements = Annotated[
         show_default=False,  # typer prints 300000.0
         help="Parameters that are not given are relaxed until the mesh has about this many "
         "elements.  [default: 300000]",
+    ),
+]
+Elements = Annotated[
+    float | None,
+    typer.Option(
+        "--elements",
+        metavar="NUMBER",
+        help="Number of elements of the mesh, within 15 %: parameters that are not given are "
+        "relaxed or tightened, and up to three meshes are made.  [default: none]",
+    ),
+]
+PredictedElements = Annotated[
+    float | None,
+    typer.Option(
+        "--elements",
+        metavar="NUMBER",
+        help="Predicted number of elements of a mesh: parameters that are not given are relaxed "
+        "or tightened.  [default: none]",
     ),
 ]

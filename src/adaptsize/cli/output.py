@@ -11,18 +11,12 @@ import numpy.typing as npt
 
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import beside
+from adaptsize.reporting.outcome import kind_of
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import CartesianGrid, Octree, SimplexMesh
     from adaptsize.domain_size.report import SizeReport
-
-_KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
-
-
-def kind_of(mesh: SimplexMesh) -> str:
-    """Return the name of the cells of a mesh."""
-    return _KINDS[mesh.cell_dim]
 
 
 def write_mesh(path: Path, mesh: SimplexMesh) -> list[dict[str, Any]]:

@@ -6,15 +6,14 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files
 from adaptsize.cli.options import (
-    MAX_ELEMENTS,
     Across,
     Crease,
+    Elements,
     Field,
     Gradient,
     Input,
@@ -23,6 +22,7 @@ from adaptsize.cli.options import (
     MeshOutput,
     PerRadian,
     Picture,
+    Report,
     Smallest,
     Sources,
 )
@@ -31,8 +31,10 @@ from adaptsize.cli.size import as_dict, size_of_mesh
 from adaptsize.cli.sources import parse_source
 
 if TYPE_CHECKING:
+    from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
-    from adaptsize.cli.result import Outcome
+    from adaptsize.domain_size.report import SizeReport
+    from adaptsize.reporting.outcome import Outcome
 
 _BACKENDS = ("auto", "tetwild", "mmg", "gmsh")
 _TARGETS = ("auto", "tetrahedra", "triangles")
@@ -81,7 +83,7 @@ def remesh(
         typer.Option(
             metavar="NUMBER",
             help="Distance of the new boundary from the old one, over the diagonal.  "
-            "[default: 0.001, more if --max-elements requires it]",
+            "[default: 0.001, more if --max-elements or --elements requires it]",
         ),
     ] = None,
     close: Annotated[
@@ -96,11 +98,13 @@ def remesh(
             "bodies closer than the tolerance.",
         ),
     ] = False,
-    max_elements: MaxElements = MAX_ELEMENTS,
+    max_elements: MaxElements = None,
+    elements: Elements = None,
     timeout: Annotated[
         float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
     ] = 3600.0,
     plot: Picture = None,
+    page: Report = None,
 ) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
@@ -108,21 +112,22 @@ def remesh(
     """
     from adaptsize import remeshing
     from adaptsize._checks import as_number
-    from adaptsize.cli.result import outcome_of_remeshing
-    from adaptsize.domain_size.request import TOLERANCE
+    from adaptsize.domain_size.elements import reach_elements, tolerance_of
+    from adaptsize.domain_size.request import TOLERANCE, check_elements
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.io import read
     from adaptsize.remeshing.driver import check_backend
-    from adaptsize.remeshing.registry import check_installed, is_usable
+    from adaptsize.remeshing.registry import check_installed
+    from adaptsize.reporting.outcome import outcome_of_remeshing
 
-    check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
+    _check_outputs(file, output, plot, page)
     check_installed(backend)
     allowed = TOLERANCE
     if tolerance is not None:
         allowed = as_number("tolerance", tolerance, lower=0.0, strict=True)
     as_number("timeout", timeout, lower=0.0, strict=True)
-    with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
-    parts = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
+    check_elements(elements, max_elements)
+    parts = _names_of_parts(backend)
     sources = [parse_source(text) for text in source or ()]
     with console.steps(5) as steps:
         steps.begin("reading")
@@ -133,46 +138,93 @@ def remesh(
         elif close:
             raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
         _announce_format(console, output, mesh, target)
-        steps.begin("sizes")
-        found, report = size_of_mesh(
-            console,
-            mesh,
-            field,
-            elements_per_radian=elements_per_radian,
-            elements_across=elements_across,
-            g=gradient,
-            hmin=hmin,
-            hmax=hmax,
-            crease_angle=crease_angle,
-            tolerance=tolerance,
-            sources=sources,
-            max_elements=max_elements,
-            progress=steps.report,
-        )
-        if tolerance is None and np.isfinite(report.tolerance):
-            allowed = max(allowed, report.tolerance)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
-            new = remeshing.remesh(
+
+        def sized(number: float | None) -> tuple[SizeFunction, SizeReport]:
+            steps.begin("sizes")
+            return size_of_mesh(
+                console,
+                mesh,
+                field,
+                elements_per_radian=elements_per_radian,
+                elements_across=elements_across,
+                g=gradient,
+                hmin=hmin,
+                hmax=hmax,
+                crease_angle=crease_angle,
+                tolerance=tolerance,
+                sources=sources,
+                max_elements=max_elements,
+                elements=number,
+                progress=steps.report,
+            )
+
+        def meshed(found: SizeFunction, report: SizeReport) -> SimplexMesh:
+            new: SimplexMesh = remeshing.remesh(
                 mesh,
                 found,
                 target=target,
                 backend=backend,
                 g=gradient,
                 hmax=report.hmax,
-                tolerance=allowed,
+                tolerance=tolerance_of(report, tolerance),
                 timeout=timeout,
                 strict=strict,
                 progress=steps.following(lambda text: parts.get(text, text)),
             )
+            return new
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
+            if elements is None:
+                found, report = sized(None)
+                new = meshed(found, report)
+            else:
+                new, found, report = reach_elements(elements, sized, meshed)
+        allowed = tolerance_of(report, tolerance)
         new = new.with_data(point_data={"h": found(new.points)})
         steps.begin("writing")
         written = write_mesh(output, new)
         steps.begin("checks")
-        outcome = outcome_of_remeshing(new, mesh, found, report, allowed)
+        outcome = outcome_of_remeshing(new, mesh, found, report, allowed, elements)
         draw(console, plot, new)
+        _write_page(console, page, new, found, original=mesh, size_report=report, tolerance=allowed)
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
     _print_report(console, outcome, written)
+
+
+def _names_of_parts(backend: str) -> dict[str, str]:
+    """Return the names of the parts of meshing by the texts of the generators' progress."""
+    from adaptsize.remeshing.registry import is_usable
+
+    with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
+    return _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
+
+
+def _check_outputs(file: Path, output: Path, plot: Path | None, page: Path | None) -> None:
+    """Refuse files that cannot be written, before the work."""
+    from adaptsize.reporting.api import check_plotly
+
+    check_files(
+        [file],
+        {
+            "--output": (output, "mesh"),
+            "--plot": (plot, "picture"),
+            "--report": (page, "report"),
+        },
+    )
+    if page is not None:
+        check_plotly()
+
+
+def _write_page(
+    console: Console, page: Path | None, mesh: SimplexMesh, size: SizeFunction, **options: Any
+) -> None:
+    """Write the page to look at, if one is requested."""
+    from adaptsize.reporting import report
+
+    if page is not None:
+        report(page, mesh, size, times=console.times, **options)
+        console.say(f"report: {page}")
 
 
 def _print_report(console: Console, outcome: Outcome, written: list[dict[str, Any]]) -> None:

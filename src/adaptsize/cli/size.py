@@ -27,6 +27,7 @@ from adaptsize.cli.options import (
     MaxElements,
     PerRadian,
     Picture,
+    PredictedElements,
     SizesOutput,
     Smoothing,
     Sources,
@@ -65,7 +66,8 @@ def size(
     label: Label = None,
     threshold: Threshold = None,
     smoothing: Smoothing = None,
-    max_elements: MaxElements = MAX_ELEMENTS,
+    max_elements: MaxElements = None,
+    elements: PredictedElements = None,
     plot: Picture = None,
     plot_causes: Annotated[
         Path | None,
@@ -99,7 +101,7 @@ def size(
         "--spacing": spacing,
         "--smoothing": smoothing,
     }
-    _refuse_idle(file, {"--field": field} if of_image else for_images)
+    _refuse_idle(file, {"--field": field, "--elements": elements} if of_image else for_images)
     options: dict[str, Any] = {
         "elements_per_radian": elements_per_radian,
         "elements_across": elements_across,
@@ -108,6 +110,7 @@ def size(
         "hmax": hmax,
         "sources": [parse_source(text) for text in source or ()],
         "max_elements": max_elements,
+        "elements": elements,
     }
     with console.steps(3) as steps:
         steps.begin("reading")
@@ -184,8 +187,11 @@ def _of_image(
     from adaptsize.domain_size.images import size_function_from_image
     from adaptsize.io import read_image
 
+    del options["elements"]  # refused before
     if options["smoothing"] is None:
         del options["smoothing"]
+    if options["max_elements"] is None:
+        options["max_elements"] = MAX_ELEMENTS
     size_of_pixel = None if spacing is None else numbers("--spacing", spacing)
     image = read_image(file)
     steps.begin("sizes")

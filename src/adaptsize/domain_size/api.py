@@ -21,7 +21,6 @@ from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import (
     CREASE_ANGLE,
     GRADIENT_LIMIT,
-    MAX_ELEMENTS,
     AnyBackground,
     Implicit,
     as_request,
@@ -50,7 +49,8 @@ def size_function(
     tolerance: float | None = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
-    max_elements: float = ...,
+    max_elements: float | None = ...,
+    elements: float | None = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> SizeFunction: ...
@@ -69,7 +69,8 @@ def size_function(
     tolerance: float | None = ...,
     sources: Any = ...,
     h0: npt.ArrayLike | Implicit | None = ...,
-    max_elements: float = ...,
+    max_elements: float | None = ...,
+    elements: float | None = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[SizeFunction, SizeReport]: ...
@@ -87,7 +88,8 @@ def size_function(
     tolerance: float | None = None,
     sources: Any = (),
     h0: npt.ArrayLike | Implicit | None = None,
-    max_elements: float = MAX_ELEMENTS,
+    max_elements: float | None = None,
+    elements: float | None = None,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
@@ -142,10 +144,14 @@ def size_function(
         Further upper bounds: an array with a value per node of the background (of ``domain``,
         if ``background`` is not given), or a function of points.  For a callable domain without
         ``background`` it must be a function.
-    max_elements : float, default 300 000
-        Limit on the predicted number of elements.  To stay within it, those of
-        ``elements_per_radian``, ``elements_across`` (down to 1), ``hmin``, ``hmax`` and
+    max_elements : float, optional
+        Limit on the predicted number of elements, by default 300 000.  To stay within it, those
+        of ``elements_per_radian``, ``elements_across`` (both down to 1), ``hmin``, ``hmax`` and
         ``tolerance`` that are not given are relaxed.  inf disables the limit.
+    elements : float, optional
+        Predicted number of elements, instead of ``max_elements``.  The same parameters are
+        relaxed or tightened until the prediction is within 2 %, if the given ones allow that.
+        `remesh_to_elements` also allows for what the mesh generator makes of it.
     full_output : bool
         Whether to return a `SizeReport` too.
     progress : callable or bool, optional
@@ -170,8 +176,9 @@ def size_function(
     Warns
     -----
     ResolutionWarning
-        If the given parameters require more than ``max_elements`` elements, or if the octree of
-        a callable domain would need more leaves than allowed for an error of 5 %.
+        If the given parameters require more than ``max_elements`` elements or do not allow
+        ``elements``, or if the octree of a callable domain would need more leaves than allowed
+        for an error of 5 %.
 
     Notes
     -----
@@ -213,6 +220,7 @@ def size_function(
             sources=sources,
             h0=h0,
             max_elements=max_elements,
+            elements=elements,
             report=report,
             tolerance=tolerance,
         )

@@ -19,29 +19,41 @@ from adaptsize.sizes.budget import calibration
 
 _MAX_ROUNDS = 8
 
+#: A predicted number of elements is close enough if its logarithm is off by less ...
+_CLOSE = 0.02
+#: ... and worth a warning if it is off by more.
+_FAR_OFF = 0.1
+#: Derivative of the logarithm of the number by that of the relaxation, which is -dim where no
+#: parameter is given, above which the number hardly depends on it ...
+_LEAST_SLOPE = -0.4
+#: ... after so many steps.
+_MOST_FLAT = 3
+#: Largest change of the logarithm of the relaxation in one step.
+_FARTHEST_STEP = 1.5
+
 # The number of elements is predicted for this generator.
 _GENERATOR = "mmg"
 
 
 def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
-    """Return the size function of a domain, relaxed to a number of elements.
+    """Return the size function of a domain, scaled to a number of elements.
 
     Parameters that the request leaves open are relaxed until the predicted number of elements
-    is at most about ``request.max_elements``.
+    is at most about ``request.max_elements``, or changed until it is ``request.elements``.
 
     Warns
     -----
     ResolutionWarning
-        If the parameters that the request fixes require more elements.
+        If the parameters that the request fixes require more elements, or do not allow so many.
     """
+    if request.elements is not None:
+        return _with_elements(domain, request, request.elements)
     relaxation, before = 1.0, np.inf
     for n_rounds in range(_MAX_ROUNDS + 1):
         if request.report is not None:
             request.report("size function", n_rounds / (_MAX_ROUNDS + 1))
-        now = replace(request, relaxation=relaxation)
-        size, report = domain.limited(now)
-        n_elements = predicted(domain, size, report)
-        report = replace(report, n_elements=n_elements, relaxation=relaxation)
+        size, report = _relaxed(domain, request, relaxation)
+        n_elements = report.n_elements
         if n_elements <= request.max_elements:
             return size, report
         if request.is_fixed or n_elements > 0.95 * before:
@@ -56,6 +68,56 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
         stacklevel=4,
     )
     return size, report
+
+
+def _with_elements(
+    domain: SizedDomain, request: Request, elements: float
+) -> tuple[SizeFunction, SizeReport]:
+    """Return the size function with a predicted number of elements, or the nearest one found.
+
+    With all bounds in proportion to the relaxation r there are about r^-dim elements.  From the
+    second step on, the exponent is that of the two last steps.
+    """
+    steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
+    best: tuple[SizeFunction, SizeReport] | None = None
+    relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
+    for n_rounds in range(_MAX_ROUNDS):
+        if request.report is not None:
+            request.report("size function", n_rounds / _MAX_ROUNDS)
+        found = _relaxed(domain, request, relaxation)
+        steps.append((np.log(relaxation), np.log(found[1].n_elements / elements)))
+        off = abs(steps[-1][1])
+        if off < least:
+            best, least = found, off
+        if off <= _CLOSE:
+            break
+        if len(steps) > 1:
+            (x0, y0), (x1, y1) = steps[-2:]
+            slope = (y1 - y0) / (x1 - x0)
+            n_flat = n_flat + 1 if slope > _LEAST_SLOPE else 0
+            if n_flat == _MOST_FLAT:  # the given parameters determine the number
+                break
+            slope = min(slope, _LEAST_SLOPE)
+        relaxation *= np.exp(np.clip(-steps[-1][1] / slope, -_FARTHEST_STEP, _FARTHEST_STEP))
+    assert best is not None
+    if least > _FAR_OFF:
+        warnings.warn(
+            f"the sizes require about {best[1].n_elements:.2g} elements instead of {elements:.6g}, "
+            "because of the given parameters, or because curvature and narrow regions would get "
+            "less than one element",
+            ResolutionWarning,
+            stacklevel=5,
+        )
+    return best
+
+
+def _relaxed(
+    domain: SizedDomain, request: Request, relaxation: float
+) -> tuple[SizeFunction, SizeReport]:
+    """Return the sizes for relaxed parameters, with the predicted number of elements."""
+    size, report = domain.limited(request.relaxed(relaxation))
+    number = predicted(domain, size, report)
+    return size, replace(report, n_elements=number, relaxation=relaxation)
 
 
 def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> float:

@@ -56,7 +56,7 @@ class SizeReport:
     tolerance: float = np.inf
     """Allowed distance of chords from curved boundaries, over the diagonal; inf if not limited."""
     relaxation: float = 1.0
-    """Factor by which parameters that were not given were relaxed, for ``max_elements``."""
+    """Factor by which parameters that were not given were relaxed.  Below 1 they were tightened."""
 
     @property
     def choices(self) -> str:

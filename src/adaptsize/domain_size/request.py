@@ -45,8 +45,11 @@ class Request:
     max_elements: float
     report: ProgressCallback | None
     tolerance: float | None = None
+    elements: float | None = None
+    """Number of elements to reach; ``max_elements`` is not less."""
     relaxation: float = 1.0
-    """Factor by which parameters that are not given are relaxed, for ``max_elements``."""
+    """Factor by which parameters that are not given are relaxed, for ``max_elements``; below 1
+    they are tightened, for ``elements``."""
 
     @property
     def is_fixed(self) -> bool:
@@ -135,11 +138,13 @@ def as_request(
     crease_angle: float = CREASE_ANGLE,
     sources: Any = (),
     h0: npt.ArrayLike | Implicit | None = None,
-    max_elements: float = MAX_ELEMENTS,
+    max_elements: float | None = None,
+    elements: float | None = None,
     report: ProgressCallback | None = None,
     tolerance: float | None = None,
 ) -> Request:
     """Return a request after checking its values."""
+    most = check_elements(elements, max_elements)
     for name, value in (("hmin", hmin), ("hmax", hmax)):
         if value is not None:
             as_number(name, value, lower=0.0, strict=True)
@@ -153,7 +158,7 @@ def as_request(
     ):
         if value is not None:
             as_number(name, value, lower=0.0)
-    return Request(
+    request = Request(
         elements_per_radian,
         elements_across,
         as_number("g", g, lower=0.0),
@@ -162,10 +167,33 @@ def as_request(
         crease_angle,
         sources,
         h0,
-        as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
+        most,
         report,
         tolerance,
+        elements,
     )
+    if elements is not None and request.is_fixed:
+        raise ValueError(
+            "elements changes the parameters that are not given, but elements_per_radian, "
+            "elements_across, hmin and hmax are all given: omit one of them, or elements"
+        )
+    return request
+
+
+def check_elements(elements: float | None, max_elements: float | None) -> float:
+    """Return the limit on the number of elements, after checking both numbers."""
+    most = MAX_ELEMENTS
+    if max_elements is not None:
+        most = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
+    if elements is None:
+        return most
+    wanted = as_number("elements", elements, lower=1.0)
+    if max_elements is not None and wanted > most:
+        raise ValueError(
+            f"elements must be at most max_elements = {most:.6g}, got {wanted:.6g}; "
+            "omit max_elements"
+        )
+    return wanted
 
 
 def limit_requested(

@@ -8,6 +8,7 @@ from adaptsize.geometry.curvature import (
     surface_curvature,
 )
 from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.distance.function import SignedDistance
 from adaptsize.geometry.faces import tag_faces
 from adaptsize.geometry.level_sets import level_set_curvature
 from adaptsize.geometry.medial.axis import MedialAxis, medial_axis
@@ -17,6 +18,7 @@ from adaptsize.geometry.medial.inscribed_spheres import InscribedSpheres, inscri
 __all__ = [
     "InscribedSpheres",
     "MedialAxis",
+    "SignedDistance",
     "corner_curvature",
     "crease_curvature",
     "crease_edges",

@@ -16,6 +16,8 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Largest number of averages; each spreads a value by one layer of neighbours.
 MOST_TURNS = 1000
+#: Curvatures below this, in units of one over the diagonal, are noise.
+FLAT = 1e-7
 # A triangle whose area is below this share of its longest edge squared has no normal.
 _FLAT_SHARE = 1e-12
 
@@ -124,13 +126,23 @@ def corner_curvature(
     ValueError
         If the cells are not triangles in space, or an option is out of range.
     """
+    sectors, normals, tensors = tensors_of(surface, crease_angle, smoothing)
+    kappa = np.empty(len(normals))
+    kernels.fill_largest_curvature(normals, tensors, kappa)
+    return _without_rounding(kappa, surface)[sectors.sector].reshape(-1, 3)
+
+
+def tensors_of(
+    surface: SimplexMesh, crease_angle: float, smoothing: int
+) -> tuple[_Sectors, FloatArray, FloatArray]:
+    """Return the sectors of a surface, their normals and their curvature tensors."""
     _refuse_other_than_surface(surface)
     turns = as_whole_number("smoothing", smoothing, lower=0, upper=MOST_TURNS)
     angle = math.radians(as_angle("crease_angle", crease_angle))
     faces = _faces_of(surface)
     sectors = _sectors_of(surface, faces, _creases_of(surface, faces, angle))
     normals = _normals_of(surface, faces, sectors, angle)
-    tensors, kappa = np.zeros((len(normals), 6)), np.empty(len(normals))
+    tensors = np.zeros((len(normals), 6))
     kernels.fill_tensors(
         surface.points, surface.cells, faces.areas, faces.normals, sectors.sector,
         sectors.sign, normals, tensors,
@@ -142,8 +154,7 @@ def corner_curvature(
             normals, tensors, smoothed,
         )  # fmt: skip
         tensors = smoothed
-    kernels.fill_largest_curvature(normals, tensors, kappa)
-    return _without_rounding(kappa, surface)[sectors.sector].reshape(-1, 3)
+    return sectors, normals, tensors
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArray:
@@ -283,7 +294,7 @@ def _twice_area(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
     """Set curvatures of radius above 10^7 diagonals, which are noise, to zero (In/Out)."""
-    kappa[kappa * mesh.diagonal < 1e-7] = 0.0
+    kappa[kappa * mesh.diagonal < FLAT] = 0.0
     return kappa
 
 

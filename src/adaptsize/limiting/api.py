@@ -384,7 +384,7 @@ def _as_count(name: str, value: object) -> int | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be an integer >= 1 or None, got {value!r}")
+        raise ValueError(f"{name} must be an integer >= 1 or None, got {describe(value)}")
     return int(value)
 
 

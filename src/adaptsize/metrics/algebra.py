@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from adaptsize._checks import refuse_where
 from adaptsize._kernels import metric_joint as kernels
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
@@ -13,6 +14,9 @@ from adaptsize.typing import FloatArray, IntArray
 #: Stands for inf, in units of the largest finite size; and what counts as inf afterwards.
 UNBOUNDED = 1e30
 AS_UNBOUNDED = 1e20
+
+# Largest difference of R^T R from the identity.
+_SQUARE = 1e-6
 
 # Lengths whose ratio is nearer to 1 than this have their arithmetic as logarithmic mean.
 _EQUAL = 1e-4
@@ -23,12 +27,17 @@ def assemble(directions: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray((directions * values[:, None, :]) @ directions.swapaxes(1, 2))
 
 
+def power_of_two(h: FloatArray) -> float:
+    """Return the power of two above the largest finite size, by which division is exact."""
+    return math.ldexp(1.0, math.frexp(float(h.max(where=np.isfinite(h), initial=0.0)))[1])
+
+
 def intersection(
     sizes: list[FloatArray], directions: list[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Return sizes and directions of the intersections of two metrics or more."""
     h = np.stack(sizes)
-    scale = float(h.max(where=np.isfinite(h), initial=0.0)) or 1.0
+    scale = power_of_two(h)
     h = np.where(np.isfinite(h), h / scale, UNBOUNDED)
     r = np.stack(directions)
     dim = h.shape[2]
@@ -85,3 +94,14 @@ def log_mean(
     values, vectors = np.linalg.eigh(mean)
     unbounded = (free[nodes] & (weights != 0.0)).any(axis=1)
     return np.where(unbounded[:, None], np.inf, np.exp(values)), vectors
+
+
+def orthonormal(r: FloatArray) -> FloatArray:
+    """Return the orthonormal matrices nearest to given ones; refuse those far from it."""
+    refuse_where("directions", ~np.isfinite(r), r, "must be finite")
+    for _ in range(2):  # Newton's iteration to the polar factor: 1e-6, 1e-12, 1e-24
+        excess = r.swapaxes(1, 2) @ r - np.eye(r.shape[1])
+        worst = np.abs(excess).max(axis=(1, 2), initial=0.0)
+        refuse_where("directions", worst > _SQUARE, r, "must have orthonormal columns")
+        r = r - 0.5 * (r @ excess)
+    return r

@@ -10,12 +10,15 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_number, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.metrics.metric import Metric
+from adaptsize.metrics.surface import in_frames, surface_hessian, tangents
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration, scale_to
 from adaptsize.sizes.recovery import recovered_hessian
 from adaptsize.typing import FloatArray
 
-# Eigenvalues below this share of the range of the field over the diagonal squared are rounding.
-_NOISE = 1e-9
+# Second derivatives below this share of the largest one are rounding.
+_NOISE = 1e-12
+# Largest difference of a Hessian from its transpose, relative to it.
+_SKEW = 1e-6
 
 
 def metric_from_hessian(
@@ -110,12 +113,15 @@ def metric_from_hessian(
     array([0.1, 1. ])
     """
     check_type("mesh", mesh, SimplexMesh)
-    second = _second_derivatives(mesh, values, hessian)
+    frames = tangents(mesh) if (mesh.cell_dim, mesh.dim) == (2, 3) else None
+    second = _second_derivatives(mesh, values, hessian, frames)
     q = as_number("norm", norm, lower=1.0, allow_inf=True)
     aspect = as_number("max_aspect", max_aspect, lower=1.0)
     goal, wanted = as_goal(tolerance, target_elements)
     d = mesh.cell_dim
-    steepness, directions = _eigen(mesh, second, aspect)
+    steepness, directions = _eigen(second, aspect)
+    if frames is not None:
+        steepness, directions = _in_space(steepness, directions, frames)
     exponent = 0.0 if math.isinf(q) else 1.0 / (2.0 * q + d)
     with np.errstate(divide="ignore", invalid="ignore"):
         determinant = steepness[:, -d:].prod(axis=1)
@@ -167,26 +173,31 @@ def predicted_simplices(mesh: SimplexMesh, metric: Metric) -> float:
 
 
 def _second_derivatives(
-    mesh: SimplexMesh, values: npt.ArrayLike | None, hessian: npt.ArrayLike | None
+    mesh: SimplexMesh,
+    values: npt.ArrayLike | None,
+    hessian: npt.ArrayLike | None,
+    frames: FloatArray | None,
 ) -> FloatArray:
-    """Return second derivatives at the nodes, given or recovered."""
+    """Return second derivatives at the nodes, given or recovered; on surfaces in the tangents."""
     if (values is None) == (hessian is None):
         given = "none" if values is None else "both"
         raise ValueError(f"one of values and hessian must be given, got {given}")
-    if hessian is None:
-        assert values is not None
-        return recovered_hessian(mesh, values)
     if mesh.dim == 1 or mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    if values is not None:
+        if frames is None:
+            return recovered_hessian(mesh, values)
+        return surface_hessian(mesh, values, frames)
+    assert hessian is not None
     second = as_float_array("hessian", hessian, (mesh.n_points, mesh.dim, mesh.dim))
     refuse_where("hessian", ~np.isfinite(second), second, "must be finite")
     skew = np.abs(second - second.swapaxes(1, 2)).max(axis=(1, 2))
     largest = np.abs(second).max(axis=(1, 2))
-    refuse_where("hessian", skew > 1e-6 * largest, second, "must be symmetric")
-    return second
+    refuse_where("hessian", skew > _SKEW * largest, second, "must be symmetric")
+    return second if frames is None else in_frames(second, frames)
 
 
-def _eigen(mesh: SimplexMesh, second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
+def _eigen(second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
     """Return absolute eigenvalues, ascending and limited in their ratio, and eigenvectors."""
     values, vectors = np.linalg.eigh(0.5 * (second + second.swapaxes(1, 2)))
     values = np.abs(values)
@@ -194,7 +205,14 @@ def _eigen(mesh: SimplexMesh, second: FloatArray, aspect: float) -> tuple[FloatA
     values = np.take_along_axis(values, order, axis=1)
     vectors = np.take_along_axis(vectors, order[:, None, :], axis=2)
     largest = values[:, -1:]
-    # Where all derivatives vanish to rounding the direction is noise.
-    noise = _NOISE * float(largest.max(initial=0.0)) * 1e-3
-    values[largest[:, 0] <= noise] = 0.0
+    values[largest[:, 0] <= _NOISE * largest.max(initial=0.0)] = 0.0
     return np.maximum(values, largest / aspect**2), vectors
+
+
+def _in_space(
+    steepness: FloatArray, directions: FloatArray, frames: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return eigenvalues and eigenvectors in space; along the normal the least eigenvalue."""
+    along = frames @ directions
+    normals = np.cross(along[:, :, 0], along[:, :, 1])
+    return np.hstack([steepness[:, :1], steepness]), np.dstack([normals, along])

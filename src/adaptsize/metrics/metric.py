@@ -23,8 +23,8 @@ from adaptsize.background import SimplexMesh
 from adaptsize.metrics import algebra
 from adaptsize.typing import FloatArray
 
-# Largest difference of R^T R from the identity, and of M from its transpose relative to M.
-_SQUARE = 1e-6
+# Largest difference of M from its transpose, relative to M.
+_SKEW = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,7 +83,7 @@ class Metric(ReadOnlyState):
             raise ValueError(f"sizes must have shape (n, dim) with dim 1, 2 or 3, got {h.shape}")
         h = as_sizes("sizes", h, h.shape)
         r = as_float_array("directions", directions, (*h.shape, h.shape[1]))
-        self._keep(h, _orthonormal(r))
+        self._keep(h, algebra.orthonormal(r))
 
     def _keep(self, h: FloatArray, r: FloatArray) -> None:
         """Store sizes and orthonormal directions in ascending order of the sizes."""
@@ -133,7 +133,7 @@ class Metric(ReadOnlyState):
         refuse_where("matrices", ~np.isfinite(m), m, "must be finite")
         largest = np.abs(m).max(axis=(1, 2), initial=0.0)
         skew = np.abs(m - m.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
-        refuse_where("matrices", skew > _SQUARE * largest, m, "must be symmetric")
+        refuse_where("matrices", skew > _SKEW * largest, m, "must be symmetric")
         # Scaled to unit size: squares stay in range.
         unit = np.where(largest > 0.0, largest, 1.0)[:, None, None]
         values, vectors = np.linalg.eigh((0.5 * (m + m.swapaxes(1, 2))) / unit)
@@ -269,6 +269,7 @@ class Metric(ReadOnlyState):
         Examples
         --------
         >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+        >>> from adaptsize import isotropic_metric
         >>> round(isotropic_metric([0.1, 0.1, 0.1], 2).complexity(mesh), 9)
         50.0
         """
@@ -389,6 +390,7 @@ class Metric(ReadOnlyState):
 
         Examples
         --------
+        >>> from adaptsize import isotropic_metric
         >>> isotropic_metric([0.1, 0.4], 2).interpolate([[0, 1]], [[0.5, 0.5]]).sizes
         array([[0.2, 0.2]])
         """
@@ -396,41 +398,3 @@ class Metric(ReadOnlyState):
         w = as_float_array("weights", weights, nodes.shape)
         refuse_where("weights", ~np.isfinite(w), w, "must be finite")
         return Metric.of(*algebra.log_mean(self.sizes, self.directions, nodes, w))
-
-
-def isotropic_metric(h: npt.ArrayLike, dim: int) -> Metric:
-    """Return the metric with the same size in all directions.
-
-    Parameters
-    ----------
-    h : array_like of float, shape (n,)
-        Sizes, positive; inf where there is no bound.
-    dim : int
-        1, 2 or 3.
-
-    Returns
-    -------
-    Metric
-
-    Examples
-    --------
-    >>> isotropic_metric([0.5, 2.0], 3)
-    Metric(2 nodes in 3-D, sizes 0.5 to 2, aspect ratio up to 1)
-    """
-    size = as_float_array("h", h).ravel()
-    size = as_sizes("h", size, size.shape)
-    if dim not in (1, 2, 3):
-        raise ValueError(f"dim must be 1, 2 or 3, got {dim!r}")
-    shape = (len(size), dim, dim)
-    return Metric.of(np.repeat(size[:, None], dim, axis=1), np.broadcast_to(np.eye(dim), shape))
-
-
-def _orthonormal(r: FloatArray) -> FloatArray:
-    """Return the orthonormal matrices nearest to given ones; refuse those far from it."""
-    refuse_where("directions", ~np.isfinite(r), r, "must be finite")
-    for _ in range(2):  # Newton's iteration to the polar factor: 1e-6, 1e-12, 1e-24
-        excess = r.swapaxes(1, 2) @ r - np.eye(r.shape[1])
-        worst = np.abs(excess).max(axis=(1, 2), initial=0.0)
-        refuse_where("directions", worst > _SQUARE, r, "must have orthonormal columns")
-        r = r - 0.5 * (r @ excess)
-    return r

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels import metric_limit as kernels
-from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, part_of, read_only
-from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, part_of
+from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 
@@ -88,11 +89,14 @@ def limit_in_space(
     report : callable
     """
     bounded = np.flatnonzero(np.isfinite(h).any(axis=1)).astype(np.int32)
-    scale = float(h.max(where=np.isfinite(h), initial=0.0))
+    scale = power_of_two(h)
     finite, found = np.where(np.isfinite(h), h / scale, UNBOUNDED), np.array(r, order="C")
     active = np.zeros(len(h), np.int32)
     places = points / scale
     sources = survivors_of(places, finite, found, bounded, g, threads, report)
+    dominated = np.ones(len(h), np.bool_)
+    dominated[sources.number] = False
+    finite[dominated] = UNBOUNDED  # these bounds have no effect
     axes = (0,) * points.shape[1]
     order, places = read_only(along_curve(places)), read_only(places)
 

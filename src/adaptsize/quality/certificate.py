@@ -24,6 +24,8 @@ from adaptsize.typing import FloatArray
 SHARE_IN_BAND = 0.8
 #: Relative error of sums of volumes.
 _ROUNDING = 1e-9
+#: A closed surface that encloses less than this times a power of the diagonal is a flat bag.
+_NO_VOLUME = 1e-12
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,8 @@ def _refuse_other_dimensions(mesh: SimplexMesh, original: SimplexMesh) -> None:
         raise ValueError(
             f"original must be a mesh or a boundary in {mesh.dim}-D, got {original!r} for {mesh!r}"
         )
+    if original.diagonal == 0.0:
+        raise ValueError(f"original must not be a single point, got {original!r}")
 
 
 def _cells(mesh: SimplexMesh, count: int) -> Demand:
@@ -218,7 +222,9 @@ def _same_domain(
     if old_topology is None:
         notes.append("volume and topology are not compared: the original is no closed manifold")
         return
-    if np.isfinite(old_topology.enclosed) and (mesh.cell_dim == mesh.dim or new_topology):
+    if old_topology.enclosed <= _NO_VOLUME * original.diagonal**original.dim:
+        notes.append("the volume is not compared: the original encloses none")
+    elif np.isfinite(old_topology.enclosed) and (mesh.cell_dim == mesh.dim or new_topology):
         yield _measure(mesh, new_topology, old_topology, allowed * float(old.measures.sum()))
     else:
         notes.append("the volume is not compared: the original is not consistently oriented")
@@ -256,13 +262,14 @@ def _topology(new: Topology | None, old: Topology) -> Demand:
 
 def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Demand:
     ratio = edge_ratios(mesh, size)
-    known = np.flatnonzero(np.isfinite(ratio))
+    known = np.flatnonzero(~np.isnan(ratio))
     in_band = is_in_band(ratio[known])
     found = float(in_band.mean())
     text = f"{found:.1%} within a factor sqrt 2 of the size, {share:.0%} required"
     if found >= share:
         return Demand("edges", True, text)
-    worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
+    with np.errstate(divide="ignore"):  # edges between coincident nodes are the worst
+        worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
     middles = mesh.points[mesh.edges[worst]].mean(axis=1)
     return Demand("edges", False, text, _places(middles, ratio[worst], count))
 

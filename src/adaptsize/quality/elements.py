@@ -11,6 +11,7 @@ import numpy as np
 from adaptsize._checks import check_type
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize.background import SimplexMesh
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray
 
 # Cells are processed in blocks of this size to bound the memory.
@@ -125,7 +126,7 @@ def _cells_in_parts(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]
         corners /= extent[:, None, None]
         cells = np.arange(corners[..., 0].size, dtype=np.int32).reshape(corners.shape[:2])
         measures = np.empty(len(cells))
-        fill_measures(corners.reshape(-1, mesh.dim), cells, measures)
+        fill_measures(read_only(corners.reshape(-1, mesh.dim)), read_only(cells), measures)
         yield corners, measures
 
 

@@ -118,7 +118,8 @@ class MmgBackend:
                 best, best_share = made, share
             if share >= _GOOD_SHARE:
                 break
-            factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
+            if median > 0.0:  # Mmg may return coincident nodes
+                factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
         return _raw(best)
 
 

@@ -129,6 +129,11 @@ def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
     within : float
         Distance in the unit of the coordinates.
 
+    Warns
+    -----
+    OpenSurfaceWarning
+        If there are more than 2000 components.  Their distances are not examined then.
+
     Notes
     -----
     The distance is measured at the nodes, the midpoints of the edges and the centroids, so
@@ -144,6 +149,13 @@ def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
     mesh = merged_surface(surface)
     body = bodies_of(mesh)
     count = int(body.max()) + 1
+    if count > _MOST_BODIES:
+        warnings.warn(
+            f"the surface has {count} bodies; whether they are closer to each other than the "
+            f"tolerance was not examined, as there are more than {_MOST_BODIES}",
+            OpenSurfaceWarning,
+            stacklevel=2,
+        )
     if not 1 < count <= _MOST_BODIES:
         return None
     corners = mesh.points[mesh.cells]

@@ -198,13 +198,15 @@ def _cell_gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(edges, rises[:, :, None])[:, :, 0])
 
 
-def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:
+def gradient_operators(mesh: SimplexMesh, frames: FloatArray | None = None) -> list[csr_array]:
     """Return matrices that map nodal values to the components of `recovered_gradient`.
 
     Parameters
     ----------
     mesh : SimplexMesh
-        Of full dimension.
+        Of full dimension, or a surface.
+    frames : float64[n_points, 3, 2], optional
+        Orthonormal tangents of a surface, in which the fits are made.
 
     Returns
     -------
@@ -217,11 +219,11 @@ def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:
     near = csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
     inner = np.flatnonzero(~_on_boundary(mesh))
     narrow = near[inner]
-    weights, good = _weights_of_fits(mesh.points, narrow, inner, _WELL_DETERMINED)
+    weights, good = _weights_of_fits(mesh.points, narrow, inner, _WELL_DETERMINED, frames)
     weights[~good[_row_of_entry(narrow)]] = 0.0
     others = np.setdiff1d(own, inner[good])
     wide = csr_array(near[others] @ near)
-    wide_weights, _ = _weights_of_fits(mesh.points, wide, others, _DETERMINED)
+    wide_weights, _ = _weights_of_fits(mesh.points, wide, others, _DETERMINED, frames)
     rows = np.concatenate([inner[_row_of_entry(narrow)], others[_row_of_entry(wide)]])
     columns = np.concatenate([narrow.indices, wide.indices])
     both = np.concatenate([weights, wide_weights])
@@ -239,7 +241,11 @@ def _on_boundary(mesh: SimplexMesh) -> BoolArray:
 
 
 def _weights_of_fits(
-    points: FloatArray, patches: csr_array, nodes: npt.NDArray[np.int64], least: float
+    points: FloatArray,
+    patches: csr_array,
+    nodes: npt.NDArray[np.int64],
+    least: float,
+    frames: FloatArray | None,
 ) -> tuple[FloatArray, BoolArray]:
     """Return the weights of the nodes of patches in the gradients of fits.
 
@@ -251,6 +257,8 @@ def _weights_of_fits(
     nodes : int64[m]
     least : float
         Smallest eigenvalue of a normal matrix over the largest, for quadratics to be fitted.
+    frames : float64[n, 3, 2] or None
+        Tangents of a surface.
 
     Returns
     -------
@@ -264,7 +272,15 @@ def _weights_of_fits(
         entries = slice(patches.indptr[first], patches.indptr[last])
         members = patches.indices[entries]
         starts = patches.indptr[first:last] - patches.indptr[first]
-        weights[entries], good[first:last] = _fit(points, members, starts, nodes[first:last], least)
+        here = nodes[first:last]
+        patch = np.repeat(np.arange(len(here)), np.diff(starts, append=len(members)))
+        away = points[members] - points[here][patch]
+        if frames is None:
+            weights[entries], good[first:last] = _fit(away, patch, starts, least)
+            continue
+        along = frames[here][patch]
+        inside, good[first:last] = _fit(np.einsum("pi,pij->pj", away, along), patch, starts, least)
+        weights[entries] = np.einsum("pij,pj->pi", along, inside)
     return weights, good
 
 
@@ -279,27 +295,23 @@ def _parts(indptr: npt.NDArray[np.int32]) -> Iterator[tuple[int, int]]:
 
 
 def _fit(
-    points: FloatArray,
-    members: npt.NDArray[np.int32],
-    starts: npt.NDArray[np.int32],
-    nodes: npt.NDArray[np.int64],
-    least: float,
+    away: FloatArray, patch: npt.NDArray[np.int64], starts: npt.NDArray[np.int32], least: float
 ) -> tuple[FloatArray, BoolArray]:
     """Return the weight of each member of each patch in the gradient of the fit, at its node.
 
-    The fit uses coordinates in which the patch has unit covariance, for stretched meshes.
+    ``away`` holds the coordinates of the members relative to the node of their ``patch``.  The fit
+    uses coordinates in which the patch has unit covariance, for stretched meshes.
     """
-    dim = points.shape[1]
-    patch = np.repeat(np.arange(len(nodes)), np.diff(starts, append=len(members)))
-    away = points[members] - points[nodes][patch]
+    dim = away.shape[1]
+    sizes = np.diff(starts, append=len(away))
     squares, axes = np.linalg.eigh(_sums_of_products(away.T, starts))
-    squares /= np.diff(starts, append=len(members))[:, None]
+    squares /= sizes[:, None]
     largest = squares[:, -1:]
     lengths = np.sqrt(np.where(largest > 0.0, np.maximum(squares, 1e-24 * largest), 1.0))
     to_unit = axes / lengths[:, None, :]
     unit = np.einsum("pi,pij->jp", away, to_unit[patch])
     quadratic = [unit[a] * unit[b] for a, b in combinations_with_replacement(range(dim), 2)]
-    monomials = np.stack([np.ones(len(members)), *unit, *quadratic])
+    monomials = np.stack([np.ones(len(away)), *unit, *quadratic])
     slopes, good = _slopes_of_fits(_sums_of_products(monomials, starts), dim, least)
     in_unit = np.einsum("pdk,kp->pd", slopes[patch], monomials)
     return np.asarray(np.einsum("pij,pj->pi", to_unit[patch], in_unit)), good

@@ -11,8 +11,6 @@ from meshes import jittered_cube, jittered_square, random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
-from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
 
 INWARD_AND_OUTWARD = pytest.mark.parametrize("turned", [False, True], ids=["outward", "inward"])
 
@@ -308,59 +306,6 @@ def test_scaled_and_moved_with_the_surface(seed, exponent):
     there = signed_distance(moved, SimplexMesh(scale * (surface.points + shift), surface.cells))
     near = np.abs(phi) < 0.59
     assert_allclose(there[near], scale * phi[near], atol=1e-12 * scale)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_winding_number_by_a_tree_is_the_sum_over_all_facets(dim):
-    rng = np.random.default_rng(27)
-    surface = part_of(torus(30), lambda x: np.arange(len(x)) % 7 > 0)[0]
-    if dim == 2:
-        angle = np.linspace(0.0, 6.0, 800)
-        points = (1.0 + 0.2 * np.sin(5.0 * angle))[:, None] * np.column_stack(
-            [np.cos(angle), np.sin(angle)]
-        )
-        surface = SimplexMesh(points, np.stack([np.arange(799), np.arange(1, 800)], axis=1))
-    queries = rng.uniform(-1.5, 1.5, (300, dim))
-    a = surface.points[surface.cells] - queries[:, None, None]
-    if dim == 2:
-        cross = a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0]
-        exact = np.arctan2(cross, (a[..., 0, :] * a[..., 1, :]).sum(axis=-1)).sum(axis=1)
-        exact /= 2.0 * np.pi
-    else:
-        # Solid angle by the angles between the planes through the edges (Girard).
-        unit = a / np.linalg.norm(a, axis=-1, keepdims=True)
-        side = np.cross(unit, np.roll(unit, -1, axis=-2))
-        side /= np.linalg.norm(side, axis=-1, keepdims=True)
-        cosine = -(side * np.roll(side, 1, axis=-2)).sum(axis=-1)
-        excess = np.arccos(np.clip(cosine, -1.0, 1.0)).sum(axis=-1) - np.pi
-        exact = (excess * np.sign(np.linalg.det(a))).sum(axis=1) / (4.0 * np.pi)
-    assert not is_cycle(surface)
-    assert np.ptp(exact) > 0.8
-    # What `contains` leaves as room for the error of the tree.
-    assert np.abs(WindingNumber(surface)(queries) - exact).max() < 0.05
-
-
-def test_corners_that_differ_by_rounding_are_one_wherever_they_lie():
-    # Regression: rounded to a lattice, neighbours on two sides of a border were two.
-    clean = torus(12)
-    soup = clean.points[clean.cells].reshape(-1, 3)
-    soup += np.random.default_rng(337).uniform(-0.1, 0.1, soup.shape) * 1e-9 * clean.diagonal
-    loose = SimplexMesh(soup, np.arange(len(soup)).reshape(-1, 3))
-    assert is_cycle(loose)
-    merged, first = oriented(loose)
-    assert len(np.unique(first)) == clean.n_points
-    assert (merged.facet_cell_counts == 2).all()
-
-
-def test_cycles_are_distinguished_from_surfaces_with_holes():
-    clean = torus(12)
-    soup = clean.points[clean.cells].reshape(-1, 3)
-    assert is_cycle(clean)
-    assert is_cycle(SimplexMesh(soup, np.arange(len(soup)).reshape(-1, 3)))
-    assert not is_cycle(SimplexMesh(clean.points, clean.cells[1:]))
-    turned = clean.cells.copy()
-    turned[5] = turned[5, ::-1]
-    assert not is_cycle(SimplexMesh(clean.points, turned))
 
 
 def test_arguments_are_left_alone_and_progress_is_reported():

@@ -7,7 +7,6 @@ import solid_shapes as solid
 from scipy.spatial import cKDTree
 
 from adaptsize import CartesianGrid, medial_axis
-from adaptsize._kernels.medial_axis import find_crossings
 
 SHIFTS = [(0.0, 0.0), (0.5, 0.5), (0.31, 0.77)]
 
@@ -274,72 +273,6 @@ def test_axes_of_parallel_plates_are_their_middle_planes(normal):
     np.testing.assert_allclose(found.distances.ravel()[known], exact, atol=1e-5)
 
 
-# Corners
-
-
-def test_where_pieces_do_not_meet_they_form_no_corner():
-    # Two walls at right angles with a slit of a spacing at their corner are unlike a corner only
-    # in the numbers of their pieces.
-    grid = CartesianGrid([0.0, 0.0], 0.05, (41, 41))
-    x, y = grid.points.T
-    phi = -np.minimum(x, y).reshape(grid.shape)
-    nearest = (x > y).astype(int).reshape(grid.shape)
-    assert len(medial_axis(grid, phi, patches=nearest).points) == 0
-    # A third piece along the boundary next to the corner keeps the two apart.
-    nearest[np.abs(phi) <= 0.1] = 2
-    found = medial_axis(grid, phi, patches=nearest)
-    assert len(found.points) > 20
-    np.testing.assert_allclose(found.points[:, 0], found.points[:, 1], atol=1e-12)
-
-
-def test_pieces_that_meet_may_be_rounded_off_by_more():
-    # A corner of radius 0.3, seen from a distance of up to 1.
-    grid, phi = planar.sampled(
-        lambda x: np.where(
-            (x < 0.3).all(axis=1),
-            np.linalg.norm(x - 0.3, axis=1) - 0.3,
-            -np.minimum(x[:, 0], x[:, 1]),
-        ),
-        0.05,
-        half=1.0,
-        shift=(0.31, 0.77),
-    )
-    away = grid.points.reshape(*grid.shape, 2)
-    nearest = (away[..., 0] > away[..., 1]).astype(int)
-    blind = medial_axis(grid, phi).points.max()
-    informed = medial_axis(grid, phi, patches=nearest).points.max()
-    one = medial_axis(grid, phi, patches=np.zeros(grid.shape, int)).points.max()
-    # A corner if its radius is up to a share of the distance, and half a spacing at the apex,
-    # which is 0.41 radii off the rounding.
-    slack = 0.5 * 0.05 / (np.sqrt(2.0) - 1.0)
-    assert blind == pytest.approx((0.3 - slack) / 0.25, abs=0.05)
-    assert informed == pytest.approx((0.3 - slack) / 0.5, abs=0.05)
-    assert one == blind
-
-
-@pytest.mark.parametrize("angle", [20.0, 40.0, 90.0, 140.0])
-def test_walls_form_a_corner_from_the_corner_angle_on(angle):
-    half = np.radians(0.5 * angle)
-    wedge = planar.polygon([(-1.0, 0.0), (1.0, -2.0 * np.tan(half)), (1.0, 2.0 * np.tan(half))])
-    grid, phi = planar.sampled(wedge, 0.02, shift=(0.31, 0.77), half=1.1)
-    for corner_angle in (30.0, 60.0):
-        found = medial_axis(grid, phi, corner_angle=corner_angle)
-        # Equally far from both sides, and closer to them than to the third.
-        at_wedge = found.points[np.abs(found.points[:, 1]) < 1e-9]
-        assert (len(at_wedge) > 20) == (angle < corner_angle)
-
-
-def test_corners_are_reported_where_they_are():
-    shape = planar.turned(planar.rectangle(1.6, 0.8), 20.0)
-    grid, phi = planar.sampled(shape, 0.02)
-    corners = medial_axis(grid, phi).corners
-    angle = np.radians(20.0)
-    back = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    np.testing.assert_allclose(np.abs(corners @ back), [[0.8, 0.4]] * len(corners), atol=0.002)
-    assert len({tuple(np.sign(c)) for c in corners @ back}) == 4
-    assert len(medial_axis(*planar.sampled(planar.wavy_disc(0.9, 0.005, 24), 0.02)).corners) == 0
-
-
 # Grids
 
 
@@ -382,97 +315,6 @@ def test_in_one_dimension_it_is_the_middle():
     grid = CartesianGrid([0.0], 0.1, (21,))
     found = medial_axis(grid, np.abs(grid.points[:, 0] - 1.03) - 0.7)
     np.testing.assert_allclose(found.points, [[1.03]], rtol=1e-12)
-
-
-# The kernel
-
-
-def by_polynomials(phi, tolerance, gamma):
-    """Algorithm 1 on a plane grid of spacing 1 with NumPy's polynomials; {(i, j, axis): s0}."""
-    n, m = phi.shape
-
-    def one_sided(line):
-        """Of seven values the difference in the middle, on the smoother side."""
-        back, front = line[3] - line[2], line[4] - line[3]
-        bends = abs(np.diff(line[1:4], 2)[0]), abs(np.diff(line[3:6], 2)[0])
-        if abs(bends[0] - bends[1]) <= 1e-9 * sum(bends):
-            return 0.5 * (back + front)
-        return back if bends[0] < bends[1] else front
-
-    def curvature(i, j):
-        c = phi[i - 1 : i + 2, j - 1 : j + 2]
-        fx, fy = 0.5 * (c[2, 1] - c[0, 1]), 0.5 * (c[1, 2] - c[1, 0])
-        fxx, fyy = np.diff(c[:, 1], 2)[0], np.diff(c[1], 2)[0]
-        fxy = 0.25 * (c[2, 2] - c[2, 0] - c[0, 2] + c[0, 0])
-        return abs(fxx * fy**2 - 2 * fx * fy * fxy + fyy * fx**2) / np.hypot(fx, fy) ** 3
-
-    found = {}
-    for axis in (0, 1):
-        for i in range(4, n - 5):
-            for j in range(4, m - 5):
-                step = np.eye(2, dtype=int)[axis]
-                line = np.array([phi[tuple(np.array([i, j]) + s * step)] for s in range(-2, 4)])
-                if line[2] >= 0.0 or line[3] >= 0.0:
-                    continue
-                apart = np.poly1d(np.polyfit([1, 2, 3], line[3:], 2)) - np.poly1d(
-                    np.polyfit([-2, -1, 0], line[:3], 2)
-                )
-                slope = apart.deriv()
-                roots = [s.real for s in np.roots(apart) if abs(s.imag) < 1e-12]
-                roots = [s for s in roots if -1e-9 <= s <= 1.0 + 1e-9]
-                if len(roots) != 1 or slope(-2.0) <= 0.0 or slope(3.0) <= 0.0:
-                    continue
-                a, b = np.array([i, j]), np.array([i, j]) + step
-                across = 1 - axis
-                gradients = []
-                for node, along in ((a, line[2] - line[1]), (b, line[4] - line[3])):
-                    beside = [
-                        phi[tuple(node + s * np.eye(2, dtype=int)[across])] for s in range(-3, 4)
-                    ]
-                    gradients.append((along, one_sided(np.array(beside))))
-                kappa = max(curvature(*(a - step)), curvature(*(b + step)))
-                alpha = np.dot(*gradients)
-                bound = max(1.0 - 0.5 * (gamma * kappa) ** 2, 0.5)
-                if alpha < min(bound, 1.0 - 0.5 * (gamma * tolerance) ** 2):
-                    found[i, j, axis] = roots[0]
-    return found
-
-
-@pytest.mark.parametrize(
-    "shape",
-    [planar.turned(planar.letter_l(9.0, 8.0), 17.0), planar.ellipse(11.0, 6.0), planar.disc(9.0)],
-)
-def test_kernel_does_what_algorithm_1_says(shape):
-    _, phi = planar.sampled(shape, 1.0, half=17.0, shift=(0.31, 0.77))
-    twin = by_polynomials(phi, 0.1, 2.0)
-    room = 2 * phi.size
-    node, axis = np.empty((2, room), np.int64)
-    place, rise, depth = np.empty((3, room))
-    padded = np.pad(phi, 3, mode="reflect", reflect_type="odd")
-    count, rows = find_crossings(
-        padded.ravel(),
-        (1, *phi.shape),
-        (0, 3, 3),
-        (0, padded.shape[1], 1),
-        (1.0, 1.0, 1.0),
-        0.1,
-        2.0,
-        0,
-        node,
-        axis,
-        place,
-        rise,
-        depth,
-        np.empty((room, 2, 3)),
-    )
-    assert rows == phi.shape[0]
-    i, j = np.unravel_index(node[:count], phi.shape)
-    keys = zip(i.tolist(), j.tolist(), (axis[:count] - 1).tolist(), strict=True)
-    found = dict(zip(keys, place[:count].tolist(), strict=True))
-    assert len(twin) > 3
-    assert found.keys() == twin.keys()
-    for key, s in twin.items():
-        assert found[key] == pytest.approx(s, abs=1e-9)
 
 
 # Arguments

@@ -53,6 +53,7 @@ class Tree(NamedTuple):
     def over(cls, points: FloatArray, cells: IntArray) -> Tree:
         """Return the tree over cells."""
         centroids = np.empty((len(cells), 3))
+        cells = np.array(cells)  # writable; kernels are compiled once more for others
         tree_kernels.fill_centroids(points, cells, centroids)
         along = along_curve(centroids)
         n_leaves = 1

@@ -13,6 +13,7 @@ from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.splitting_grid import both_ways
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
@@ -211,7 +212,7 @@ def _by_components(
                 local = np.full(mesh.n_points, -1, np.int32)
                 local[nodes] = np.arange(len(nodes))
                 also = local[linear]
-                also = np.ascontiguousarray(also[also[:, 0] >= 0])
+                also = read_only(np.ascontiguousarray(also[also[:, 0] >= 0]))
             boundary = flat_boundary(component, given[2])
             convex = is_convex(component.points, boundary)
             found = solve_on_mesh(Problem(component, own, *given, some, also), boundary, convex)
@@ -330,7 +331,7 @@ def _on_grid_mesh(
     In the plane each box is split along both diagonals, and the lower size is used; no diagonal is
     preferred.
     """
-    linear = both_ways(np.isfinite(h0), grid.active) if grid.dim == 2 else None
+    linear = read_only(both_ways(np.isfinite(h0), grid.active)) if grid.dim == 2 else None
     return _by_components(grid.mesh, h0, given, extra, linear)
 
 

@@ -7,13 +7,14 @@ import numpy as np
 from adaptsize._kernels import exact_candidates as kernels
 from adaptsize._kernels import kinks
 from adaptsize._kernels.exact import new_block
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, along_walls
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.waves import Wave, wave_at
-from adaptsize.limiting.exact.work import along_curve, part_of, read_only
+from adaptsize.limiting.exact.work import along_curve, part_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -72,7 +73,7 @@ def _undominated(
 
     def kept(rows: IntArray, source: IntArray, wave: Wave) -> BoolArray:
         keep = np.empty(len(rows), np.bool_)
-        given = (*map(read_only, (rows, h0, source)), wave.table)
+        given = (*(read_only(array) for array in (rows, h0, source)), wave.table)
         faces = True if mesh.dim == 3 else None
         block = new_block(mesh.dim)
         kernels.keep_undominated(mesh.points, axes, *given, g, True, faces, block, keep)
@@ -117,7 +118,8 @@ def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-d
         rows = rows[np.argsort(group, kind="stable")]
         first = np.concatenate([[0], np.cumsum(np.bincount(group))])
         blocked = np.empty(len(unique), np.bool_)
-        kinks.mark_blocked(points, rows, first, h0, g, blocked)
+        arcs = np.empty((2, 2 * int(np.diff(first).max(initial=0))))
+        kinks.mark_blocked(points, rows, first, h0, g, arcs[0], arcs[1], blocked)
         kept &= ~blocked
     chosen: IntArray = unique[kept]
     return chosen

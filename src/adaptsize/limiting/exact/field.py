@@ -10,9 +10,10 @@ import numpy as np
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.sight import Sight
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.limiting.exact.waves import Wave, wave_at
-from adaptsize.limiting.exact.work import along_curve, in_chunks, read_only
+from adaptsize.limiting.exact.work import along_curve, in_chunks
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class ExactField:
         wave, sight = self.waves[number], self.sight
         offset = sum(len(wave.nodes) for wave in self.waves[:number])
         dim = points.places.shape[1]
-        places, order, on_wall = map(read_only, points)
+        places, order, on_wall = (read_only(array) for array in points)
         found = np.full(len(places), -1, np.int32) if offset else source
         edges = self.edges
 

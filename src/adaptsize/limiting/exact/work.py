@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import cache
-from typing import Any
 
 import numba
 import numpy as np
@@ -13,6 +12,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.trees import BITS, DIGIT, LEAF, sort_along_curve
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 # Points per chunk, some milliseconds; Ctrl-C takes effect between chunks.
@@ -46,16 +46,6 @@ def _spread(dim: int) -> npt.NDArray[np.int64]:
     ones = (np.arange(2**DIGIT)[:, None] >> bits) & 1
     spread: npt.NDArray[np.int64] = np.sum(ones << (bits * dim), axis=1)
     return spread
-
-
-def read_only(array: Any) -> Any:
-    """Return a view of an array that cannot be written.
-
-    Kernels are compiled once more for arrays that can.
-    """
-    view = array.view()
-    view.flags.writeable = False
-    return view
 
 
 def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What ``adaptsize remesh`` and ``image`` report: how good a mesh is, and what is out of bounds."""
+"""A new mesh compared with the request: how good it is, and what is out of bounds."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from adaptsize.cli.output import kind_of
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
@@ -26,14 +24,24 @@ _LEAST_ANGLE = 5.0
 _VOLUME_CHANGE = 0.01
 
 
+_KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
+
+
+def kind_of(mesh: SimplexMesh) -> str:
+    """Return the name of the cells of a mesh."""
+    return _KINDS[mesh.cell_dim]
+
+
 @dataclass(frozen=True)
 class Outcome:
     """A new mesh compared with the request."""
 
     kind: str
     conformity: Conformity
-    predicted: float | None = None
-    """Number of cells."""
+    expected: float | None = None
+    """Number of cells that is predicted, or requested."""
+    requested: bool = False
+    """Whether that number is requested."""
     tolerance: float | None = None
     """Allowed distance of the boundary over the diagonal."""
     change: float | None = None
@@ -41,10 +49,14 @@ class Outcome:
 
     @property
     def excess(self) -> float | None:
-        """Number of cells over the predicted one, minus 1."""
-        if self.predicted is None:
+        """Number of cells over the expected one, minus 1."""
+        if self.expected is None:
             return None
-        return self.conformity.n_cells / max(self.predicted, 1.0) - 1.0
+        return self.conformity.n_cells / max(self.expected, 1.0) - 1.0
+
+    @property
+    def _expectation(self) -> str:
+        return "requested" if self.requested else "predicted"
 
     @property
     def distance(self) -> float | None:
@@ -55,18 +67,19 @@ class Outcome:
         """Return the keys of the JSON object."""
         result: dict[str, Any] = {"kind": self.kind, **self.conformity.as_dict()}
         result["share_in_band"] = self.conformity.share_in_band
-        if self.predicted is not None:
-            result["n_cells_predicted"] = self.predicted
+        if self.expected is not None:
+            result[f"n_cells_{self._expectation}"] = self.expected
             result["tolerance"] = self.tolerance
             result["measure_change"] = self.change
         return result
 
-    def __str__(self) -> str:
-        """Return one line per topic."""
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Topics, and what was found on each."""
         found = self.conformity
         cells = f"{found.n_cells} {self.kind}"
         if self.excess is not None:
-            cells += f", {self.predicted:.0f} predicted ({self.excess:+.1%})"
+            cells += f", {self.expected:.0f} {self._expectation} ({self.excess:+.1%})"
         angles = f"{'dihedral, ' if found.cell_dim == 3 else ''}least {found.angle_min:.1f} degrees"
         rows = [
             ("cells", cells),
@@ -78,7 +91,11 @@ class Outcome:
             rows.append(("boundary", f"{text}, tolerance {self.tolerance:.2g}"))
         if self.change is not None:
             rows.append((self._measure, f"changed by {self.change:+.2%}"))
-        return "\n".join(f"{name:10}{text}" for name, text in rows)
+        return rows
+
+    def __str__(self) -> str:
+        """Return one line per topic."""
+        return "\n".join(f"{name:10}{text}" for name, text in self.rows)
 
     @property
     def _measure(self) -> str:
@@ -97,7 +114,7 @@ class Outcome:
                 f"only {found.share_in_band:.1%} of the edges are within a factor sqrt 2 of the "
                 "size; details of the boundary may not allow it"
             )
-        if self.excess is not None and abs(self.excess) > _FAR_OFF:
+        if self.excess is not None and abs(self.excess) > _FAR_OFF and not self.requested:
             lines.append(
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
                 f"{'more' if self.excess > 0.0 else 'fewer'} than predicted"
@@ -110,16 +127,22 @@ class Outcome:
 
 
 def outcome_of_remeshing(
-    new: SimplexMesh, old: SimplexMesh, size: SizeFunction, report: SizeReport, tolerance: float
+    new: SimplexMesh,
+    old: SimplexMesh,
+    size: SizeFunction,
+    report: SizeReport,
+    tolerance: float,
+    elements: float | None = None,
 ) -> Outcome:
-    """Compare a new mesh with the old one and with the sizes requested."""
+    """Compare a new mesh with the old one, with the sizes, and with the number requested."""
     from adaptsize.quality import size_conformity
 
     surface = old if old.cell_dim < new.cell_dim or old.dim > old.cell_dim else old.boundary().mesh
     return Outcome(
         kind_of(new),
         size_conformity(new, size, surface=surface),
-        _predicted(new, size, report),
+        _predicted(new, size, report) if elements is None else elements,
+        elements is not None,
         tolerance,
         _change(new, old),
     )

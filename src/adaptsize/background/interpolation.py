@@ -1,0 +1,73 @@
+"""Nodal values of a background at any points."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_points, check_type, one_of
+from adaptsize.background.grid import CartesianGrid
+from adaptsize.background.octree import Octree
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.typing import FloatArray
+
+Outside = Literal["nearest", "nan"]
+
+
+def interpolate(
+    background: SimplexMesh | CartesianGrid | Octree,
+    values: npt.ArrayLike,
+    points: npt.ArrayLike,
+    *,
+    outside: Outside = "nearest",
+) -> FloatArray:
+    """Return nodal values of a mesh, grid or octree at any points, by linear interpolation.
+
+    Parameters
+    ----------
+    background : SimplexMesh, CartesianGrid or Octree
+    values : array_like of float, of the nodal shape
+        Finite or inf, for instance a depth, a velocity or a solution.
+    points : array_like of float, shape (n, dim)
+    outside : {"nearest", "nan"}
+        What a point outside the background gets: the value at the closest point of the
+        background, or NaN.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        Between the values of the nodes around the point; inf if one of them with a positive
+        weight is inf.
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid.
+
+    See Also
+    --------
+    adaptsize.transfer_fields : Conservative transfer of fields between meshes.
+
+    Examples
+    --------
+    >>> grid = CartesianGrid([0, 0], 1.0, (2, 2))
+    >>> interpolate(grid, [[0, 1], [2, 3]], [[0.5, 0.25], [9, 9]], outside="nan").tolist()
+    [1.25, nan]
+    """
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    one_of("outside", outside, ("nearest", "nan"))
+    nodal = as_float_array("values", values, background.nodal_shape)
+    where = as_points("points", points, background.dim)
+    found, distances = background.locator.interpolate(nodal, where)
+    if outside == "nan":
+        found = np.where(distances > 1e-12 * _extent(background), np.nan, found)
+    return found
+
+
+def _extent(background: SimplexMesh | CartesianGrid | Octree) -> float:
+    """Return the diagonal, for a tolerance of rounding."""
+    if isinstance(background, SimplexMesh):
+        return background.diagonal
+    return float(np.linalg.norm(background.upper - background.lower))

@@ -1,0 +1,69 @@
+"""Tangents and second derivatives on triangulated surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, check_range, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.sizes.recovery import gradient_operators
+from adaptsize.typing import FloatArray
+
+
+def tangents(surface: SimplexMesh) -> FloatArray:
+    """Return two orthonormal tangents at the nodes, in any orientation of the triangles.
+
+    The normal is the direction with the largest sum of squared cosines to the normals around the
+    node, weighted by area.
+
+    Returns
+    -------
+    float64[n_points, 3, 2]
+    """
+    a, b, c = (surface.points[v] for v in surface.cells.T)
+    twice = np.cross(b - a, c - a)
+    area = np.linalg.norm(twice, axis=1)
+    unit = twice / np.where(area > 0.0, area, 1.0)[:, None]
+    outer = (area[:, None, None] * unit[:, :, None] * unit[:, None, :]).reshape(-1, 9)
+    total = np.zeros((surface.n_points, 9))
+    for nodes in surface.cells.T:
+        for k in range(9):
+            total[:, k] += np.bincount(nodes, outer[:, k], surface.n_points)
+    return np.asarray(np.linalg.eigh(total.reshape(-1, 3, 3))[1][:, :, :2])
+
+
+def surface_hessian(surface: SimplexMesh, values: npt.ArrayLike, frames: FloatArray) -> FloatArray:
+    """Return the second derivatives of a nodal field along a surface, in given tangents.
+
+    The tangential gradient is recovered by polynomial preserving recovery in the tangent plane of
+    each node, each of its components once more, and the result is projected onto the tangent
+    plane.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space.
+    values : array_like of float, shape (n_points,)
+    frames : float64[n_points, 3, 2]
+
+    Returns
+    -------
+    float64[n_points, 2, 2]
+    """
+    check_range("mesh", surface.points)
+    nodal = as_float_array("values", values, (surface.n_points,))
+    refuse_where("values", ~np.isfinite(nodal), nodal, "must be finite")
+    operators = gradient_operators(surface, frames)
+    gradient = [operator @ nodal for operator in operators]
+    full = np.stack(
+        [np.stack([operator @ part for operator in operators], axis=-1) for part in gradient],
+        axis=-2,
+    )
+    return in_frames(full, frames)
+
+
+def in_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:
+    """Return the symmetric part of matrices in the tangent planes, float64[n, 2, 2]."""
+    inside = frames.swapaxes(1, 2) @ matrices @ frames
+    return np.asarray(0.5 * (inside + inside.swapaxes(1, 2)))

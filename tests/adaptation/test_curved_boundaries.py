@@ -1,0 +1,151 @@
+"""New boundary nodes are projected, and none of them inverts a cell."""
+
+import warnings
+
+import numpy as np
+import pytest
+from adaptive_loops import SEED, disc, to_circle
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import jittered_cube, jittered_square, random_sphere, structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import SimplexMesh, adapt
+from adaptsize.adaptation.boundary_moves import move_to_boundary
+from adaptsize.errors import ResolutionWarning
+
+
+def test_new_boundary_nodes_are_projected_and_the_area_comes_nearer():
+    pytest.importorskip("mmgpy")
+    mesh = disc(5)
+    with pytest.warns(ResolutionWarning, match="farther from the old one"):
+        plain = adapt(mesh, h0=0.05)
+    result = adapt(mesh, h0=0.05, project=to_circle)
+    new, moves = result.mesh, result.report.moves
+    # Chords of 12 degrees sag by 1 - cos(6 deg) = 5.5e-3; Mmg bends them by its own spline.
+    assert plain.report.boundary_distance < 5.5e-3 + 1e-3 * mesh.diagonal
+    assert moves.n_shortened == 0
+    on_boundary = np.linalg.norm(new.points[new.boundary().nodes], axis=1)
+    assert_allclose(on_boundary, 1.0, rtol=1e-12)
+    assert (new.signed_measures > 0.0).all()
+    off = [abs(m.measures.sum() - np.pi) for m in (mesh, plain.mesh, new)]
+    # pi (2 pi / n)^2 / 6 of n chords: 30 of them, then some 126.
+    assert off[0] == pytest.approx(0.023, rel=0.01)
+    assert off[2] < 0.08 * off[0]
+    assert "nodes moved by up to" in str(result)
+
+
+def test_a_boundary_that_drifts_off_in_a_loop_is_reported_once():
+    pytest.importorskip("mmgpy")
+    mesh = disc(5)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for h in (0.1, 0.06, 0.09):
+            result = adapt(mesh, h0=h, enough=1.1)
+            mesh = result.mesh
+    assert [w.category for w in caught] == [ResolutionWarning]
+    assert "pass project= for a curved boundary" in str(caught[0].message)
+    assert caught[0].filename == __file__
+
+
+def test_moves_that_would_invert_cells_are_shortened():
+    mesh = structured_square(8, half_width=1.0)
+    # To the far side: through all cells.
+    moved, report = move_to_boundary(mesh, lambda x: -3.0 * x, 30.0)
+    assert (moved.signed_measures > 0.0).all()
+    assert report.n_shortened == report.n_nodes == 4 * 7
+    assert report.n_corners == 4
+    assert report.largest_rest > 2.0
+    solid = jittered_cube(4, SEED, half_width=1.0)
+    turned = SimplexMesh(solid.points, solid.cells[:, [1, 0, 2, 3]])
+    for mesh in (solid, turned):
+        moved, report = move_to_boundary(mesh, lambda x: 0.3 * x, 30.0)
+        sound = np.abs(mesh.signed_measures) > 1e-12
+        assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
+        assert report.n_shortened > 0
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]), st.floats(0.01, 3.0))
+def test_no_move_inverts_a_cell_and_none_is_longer_than_asked(seed, dim, far):
+    rng = np.random.default_rng(seed)
+    mesh = jittered_square(7, seed, half_width=1.0) if dim == 2 else jittered_cube(4, seed % 9)
+    moved, report = move_to_boundary(mesh, lambda x: x + far * rng.normal(size=x.shape), 30.0)
+    sound = np.abs(mesh.signed_measures) > 1e-10 * mesh.diagonal**dim
+    assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
+    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.boundary().nodes)
+    assert_array_equal(moved.points[inner], mesh.points[inner])
+    assert report.n_shortened <= report.n_nodes
+    way = np.linalg.norm(moved.points - mesh.points, axis=1).max()
+    assert way == pytest.approx(report.largest_move, rel=1e-9, abs=1e-12)
+
+
+def test_corners_and_ridges_stay_and_so_do_nodes_inside():
+    square = structured_square(6, half_width=1.0)
+    moved, report = move_to_boundary(square, lambda x: 1.02 * x, 30.0)
+    corner = (np.abs(square.points) == 1.0).all(axis=1)
+    inside = (np.abs(square.points) < 1.0).all(axis=1)
+    assert report.n_corners == corner.sum() == 4
+    assert_array_equal(moved.points[corner | inside], square.points[corner | inside])
+    assert_allclose(moved.points[~(corner | inside)], 1.02 * square.points[~(corner | inside)])
+    cube = jittered_cube(5, SEED, half_width=1.0)
+    moved, report = move_to_boundary(cube, lambda x: 1.001 * x, 30.0)
+    ridge = (np.abs(cube.points) == 1.0).sum(axis=1) >= 2
+    assert report.n_corners == ridge.sum() == 12 * 3 + 8
+    assert_array_equal(moved.points[ridge], cube.points[ridge])
+
+
+def test_projections_by_tag_move_their_facets_only():
+    mesh = structured_square(6, half_width=1.0)
+    middle = mesh.points[mesh.facets].mean(axis=1)
+    right, inner = (np.abs(middle[:, 0] - x) < 1e-12 for x in (1.0, 0.0))
+    facets = np.concatenate([mesh.facets[right], mesh.facets[inner]])
+    tags = np.repeat([5, 6], [right.sum(), inner.sum()])
+    tagged = SimplexMesh(mesh.points, mesh.cells, tagged_facets=facets, facet_tags=tags)
+    bend = lambda x: x + np.column_stack([0.05 * (1.0 - x[:, 1] ** 2), 0 * x[:, 1]])  # noqa: E731
+    for tag, at in ((5, 1.0), (6, 0.0)):  # the second inside the domain
+        moved, report = move_to_boundary(tagged, {tag: bend}, 30.0)
+        changed = (moved.points != mesh.points).any(axis=1)
+        expected = (mesh.points[:, 0] == at) & (np.abs(mesh.points[:, 1]) < 1.0)
+        assert_array_equal(changed, expected)
+        assert report.n_nodes == 5
+        assert_array_equal(moved.facet_tags, tags)
+
+
+def test_a_node_where_a_tag_ends_stays():
+    mesh = structured_square(6, half_width=1.0)
+    middle = mesh.points[mesh.facets].mean(axis=1)
+    upper_right = (np.abs(middle[:, 0] - 1.0) < 1e-12) & (middle[:, 1] > 0.0)
+    facets = mesh.facets[upper_right]
+    tagged = SimplexMesh(
+        mesh.points, mesh.cells, tagged_facets=facets, facet_tags=np.full(len(facets), 5)
+    )
+    moved, report = move_to_boundary(tagged, {5: lambda x: x + np.array([0.01, 0.0])}, 30.0)
+    changed = (moved.points != mesh.points).any(axis=1)
+    y = mesh.points[:, 1]
+    assert_array_equal(changed, (mesh.points[:, 0] == 1.0) & (y > 1e-9) & (y < 1.0))
+    assert (report.n_nodes, report.n_corners) == (2, 2)
+
+
+def test_triangles_in_space_do_not_fold():
+    mesh = random_sphere(200, SEED)
+    moved, report = move_to_boundary(mesh, lambda x: x[::-1], 60.0)
+    assert report.n_shortened > 100
+    normals = [
+        np.cross(*np.diff(m.points[m.cells], axis=1).transpose(1, 0, 2)) for m in (mesh, moved)
+    ]
+    assert (np.einsum("nd,nd->n", *normals) > 0.0).all()
+
+
+def test_nodes_that_are_there_already_are_not_called_shortened():
+    mesh = disc(4)
+    moved, report = move_to_boundary(mesh, to_circle, 30.0)
+    assert (report.n_nodes, report.n_shortened) == (24, 0)
+    assert_allclose(moved.points, mesh.points, atol=1e-15)
+
+
+def test_a_projection_that_returns_nonsense_is_named():
+    mesh = structured_square(3)
+    with pytest.raises(ValueError, match=r"project\(points\) must have shape \(8, 2\)"):
+        move_to_boundary(mesh, lambda x: x[:, 0], 30.0)
+    with pytest.raises(ValueError, match=r"project\(points\) must be finite"):
+        move_to_boundary(mesh, lambda x: x / 0.0 if len(x) == 0 else np.nan * x, 30.0)

@@ -1,0 +1,118 @@
+"""The number of elements of an adapted mesh."""
+
+import math
+
+import numpy as np
+import pytest
+from adaptive_loops import SEED, indicator
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import jittered_square, structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import quad
+
+from adaptsize import SizeFunction, adapt
+from adaptsize.adaptation import new_mesh
+from adaptsize.sizes import predicted_elements
+from adaptsize.sizes.budget import mean_density
+
+
+@given(st.integers(1, 3), st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=4))
+def test_mean_density_is_the_mean_over_the_simplex(d, logs):
+    h = np.exp(logs[: d + 1])
+    # Along the heights of a simplex: h is a + (b - a) t on slices, one dimension after the other.
+    if d == 1:
+        twin = quad(lambda t: 1.0 / (h[0] + (h[1] - h[0]) * t), 0.0, 1.0, epsrel=1e-9)[0]
+    else:
+        # The mean of H^-(d+1) is the product of 1 / H_i; see the docstring.
+        twin = d * quad(
+            lambda u: math.exp(u) / np.prod(h + math.exp(u)), -40.0, 40.0, epsrel=1e-9, limit=400
+        )[0]  # fmt: skip
+    assert mean_density(h[None])[0] == pytest.approx(twin, rel=1e-6)
+
+
+def test_mean_density_of_triangles_by_sampling_and_of_constants_exactly():
+    rng = np.random.default_rng(SEED)
+    h = np.array([[1.0, 2.0, 5.0]])
+    samples = rng.dirichlet(np.ones(3), 200_000) @ h[0]
+    # Standard deviation of h^-2 is below 0.1: three of its means' are 7e-4.
+    assert mean_density(h)[0] == pytest.approx((samples**-2.0).mean(), abs=7e-4)
+    h = np.array([[1.0, 2.0, 5.0, 3.0]])
+    samples = rng.dirichlet(np.ones(4), 200_000) @ h[0]
+    assert mean_density(h)[0] == pytest.approx((samples**-3.0).mean(), abs=7e-4)
+    for scale in (1e-150, 1e-30, 1.0, 1e30):
+        for d in (1, 2):
+            assert mean_density(np.full((1, d + 1), scale))[0] == pytest.approx(
+                scale**-d, rel=1e-13
+            )
+    assert_array_equal(mean_density(np.array([[1.0, np.inf, 1.0], [np.inf] * 3])), 0.0)
+
+
+def test_the_number_of_elements_is_that_of_the_generator():
+    mesh = structured_square(4)
+    plain = predicted_elements(mesh, np.ones(mesh.n_points))
+    assert plain == pytest.approx(10_000 * 4.0 / math.sqrt(3.0))
+    # docs/adaptive-loops.md
+    assert predicted_elements(mesh, np.ones(mesh.n_points), backend="mmg") == 1.00 * plain
+    assert predicted_elements(mesh, np.ones(mesh.n_points), backend="unheard of") == plain
+
+
+@pytest.mark.parametrize("factor", [0.3, 0.7, 1.05, 1.9])
+def test_a_missed_number_is_corrected_by_another_mesh(generator, factor):
+    generator.factor = factor
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    result = adapt(mesh, indicator(mesh), target_elements=3000, max_refine=20)
+    assert result.report.budget_met
+    assert result.report.n_meshes == generator.calls == (1 if abs(factor - 1.0) < 0.15 else 2)
+    assert result.mesh.n_cells == pytest.approx(3000, rel=0.08)  # whole squares
+
+
+def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
+    # As fTetWild's at its natural length: twice as many on one side, half as many on the other.
+    class Jumping(type(generator)):
+        def __call__(self, mesh, size, **options):
+            asked = predicted_elements(mesh, size.values)
+            self.factor = 1.6 if asked > 2500 else 0.75
+            return super().__call__(mesh, size, **options)
+
+    jumping = Jumping()
+    monkeypatch.setattr(new_mesh, "remesh", jumping)
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    result = adapt(mesh, indicator(mesh), target_elements=3000)
+    assert result.report.n_meshes == 3
+    counts = np.array([1.6 * 3000, 0.75 * 3000 / 1.6])
+    best = np.exp(np.abs(np.log(counts / 3000)).min())
+    assert max(result.mesh.n_cells / 3000, 3000 / result.mesh.n_cells) < best
+
+
+def test_a_number_out_of_reach_is_approached_once_and_reported(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    result = adapt(mesh, indicator(mesh), target_elements=100_000, hmin=0.1)
+    assert generator.calls == 1
+    assert result.report.budget_met is False
+    assert "budget missed" in str(result)
+    assert result.size.values.min() >= 0.1
+
+
+def test_bounds_alone_are_scaled_to_a_number(generator):
+    mesh = structured_square(8, half_width=1.0)
+    shape = 1.0 + mesh.points[:, 0] ** 2
+    result = adapt(mesh, h0=shape, g=None, target_elements=1000)
+    ratio = result.size.values / shape
+    assert_allclose(ratio, ratio[0], rtol=1e-12)
+    assert result.report.predicted_elements == pytest.approx(1000, rel=1e-3)
+    for h0 in (0.1, np.full(mesh.n_points, 0.1), lambda x: 0.1 + 0 * x[:, 0],
+               SizeFunction(mesh, np.full(mesh.n_points, 0.1))):  # fmt: skip
+        assert_array_equal(adapt(mesh, h0=h0).size.values, 0.1)
+
+
+def test_bounds_hold_beside_an_indicator(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    bound = np.full(mesh.n_points, np.inf)
+    bound[0] = 0.01
+    result = adapt(mesh, indicator(mesh), target_elements=3000, h0=bound, g=0.3)
+    h = result.size.values
+    assert h[0] <= 0.01
+    i, j = mesh.edges.T
+    assert (np.abs(h[i] - h[j]) <= 0.3 * mesh.edge_lengths * (1.0 + 1e-12)).all()
+    assert result.report.predicted_elements == pytest.approx(3000, rel=1e-2)

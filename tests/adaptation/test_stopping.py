@@ -1,0 +1,86 @@
+"""When an adaptive loop ends."""
+
+import numpy as np
+import pytest
+from adaptive_loops import SEED, indicator
+from meshes import jittered_square, structured_square
+from numpy.testing import assert_array_equal
+
+from adaptsize import adapt
+
+
+def test_a_mesh_that_has_the_sizes_is_returned_itself(generator):
+    mesh = structured_square(10, half_width=1.0)
+    u = np.arange(mesh.n_points)
+    # Sides of 0.2 and diagonals of 0.28: all within sqrt 2 of 0.2, and 231 cells expected of 200.
+    result = adapt(mesh, h0=0.2145, fields={"u": u})
+    assert result.mesh is mesh
+    assert result.fields["u"] is u
+    assert (result.remeshed, result.converged, generator.calls) == (False, True, 0)
+    assert "not remeshed" in result.reason
+    assert result.report.after is result.report.before
+    assert adapt(mesh, h0=0.2145, enough=1.1).remeshed
+    assert adapt(mesh, h0=0.4).remeshed
+
+
+def test_a_few_cells_that_are_much_too_long_are_worth_a_mesh(generator):
+    mesh = structured_square(40, half_width=1.0)
+    h = mesh.edge_lengths.mean()
+    bound = np.full(mesh.n_points, h)
+    bound[0] = h / 64.0
+    result = adapt(mesh, h0=bound, g=2.0)
+    # The edges at one corner should be cut into ln 64 h / h pieces each.
+    assert result.report.before.share_in_band > 0.99
+    assert result.remeshed
+    bound[mesh.points[:, 0] == -1.0] = h / 8.0
+    layer = adapt(mesh, h0=bound, g=0.25)
+    # Nine tenths of the edges are as asked for, but not of the next mesh.
+    assert layer.report.before.share_in_band > 0.9
+    assert layer.report.share_too_long > 0.3
+
+
+def test_a_loop_ends_at_the_tolerance(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    aim = 0.1 * np.linalg.norm(mesh.measures)
+    for cycle in range(10):  # noqa: B007 - it is looked at below
+        result = adapt(mesh, mesh.measures, order=1, tolerance=aim)
+        if not result.remeshed:
+            break
+        mesh = result.mesh
+    assert 1 <= cycle <= 5
+    assert result.converged
+    assert np.linalg.norm(mesh.measures) <= aim
+    assert "is within the tolerance" in result.reason
+    # With an error far below the tolerance a coarser mesh would do, if that is wanted.
+    again = adapt(mesh, mesh.measures, tolerance=5.0 * aim, coarsen_converged=True)
+    assert again.remeshed
+    assert again.mesh.n_cells < mesh.n_cells
+
+
+def test_an_error_a_little_above_the_tolerance_is_worth_a_mesh(generator):
+    # The sizes differ by a few per cent only: by themselves not worth it, as the bounds show.
+    mesh = structured_square(20, half_width=1.0)
+    result = adapt(mesh, mesh.measures, tolerance=np.linalg.norm(mesh.measures) / 1.005)
+    assert result.report.share_in_band > 0.85
+    assert abs(result.report.predicted_elements / mesh.n_cells - 1.0) < 0.15
+    assert result.remeshed
+    assert not adapt(mesh, h0=result.size).remeshed
+
+
+def test_a_tolerance_that_the_limits_do_not_allow_ends_the_loop_too(generator):
+    mesh = structured_square(20, half_width=1.0)
+    h = 0.1145
+    result = adapt(mesh, indicator(mesh), tolerance=1e-9, hmin=h, hmax=h)
+    assert (result.remeshed, result.converged) == (False, False)
+    assert "the limits allow no better" in result.reason
+
+
+def test_a_tolerance_needs_no_more_than_the_number_given(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    eta = indicator(mesh)
+    free = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta))
+    needed = free.report.predicted_elements
+    capped = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), target_elements=0.6 * needed)
+    assert capped.report.predicted_elements == pytest.approx(0.6 * needed, rel=1e-2)
+    roomy = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), target_elements=2.0 * needed)
+    assert_array_equal(roomy.size.values, free.size.values)

@@ -1,0 +1,55 @@
+"""`interpolate`: nodal values of any background at any points."""
+
+import numpy as np
+import pytest
+from meshes import random_square
+
+from adaptsize import CartesianGrid, Octree, interpolate, refine_at_boundary
+
+GRID = CartesianGrid((-1.0, -1.0), 0.25, (9, 9))
+TREE = Octree.build(
+    [-1, -1], [1, 1], refine_at_boundary(lambda x: np.hypot(*x.T) - 0.5), max_level=4
+)
+POINTS = np.random.default_rng(3).uniform(-0.7, 0.7, (200, 2))
+
+
+def linear(points):
+    return 3.0 + points @ [2.0, -1.0]
+
+
+@pytest.mark.parametrize("background", [random_square(80, 1), GRID, TREE], ids=repr)
+def test_linear_functions_are_exact_on_every_background(background):
+    values = linear(background.points).reshape(background.nodal_shape)
+    found = interpolate(background, values, POINTS)
+    inside = ~np.isnan(interpolate(background, values, POINTS, outside="nan"))
+    assert inside.sum() > 100
+    np.testing.assert_allclose(found[inside], linear(POINTS[inside]), atol=1e-12)
+
+
+def test_points_outside_get_the_nearest_value_or_nan():
+    values = linear(GRID.points).reshape(GRID.shape)
+    outside = [[4.0, 0.5], [0.0, 0.0]]
+    found = interpolate(GRID, values, outside)
+    np.testing.assert_allclose(found, [linear(np.array([1.0, 0.5])), 3.0])
+    np.testing.assert_array_equal(
+        np.isnan(interpolate(GRID, values, outside, outside="nan")), [True, False]
+    )
+
+
+def test_corners_are_not_outside_by_rounding():
+    grid = CartesianGrid((1e6, 1e6), 0.1, (4, 4))
+    assert np.isfinite(interpolate(grid, np.ones((4, 4)), [grid.upper], outside="nan")).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((3, [1.0], POINTS), {}, "background must be"),
+        ((GRID, [1.0], POINTS), {}, "values must have shape"),
+        ((GRID, np.ones((9, 9)), [[0.0]]), {}, "points must have shape"),
+        ((GRID, np.ones((9, 9)), POINTS), {"outside": "zero"}, "outside must be"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        interpolate(*arguments, **options)

@@ -1,0 +1,131 @@
+"""Edges, facets, neighbours and measures of a mesh, against slow twins."""
+
+import re
+from collections import Counter
+from itertools import combinations, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import jittered_cube, random_sphere, random_square
+from numpy.testing import assert_allclose
+
+from adaptsize import SimplexMesh
+
+SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+HALVES = [[0, 1, 2], [0, 2, 3]]
+TETRAHEDRON = [[0.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
+
+
+KINDS = {"segments": (2, 2), "plane": (3, 2), "surface": (3, 3), "volume": (4, 3), "line": (2, 1)}
+
+
+@st.composite
+def any_meshes(draw):
+    """Random cells over few nodes: non-manifold, repeated and unused ones included."""
+    width, dim = KINDS[draw(st.sampled_from(sorted(KINDS)))]
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    n_points = draw(st.integers(width, 12))
+    n_cells = draw(st.integers(1, 30))
+    cells = np.array([rng.choice(n_points, width, replace=False) for _ in range(n_cells)])
+    return SimplexMesh(rng.normal(size=(n_points, dim)), cells)
+
+
+def _subsets(mesh, width):
+    return [
+        tuple(sorted(subset))
+        for cell in mesh.cells.tolist()
+        for subset in combinations(cell, width)
+    ]
+
+
+@given(any_meshes())
+def test_edges_are_the_sorted_set_of_pairs(mesh):
+    pairs = sorted(set(_subsets(mesh, 2)))
+    assert [tuple(edge) for edge in mesh.edges.tolist()] == pairs
+    lengths = [np.linalg.norm(mesh.points[i] - mesh.points[j]) for i, j in pairs]
+    assert_allclose(mesh.edge_lengths, lengths, rtol=1e-15)
+
+
+@given(any_meshes())
+def test_facets_are_the_sorted_set_of_sides_and_counted(mesh):
+    sides = Counter(_subsets(mesh, mesh.cell_dim))
+    assert [tuple(facet) for facet in mesh.facets.tolist()] == sorted(sides)
+    assert mesh.facet_cell_counts.tolist() == [sides[side] for side in sorted(sides)]
+    assert mesh.is_closed == (1 not in sides.values())
+
+
+@given(any_meshes())
+def test_cell_facets_lie_opposite_to_their_vertices(mesh):
+    assert mesh.cell_facets.shape == mesh.cells.shape
+    for cell, facets in zip(mesh.cells.tolist(), mesh.cell_facets.tolist(), strict=True):
+        for vertex, facet in zip(cell, facets, strict=True):
+            assert mesh.facets[facet].tolist() == sorted(set(cell) - {vertex})
+
+
+@given(any_meshes())
+def test_rings_list_the_cells_of_each_node_in_order(mesh):
+    ring_ptr, ring = mesh.rings
+    assert len(ring_ptr) == mesh.n_points + 1
+    for i in range(mesh.n_points):
+        around = [c for c, cell in enumerate(mesh.cells.tolist()) if i in cell]
+        assert ring[ring_ptr[i] : ring_ptr[i + 1]].tolist() == around
+
+
+def test_three_triangles_at_one_edge_are_counted():
+    points = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [0, 1, 3], [1, 0, 4]])
+    counts = dict(
+        zip(map(tuple, mesh.facets.tolist()), mesh.facet_cell_counts.tolist(), strict=True)
+    )
+    assert counts[0, 1] == 3
+    assert sorted(counts.values()) == [1] * 6 + [3]
+    assert len(mesh.boundary().mesh.cells) == 6
+
+
+# Measures.
+
+
+def test_measures_of_a_segment_a_triangle_and_a_tetrahedron_by_hand():
+    assert SimplexMesh([[1.0, 2], [4, 6]], [[0, 1]]).measures.tolist() == [5.0]
+    tilted = SimplexMesh([[0.0, 0, 0], [3, 0, 4], [0, 2, 0]], [[0, 1, 2]])
+    assert_allclose(tilted.measures, [5.0], rtol=1e-15)
+    assert_allclose(SimplexMesh(TETRAHEDRON, [[0, 1, 2, 3]]).measures, [1.0 / 6.0], rtol=1e-15)
+
+
+def test_measures_of_a_meshed_box_add_up_to_it():
+    assert_allclose(
+        random_square(500, 71).signed_measures.sum(), random_square(500, 71).measures.sum()
+    )
+    assert_allclose(jittered_cube(6, 72, half_width=2.0).measures.sum(), 64.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_signed_measures_change_sign_with_odd_renumbering(dim):
+    corners = np.vstack([np.zeros(dim), np.eye(dim)])
+    for order in permutations(range(dim + 1)):
+        sign = np.linalg.det(np.eye(dim + 1)[list(order)])
+        mesh = SimplexMesh(corners, [order])
+        assert_allclose(mesh.signed_measures, [sign / np.prod(range(1, dim + 1))], rtol=1e-15)
+        assert_allclose(mesh.measures, np.abs(mesh.signed_measures), rtol=1e-14)
+
+
+def test_signed_measures_need_cells_of_full_dimension():
+    with pytest.raises(ValueError, match=re.escape("got SimplexMesh(20 points in 3-D")):
+        _ = random_sphere(20, 73).signed_measures
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(KINDS)))
+def test_degenerate_cells_have_measure_zero(seed, kind):
+    width, dim = KINDS[kind]
+    rng = np.random.default_rng(seed)
+    # Small whole numbers: the corners lie exactly in a plane, on a line or in a point.
+    points = rng.integers(-4, 5, (width, dim)).astype(float)
+    points[-1] = points[0] + rng.integers(-2, 3) * (points[-2] - points[0])
+    assert SimplexMesh(points, [range(width)]).measures.tolist() == [0.0]
+
+
+def test_diagonal_spans_the_nodes_that_belong_to_cells():
+    mesh = SimplexMesh([*SQUARE, [50.0, 50.0]], HALVES)
+    assert mesh.diagonal == pytest.approx(np.sqrt(2.0), rel=1e-15)

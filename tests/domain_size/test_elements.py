@@ -1,0 +1,151 @@
+"""Sizes and meshes with a given number of elements."""
+
+import warnings
+
+import numpy as np
+import pytest
+from meshes import random_sphere, random_square
+
+from adaptsize import SimplexMesh, remesh_to_elements, size_function
+from adaptsize.domain_size.elements import reach_elements
+from adaptsize.errors import ResolutionWarning
+
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+
+
+def sphere():
+    return random_sphere(400, 616, radius=3.0)
+
+
+def disc(x):
+    return np.linalg.norm(x, axis=1) - 1.0
+
+
+BOX = {"box": ([-1.1, -1.1], [1.1, 1.1])}
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize(("domain", "options"), [(sphere(), {}), (disc, BOX)])
+def test_the_predicted_number_is_the_requested_one(domain, options, factor):
+    _, free = size_function(domain, **options, full_output=True)
+    wanted = factor * free.n_elements
+    _, report = size_function(domain, **options, elements=wanted, full_output=True)
+    assert report.n_elements == pytest.approx(wanted, rel=0.025)
+    assert (report.relaxation < 1.0) == (report.n_elements > free.n_elements)
+
+
+def test_bounds_are_scaled_and_limited_again():
+    # The gradient keeps its limit, where sizes multiplied by a factor would not.
+    _, coarse = size_function(sphere(), elements=2_000, full_output=True)
+    size, fine = size_function(sphere(), elements=60_000, full_output=True)
+    assert fine.g == coarse.g == size.g
+    scale = fine.relaxation / coarse.relaxation
+    assert fine.hmax == pytest.approx(scale * coarse.hmax)
+    assert fine.elements_per_radian == pytest.approx(coarse.elements_per_radian / scale)
+    assert fine.tolerance == pytest.approx(coarse.tolerance * scale**2)
+
+
+def test_given_parameters_are_kept():
+    size, report = size_function(sphere(), hmax=0.3, elements=100_000, full_output=True)
+    assert report.hmax == 0.3
+    assert size.values.max() <= 0.3
+    with pytest.warns(ResolutionWarning, match="instead of 50, because of the given parameters"):
+        size_function(sphere(), hmax=0.3, elements=50)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"elements": 0}, "elements must be finite and >= 1, got 0"),
+        ({"elements": np.inf}, "elements must be finite"),
+        ({"elements": "many"}, "elements must be a number"),
+        ({"elements": 1000, "max_elements": 999}, "elements must be at most max_elements = 999"),
+        (
+            {"elements": 9, "elements_per_radian": 1, "elements_across": 1, "hmin": 1, "hmax": 2},
+            "all given: omit one of them, or elements",
+        ),
+    ],
+)
+def test_bad_and_contradictory_numbers_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        size_function(SQUARE, **options)
+
+
+def test_more_elements_than_the_default_limit_may_be_requested():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, report = size_function(SQUARE, elements=400_000, full_output=True)
+    assert report.n_elements == pytest.approx(400_000, rel=0.025)
+
+
+# --- meshes ---------------------------------------------------------------------------
+
+
+class Generator:
+    """Makes some times the predicted number of cells, of one dimension less than predicted."""
+
+    def __init__(self, ratio, power=1.0):
+        self.ratio, self.power, self.wanted = ratio, power, []
+
+    def sized(self, number):
+        self.wanted.append(number)
+        _, report = size_function(SQUARE, elements=number, full_output=True)
+        return None, report
+
+    def meshed(self, size, report):
+        n = max(round(self.ratio * report.n_elements**self.power), 1)
+        points = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1)])
+        cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+        if self.power == 1.0:
+            points = np.column_stack([np.arange(n + 2.0), np.arange(n + 2.0) % 2])
+            cells = np.column_stack([np.arange(n), np.arange(1, n + 1), np.arange(2, n + 2)])
+        return SimplexMesh(points, cells)
+
+
+@pytest.mark.parametrize(("ratio", "meshes"), [(1.1, 1), (1.3, 2), (0.5, 2)])
+def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, meshes):
+    generator = Generator(ratio)
+    mesh, _, report = reach_elements(1000, generator.sized, generator.meshed)
+    assert mesh.n_cells == pytest.approx(1000, rel=0.15)
+    assert len(generator.wanted) == meshes
+    if meshes > 1:
+        assert report.n_elements == pytest.approx(1000 / ratio, rel=0.05)
+
+
+def test_cells_of_a_lower_dimension_are_fewer_by_another_power():
+    generator = Generator(3.0, 0.5)
+    mesh, _, _ = reach_elements(200, generator.sized, generator.meshed)
+    assert mesh.n_cells == pytest.approx(200, rel=0.05)
+    assert len(generator.wanted) == 2
+
+
+def test_the_nearest_of_three_meshes_is_returned_with_a_warning():
+    made = iter([2000, 500, 1300])
+
+    class Stubborn(Generator):
+        def meshed(self, size, report):
+            self.ratio = next(made) / report.n_elements
+            return super().meshed(size, report)
+
+    generator = Stubborn(1.0)
+    with pytest.warns(ResolutionWarning, match="the mesh has 1300 elements instead of 1000"):
+        mesh, _, _ = reach_elements(1000, generator.sized, generator.meshed)
+    assert mesh.n_cells == 1300
+    assert len(generator.wanted) == 3
+
+
+def test_the_mesh_of_a_plane_domain_has_the_number():
+    pytest.importorskip("mmgpy")
+    mesh, size, report = remesh_to_elements(random_square(100, 1301), 3000)
+    assert mesh.n_cells == pytest.approx(3000, rel=0.15)
+    assert report.n_elements > 0
+    assert size(mesh.points).min() > 0
+
+
+def test_what_is_no_mesh_or_no_target_is_refused_before_the_sizes():
+    with pytest.raises(ValueError, match="mesh must be a SimplexMesh"):
+        remesh_to_elements("part.stl", 1000)
+    with pytest.raises(ValueError, match="target"):
+        remesh_to_elements(SQUARE, 1000, target="hexahedra")
+    with pytest.raises(ValueError, match="elements must be"):
+        remesh_to_elements(SQUARE, -1)

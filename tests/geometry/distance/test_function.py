@@ -1,0 +1,107 @@
+"""`SignedDistance`: distances and signs of polygons and surfaces, as a function of points."""
+
+import pickle
+
+import numpy as np
+import pytest
+from meshes import random_square
+
+from adaptsize import CartesianGrid, SignedDistance, mesh_from_distance, signed_distance
+
+RNG = np.random.default_rng(7)
+
+
+def star(n, seed, centre=(0.0, 0.0)):
+    """Return a star-shaped polygon and its radius as a function of the angle's index."""
+    radii = 1.0 + 0.5 * np.random.default_rng(seed).uniform(-1, 1, n)
+    angles = 2 * np.pi * np.arange(n) / n
+    return centre + np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)
+
+
+def by_brute_force(polygons, points):
+    """Return distances to all segments, and signs by angles around each polygon."""
+    distance, turns = np.full(len(points), np.inf), np.zeros(len(points))
+    for corners in polygons:
+        a, b = corners, np.roll(corners, -1, axis=0)
+        rel = points[:, None] - a
+        along = ((rel * (b - a)).sum(-1) / ((b - a) ** 2).sum(-1)).clip(0, 1)
+        distance = np.minimum(
+            distance, np.linalg.norm(rel - along[..., None] * (b - a), axis=-1).min(1)
+        )
+        u, v = a - points[:, None], b - points[:, None]
+        cross = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+        turns += np.abs(np.arctan2(cross, (u * v).sum(-1)).sum(1)) > np.pi
+    return np.where(turns % 2 == 1, -distance, distance)
+
+
+@pytest.mark.parametrize("n", [3, 4, 40, 1001])
+@pytest.mark.parametrize("turned", [False, True])
+def test_polygons_with_holes_agree_with_all_segments_and_angles(n, turned):
+    hole = 0.3 * star(7, 2)
+    island = 0.1 * star(5, 3)
+    polygons = [star(n, 1), hole[::-1] if turned else hole, island, star(6, 4, (5.0, 0.0))]
+    points = RNG.uniform(-2, 6, (2000, 2))
+    found = SignedDistance(polygons)(points)
+    np.testing.assert_allclose(found, by_brute_force(polygons, points), atol=1e-12)
+    np.testing.assert_array_equal(SignedDistance(polygons).unsigned(points), np.abs(found))
+
+
+def test_points_at_the_heights_of_corners_have_the_right_sign():
+    corners = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], float)
+    x = np.array([-0.5, 0.5, 1.5, 2.5])
+    for y, inside in [(0.0, 0), (0.5, 2), (1.0, 1), (1.5, 1), (2.0, 0)]:
+        values = SignedDistance(corners)(np.stack([x, np.full(4, y)], axis=1))
+        assert (values < 0).sum() == inside, y
+
+
+def test_a_closed_polygon_may_repeat_its_first_point():
+    corners = star(9, 5)
+    points = RNG.uniform(-2, 2, (50, 2))
+    repeated = SignedDistance(np.concatenate([corners, corners[:1]]))
+    np.testing.assert_array_equal(repeated(points), SignedDistance([corners.tolist()])(points))
+
+
+def test_meshes_agree_with_signed_distance():
+    mesh = random_square(60, 3)
+    points = random_square(500, 4, half_width=2.0)
+    np.testing.assert_allclose(
+        SignedDistance(mesh)(points.points), signed_distance(points, mesh.boundary().mesh)
+    )
+
+
+def test_surfaces_in_space():
+    box = CartesianGrid((0.0, 0.0, 0.0), 0.5, (3, 3, 3)).mesh.boundary().mesh
+    distance = SignedDistance(box)
+    points = [[0.5, 0.5, 0.4], [0.5, 0.5, 1.5], [2.0, 2.0, 0.5]]
+    np.testing.assert_allclose(distance(points), [-0.4, 0.5, np.sqrt(2.0)])
+    copy = pickle.loads(pickle.dumps(distance))
+    np.testing.assert_array_equal(copy(points), distance(points))
+
+
+def test_it_is_what_meshing_needs():
+    distance = SignedDistance([[(0, 0), (2, 0), (2, 1), (0, 1)]])
+    mesh = mesh_from_distance(
+        distance, 0.2, (-0.1, -0.1), (2.1, 1.1), fixed_points=distance.mesh.points
+    )
+    assert mesh.measures.sum() == pytest.approx(2.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("boundary", "message"),
+    [
+        (3, "boundary must be a mesh or polygons, got 3"),
+        ([], "at least one polygon"),
+        ([[(0, 0), (1, 0)]], r"boundary\[0\] must have 3 corners or more, got 2"),
+        ([[(0, 0, 0), (1, 0, 0), (1, 1, 0)]], r"boundary\[0\] must have shape \(n, 2\)"),
+        ([[(0, 0), (1, np.nan), (1, 1)]], r"boundary\[0\] must be finite"),
+        (["coast"], r"boundary\[0\]"),
+    ],
+)
+def test_bad_boundaries_are_refused(boundary, message):
+    with pytest.raises(ValueError, match=message):
+        SignedDistance(boundary)
+
+
+def test_bad_points_are_refused():
+    with pytest.raises(ValueError, match=r"points must have shape \(n, 2\)"):
+        SignedDistance(star(5, 1))([[0.0, 0.0, 0.0]])

@@ -1,0 +1,106 @@
+"""Files as other programs write them."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from adaptsize import read
+from adaptsize.errors import MeshFileError, MeshRepairWarning
+
+VTU_PIECE = """<Piece NumberOfPoints="3" NumberOfCells="1"><Points>
+<DataArray type="Float64" NumberOfComponents="3" format="ascii">{}</DataArray></Points><Cells>
+<DataArray type="Int64" Name="connectivity" format="ascii">0 1 2</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">3</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">{}</DataArray></Cells>
+<PointData><DataArray type="Float64" Name="h" format="ascii">1 2 3</DataArray></PointData>
+</Piece>"""
+
+
+def write_vtu_pieces(file, *pieces):
+    file.write_text(
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian">'
+        f"<UnstructuredGrid>{''.join(pieces)}</UnstructuredGrid></VTKFile>"
+    )
+    return file
+
+
+def test_multi_piece_vtu_files_are_joined(tmp_path):
+    one, two = VTU_PIECE.format("0 0 0 1 0 0 0 1 0", 5), VTU_PIECE.format("2 0 0 3 0 0 2 1 0", 5)
+    mesh = read(write_vtu_pieces(tmp_path / "pieces.vtu", one, two))
+    assert_array_equal(mesh.cells, [[0, 1, 2], [3, 4, 5]])
+    assert mesh.points[3].tolist() == [2, 0]
+    assert_array_equal(mesh.point_data["h"], [1, 2, 3, 1, 2, 3])
+
+
+def test_vtk_cells_of_unknown_types_are_refused_not_left_out(tmp_path):
+    piece = VTU_PIECE.format("0 0 0 1 0 0 0 1 0", 99)
+    with pytest.raises(MeshFileError, match="VTK type 99"):
+        read(write_vtu_pieces(tmp_path / "odd.vtu", piece))
+
+
+def test_legacy_vtk_with_the_type_names_of_vtk_9_is_read(tmp_path):
+    file = tmp_path / "new.vtk"
+    file.write_text(
+        "# vtk DataFile Version 4.1\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 double\n"
+        "0 0 0 1 0 0 0 1 0\nCELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n5\nPOINT_DATA 3\n"
+        "FIELD FieldData 1\nid 1 3 vtktypeint64\n4 5 6\n"
+    )
+    assert_array_equal(read(file).point_data["id"], [4, 5, 6])
+
+
+def test_gmsh_2_files_with_element_fields_are_read_without_them(tmp_path):
+    file = tmp_path / "fields.msh"
+    file.write_text(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n"
+        "$Elements\n2\n1 1 2 4 1 1 2\n2 2 2 6 1 1 2 3\n$EndElements\n"
+        '$ElementData\n1\n"q"\n1\n0\n3\n0\n1\n2\n1 0.5\n2 0.25\n$EndElementData\n'
+    )
+    with pytest.warns(MeshRepairWarning, match="ElementData"):
+        mesh = read(file)
+    assert_array_equal(mesh.cell_tags, [6])
+    assert_array_equal(mesh.facet_tags, [4])
+
+
+def test_gmsh_4_files_give_physical_groups(tmp_path):
+    file = tmp_path / "groups.msh"
+    file.write_text(
+        "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
+        "$Entities\n0 1 1 0\n1 0 0 0 1 0 0 1 11 0\n1 0 0 0 1 1 0 1 22 0\n$EndEntities\n"
+        "$Nodes\n1 3 1 3\n2 1 0 3\n1\n2\n3\n0 0 0\n1 0 0\n0 1 0\n$EndNodes\n"
+        "$Elements\n2 2 1 2\n1 1 1 1\n1 1 2\n2 1 2 1\n2 1 2 3\n$EndElements\n"
+    )
+    mesh = read(file)
+    assert_array_equal(mesh.cell_tags, [22])
+    assert_array_equal(mesh.tagged_facets, [[0, 1]])
+    assert_array_equal(mesh.facet_tags, [11])
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        "f 1 2 3 4",
+        "f 1//1 2//1 3//1\nf 1//1 3//1 4//1",
+        "f -4 -3 -2\nf -4 -2 -1",
+        "f 1/1 2/2 3/3\nf 1/2 3/1 4/1",  # texture seam: still one node per corner
+    ],
+)
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+def test_obj_faces_in_all_spellings_give_the_same_surface(tmp_path, faces):
+    corners = "v 0 0 0\nv 1 0 0\nv 1 1 1\nv 0 1 1\nvt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\n"
+    file = tmp_path / "square.obj"
+    file.write_text(f"# comment\no square\n{corners}{faces}\n")
+    mesh = read(file)
+    assert mesh.n_points == 4
+    assert mesh.n_cells == 2
+    assert mesh.measures.sum() == pytest.approx(np.sqrt(2), rel=1e-14)
+
+
+def test_off_with_comments_colours_and_polygons_is_read(tmp_path):
+    file = tmp_path / "square.off"
+    file.write_text(
+        "COFF # by hand\n5 1 0\n0 0 1 9 9 9\n1 0 1 9 9 9 # corner\n2 0.5 1 9 9 9\n"
+        "1 1 1 9 9 9\n0 1 1 9 9 9\n5 0 1 2 3 4 0.5 0.5 0.5\n"
+    )
+    mesh = read(file)
+    assert_array_equal(mesh.cells, [[0, 1, 2], [0, 2, 3], [0, 3, 4]])
+    assert mesh.measures.sum() == 1.5

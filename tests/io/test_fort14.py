@@ -1,0 +1,76 @@
+"""fort.14 and hgrid.gr3: triangles with a depth, as ADCIRC and SCHISM read them."""
+
+import numpy as np
+import pytest
+from meshes import random_square
+from numpy.testing import assert_array_equal
+
+from adaptsize import CartesianGrid, read, write
+from adaptsize.errors import MeshFileError
+
+# Numbers of nodes with gaps and in any order, and lists of boundaries after the elements.
+FOREIGN = b"""A lake
+2 4
+10  0.0 0.0 5.5
+30  1.0 1.0 7.5
+20  1.0 0.0 6.5
+40  0.0 1.0 -1.0
+1 3 10 20 30
+2 3 10 30 40
+1 = Number of open boundaries
+2 = Total number of open boundary nodes
+2 = Number of nodes for open boundary 1
+10
+20
+0 = Number of land boundaries
+0 = Total number of land boundary nodes
+"""
+
+
+@pytest.mark.parametrize("name", ["fort.14", "hgrid.gr3", "lake.grd"])
+def test_points_cells_and_depths_come_back_to_the_last_bit(tmp_path, name):
+    mesh = random_square(50, 2)
+    depth = np.random.default_rng(0).normal(size=mesh.n_points)
+    write(tmp_path / name, mesh.with_data(point_data={"depth": depth}))
+    back = read(tmp_path / name)
+    assert_array_equal(back.points, mesh.points)
+    assert_array_equal(back.cells, mesh.cells)
+    assert_array_equal(back.point_data["depth"], depth)
+
+
+def test_files_of_other_programs(tmp_path):
+    (tmp_path / "fort.14").write_bytes(FOREIGN)
+    mesh = read(tmp_path / "fort.14")
+    assert_array_equal(mesh.points, [[0, 0], [1, 1], [1, 0], [0, 1]])
+    assert_array_equal(mesh.cells, [[0, 2, 1], [0, 1, 3]])
+    assert_array_equal(mesh.point_data["depth"], [5.5, 7.5, 6.5, -1.0])
+
+
+def test_a_cut_before_the_last_element_is_noticed(tmp_path):
+    whole = FOREIGN.index(b"1 = Number")
+    for end in range(whole):
+        (tmp_path / "cut.14").write_bytes(FOREIGN[:end])
+        with pytest.raises(MeshFileError):
+            read(tmp_path / "cut.14")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"2 4", b"two 4", "must hold two counts"),
+        (b"1 3 10 20 30", b"1 4 10 20 30", "no triangles"),
+        (b"1 3 10 20 30", b"1 3 10 20 50", "node that is not in the file"),
+        (b"0.0 0.0 5.5", b"0.0 0.0", "line with 3 numbers, where 4 are required"),
+        (b"7.5", b"deep", "holds b?'deep' where float64 is required"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path, old, new, message):
+    (tmp_path / "fort.14").write_bytes(FOREIGN.replace(old, new))
+    with pytest.raises(MeshFileError, match=message):
+        read(tmp_path / "fort.14")
+
+
+def test_only_plane_triangles_can_be_written(tmp_path):
+    with pytest.raises(ValueError, match=r"triangles in the plane for fort\.14"):
+        write(tmp_path / "fort.14", CartesianGrid((0, 0, 0), 1.0, (2, 2, 2)).mesh)
+    assert list(tmp_path.iterdir()) == []

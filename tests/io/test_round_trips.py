@@ -1,0 +1,200 @@
+"""Meshes and fields come back from files as they were written."""
+
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+from mesh_files import SQUARE, TWO_TRIANGLES, tagged_mesh
+from meshes import jittered_cube, random_sphere
+from numpy.testing import assert_array_equal
+
+from adaptsize import SimplexMesh, SizeFunction, read, read_size, write
+from adaptsize._formats import stl
+
+MESH_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh", ".mesh", ".meshb"]
+FIELD_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh"]
+SURFACE_FORMATS = [".ply", ".obj", ".off"]
+
+
+# ---------------------------------------------------------------- there and back
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("suffix", MESH_FORMATS)
+def test_points_cells_and_tags_come_back_to_the_last_bit(tmp_path, suffix, dim):
+    mesh = tagged_mesh(dim)
+    write(tmp_path / f"mesh{suffix}", mesh)
+    back = read(tmp_path / f"mesh{suffix}")
+    assert_array_equal(back.points, mesh.points)
+    assert_array_equal(back.cells, mesh.cells)
+    assert_array_equal(back.cell_tags, mesh.cell_tags)
+    assert_array_equal(back.tagged_facets, mesh.tagged_facets)
+    assert_array_equal(back.facet_tags, mesh.facet_tags)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_names_of_physical_groups_come_back_from_gmsh_files(tmp_path, dim):
+    names = {(dim, 1): "fluid", (dim, 3): "same", (dim - 1, 4): "same", (dim - 1, 5): "ä 'b'"}
+    mesh = replace(tagged_mesh(dim), tag_names=names)
+    write(tmp_path / "mesh.msh", mesh)
+    assert read(tmp_path / "mesh.msh").tag_names == names
+    held = meshio.read(tmp_path / "mesh.msh").field_data
+    assert held["fluid"].tolist() == [1, dim]
+
+
+@pytest.mark.parametrize("some", [False, True])
+def test_cells_without_a_tag_are_a_group_of_their_own_for_gmsh(tmp_path, some):
+    # Gmsh keeps the cells of groups only, and group 0 is none.
+    mesh = tagged_mesh(3)
+    tags = np.where(np.arange(mesh.n_cells) < 5, 2, 0) if some else None
+    mesh = replace(mesh, cell_tags=tags, tag_names={(3, 1): "named, but not used"})
+    write(tmp_path / "mesh.msh", mesh)
+    written = meshio.read(tmp_path / "mesh.msh")
+    groups = written.cell_data_dict["gmsh:physical"]["tetra"].tolist()
+    assert set(groups) == ({2, 3} if some else {2})
+    assert written.field_data["adaptsize untagged"].tolist() == [3 if some else 2, 3]
+    back = read(tmp_path / "mesh.msh")
+    assert_array_equal(back.facet_tags, mesh.facet_tags)
+    assert back.tag_names == {(3, 1): "named, but not used"}
+    if some:
+        assert_array_equal(back.cell_tags, tags)
+    else:
+        assert back.cell_tags is None
+
+
+def test_a_mesh_without_tags_has_no_groups_in_gmsh_files(tmp_path):
+    write(tmp_path / "mesh.msh", SimplexMesh(SQUARE, TWO_TRIANGLES))
+    assert b"PhysicalNames" not in (tmp_path / "mesh.msh").read_bytes()
+    assert read(tmp_path / "mesh.msh").cell_tags is None
+
+
+def test_gmsh_keeps_all_cells_and_names_of_a_written_file(tmp_path):
+    gmsh = pytest.importorskip("gmsh")
+    mesh = replace(tagged_mesh(3), cell_tags=None, tag_names={(2, 4): "wall"})
+    write(tmp_path / "mesh.msh", mesh)
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "mesh.msh"))
+        gmsh.write(str(tmp_path / "again.msh"))
+    finally:
+        gmsh.finalize()
+    again = read(tmp_path / "again.msh")
+    assert again.n_cells == mesh.n_cells
+    assert again.cell_tags is None
+    assert again.tag_names == {(2, 4): "wall"}
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("suffix", FIELD_FORMATS)
+def test_nodal_fields_come_back_in_the_byte_order_of_the_machine(tmp_path, suffix, dim):
+    mesh = tagged_mesh(dim)
+    write(tmp_path / f"mesh{suffix}", mesh)
+    back = read(tmp_path / f"mesh{suffix}")
+    assert set(back.point_data) == set(mesh.point_data)
+    for name, values in mesh.point_data.items():
+        assert_array_equal(back.point_data[name], values)
+        assert back.point_data[name].dtype.isnative
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".xdmf"])
+def test_cell_fields_come_back_from_files_with_tagged_facets(tmp_path, suffix):
+    mesh = tagged_mesh(3)
+    write(tmp_path / f"mesh{suffix}", mesh)
+    back = read(tmp_path / f"mesh{suffix}")
+    assert set(back.cell_data) == {"quality", "rank"}
+    assert_array_equal(back.cell_data["quality"], mesh.cell_data["quality"])
+    assert_array_equal(back.cell_data["rank"], mesh.cell_data["rank"])
+
+
+@pytest.mark.parametrize("suffix", SURFACE_FORMATS)
+def test_surfaces_come_back_to_the_last_bit(tmp_path, suffix):
+    mesh = random_sphere(50, 7304)
+    write(tmp_path / f"mesh{suffix}", mesh)
+    back = read(tmp_path / f"mesh{suffix}")
+    assert_array_equal(back.points, mesh.points)
+    assert_array_equal(back.cells, mesh.cells)
+
+
+def test_a_surface_comes_back_from_stl_rounded_to_float32(tmp_path):
+    mesh = random_sphere(50, 7305)
+    write(tmp_path / "mesh.stl", mesh)
+    back = read(tmp_path / "mesh.stl")
+    assert back.n_points == mesh.n_points
+    assert back.is_closed
+    assert_array_equal(back.points[back.cells], mesh.points[mesh.cells].astype(np.float32))
+
+
+def test_normals_in_stl_files_are_unit_and_point_outward(tmp_path):
+    mesh = random_sphere(50, 7306)
+    write(tmp_path / "mesh.stl", mesh)
+    records = np.frombuffer((tmp_path / "mesh.stl").read_bytes(), stl._RECORD, offset=84)
+    along = (records["normal"] * records["corners"].mean(axis=1)).sum(axis=1)
+    assert (along > 0).all()
+    # float32 has 24 bits: the sum of three squares is 1 to a few 6e-8.
+    np.testing.assert_allclose((records["normal"] ** 2).sum(axis=1), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".stl", *SURFACE_FORMATS])
+def test_tetrahedra_are_written_to_surface_formats_as_their_boundary(tmp_path, suffix):
+    mesh = jittered_cube(4, 7307)
+    write(tmp_path / f"mesh{suffix}", mesh)
+    back = read(tmp_path / f"mesh{suffix}")
+    assert back.cell_dim == 2
+    assert back.is_closed
+    assert back.n_cells == mesh.boundary().mesh.n_cells
+
+
+@pytest.mark.parametrize("suffix", MESH_FORMATS)
+def test_polylines_in_the_plane_come_back(tmp_path, suffix):
+    line = SimplexMesh(SQUARE, [[0, 1], [1, 2], [2, 3]], cell_tags=[1, 2, 2])
+    write(tmp_path / f"line{suffix}", line)
+    back = read(tmp_path / f"line{suffix}")
+    assert_array_equal(back.points, line.points)
+    assert_array_equal(back.cells, line.cells)
+    assert_array_equal(back.cell_tags, line.cell_tags)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".xdmf"])
+def test_a_size_function_is_written_as_the_field_h_with_inf(tmp_path, suffix):
+    size = SizeFunction(SimplexMesh(SQUARE, TWO_TRIANGLES), [0.1, 0.2, np.inf, 0.2])
+    write(tmp_path / f"size{suffix}", size)
+    assert_array_equal(read(tmp_path / f"size{suffix}").point_data["h"], size.values)
+
+
+def test_fields_are_added_to_and_replace_those_of_the_mesh(tmp_path):
+    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, point_data={"a": [1.0] * 4, "b": [2.0] * 4})
+    write(tmp_path / "mesh.vtu", mesh, fields={"b": [3.0] * 4, "c": [4.0] * 4})
+    back = read(tmp_path / "mesh.vtu")
+    assert {name: values[0] for name, values in back.point_data.items()} == {"a": 1, "b": 3, "c": 4}
+    assert_array_equal(mesh.point_data["b"], 2.0)
+
+
+def test_ply_holds_scalar_nodal_fields(tmp_path):
+    mesh = random_sphere(20, 7308)
+    h = np.random.default_rng(7309).random(20)
+    write(tmp_path / "mesh.ply", mesh, fields={"h": h})
+    assert_array_equal(read(tmp_path / "mesh.ply").point_data["h"], h)
+
+
+def test_tags_that_are_all_zero_are_read_as_none(tmp_path):
+    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, cell_tags=[0, 0])
+    write(tmp_path / "mesh.mesh", mesh)
+    back = read(tmp_path / "mesh.mesh")
+    assert back.cell_tags is None
+    assert not back.cell_data
+
+
+@pytest.mark.parametrize("name", ["h.vtu", "h.vtk", "h.xdmf"])
+@pytest.mark.parametrize("hmax", [0.7, np.inf])
+def test_the_growth_off_a_surface_is_kept_in_files(tmp_path, name, hmax):
+    surface = random_sphere(60, 4111)
+    size = SizeFunction(surface, 0.1 + 0.01 * surface.points[:, 0], g=0.4, hmax=hmax)
+    write(tmp_path / name, size)
+    again = read_size(tmp_path / name)
+    assert (again.g, again.hmax) == (0.4, hmax)
+    points = np.random.default_rng(4112).uniform(-1.0, 1.0, (30, 3))
+    np.testing.assert_allclose(again(points), size(points), rtol=1e-12)
+    write(tmp_path / "h.pos", size)  # holds sizes only
+    assert "h.g" not in (tmp_path / "h.pos").read_text()

@@ -1,0 +1,172 @@
+"""Gradient limiting on meshes and sizes at the edge of what is allowed."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from meshes import random_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
+
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+H0 = [0.1, np.inf, np.inf, np.inf]
+MARCHING = ("fast-marching", "edge-based")
+ALL = ("exact", *MARCHING, "positive-coefficient")
+
+
+def message(expected):
+    return pytest.raises(ValueError, match=re.escape(expected))
+
+
+GRID = CartesianGrid([0.0, 0.0], 1.0, (2, 2))
+
+
+def test_nodes_of_no_cell_keep_their_bound():
+    points = np.vstack([SQUARE.points, [[0.5, 0.5], [0.0, 0.0]]])
+    mesh = SimplexMesh(points, SQUARE.cells)
+    for method in ALL:
+        h = limit_gradient(mesh, [0.1, 9.0, 9.0, 9.0, 7.0, np.inf], 0.3, method=method)
+        assert h[4:].tolist() == [7.0, np.inf]
+        assert_allclose(h[1], 0.4, rtol=1e-15)
+
+
+def test_components_do_not_see_each_other():
+    mesh = SimplexMesh(
+        np.concatenate([SQUARE.points, SQUARE.points + 5.0]),
+        np.concatenate([SQUARE.cells, SQUARE.cells + 4]),
+    )
+    for method in ALL:
+        h = limit_gradient(mesh, [*H0, np.inf, np.inf, np.inf, np.inf], 0.3, method=method)
+        assert np.isfinite(h[:4]).all()
+        assert np.isinf(h[4:]).all()
+        h = limit_gradient(mesh, [*H0, 2.0, np.inf, np.inf, 2.0], 0.3, method=method)
+        assert_allclose(h[:4], limit_gradient(SQUARE, H0, 0.3, method=method), rtol=1e-14)
+        assert h[4:].min() == 2.0
+
+
+@pytest.mark.parametrize("method", ["exact", *MARCHING, "positive-coefficient"])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_single_cell_is_a_mesh(dim, method):
+    mesh = SimplexMesh(np.vstack([np.zeros(dim), np.eye(dim)]), [range(dim + 1)])
+    h0 = np.full(dim + 1, np.inf)
+    h0[0] = 0.1
+    expected = np.full(dim + 1, 0.4)
+    expected[0] = 0.1
+    assert_allclose(limit_gradient(mesh, h0, 0.3, method=method), expected, rtol=1e-15)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_sizes_pass_through_cells_of_no_volume(method):
+    # A chain: a flat triangle on a line, then one with two coinciding corners.
+    points = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 0.0], [3.0, 0.0]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [1, 2, 3], [2, 3, 4]])
+    h = limit_gradient(mesh, [0.5, np.inf, np.inf, np.inf, np.inf], 0.5, method=method)
+    assert_allclose(h, [0.5, 1.0, 1.5, 1.5, 2.0], rtol=1e-15)
+
+
+@pytest.mark.parametrize("method", ["exact", *MARCHING, "positive-coefficient"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_all_nodes_in_one_point_take_the_least_size(method, dim):
+    mesh = SimplexMesh(np.ones((5, dim)), [range(dim + 1), range(4 - dim, 5)])
+    h0 = [3.0, 2.0, np.inf, 4.0, np.inf]
+    assert limit_gradient(mesh, h0, 0.3, method=method).tolist() == [2.0] * 5
+
+
+@pytest.mark.parametrize("exponent", [-59, -20, 20, 59])
+@pytest.mark.parametrize("method", ALL)
+def test_any_sensible_unit_of_length_gives_the_same_sizes(exponent, method):
+    # A power of two scales without rounding; 2^(59 log2(10)) is about 1e59.
+    scale = 2.0 ** np.floor(exponent * np.log2(10.0))
+    mesh = random_square(60, 95)
+    h0 = np.where(np.arange(60) % 9 == 0, 0.05, np.inf)
+    h = limit_gradient(mesh, h0, 0.3, method=method)
+    scaled = SimplexMesh(scale * mesh.points, mesh.cells)
+    assert_allclose(limit_gradient(scaled, scale * h0, 0.3, method=method), scale * h, rtol=1e-13)
+
+
+@pytest.mark.parametrize("scale", [1e-62, 1e62, 1e200])
+def test_lengths_whose_powers_leave_the_range_are_refused(scale):
+    mesh = SimplexMesh(scale * SQUARE.points, SQUARE.cells)
+    with message(f"background must have coordinates of 1e-60 to 1e+60 in size, got {scale:g}"):
+        limit_gradient(mesh, H0, 0.3)
+
+
+@pytest.mark.parametrize("gap", [1e-90, 1e-200, 5e-324])
+@pytest.mark.parametrize("method", ["auto", "fast-marching"])
+def test_nodes_whose_distance_squares_to_zero_share_their_size(gap, method):
+    # Regression: the fourth power of the gap underflowed, and was divided by.
+    points = [[0.0, 0.0], [gap, 0.0], [1.0, 0.0], [0.0, 1.0]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [0, 1, 3], [1, 2, 3]])
+    h = limit_gradient(mesh, [0.1, 0.1, np.inf, np.inf], 0.3, method=method)
+    assert_allclose(h, [0.1, 0.1, 0.4, 0.4], rtol=1e-15)
+    points = np.column_stack([points, np.zeros(4)])
+    points = np.vstack([points, [0.0, 0.0, 1.0]])
+    mesh = SimplexMesh(points, [[0, 1, 2, 4], [0, 1, 3, 4]])
+    h = limit_gradient(mesh, [0.1, 0.1, np.inf, np.inf, np.inf], 0.3, method=method)
+    assert_allclose(h, [0.1, 0.1, 0.4, 0.4, 0.4], rtol=1e-15)
+
+
+@pytest.mark.parametrize("g", [1e-300, 1e-100, 1e-29, 1e29])
+@pytest.mark.parametrize("method", ALL)
+def test_extreme_limits_reach_every_node(method, g):
+    mesh = random_square(200, 96)
+    h0 = np.where(np.arange(200) == 17, 0.1, np.inf)
+    h = limit_gradient(mesh, h0, g, method=method)
+    i, j = mesh.edges.T
+    assert np.isfinite(h).all()
+    assert (np.abs(h[i] - h[j]) <= g * mesh.edge_lengths * (1 + 1e-12) + 1e-15).all()
+    assert h.max() >= 0.1
+
+
+@pytest.mark.parametrize("method", ["auto", "fast-marching"])
+def test_sizes_over_forty_decades_stay_within_the_limit(method):
+    mesh = random_square(300, 97)
+    h0 = 10.0 ** np.random.default_rng(98).uniform(-20, 20, 300)
+    h = limit_gradient(mesh, h0, 0.3, method=method)
+    i, j = mesh.edges.T
+    assert (np.abs(h[i] - h[j]) <= 0.3 * mesh.edge_lengths * (1 + 1e-12) + 1e-15).all()
+    assert h.min() == h0.min()
+
+
+def test_cells_without_a_limit_beside_others_give_no_warning():
+    # Slopes over g are inf where g is 0 and sizes around a sliver differ by rounding.
+    mesh = random_square(300, 99)
+    rng = np.random.default_rng(100)
+    g = np.where(rng.random(mesh.n_cells) < 0.3, 0.0, 0.3)
+    h0 = rng.uniform(0.01, 1.0, 300)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, info = limit_gradient(mesh, h0, g, full_output=True)
+    assert not np.isnan(list(info.cell_gradient_quantiles.values())).any()
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_equal_bounds_under_a_limit_of_the_size_leave_no_residual(method):
+    # Regression: the transformed sizes are all 0, and the residual was divided by the largest.
+    h, info = limit_gradient(
+        SQUARE, np.full(4, 0.1), lambda h: 0.2 + h, method=method, full_output=True
+    )
+    assert h.tolist() == [0.1] * 4
+    assert info.residual == 0.0
+
+
+@pytest.mark.parametrize("method", ["exact", "fast-marching", "hamilton-jacobi", "edge-based"])
+def test_equal_bounds_on_grids_under_a_limit_of_the_size_leave_no_residual(method):
+    grid = CartesianGrid([0.0, 0.0], 0.5, (4, 3))
+    h0 = np.full(grid.shape, 0.1)
+    h, info = limit_gradient(grid, h0, lambda h: 0.2 + h, method=method, full_output=True)
+    assert (h == 0.1).all()
+    assert info.residual == 0.0
+
+
+@pytest.mark.parametrize(
+    "background", [SQUARE, GRID, GRID.with_active([[True, True], [True, False]])]
+)
+def test_a_number_is_a_bound_for_all_nodes(background):
+    expected = limit_gradient(background, np.full(background.nodal_shape, 0.1), 0.3)
+    assert_array_equal(limit_gradient(background, 0.1, 0.3), expected)
+    h, info = limit_gradient(background, 0.1, 0.3, full_output=True)
+    assert_array_equal(h, expected)
+    assert_array_equal(limit_gradient(background, 0.1, 0.3, initial=info), expected)

@@ -1,0 +1,211 @@
+"""`Metric`: construction, refusals, and operations on single nodes."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from metric_oracle import excess, largest_inscribed, largest_ratio, random_metric, random_rotations
+from numpy.testing import assert_allclose, assert_array_equal
+
+import adaptsize as ads
+from adaptsize.metrics import Metric, isotropic_metric
+
+DECADES = [0.0, 1e-8, 0.1, 1.0, 3.0, 6.0]  # condition numbers of M up to 1e12
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("decades", DECADES)
+def test_matrices_and_back(dim, decades):
+    metric = random_metric(np.random.default_rng(7), 50, dim, decades)
+    again = Metric.from_matrices(metric.matrices)
+    condition = metric.aspect_ratio.max() ** 2
+    assert_allclose(again.sizes, metric.sizes, rtol=1e-15 * condition + 1e-13)
+
+
+def test_sizes_are_sorted_with_their_directions():
+    metric = Metric([[3.0, 1.0, 2.0]], [np.eye(3)])
+    assert_array_equal(metric.sizes, [[1.0, 2.0, 3.0]])
+    assert_array_equal(metric.directions[0], np.eye(3)[:, [1, 2, 0]])
+    assert_array_equal(metric.size_along(np.eye(3)[0]), [3.0])
+
+
+def test_lengths_are_the_inverse_root_of_the_matrices():
+    metric = random_metric(np.random.default_rng(11), 20, 3, 1.0)
+    length = metric.lengths
+    identity = np.broadcast_to(np.eye(3), length.shape)
+    assert_allclose(length @ metric.matrices @ length, identity, atol=1e-12)
+    with pytest.raises(ValueError, match=r"sizes must be finite for `lengths`, got sizes\[1, 0\]"):
+        _ = isotropic_metric([1.0, np.inf], 2).lengths
+
+
+def test_size_along_is_the_length_of_unit_edges():
+    rng = np.random.default_rng(13)
+    metric, u = random_metric(rng, 30, 3, 2.0), rng.normal(size=(30, 3))
+    size = metric.size_along(u)
+    edge = size[:, None] * u / np.linalg.norm(u, axis=1)[:, None]
+    assert_allclose(np.einsum("ni,nij,nj->n", edge, metric.matrices, edge), 1.0, rtol=1e-9)
+    assert_array_equal(isotropic_metric([np.inf], 2).size_along([3.0, 4.0]), [np.inf])
+
+
+def test_edge_lengths_integrate_a_geometric_size():
+    # h = 0.1 * 4^x between two points at distance 1: the integral of 1 / h.
+    metric = isotropic_metric([0.1, 0.4, 0.1], 2)
+    points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+    found = metric.edge_lengths(points, [[0, 1], [0, 2], [1, 1]])
+    assert_allclose(found, [7.5 / np.log(4.0), 10.0, 0.0], rtol=1e-14)
+
+
+def test_the_logarithmic_mean_is_smooth_where_lengths_are_nearly_equal():
+    for share in (0.9e-4, 1.1e-4):
+        metric = isotropic_metric([1.0, 1.0 / (1.0 - share)], 2)
+        found = metric.edge_lengths([[0.0, 0.0], [1.0, 0.0]], [[0, 1]])[0]
+        assert_allclose(found, share / -np.log1p(-share), rtol=1e-14)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_complexity_is_the_volume_in_the_metric(dim):
+    points = np.vstack([np.zeros(dim), np.eye(dim)])
+    mesh = ads.SimplexMesh(points, [np.arange(dim + 1)])
+    sizes = np.linspace(0.1, 0.3, dim)
+    metric = Metric(
+        np.tile(sizes, (dim + 1, 1)), random_rotations(np.random.default_rng(3), dim + 1, dim)
+    )
+    assert_allclose(metric.complexity(mesh), mesh.measures[0] / sizes.prod())
+
+
+def test_complexity_of_a_surface_is_its_area_in_the_metric():
+    mesh = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    metric = Metric(np.tile([0.001, 0.1, 0.5], (3, 1)), np.tile(np.eye(3)[:, [2, 0, 1]], (3, 1, 1)))
+    assert_allclose(metric.complexity(mesh), 0.5 / (0.1 * 0.5))
+
+
+def test_clip_limits_sizes_and_then_the_aspect_ratio():
+    metric = Metric([[0.001, 5.0]], [np.eye(2)])
+    assert_allclose(metric.clip(hmin=0.01, hmax=2.0).sizes, [[0.01, 2.0]])
+    assert_allclose(metric.clip(hmin=0.01, max_aspect=10.0).sizes, [[0.01, 0.1]])
+    with pytest.raises(ValueError, match="hmin must be at most hmax = 1, got 2"):
+        metric.clip(2.0, 1.0)
+
+
+def test_interpolation_is_geometric_and_keeps_nodal_values():
+    metric = random_metric(np.random.default_rng(17), 6, 3, 3.0)
+    mean = metric.interpolate([[0, 1, 2]], [[0.2, 0.3, 0.5]])
+    logs = np.log(metric.density[:3]) @ [0.2, 0.3, 0.5]
+    assert_allclose(np.log(mean.density), logs)
+    assert largest_ratio(metric.interpolate([[4, 1]], [[1.0, 0.0]]), metric[[4]]) < 1e-9
+    free = isotropic_metric([0.5, np.inf], 2)
+    assert_array_equal(free.interpolate([[0, 1]], [[1.0, 0.0]]).sizes, [[0.5, 0.5]])
+    assert_array_equal(free.interpolate([[0, 1]], [[0.5, 0.5]]).sizes, [[np.inf, np.inf]])
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("decades", DECADES)
+def test_the_intersection_of_two_touches_both(dim, decades):
+    rng = np.random.default_rng(19)
+    a, b = (random_metric(rng, 200, dim, decades) for _ in range(2))
+    both = a.intersect(b)
+    over = [excess(both, m.sizes, m.directions) for m in (a, b)]
+    assert_allclose(np.maximum(*over), 1.0, rtol=1e-9)
+    assert largest_ratio(both, b.intersect(a)) < 1e-9
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_the_intersection_with_a_metric_nowhere_above_is_exact(dim):
+    a = random_metric(np.random.default_rng(23), 100, dim, 4.0)
+    assert largest_ratio(a.intersect(a), a) < 1e-11
+    for other in (a.scaled(2.0), isotropic_metric(np.full(100, np.inf), dim)):
+        both = a.intersect(other)
+        assert_array_equal(both.sizes, a.sizes)
+        assert_array_equal(both.directions, a.directions)
+
+
+def test_the_intersection_of_equal_axes_takes_the_smaller_sizes():
+    axes = np.broadcast_to(random_rotations(np.random.default_rng(29), 1, 3), (1, 3, 3))
+    both = Metric([[1.0, 1.0, 3.0]], axes).intersect(Metric([[2.0, 2.0, 2.0]], axes))
+    assert_allclose(both.sizes, [[1.0, 1.0, 2.0]], rtol=1e-14)
+
+
+def test_one_direction_each_gives_the_sum_of_the_matrices():
+    a = Metric([[0.1, np.inf]], [[[0.6, -0.8], [0.8, 0.6]]])
+    b = Metric([[0.1, np.inf]], [np.eye(2)])
+    assert_allclose(a.intersect(b).matrices, a.matrices + b.matrices, rtol=1e-13)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("decades", [0.1, 1.0, 3.0, 6.0])
+def test_several_are_intersected_in_any_order(dim, decades):
+    rng = np.random.default_rng(31)
+    parts = [random_metric(rng, 300, dim, decades) for _ in range(5)]
+    joint, back = parts[0].intersect(*parts[1:]), parts[4].intersect(*parts[3::-1])
+    assert largest_ratio(joint, back) < (1e-9 if dim == 2 else 1e-5)
+    for part in parts:
+        assert excess(joint, part.sizes, part.directions).max() <= 1.0 + 1e-9
+    pairwise = parts[0]
+    for part in parts[1:]:
+        pairwise = pairwise.intersect(part)
+    assert (joint.density <= pairwise.density * (1.0 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_intersection_of_several_has_the_least_density(dim):
+    rng = np.random.default_rng(37)
+    for _ in range(10):
+        parts = [random_metric(rng, 1, dim, 0.7) for _ in range(4)]
+        found = np.log(parts[0].intersect(*parts[1:]).density[0])
+        best, slack = largest_inscribed(parts)
+        assert abs(found - best) < 1e-5 + 10.0 * max(0.0, -slack)
+
+
+def test_rotated_copies_of_a_needle_meet_in_a_circle():
+    # Three ellipses at 0, 60 and 120 degrees: by symmetry the largest ellipse inside is a circle.
+    angle = np.deg2rad([0.0, 60.0, 120.0])
+    needles = [
+        Metric([[0.1, 1.0]], [[[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]]]) for t in angle
+    ]
+    assert_allclose(needles[0].intersect(*needles[1:]).sizes, [[0.1, 0.1]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("matrices", "message"),
+    [
+        ([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.2], [0.1, 1.0]]], r"symmetric, got matrices\[1\]"),
+        ([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, 0.0]]], r"definite, got matrices\[1\]"),
+        ([[[1.0, 0.0], [0.0, -1.0]]], r"positive definite, got matrices\[0\]"),
+        ([[[1.0, 0.0], [0.0, np.nan]]], r"finite, got matrices\[0, 1, 1\] = nan"),
+        ([[1.0, 0.0]], r"shape \(n, dim, dim\)"),
+    ],
+)
+def test_matrices_that_are_no_metric_are_refused_by_node(matrices, message):
+    with pytest.raises(ValueError, match=message):
+        Metric.from_matrices(matrices)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "directions", "message"),
+    [
+        ([[1.0, 0.0]], [np.eye(2)], r"sizes must be positive .* sizes\[0, 1\] = 0"),
+        ([[1.0, np.nan]], [np.eye(2)], r"sizes\[0, 1\] = nan"),
+        ([1.0, 1.0], [np.eye(2)], "sizes must have shape"),
+        ([[1.0, 1.0]], np.eye(2), "directions must have shape"),
+        ([[1.0, 1.0]] * 2, [np.eye(2), 2 * np.eye(2)], r"orthonormal columns, got directions\[1\]"),
+    ],
+)
+def test_bad_sizes_and_directions_are_refused(sizes, directions, message):
+    with pytest.raises(ValueError, match=message):
+        Metric(sizes, directions)
+
+
+def test_directions_are_made_orthonormal():
+    r = np.eye(3) + 1e-7 * np.random.default_rng(41).normal(size=(3, 3))
+    q = Metric([[1.0, 2.0, 3.0]], [r]).directions[0]
+    assert_allclose(q.T @ q, np.eye(3), atol=1e-15)
+
+
+def test_metrics_are_read_only_and_stay_so():
+    metric = random_metric(np.random.default_rng(43), 4, 2, 1.0)
+    for same in (metric, pickle.loads(pickle.dumps(metric)), copy.deepcopy(metric), metric[1:]):
+        with pytest.raises(ValueError, match="read-only"):
+            same.sizes[0, 0] = 1.0
+    assert len(metric[np.array([True, False, True, False])]) == 2
+    assert metric[[3]].sizes.shape == (1, 2)

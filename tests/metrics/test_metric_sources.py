@@ -1,0 +1,220 @@
+"""Metrics from second derivatives, from layers and from curvature."""
+
+import numpy as np
+import pytest
+from metric_oracle import largest_ratio, random_rotations
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import Delaunay
+
+import adaptsize as ads
+from adaptsize.metrics import Metric, predicted_simplices
+
+
+def square(n, dim=2):
+    rng = np.random.default_rng(61)
+    axis = np.linspace(0.0, 1.0, n)
+    points = np.stack(np.meshgrid(*[axis] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    inner = ((points > 0.0) & (points < 1.0)).all(axis=1)
+    points[inner] += rng.uniform(-0.2, 0.2, (inner.sum(), dim)) / n
+    return ads.SimplexMesh(points, Delaunay(points).simplices)
+
+
+def quadratic(points, matrix):
+    return 0.5 * np.einsum("ni,ij,nj->n", points, matrix, points)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_quadratic_fields_give_their_own_axes(dim):
+    mesh = square(7, dim)
+    q = random_rotations(np.random.default_rng(67), 1, dim)[0]
+    curvature = np.array([400.0, -25.0, 4.0])[:dim]
+    values = quadratic(mesh.points, q * curvature @ q.T)
+    metric = ads.metric_from_hessian(mesh, values, tolerance=0.02, norm=np.inf)
+    # h = sqrt(2 eps / |lambda|)
+    expected = Metric(
+        np.tile([0.01, 0.04, 0.1][:dim], (mesh.n_points, 1)),
+        np.broadcast_to(q, (mesh.n_points, dim, dim)),
+    )
+    assert largest_ratio(metric, expected) < 1e-6
+
+
+def test_isotropic_derivatives_give_the_sizes_of_size_from_hessian():
+    mesh = square(12)
+    radius = np.linalg.norm(mesh.points, axis=1)
+    hessian = (1.0 + radius)[:, None, None] * np.eye(2)
+    for norm in (1.0, 2.0, np.inf):
+        metric = ads.metric_from_hessian(mesh, hessian=hessian, tolerance=0.01, norm=norm)
+        steepness = 1.0 + radius
+        exponent = 0.5 if np.isinf(norm) else norm / (2 * norm + 2)
+        share = 1.0
+        if not np.isinf(norm):
+            integral = (
+                mesh.measures * (steepness ** (2 * exponent))[mesh.cells].mean(axis=1)
+            ).sum()
+            share = integral ** (1 / norm)
+        expected = np.sqrt(0.02 / share) * steepness**-exponent
+        assert_allclose(metric.sizes, np.repeat(expected[:, None], 2, axis=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("norm", [1.0, 2.0, 4.0, np.inf])
+def test_the_target_number_of_elements_is_met_after_the_limits(norm):
+    mesh = square(20)
+    values = np.tanh(20.0 * (mesh.points[:, 0] - 0.5))
+    metric = ads.metric_from_hessian(
+        mesh, values, target_elements=3000, norm=norm, hmin=0.005, hmax=0.3, max_aspect=20.0
+    )
+    assert_allclose(predicted_simplices(mesh, metric), 3000, rtol=1e-3)
+    assert metric.sizes.min() >= 0.005
+    assert metric.sizes.max() <= 0.3
+    assert metric.aspect_ratio.max() <= 20.0 * (1.0 + 1e-12)
+
+
+def test_the_error_per_edge_is_equal_in_all_directions():
+    # e^T |H| e is the same for all edges of unit length in the metric: M is a multiple of |H|.
+    mesh = square(10)
+    rng = np.random.default_rng(71)
+    q = random_rotations(rng, mesh.n_points, 2)
+    values = 10.0 ** rng.uniform(0, 3, (mesh.n_points, 2)) * rng.choice([-1.0, 1.0], (1, 2))
+    hessian = (q * values[:, None, :]) @ q.swapaxes(1, 2)
+    absolute = (q * np.abs(values)[:, None, :]) @ q.swapaxes(1, 2)
+    metric = ads.metric_from_hessian(mesh, hessian=hessian, target_elements=500, norm=2.0)
+    ratio = metric.matrices / absolute
+    factor = np.abs(values).prod(axis=1) ** (-1.0 / 6.0)
+    ratio /= factor[:, None, None]
+    assert_allclose(ratio, ratio[0, 0, 0], rtol=1e-8)
+
+
+def test_a_surface_has_the_metric_of_its_plane_and_is_round_along_the_normal():
+    flat = square(9)
+    q = random_rotations(np.random.default_rng(73), 1, 3)[0]
+    lifted = ads.SimplexMesh(flat.points @ q[:, :2].T, flat.cells)
+    matrix = np.array([[90.0, 30.0], [30.0, 20.0]])
+    values = quadratic(flat.points, matrix)
+    options = {"tolerance": 0.01, "norm": 2.0}
+    in_plane = ads.metric_from_hessian(flat, values, **options)
+    on_surface = ads.metric_from_hessian(lifted, values, **options)
+    assert_allclose(on_surface.sizes[:, :2], in_plane.sizes, rtol=1e-8)
+    assert_allclose(on_surface.sizes[:, 2], in_plane.sizes[:, 1], rtol=1e-8)
+    for u in ([1.0, 0.0], [0.0, 1.0], [0.6, 0.8]):
+        assert_allclose(on_surface.size_along(q[:, :2] @ u), in_plane.size_along(u), rtol=1e-7)
+    full = q[:, :2] @ matrix @ q[:, :2].T
+    given = ads.metric_from_hessian(lifted, hessian=np.tile(full, (81, 1, 1)), **options)
+    assert largest_ratio(given, on_surface) < 1e-6
+
+
+def test_flat_fields_have_no_bound():
+    mesh = square(5)
+    assert np.isinf(ads.metric_from_hessian(mesh, np.zeros(25), target_elements=10).sizes).all()
+    metric = ads.metric_from_hessian(mesh, np.zeros(25), tolerance=1.0, hmax=0.5)
+    assert_array_equal(metric.sizes, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "one of values and hessian must be given, got none"),
+        ({"values": np.zeros(25), "hessian": np.zeros((25, 2, 2))}, "got both"),
+        ({"values": np.zeros(25), "target_elements": 5}, "got both"),
+        ({"values": np.zeros(24)}, r"values must have shape \(25,\)"),
+        ({"hessian": np.full((25, 2, 2), np.nan)}, r"hessian must be finite, got hessian\[0, 0, 0"),
+        ({"hessian": np.tile([[0, 1], [0, 0]], (25, 1, 1))}, r"symmetric, got hessian\[0\]"),
+        ({"values": np.zeros(25), "norm": 0.5}, "norm must be >= 1"),
+        ({"values": np.zeros(25), "max_aspect": 0.5}, "max_aspect must be finite and >= 1"),
+    ],
+)
+def test_bad_arguments_of_the_hessian_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ads.metric_from_hessian(square(5), **{"tolerance": 1.0, **arguments})
+
+
+def test_layers_grow_geometrically_from_the_first_height():
+    # The tops of layers of heights h, h r, h r^2 ... are where the size is the next height.
+    heights = 0.001 * 1.2 ** np.arange(20)
+    tops = np.concatenate([[0.0], np.cumsum(heights)])[:20]
+    normals = np.tile([0.6, 0.8], (20, 1))
+    metric = ads.metric_from_layers(tops, normals, first_height=0.001, tangential=10.0)
+    assert_allclose(metric.size_along([0.6, 0.8]), heights, rtol=1e-12)
+    assert_allclose(metric.size_along([-0.8, 0.6]), np.minimum(10.0, 1000 * heights), rtol=1e-12)
+
+
+def test_layers_end_where_they_are_as_high_as_long():
+    metric = ads.metric_from_layers(
+        [0.0, -3.0, np.inf, 0.0], [[0, 0, 2], [0, 0, -1], [0, 0, 1], [0, 0, 0]],
+        first_height=0.01, growth=1.5, tangential=0.7, max_aspect=5.0,
+    )  # fmt: skip
+    expected = [[0.01, 0.05, 0.05], [0.7, 0.7, 0.7], [0.7, 0.7, 0.7], [0.01, 0.01, 0.01]]
+    assert_allclose(metric.sizes, expected, rtol=1e-14)
+    assert_allclose(metric.size_along([0.0, 0.0, 1.0])[0], 0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"distance": [np.nan]}, r"distance must be numbers, got distance\[0\] = nan"),
+        ({"normals": [[1.0]]}, r"normals must have shape \(1, 2\) or \(1, 3\)"),
+        ({"first_height": 0.0}, "first_height must be finite and > 0"),
+        ({"growth": 0.9}, "growth must be finite and >= 1"),
+        ({"tangential": [-1.0]}, "tangential must be positive"),
+        ({"max_aspect": 0.0}, "max_aspect must be finite and >= 1"),
+    ],
+)
+def test_bad_arguments_of_layers_are_refused(arguments, message):
+    given = {"distance": [0.1], "normals": [[0.0, 1.0]], "first_height": 0.1, **arguments}
+    with pytest.raises(ValueError, match=message):
+        ads.metric_from_layers(given.pop("distance"), given.pop("normals"), **given)
+
+
+def tube(n, layers, radius):
+    angle, z = np.meshgrid(2 * np.pi * np.arange(n) / n, np.arange(float(layers)))
+    x = np.column_stack([radius * np.cos(angle.ravel()), radius * np.sin(angle.ravel()), z.ravel()])
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(n), np.arange(layers - 1)))
+    a, b = n * j + i, n * j + (i + 1) % n
+    return ads.SimplexMesh(x, np.vstack([np.c_[a, b, a + n], np.c_[b, b + n, a + n]]))
+
+
+def test_a_cylinder_needs_short_edges_around_it_only():
+    mesh = tube(40, 6, 2.0)
+    metric = ads.metric_from_curvature(mesh, elements_per_radian=5.0, max_aspect=30.0)
+    inner = (mesh.points[:, 2] > 0.5) & (mesh.points[:, 2] < 4.5)
+    x, y, _ = mesh.points.T
+    around = np.column_stack([-y, x, 0.0 * x])
+    assert_allclose(metric.size_along(around)[inner], 0.4, rtol=1e-9)
+    assert_allclose(metric.size_along([0.0, 0.0, 1.0])[inner], 12.0, rtol=1e-9)
+    # The open rim is a feature edge, a circle of the same curvature.
+    assert_allclose(metric.size_along(around)[~inner], 0.4, rtol=1e-9)
+
+
+def test_a_sphere_has_the_isotropic_size_of_its_curvature():
+    rng = np.random.default_rng(79)
+    points = rng.normal(size=(400, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    from scipy.spatial import ConvexHull
+
+    mesh = ads.SimplexMesh(points, ConvexHull(points).simplices)
+    metric = ads.metric_from_curvature(mesh, crease_angle=60.0)
+    assert_allclose(metric.sizes, 0.25, rtol=0.01)
+
+
+def test_edges_between_parts_have_the_bounds_of_both():
+    # Two cylinders of radius 1 and axes along z and x, as a union of two sheets at one node.
+    mesh = tube(40, 3, 1.0)
+    turned = mesh.points[:, [2, 1, 0]]
+    shift = mesh.points[40 + 10] - turned[40 + 10]
+    both = ads.SimplexMesh(
+        np.vstack([mesh.points, turned + shift]),
+        np.vstack([mesh.cells, np.where(mesh.cells == 50, 50, mesh.cells + mesh.n_points)]),
+    )
+    metric = ads.metric_from_curvature(both)[[50]]
+    assert_allclose(metric.size_along([1.0, 0.0, 0.0]), 0.25, rtol=1e-6)
+    assert_allclose(metric.size_along([0.0, 0.0, 1.0]), 0.25, rtol=1e-6)
+
+
+def test_solids_have_bounds_on_their_boundary_and_plane_meshes_are_isotropic():
+    solid = square(4, 3)
+    assert np.isinf(ads.metric_from_curvature(solid).sizes).all()  # a cube is flat
+    angle = np.arange(16) * np.pi / 8
+    points = np.vstack([[0, 0], 2 * np.column_stack([np.cos(angle), np.sin(angle)])])
+    disk = ads.SimplexMesh(points, [[0, i, i % 16 + 1] for i in range(1, 17)])
+    metric = ads.metric_from_curvature(disk, hmax=1.0)
+    assert_allclose(metric.sizes[:, 0], [1.0] + [0.5] * 16)
+    assert_allclose(metric.aspect_ratio, 1.0)

@@ -1,0 +1,24 @@
+"""The loop around Mmg, with a generator of the test's own in its place."""
+
+import numpy as np
+from meshes import jittered_square
+
+from adaptsize.remeshing.driver import _Part
+from adaptsize.remeshing.mmg import MmgBackend
+
+
+def test_coincident_nodes_in_a_result_are_no_division_by_zero():
+    part = _Part.of("plane triangles", jittered_square(4, 7), None, 1e-3)
+    part = part.with_size(lambda points: np.full(len(points), 0.3), np.empty((0, 2)))
+    n_runs = 0
+
+    def collapse(function, text, arrays, options):
+        nonlocal n_runs
+        n_runs += 1
+        points = np.array(arrays["points"])
+        points[arrays["cells"][: -1 if n_runs == 1 else None]] = points[0]
+        return {**arrays, "points": points}
+
+    made = MmgBackend().solve(part.problem, collapse)
+    assert n_runs == 3
+    assert len(made.cells) == part.problem.mesh.n_cells

@@ -1,0 +1,123 @@
+"""Swapping and smoothing of tetrahedra: no cell becomes worse than the worst."""
+
+import itertools
+
+import numpy as np
+import pytest
+from implicit_domains import box
+from scipy.spatial import Delaunay
+
+import adaptsize as ads
+from adaptsize._kernels.smoothing import fill_quality, smooth_nodes, swap
+from adaptsize.background import topology
+from adaptsize.remeshing.distmesh.finish import improved
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+
+
+def test_tetrahedra_are_improved_by_swaps_too():
+    points, cells = random_cells(3, 150, 90)
+    half = ImplicitDomain(lambda x: box(x - 0.5, 0.5), np.full(3, -0.1), np.full(3, 1.1))
+    h = np.full(len(points), 0.2)
+    given, given_cells = points.copy(), cells.copy()
+    new, new_cells = improved(half, points, cells, h, n_fixed=150, report=lambda text, share: None)
+    np.testing.assert_array_equal(new, given)  # all nodes are fixed
+    np.testing.assert_array_equal(cells, given_cells)
+    assert (volume_length(new, new_cells) > 0.0).all()
+    before, after = (np.sort(volume_length(points, c))[:50].mean() for c in (cells, new_cells))
+    assert after > 1.2 * before
+
+
+def volume_length(points, cells):
+    """The measure by its definition: regular simplices of unit edges have 3^(1/2)/4, 2^(1/2)/12."""
+    corners = points[cells]
+    dim = points.shape[1]
+    measures = np.linalg.det(corners[:, 1:] - corners[:, :1]) / (2.0 if dim == 2 else 6.0)
+    pairs = itertools.combinations(range(dim + 1), 2)
+    squares = [((corners[:, a] - corners[:, b]) ** 2).sum(axis=1) for a, b in pairs]
+    regular = {2: 3.0**0.5 / 4.0, 3: 2.0**0.5 / 12.0}[dim]
+    return measures / (regular * np.mean(squares, axis=0) ** (dim / 2))
+
+
+def random_cells(dim, n, seed):
+    points = np.random.default_rng(seed).random((n, dim))
+    cells = Delaunay(points).simplices.astype(np.int32)
+    negative = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]]) < 0.0
+    cells[negative, :2] = cells[negative, 1::-1]
+    return points, np.ascontiguousarray(cells)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_quality_is_the_volume_length_measure_signed(dim):
+    points, cells = random_cells(dim, 30, 8)
+    cells[::2, :2] = cells[::2, 1::-1]
+    quality = np.empty(len(cells))
+    fill_quality(points, cells, quality)
+    np.testing.assert_allclose(quality, volume_length(points, cells), atol=1e-12)
+    assert (quality[::2] < 0.0).all()
+    assert (quality[1::2] > 0.0).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_smoothing_makes_no_worst_cell_worse_and_respects_normals(dim):
+    points, cells = random_cells(dim, 60, 31)
+    skin = np.unique(ads.SimplexMesh(points, cells).boundary().nodes)
+    nodes = np.setdiff1d(np.arange(len(points)), skin).astype(np.int64)
+    normals = np.zeros_like(points)
+    normals[nodes[::2], 0] = 1.0
+    before, old = volume_length(points, cells), points.copy()
+    ring_ptr, ring_of = topology.rings(cells, len(points))
+    smooth_nodes(points, cells, ring_ptr, ring_of, nodes, normals, np.full(len(points), 0.1))
+    after = volume_length(points, cells)
+    worst = [
+        q[ring_of[ring_ptr[i] : ring_ptr[i + 1]]].min() for q in (before, after) for i in nodes
+    ]
+    assert after.min() >= before.min()
+    assert np.mean(worst[len(nodes) :]) > np.mean(worst[: len(nodes)])
+    np.testing.assert_array_equal(points[skin], old[skin])
+    np.testing.assert_array_equal(points[nodes[::2], 0], old[nodes[::2], 0])
+    assert (points[nodes] != old[nodes]).any()
+
+
+def swapped(points, cells):
+    quality = np.empty(len(cells))
+    fill_quality(points, cells, quality)
+    bad = np.argsort(quality)[: len(cells) // 2]
+    ring_ptr, ring_of = topology.rings(cells, len(points))
+    dead = np.zeros(len(cells), np.bool_)
+    made = np.empty((40 * len(cells), 4), np.int32)
+    n_made = swap(points, cells, ring_ptr, ring_of, bad, quality, dead, made)
+    return np.concatenate([cells[~dead], made[:n_made]]), quality
+
+
+@pytest.mark.parametrize("seed", [3, 17, 2025])
+def test_swaps_fill_the_same_space_with_better_tetrahedra(seed):
+    points, cells = random_cells(3, 60, seed)
+    volume = ads.SimplexMesh(points, cells).measures.sum()
+    skin = ads.SimplexMesh(points, cells).boundary().mesh.measures.sum()
+    new, quality = swapped(points, cells)
+    mesh = ads.SimplexMesh(points, new)
+    assert len(new) != len(cells) or (new != cells).any()
+    assert (mesh.signed_measures > 0.0).all()
+    assert mesh.facet_cell_counts.max() == 2
+    assert mesh.measures.sum() == pytest.approx(volume, rel=1e-12)
+    assert mesh.boundary().mesh.measures.sum() == pytest.approx(skin, rel=1e-12)
+    assert np.sort(volume_length(points, new))[:20].sum() > np.sort(quality)[:20].sum()
+
+
+def test_a_sliver_in_a_ring_of_four_is_swapped_away():
+    # Four nodes nearly in a plane around the axis, which two of them see askew: the edge between
+    # opposite ones of the four is as good as the axis, and leaves no sliver.
+    axis = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]
+    around = [[1.0, 0.0, 0.05], [0.0, 1.0, -0.05], [-1.0, 0.0, 0.05], [0.0, -1.0, -0.05]]
+    points = np.array(axis + around)
+    # The sliver 2 3 4 5 with the caps above and below its faces.
+    cells = np.array(
+        [[2, 3, 4, 5], [2, 4, 3, 1], [2, 5, 4, 1], [2, 3, 5, 0], [3, 4, 5, 0]], np.int32
+    )
+    flip = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]]) < 0.0
+    cells[flip, :2] = cells[flip, 1::-1]
+    volume = ads.SimplexMesh(points, cells).measures.sum()
+    new, quality = swapped(points, np.ascontiguousarray(cells))
+    assert quality.min() < 0.2
+    assert volume_length(points, new).min() > 0.5
+    assert ads.SimplexMesh(points, new).measures.sum() == pytest.approx(volume, rel=1e-12)

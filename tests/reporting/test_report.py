@@ -1,0 +1,152 @@
+"""The page about a mesh: complete, without references to the network, and shown by a browser."""
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from meshes import jittered_square
+from PIL import Image
+
+from adaptsize import CartesianGrid, PointSource, SimplexMesh, SizeFunction, report, size_function
+from adaptsize.cli.entry import run
+from adaptsize.reporting.views import figure_of, views_of_causes, views_of_mesh
+
+#: A cube in 4^3 smaller ones of six tetrahedra each.
+CUBE = CartesianGrid((0.0, 0.0, 0.0), 0.25, (5, 5, 5)).mesh
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+
+
+@pytest.fixture(scope="module")
+def square():
+    mesh = jittered_square(12, 1, half_width=0.5)
+    source = PointSource([0.1, 0.1], 0.02)
+    size, found = size_function(mesh, sources=source, hmax=0.2, full_output=True)
+    return mesh, size, found
+
+
+def test_the_page_has_the_findings_and_nothing_to_fetch(square, tmp_path):
+    mesh, size, found = square
+    path = tmp_path / "square.html"
+    report(path, mesh, size, original=mesh, size_report=found, times=[("sizes", 1.5)])
+    text = path.read_text(encoding="utf-8")
+    assert "<title>square: triangles</title>" in text
+    assert f"{mesh.n_cells} triangles, {found.n_elements:.0f} predicted" in text
+    assert "1.5 s: sizes 1.5" in text
+    assert "Plotly.newPlot" in text
+    fetched = re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=[^>]*>", text)
+    assert fetched == []
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_names_cannot_break_out_of_the_page(square, tmp_path):
+    mesh, *_ = square
+    report(tmp_path / "x.html", mesh, title="<script>alert(1)</script>")
+    assert "<script>alert(1)" not in (tmp_path / "x.html").read_text(encoding="utf-8")
+
+
+def test_worst_places_are_listed_with_coordinates(square, tmp_path):
+    mesh, *_ = square
+    report(tmp_path / "x.html", mesh, SizeFunction(mesh, np.full(mesh.n_points, 5.0)))
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    assert "not met" in text
+    assert re.search(r"0\.0\d+ at \(\d\.\d+, \d\.?\d*\)", text)
+
+
+def test_sizes_come_from_the_mesh_if_they_are_not_given(square, tmp_path):
+    mesh, *_ = square
+    report(tmp_path / "a.html", mesh)
+    report(tmp_path / "b.html", mesh.with_data(point_data={"h": np.full(mesh.n_points, 0.1)}))
+    assert "requested size" not in _without_library(tmp_path / "a.html")
+    assert "edge length over requested size" in _without_library(tmp_path / "b.html")
+
+
+def _without_library(path):
+    text = path.read_text(encoding="utf-8")
+    return "".join(part for part in text.split("<script") if len(part) < 1_000_000)
+
+
+def test_tetrahedra_are_shown_whole_and_cut_open():
+    mesh = CUBE
+    size = SizeFunction(mesh, np.full(mesh.n_points, 0.25))
+    views = {view.name: view.scene for view in views_of_mesh(mesh, size)}
+    whole, cut = views["size h"], views["size h, cut open"]
+    assert len(whole.cells) == len(mesh.boundary().mesh.cells)
+    assert np.ptp(cut.points[np.unique(cut.cells)], axis=0).min() == pytest.approx(0.5)
+    ratio = views["edge length over size"]
+    assert 1.0 <= ratio.values.min() < ratio.values.max() <= np.sqrt(3.0)  # edges 1/4 to sqrt(3)/4
+
+
+def test_one_view_at_a_time_is_visible(square):
+    mesh, size, found = square
+    views = views_of_mesh(mesh, size) + views_of_causes(found)
+    assert views[-1].name == "what controls the size"
+    figure = figure_of(views)
+    assert [trace.visible for trace in figure.data] == [True, True] + [False] * 2 * (len(views) - 1)
+    for number, button in enumerate(figure.layout.updatemenus[0].buttons):
+        (visible,) = button.args[1:]
+        assert np.flatnonzero(visible).tolist() == [2 * number, 2 * number + 1]
+
+
+def test_causes_keep_their_names(square):
+    _, _, found = square
+    (view,) = views_of_causes(found)
+    names = set(figure_of([view]).data[0].colorbar.ticktext)
+    assert names <= set(found.causes)
+    assert "sources" in names or any("point" in name for name in names)
+
+
+@pytest.mark.parametrize(
+    ("path", "options", "message"),
+    [
+        ("page.txt", {}, r"path must end in \.html or \.htm, got '.*page.txt'"),
+        ("page.html", {"size": 0.1}, "size must be"),
+        ("page.html", {"tolerance": -1.0}, "tolerance must be"),
+        ("page.html", {"title": 3}, "title must be"),
+    ],
+)
+def test_bad_arguments_are_refused_and_nothing_is_written(tmp_path, path, options, message):
+    with pytest.raises(ValueError, match=message):
+        report(tmp_path / path, CUBE, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_segments_are_refused(tmp_path):
+    line = SimplexMesh([[0.0], [1.0]], [[0, 1]])
+    with pytest.raises(ValueError, match="triangles or tetrahedra"):
+        report(tmp_path / "line.html", line)
+
+
+def test_the_command_refuses_another_suffix_before_the_work(tmp_path, capsys):
+    words = ["remesh", "part.stl", "-o", "x.vtu", "--report", "x.pdf"]
+    assert run(words) == 1
+    assert "--report must end in .html, .htm, got 'x.pdf'" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_a_browser_without_network_draws_the_page(square, tmp_path):
+    mesh, size, found = square
+    report(tmp_path / "square.html", mesh, size, size_report=found)
+    picture = tmp_path / "square.png"
+    words = "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader"
+    words += " --disable-background-networking --no-first-run --virtual-time-budget=15000"
+    words += " --window-size=1000,1600 --enable-logging=stderr --hide-scrollbars"
+    done = subprocess.run(
+        [
+            CHROMIUM,
+            *words.split(),
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            f"--screenshot={picture}",
+            (tmp_path / "square.html").as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=True,
+    )
+    told = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert [line for line in told if "error" in line.lower()] == []
+    drawn = np.asarray(Image.open(picture).convert("RGB")).reshape(-1, 3)
+    assert len(np.unique(drawn, axis=0)) > 500  # the colours of the sizes

@@ -1,0 +1,143 @@
+"""Recovered gradients and second derivatives, and the indicator made of them."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from recovery import (
+    MESHES,
+    gradient_errors,
+    means_of_cell_gradients,
+    root_mean_square,
+    solve_poisson,
+    wave,
+)
+
+from adaptsize import SimplexMesh
+from adaptsize.sizes import (
+    recovered_gradient,
+    recovered_hessian,
+    size_from_error,
+    zz_indicator,
+)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("stretch", [1.0, 1e4])
+def test_derivatives_of_quadratics_are_exact(dim, stretch):
+    mesh = MESHES["jittered" if dim == 2 else "cube"](9)
+    scale = np.ones(dim)
+    scale[0] = stretch
+    x = mesh.points * scale + 7.0
+    stretched = SimplexMesh(x, mesh.cells)
+    rng = np.random.default_rng(33)
+    a = rng.normal(size=(dim, dim))
+    a = (a + a.T) / np.outer(scale, scale)
+    b = rng.normal(size=dim) / scale
+    u = 0.5 * np.einsum("ni,ij,nj->n", x, a, x) + x @ b
+    # Values of size 100 and their rounding over the spacing, 0.25, and its square.
+    gradient = recovered_gradient(stretched, u)
+    assert_allclose(gradient * scale, (x @ a + b) * scale, atol=1e-9)
+    hessian = recovered_hessian(stretched, u)
+    expected = np.broadcast_to(a, hessian.shape)
+    assert_allclose(hessian * np.outer(scale, scale), expected * np.outer(scale, scale), atol=1e-7)
+    assert_array_equal(hessian, hessian.swapaxes(1, 2))
+
+
+@pytest.mark.parametrize(
+    ("kind", "counts", "orders"),
+    [
+        ("jittered", (21, 41, 81), (1.8, 0.9)),
+        ("regular", (21, 41, 81), (1.9, 1.4)),
+        ("cube", (9, 17), (1.7, 0.9)),
+    ],
+)
+def test_order_of_gradient_and_hessian(kind, counts, orders):
+    # Root mean squares over all nodes: inner ones of regular meshes are of second order,
+    # but those near the boundary, whose share falls like 1 / n, of first.
+    error = np.array(
+        [
+            (
+                root_mean_square(recovered_gradient(mesh, u) - gradient),
+                root_mean_square(recovered_hessian(mesh, u) - hessian),
+            )
+            for mesh in map(MESHES[kind], counts)
+            for u, gradient, hessian in [wave(mesh.points)]
+        ]
+    )
+    found = np.log(error[:-1] / error[1:]) / np.log(2.0)
+    assert (found > orders).all(), f"errors {error}, orders {found}"
+    largest = [np.abs(part).max() for part in wave(MESHES[kind](9).points)[1:]]
+    assert (error[-1] < np.multiply(largest, 0.05)).all(), f"errors {error} of {largest}"
+
+
+def test_hessian_is_of_second_order_inside_regular_meshes():
+    error = []
+    for n in (21, 41):
+        mesh = MESHES["regular"](n)
+        u, _, hessian = wave(mesh.points)
+        inside = np.abs(mesh.points).max(axis=1) < 0.7  # three layers in on the coarser one
+        error.append(np.abs(recovered_hessian(mesh, u) - hessian)[inside].max())
+    assert np.log2(error[0] / error[1]) > 1.9
+
+
+def test_means_of_cell_gradients_taken_twice_do_not_converge():
+    # The reason for the fits.
+    error = []
+    for n in (41, 81):
+        mesh = MESHES["jittered"](n)
+        u, _, hessian = wave(mesh.points)
+        inside = np.abs(mesh.points).max(axis=1) < 0.7
+        first = means_of_cell_gradients(mesh, u)
+        twice = np.stack([means_of_cell_gradients(mesh, part) for part in first.T], axis=1)
+        fitted = recovered_hessian(mesh, u)
+        error.append([root_mean_square((h - hessian)[inside]) for h in (twice, fitted)])
+    assert error[1][0] > 0.8 * error[0][0]
+    assert error[1][1] < 0.6 * error[0][1]
+    assert error[1][1] < 0.1 * error[1][0]
+
+
+@pytest.mark.parametrize("kind", ["jittered", "regular"])
+def test_zz_indicator_estimates_the_error_of_finite_elements(kind):
+    off = []
+    for n in (21, 41):
+        mesh = MESHES[kind](n)
+        u, _, hessian = wave(mesh.points)
+        values = solve_poisson(mesh, u, -np.trace(hessian, axis1=1, axis2=2))
+        true = gradient_errors(mesh, values, lambda x: wave(x)[1])
+        eta = zz_indicator(mesh, values)
+        off.append(abs(np.linalg.norm(eta) / np.linalg.norm(true) - 1.0))
+        # Cell by cell too, if not in each.
+        assert 0.9 < np.median(eta / true) < 1.1
+    assert off[1] < 0.03
+    assert off[1] < off[0]
+
+
+def test_zz_indicator_of_interpolants_in_space():
+    mesh = MESHES["cube"](13)
+    u, _, _ = wave(mesh.points)
+    true = gradient_errors(mesh, u, lambda x: wave(x)[1])
+    assert np.linalg.norm(zz_indicator(mesh, u)) == pytest.approx(np.linalg.norm(true), rel=0.1)
+
+
+def test_indicator_of_a_cell_is_the_integral():
+    # On one triangle the recovered gradient is that of the linear fit: no error.
+    mesh = SimplexMesh([[0, 0], [2, 0], [0, 1]], [[0, 1, 2]])
+    assert_allclose(zz_indicator(mesh, [1.0, 5.0, 2.0]), 0.0, atol=1e-12)
+    # u = x^2 on a regular mesh: G u = (2x, 0), against the slopes of the chords 2 x_m, x_m the
+    # middle of the cell's horizontal edge h; x (x - h / 2)^2 from 0 to h has the integral h^4 / 24.
+    mesh = MESHES["regular"](11)
+    h = 0.2
+    eta = zz_indicator(mesh, mesh.points[:, 0] ** 2)
+    assert_allclose(eta, np.sqrt(4.0 * h**4 / 24.0), rtol=1e-9)
+
+
+def test_cells_without_volume_and_nodes_in_no_cell():
+    points = [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.5], [9, 9]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [1, 3, 2], [1, 4, 2]])
+    eta = zz_indicator(mesh, np.arange(6.0) ** 2)
+    assert np.isfinite(eta).all()
+    assert eta[2] == 0.0
+    h = size_from_error(mesh, [1.0, 1.0, 1.0], order=1, target_elements=8)
+    assert np.isfinite(h[:4]).all()
+    assert np.isinf(h[5])
+    assert_array_equal(recovered_gradient(mesh, np.arange(6.0))[5], 0.0)
