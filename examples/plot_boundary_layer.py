@@ -13,7 +13,13 @@ The picture shows the mesh around the airfoil and in three windows on its upper 
 smaller; the heights of triangles over their distance d from the wall; and the ratio of heights to
 the requested ones.
 
-TABLE
+| first height | 1e-4 | 1e-5 |
+|---|---:|---:|
+| triangles | 11 607 | 38 257 |
+| height on the wall over the requested: 5 %, median, 95 % | 0.48, 1.07, 1.40 | 0.50, 0.82, 1.45 |
+| growth of the heights by a linear fit | 1.209 | 1.205 |
+| height at the wall by this fit | 1.01e-4 | 1.00e-5 |
+| largest aspect ratio requested | 268 | 847 |
 
 Needs Mmg.  Takes a few seconds.
 

@@ -47,7 +47,7 @@ CONTENTS = {
     "Methods": [
         "limiting", "exact-limiting", "octrees", "distance", "medial-axis", "feature-size",
         "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
-        "adaptive-loops",
+        "adaptive-loops", "anisotropic-meshes",
     ],
     "Reference": [
         "api", FUNCTIONS, "command-line", "files", "solvers", "glossary", "promises",
