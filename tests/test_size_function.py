@@ -295,3 +295,10 @@ def test_growth_is_refused_where_sizes_fill_their_space():
         SizeFunction(SQUARE, [1.0] * SQUARE.n_points, hmax=0.3)
     with pytest.raises(ValueError, match="hmax must be a number"):
         SizeFunction(SQUARE, [1.0] * SQUARE.n_points, hmax=[1.0, 2.0])
+
+
+def test_sizes_off_a_surface_with_integer_limits_are_not_rounded():
+    surface = random_sphere(200, 1)
+    size = SizeFunction(surface, np.full(surface.n_points, 0.25), g=1, hmax=3)
+    np.testing.assert_allclose(size(surface.points), 0.25)
+    assert (type(size.g), type(size.hmax)) == (float, float)

@@ -59,6 +59,7 @@ _HOMES = {
     "FieldTransfer": "adaptation",
     "report": "reporting",
     "read": "io",
+    "read_cad": "remeshing",
     "read_image": "io",
     "read_metric": "io",
     "read_size": "io",

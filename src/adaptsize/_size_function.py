@@ -147,8 +147,9 @@ class SizeFunction(ReadOnlyState):
         object.__setattr__(self, "values", values)  # bypasses the frozen dataclass
         one_of("outside", self.outside, ("nearest", "error"))
         hmax = as_number("hmax", self.hmax, lower=0.0, strict=True, allow_inf=True)
+        object.__setattr__(self, "hmax", hmax)
         if self.g is not None:
-            as_number("g", self.g, lower=0.0)
+            object.__setattr__(self, "g", as_number("g", self.g, lower=0.0))
             if not _is_thin(self.background) or self.outside == "error":
                 raise ValueError(
                     "g is for sizes on surfaces and lines that continue off them, "

@@ -38,6 +38,12 @@ _SMALL_ARRAYS: dict[str, Callable[[World], Any]] = {
         w.background.nodal_shape
     ),
     "initial": lambda w: w.nodal(),
+    "directions": lambda w: np.broadcast_to(np.eye(w.dim), (w.nodal().size, w.dim, w.dim)),
+    "matrices": lambda w: np.broadcast_to(np.eye(w.dim), (w.nodal().size, w.dim, w.dim)),
+    "hessian": lambda w: np.broadcast_to(np.eye(w.dim), (w.nodal().size, w.dim, w.dim)),
+    "normals": lambda w: np.broadcast_to(np.eye(w.dim)[0], (w.nodal().size, w.dim)),
+    "global_ids": lambda w: np.arange(w.nodal().size),
+    "owner": lambda w: np.zeros(w.nodal().size, int),
     "indicator": lambda w: w.rng.random(_n_cells(w)),
 }
 
@@ -70,6 +76,8 @@ def kind_for(subject: Subject, rng: np.random.Generator) -> str:
     for name, kind in _KINDS_BY_NAME.items():
         if name in texts and "background" not in texts:
             return kind
+    if subject.owner == "PartitionedMesh" or "PartitionedMesh" in texts.get("mesh", ""):
+        return str(rng.choice(MESHES))
     everything = [*MESHES, *GRIDS, *TREES]
     if subject.owner == "SimplexMesh":
         everything = list(MESHES)
@@ -88,6 +96,10 @@ def owner_of(subject: Subject, world: World) -> Any:
         return ads.SizeFunction(world.background, world.nodal())
     if subject.owner == "FieldTransfer":
         return ads.FieldTransfer(world.background, world.other)
+    if subject.owner == "Metric":
+        return _metric("", "", world)
+    if subject.owner == "PartitionedMesh":
+        return ads.distributed.PartitionedMesh.from_serial(world.background)
     if subject.owner in ("SimplexMesh", "CartesianGrid", "Octree"):
         return world.background
     raise LookupError(f"no instance of {subject.owner}")
@@ -170,6 +182,17 @@ def _size(name: str, part: str, world: World) -> Any:
     return ads.SizeFunction(world.background, world.nodal())
 
 
+def _metric(name: str, part: str, world: World) -> Any:
+    return ads.metrics.isotropic_metric(world.nodal().ravel(), world.dim)
+
+
+def _partitioned(name: str, part: str, world: World) -> Any:
+    whole = world.background
+    if world.kind not in MESHES:
+        whole = getattr(whole, "mesh", whole)
+    return ads.distributed.PartitionedMesh.from_serial(whole)
+
+
 def _pair(name: str, part: str, world: World) -> Any:
     if name == "box":
         return np.zeros(world.dim), np.ones(world.dim)
@@ -199,6 +222,8 @@ _MAKERS: dict[str, Callable[[str, str, World], Any]] = {
     "Method": lambda name, part, world: "auto",
     "Target": lambda name, part, world: "auto",
     "GradientLimit": _limit,
+    "Metric": _metric,
+    "PartitionedMesh": _partitioned,
     "SimplexMesh": _mesh,
     "CartesianGrid": _mesh,
     "Octree": _mesh,

@@ -16,6 +16,10 @@ LEFT_OUT = {
     "SizeLike": "a type",
     "MedialAxis": "a result",
     "Problem": "the input of a mesh generator, checked before",
+    "Communicator": "a protocol",
+    "SimulatedCommunicator": "its ranks are threads; refuses nothing but a number of ranks",
+    "of": "takes what the library has computed, without checks",
+    "once": "keeps what the library computes",
     "lower_sizes": "called by size_from_sources, which has checked its arguments",
     "refuse_surfaces": "called by the other methods",
     "rows": "called by lower_sizes",
@@ -42,7 +46,9 @@ def subjects() -> list[Subject]:
             thing = getattr(module, name)
             if name in LEFT_OUT or home == "typing" or not callable(thing):
                 continue
-            for subject in _of(name, thing):
+            # A function of a submodule may have the name of one of the package.
+            shared = home and name in ads.__all__ and thing is not getattr(ads, name)
+            for subject in _of(f"{home}.{name}" if shared else name, thing):
                 found[subject.name] = subject
     return [found[name] for name in sorted(found)]
 
@@ -51,9 +57,10 @@ def _of(name: str, thing: Any) -> Iterator[Subject]:
     if not inspect.isclass(thing):
         yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
         return
-    if _is_record(thing):
+    if not _is_record(thing):
+        yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
+    elif not any(isinstance(raw, classmethod) for raw in vars(thing).values()):
         return
-    yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
     for method, raw in vars(thing).items():
         is_public = not method.startswith("_") or method == "__call__"
         if not is_public or method in LEFT_OUT:

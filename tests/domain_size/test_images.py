@@ -1,6 +1,7 @@
 """From images to sizes and meshes."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,9 @@ from numpy.testing import assert_allclose
 
 from adaptsize import PointSource, mesh_image, size_function, size_function_from_image
 from adaptsize.background import Image
+from adaptsize.domain_size.by_domain import mask_domain
+from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
+from adaptsize.domain_size.request import as_request
 from adaptsize.errors import ImageWarning, ResolutionWarning, TooManyElementsError
 
 SHAPE = (100, 80)
@@ -92,10 +96,41 @@ def test_an_image_is_a_domain_too():
     np.testing.assert_array_equal(one.values, other.values)
 
 
+def touching_balls(n):
+    """Two balls of different size that overlap a little, in n^3 voxels."""
+    x = (np.indices((n, n, n)).T + 0.5) / n
+    small = np.linalg.norm(x - [0.72, 0.45, 0.5], axis=-1) < 0.16
+    return (np.linalg.norm(x - [0.35, 0.5, 0.5], axis=-1) < 0.25) | small
+
+
+def test_in_volumes_marching_is_within_five_percent_of_the_exact_limit():
+    mask = mask_of(Image(touching_balls(48)))
+    domain = mask_domain(mask, distance_to_edge(mask))
+    request = as_request(
+        elements_per_radian=None, elements_across=None, g=0.25, hmin=None, hmax=12.0
+    )
+    size, report = domain.limited(request)
+    exact, other = replace(domain, options={"method": "exact"}).limited(request)
+    assert (report.info.method, other.info.method) == ("fast-marching", "exact")
+    inside = domain.phi < 0.0
+    assert (exact.values < 12.0)[inside].mean() > 0.99
+    assert_allclose(size.values[inside], exact.values[inside], rtol=0.05)
+    assert report.domain_shares == pytest.approx(other.domain_shares, abs=0.02)
+
+
 def test_sources_count():
     source = PointSource([50.0, 40.0], 0.5)
     size, report = size_function_from_image(disc(20.0), sources=source, hmin=0.1, full_output=True)
     assert size([[50.0, 40.0]])[0] == pytest.approx(0.5, abs=0.2)
+    assert report.domain_shares["sources"] > 0.01
+
+
+def test_point_sources_count_in_volumes():
+    source = PointSource([16.8, 24.0, 24.0], 0.8)
+    size, report = size_function_from_image(
+        touching_balls(48), sources=source, hmin=0.1, full_output=True
+    )
+    assert size([[16.8, 24.0, 24.0]])[0] == pytest.approx(0.8, abs=0.3)
     assert report.domain_shares["sources"] > 0.01
 
 

@@ -266,3 +266,16 @@ def test_the_default_tolerance_is_relaxed_for_the_number_of_elements_and_reporte
 def test_a_tolerance_must_be_positive(tolerance):
     with pytest.raises(ValueError, match="tolerance must be"):
         size_function(cylinder(8), tolerance=tolerance)
+
+
+def test_integers_among_the_parameters_do_not_round_the_sizes():
+    part = cylinder(12, radius=10.0, height=200.0)
+    sizes = size_function(part, hmin=1, hmax=30, g=1, elements_across=2, elements_per_radian=4)
+    same = size_function(
+        part, hmin=1.0, hmax=30.0, g=1.0, elements_across=2.0, elements_per_radian=4.0
+    )
+    assert sizes.values.dtype == np.float64
+    assert (sizes.values % 1.0 > 0.0).any()
+    np.testing.assert_array_equal(sizes.values, same.values)
+    np.testing.assert_array_equal(sizes([[0.0, 0.0, 50.0]]), same([[0.0, 0.0, 50.0]]))
+    assert type(sizes.hmax) is float

@@ -9,8 +9,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from adaptsize import SimplexMesh, remesh, size_conformity, size_function
 from adaptsize.errors import BackendError, OpenSurfaceWarning
 from adaptsize.quality import minimum_angles
-from adaptsize.remeshing import driver, netgen
+from adaptsize.remeshing import driver, first_volume, netgen, slivers
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.mmg import MmgBackend
+from adaptsize.remeshing.mmg_surface import adapt_surface
 from adaptsize.remeshing.slivers import remove_slivers
 from adaptsize.remeshing.surface import refine_surface
 
@@ -174,6 +176,68 @@ def strip(width):
     return SimplexMesh(points, cells)
 
 
+def test_the_adapted_surface_has_the_sizes_and_keeps_tags_and_ridges(run):
+    surface = cylinder(24, radius=0.5)
+    top = (surface.points[surface.cells, 2] == 1.0).all(axis=1)
+    surface = SimplexMesh(surface.points, surface.cells, cell_tags=np.where(top, 7, 3))
+
+    def size(x):
+        return 0.04 + 0.1 * x[:, 2]
+
+    tolerance = 1e-3 * surface.diagonal
+    refined, ridges = refine_surface(surface, size, tolerance)
+    new, kept = adapt_surface(refined, ridges, size, tolerance, run)
+    assert is_closed(new)
+    assert size_conformity(new, size).share_in_band > 0.8
+    assert distance(new, surface) <= tolerance
+    on_top = new.points[new.cells[new.cell_tags == 7]]
+    assert_allclose(on_top[:, :, 2], 1.0)
+    assert_allclose(new.measures[new.cell_tags == 7].sum(), surface.measures[top].sum(), rtol=1e-3)
+    rims = np.linalg.norm(new.points[kept[:, 0]] - new.points[kept[:, 1]], axis=1).sum()
+    before = refined.points[ridges]
+    assert_allclose(rims, np.linalg.norm(before[:, 0] - before[:, 1], axis=1).sum(), rtol=1e-2)
+
+
+def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_fails(monkeypatch):
+    surface = cylinder(16)
+    made, adapted = [], []
+    fill, solve = netgen.fill, MmgBackend.solve
+
+    def filling(mesh, run):
+        made.append(mesh)
+        return fill(mesh, run)
+
+    def solving(backend, problem, run):
+        adapted.append(problem.is_adapted)
+        return solve(backend, problem, run)
+
+    monkeypatch.setattr(netgen, "fill", filling)
+    monkeypatch.setattr(MmgBackend, "solve", solving)
+    remesh(surface, 0.1)
+    size = 0.1 / surface.diagonal  # generators work on a part of diagonal 1
+    assert np.median(made[0].edge_lengths) == pytest.approx(size, rel=0.3)
+    assert adapted == [True]
+
+    def failing(*_):
+        raise BackendError("mmg failed")
+
+    monkeypatch.setattr(first_volume, "adapt_surface", failing)
+    new = remesh(surface, 0.1)
+    assert len(made) == 2
+    assert made[1].edge_lengths.max() > 1.5 * size
+    assert adapted == [True, False]
+    assert_allclose(new.measures.sum(), enclosed(surface), rtol=0.01)
+
+
+def test_caps_are_not_flipped_to_and_fro():
+    # Two caps over the same edge: each flip undoes the other.
+    points = [[0, 0, 0], [1, 0, 0], [0.5, 1e-4, 0], [0.5, -1e-4, 0], [0.5, 0, 1], [0.5, 0, -1]]
+    cells = [[0, 1, 2], [1, 0, 3], [0, 2, 4], [2, 1, 4], [1, 5, 0][::-1], [0, 3, 5][::-1]]
+    mesh = SimplexMesh(points, cells)
+    flipped = slivers._with_flipped_caps(mesh, 1e-3)
+    assert flipped is mesh
+
+
 def test_a_strip_of_rounding_width_is_removed():
     surface = strip(1e-6)
     assert is_closed(surface)
@@ -272,7 +336,7 @@ def test_a_failure_of_ftetwild_leaves_the_mesh_with_flat_cells(monkeypatch):
     def failing(name):
         raise BackendError(f"{name} failed")
 
-    monkeypatch.setattr(driver, "backend_named", failing)
+    monkeypatch.setattr(first_volume, "backend_named", failing)
     monkeypatch.setattr(driver, "_LEAST_ANGLE", 80.0)
     assert_allclose(remesh(cube(), 0.3).measures.sum(), 1.0)
     monkeypatch.setattr(netgen, "find_spec", lambda name: None)
@@ -306,8 +370,10 @@ def test_tags_of_the_surface_reach_the_solid():
 
 def test_ftetwild_takes_over_where_netgen_fails(monkeypatch):
     called = []
-    backend_named = driver.backend_named
-    monkeypatch.setattr(driver, "backend_named", lambda n: called.append(n) or backend_named(n))
+    backend_named = first_volume.backend_named
+    monkeypatch.setattr(
+        first_volume, "backend_named", lambda n: called.append(n) or backend_named(n)
+    )
     with pytest.warns(OpenSurfaceWarning, match="only 0 apart"):
         new = remesh(both(cube(), cube([0.5, 0.3, 0.4])), 0.3)
     assert called == ["tetwild"]

@@ -32,6 +32,8 @@ def load(path: Path) -> RawMesh:
     suffix = path.suffix.lower()
     if suffix == ".vti":
         raise MeshFileError("holds a grid, not a mesh; use read_size")
+    if suffix in (".step", ".stp", ".brep"):
+        raise MeshFileError("holds a CAD model, not a mesh; use read_cad")
     if suffix not in _LOADERS:
         raise MeshFileError(
             f"has a suffix that no reader knows ({suffix or 'none'}); these can be read: "

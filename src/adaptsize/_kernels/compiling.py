@@ -25,7 +25,8 @@ from typing import Any
 from numba import njit
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager
 
 _njit: Any = njit  # numba's annotations leave out its options about wrappers
 
@@ -64,6 +65,46 @@ class _InnerCompiler(CompilerBase):
         state = self.state
         state.library = _PartOfCallers(state.targetctx.codegen(), state.func_id.func_qualname)
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
+
+
+#: Passes for what lean kernels do not have: closures, containers, contexts, array expressions.
+_UNUSED_PASSES = {
+    "DumpParforDiagnostics",
+    "FindLiterallyCalls",
+    "InlineClosureLikes",
+    "InlineInlinables",
+    "InlineOverloads",
+    "LiteralPropagationSubPipelinePass",
+    "LiteralUnroll",
+    "MakeFunctionToJitFunction",
+    "NopythonRewrites",
+    "RewriteDynamicRaises",
+    "WithLifting",
+}
+
+
+def _few_of(full: Any) -> Any:
+    """Return the passes that lean kernels need."""
+    few = PassManager("lean")
+    used = dict(pair for pair in full.passes if pair[0].__name__ not in _UNUSED_PASSES)
+    for step, description in used.items():  # repeated ones at their first place
+        few.add_pass(step, description)
+    few.finalize()
+    return few
+
+
+class _LeanCompiler(Compiler):
+    """numba's compiler for lean kernels."""
+
+    def define_pipelines(self) -> list[Any]:
+        return [_few_of(full) for full in super().define_pipelines()]
+
+
+class _LeanInnerCompiler(_InnerCompiler):
+    """numba's compiler for what lean kernels call."""
+
+    def define_pipelines(self) -> list[Any]:
+        return [_few_of(full) for full in super().define_pipelines()]
 
 
 class _WithoutGarbageCollection(event.Listener):
@@ -154,11 +195,15 @@ def _cached(**options: Any) -> Callable[[Any], Any]:
     return decorate
 
 
-# The parts of _PartOfCallers are not public in numba: without them functions are compiled as usual.
-_OVERRIDDEN = [name for name in vars(_PartOfCallers) if not name.startswith("__")]
+# These are not public in numba: without them functions are compiled as usual.
+_PRIVATE = ["_optimize_functions", "_optimize_final_module", "_finalize_final_module"]
+_PRIVATE += ["_finalize_dynamic_globals", "_ensure_finalized"]
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True}
-if all(hasattr(JITCodeLibrary, name) for name in [*_OVERRIDDEN, "_finalize_dynamic_globals"]):
+_LEAN: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "pipeline_class": _LeanCompiler}
+_LEAN_INNER = {**_LEAN, **_INNER}
+if all(hasattr(JITCodeLibrary, name) for name in _PRIVATE):
     _INNER.update(cache=False, pipeline_class=_InnerCompiler)
+    _LEAN_INNER.update(cache=False, pipeline_class=_LeanInnerCompiler)
 
 #: For functions called from Python.
 kernel = _cached()
@@ -167,8 +212,8 @@ kernel = _cached()
 inner = _cached(**_INNER)
 
 #: For kernels that allocate no arrays, and do not count references, and what they call.
-lean_kernel = _cached(_nrt=False, error_model="numpy")
-lean = _cached(_nrt=False, error_model="numpy", **_INNER)
+lean_kernel = _cached(**_LEAN)
+lean = _cached(**_LEAN_INNER)
 
 #: For small parts of one kernel that has no time for a call with many arrays.
 part = _njit(inline="always", no_cfunc_wrapper=True, no_cpython_wrapper=True)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.topology import are_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Most flips happen in the first rounds; the remaining ones matter little.
@@ -54,9 +55,8 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
     >>> flip_edges(kite, np.empty((0, 2), np.int32)).cells.tolist()
     [[2, 0, 3], [2, 3, 1]]
     """
-    kept_keys = _keys(kept, mesh.n_points)
     for _ in range(_MAX_ROUNDS):
-        free = (mesh.facet_cell_counts == 2) & ~np.isin(_keys(mesh.edges, mesh.n_points), kept_keys)
+        free = (mesh.facet_cell_counts == 2) & ~are_among(mesh.edges, kept)
         quads = _independent(_flippable(mesh, free), mesh)
         if len(quads.cells) == 0:
             break
@@ -117,8 +117,7 @@ def _independent(quads: _Quads, mesh: SimplexMesh) -> _Quads:
     for side in (0, 1):
         np.minimum.at(best, quads.cells[:, side], rank)
     chosen = np.flatnonzero((best[quads.cells] == rank[:, None]).all(axis=1))
-    new = _keys(np.sort(quads.corners[chosen][:, [0, 2]], axis=1), mesh.n_points)
-    first = np.unique(new, return_index=True)[1]
-    first = first[~np.isin(new[first], _keys(mesh.edges, mesh.n_points))]
-    chosen = chosen[first]
+    new = np.sort(quads.corners[chosen][:, [0, 2]], axis=1).astype(np.int32)
+    first = np.unique(_keys(new, mesh.n_points), return_index=True)[1]
+    chosen = chosen[first[~are_among(new[first], mesh.edges)]]
     return _Quads(quads.corners[chosen], quads.cells[chosen], quads.excess[chosen])

@@ -8,7 +8,8 @@ import numpy as np
 
 from adaptsize.background.flipping import pairs_of_cells
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.typing import BoolArray, IntArray
+from adaptsize.background.topology import are_among
+from adaptsize.typing import IntArray
 
 _FLAT_ANGLE = np.deg2rad(0.1)
 
@@ -46,13 +47,6 @@ def folds_of(mesh: SimplexMesh, crease_angle: float) -> Folds:
     bent = (angle > _FLAT_ANGLE + rounding / height.clip(1e-300)) & ~sharp
     edges = mesh.edges[paired]
     return Folds(edges[bent], edges[sharp])
-
-
-def are_among(edges: IntArray, others: IntArray) -> BoolArray:
-    """Return which rows are also rows of ``others``, bool[n]."""
-    width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
-    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
-    return np.isin(keys, known)
 
 
 def renumbered_edges(edges: IntArray, new_node: IntArray) -> IntArray:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels.topology import fill_rings, group_rows
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.typing import IntArray
+from adaptsize.typing import BoolArray, IntArray
 
 # Fewer rows are sorted by numpy: the kernel takes longer to compile.
 _FEW = 10_000
@@ -123,3 +123,13 @@ def tags_of_facets(facets: IntArray, tagged: IntArray, tags: IntArray, n_points:
     tag_of_row = np.zeros(int(number.max()) + 1, np.int32)
     tag_of_row[number[len(facets) :]] = tags
     return tag_of_row[number[: len(facets)]]
+
+
+def are_among(edges: IntArray, others: IntArray) -> BoolArray:
+    """Return which edges are also rows of ``others``, bool[n]."""
+    width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
+    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
+    if len(known) == 0:
+        return np.zeros(len(keys), bool)
+    known.sort()  # np.isin hashes, which takes several times as long for millions of edges
+    return np.asarray(known[np.searchsorted(known, keys).clip(max=len(known) - 1)] == keys)

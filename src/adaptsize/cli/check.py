@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from adaptsize.cli.console import Console, with_console
-from adaptsize.cli.files import nodal_field
+from adaptsize.cli.files import nodal_field, read_mesh
 from adaptsize.cli.options import Input
 
 
@@ -40,15 +40,14 @@ def check(
 
     The exit code is 1 if a demand is not met.  The worst places are listed.
     """
-    from adaptsize.io import read
     from adaptsize.quality import check_mesh, size_conformity
     from adaptsize.quality.boundary import skin_of
     from adaptsize.remeshing.preparation import repair_mesh
 
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = read(file)
-        other = None if original is None else repair_mesh(read(original)).mesh
+        mesh = read_mesh(file)
+        other = None if original is None else repair_mesh(read_mesh(original)).mesh
         if field is None and "h" in mesh.point_data:
             field = "h"
         size = None if field is None else nodal_field(mesh, field)

@@ -9,7 +9,7 @@ import typer
 
 from adaptsize.cli.check import check
 from adaptsize.cli.console import Console, with_console
-from adaptsize.cli.files import check_cells, check_files, nodal_field
+from adaptsize.cli.files import check_cells, check_files, nodal_field, read_mesh
 from adaptsize.cli.image import image
 from adaptsize.cli.options import Gradient, Input, Picture, SizesOutput
 from adaptsize.cli.output import draw, print_written, write_sizes
@@ -58,12 +58,11 @@ def options(
 @with_console
 def info(console: Console, file: Input) -> None:
     """Summarize a mesh file: counts, extent, tags, fields, topology, quality."""
-    from adaptsize.io import read
     from adaptsize.quality import summarize
 
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = read(file)
+        mesh = read_mesh(file)
         steps.begin("checks")
         summary = summarize(mesh)
     console.record(input=str(file), **summary.as_dict())

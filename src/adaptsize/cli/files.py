@@ -61,6 +61,14 @@ def check_files(
             taken[place] = option
 
 
+def read_mesh(path: Path) -> SimplexMesh:
+    """Return the mesh in a file, or the triangulated surface of a CAD model."""
+    from adaptsize.io import read
+    from adaptsize.remeshing.cad import is_cad_file, read_cad
+
+    return read_cad(path) if is_cad_file(path) else read(path)
+
+
 def beside(path: Path) -> Path | None:
     """Return the file with the sizes that is written beside a mesh without fields, if any."""
     return path.with_suffix(".sol") if path.suffix.lower() in (".mesh", ".meshb") else None

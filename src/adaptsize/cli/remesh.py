@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from adaptsize.cli.console import Console, with_console
-from adaptsize.cli.files import beside, check_files
+from adaptsize.cli.files import beside, check_files, read_mesh
 from adaptsize.cli.options import (
     Across,
     Crease,
@@ -41,6 +41,7 @@ _TARGETS = ("auto", "tetrahedra", "triangles")
 
 #: Names of the parts of meshing by the texts of the generators' progress.
 _PARTS = {
+    "adapting the surface with Mmg": "surface",
     "filling the surface with Netgen": "first volume",
     "tetrahedralizing with pytetwild": "first volume",
     "adapting with Mmg": "Mmg",
@@ -115,7 +116,6 @@ def remesh(
     from adaptsize.domain_size.elements import reach_elements, tolerance_of
     from adaptsize.domain_size.request import TOLERANCE, check_elements
     from adaptsize.errors import OpenSurfaceWarning
-    from adaptsize.io import read
     from adaptsize.remeshing.driver import check_backend
     from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
@@ -131,7 +131,7 @@ def remesh(
     sources = [parse_source(text) for text in source or ()]
     with console.steps(5) as steps:
         steps.begin("reading")
-        mesh = read(file)
+        mesh = read_mesh(file)
         check_backend(mesh, target, backend)  # type: ignore[arg-type]
         if mesh.cell_dim < mesh.dim and target != "triangles":
             mesh = _accepted(console, mesh, allowed * mesh.diagonal, close=close, strict=strict)

@@ -14,6 +14,7 @@ from adaptsize.cli.files import (
     holds_more_than_sizes,
     nodal_field,
     numbers,
+    read_mesh,
 )
 from adaptsize.cli.options import (
     MAX_ELEMENTS,
@@ -86,7 +87,7 @@ def size(
     A surface in space is refined where its triangles are long.  The sizes of an image are on the
     grid of its pixels: write .vti.
     """
-    from adaptsize.io import is_image_file, read
+    from adaptsize.io import is_image_file
 
     of_image = is_image_file(file)
     outputs = {
@@ -119,7 +120,7 @@ def size(
             filters = {"label": label, "threshold": threshold, "smoothing": smoothing}
             found, report = _of_image(console, steps, file, spacing, **filters, **options)
         else:
-            mesh = read(file)
+            mesh = read_mesh(file)
             check_cells(output, mesh)
             steps.begin("sizes")
             found, report = size_of_mesh(console, mesh, field, crease_angle=crease_angle, **options)

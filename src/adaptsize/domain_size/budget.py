@@ -10,12 +10,12 @@ import numpy as np
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
-from adaptsize.domain_size.on_surface import SurfaceDomain
+from adaptsize.domain_size.on_surface import SurfaceDomain, through_the_inside
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
-from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed
-from adaptsize.sizes.budget import calibration
+from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_inside
+from adaptsize.sizes.budget import calibration, predicted_elements
 
 _MAX_ROUNDS = 8
 
@@ -47,11 +47,20 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
         If the parameters that the request fixes require more elements, or do not allow so many.
     """
     if request.elements is not None:
-        return _with_elements(domain, request, request.elements)
+        size, report = _with_elements(domain, request, request.elements)
+    else:
+        size, report = _with_fewer_elements(domain, request)
+    if isinstance(domain, SurfaceDomain):
+        size = through_the_inside(size)
+    return size, report
+
+
+def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
+    """Return the size function, relaxed to at most the predicted number of elements allowed."""
     relaxation, before = 1.0, np.inf
-    for n_rounds in range(_MAX_ROUNDS + 1):
+    for _ in range(_MAX_ROUNDS + 1):
         if request.report is not None:
-            request.report("size function", n_rounds / (_MAX_ROUNDS + 1))
+            request.report("size function", None)
         size, report = _relaxed(domain, request, relaxation)
         n_elements = report.n_elements
         if n_elements <= request.max_elements:
@@ -65,7 +74,7 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
         f"{request.max_elements:.3g}, because of the given parameters: relax these or raise "
         "max_elements",
         ResolutionWarning,
-        stacklevel=4,
+        stacklevel=5,
     )
     return size, report
 
@@ -81,9 +90,9 @@ def _with_elements(
     steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
     best: tuple[SizeFunction, SizeReport] | None = None
     relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
-    for n_rounds in range(_MAX_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         if request.report is not None:
-            request.report("size function", n_rounds / _MAX_ROUNDS)
+            request.report("size function", None)
         found = _relaxed(domain, request, relaxation)
         steps.append((np.log(relaxation), np.log(found[1].n_elements / elements)))
         off = abs(steps[-1][1])
@@ -123,7 +132,10 @@ def _relaxed(
 def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> float:
     """Return the predicted number of elements of a mesh of the domain."""
     if isinstance(domain, SurfaceDomain):
-        return calibration(_GENERATOR, 3) * estimate_n_enclosed(domain.mesh, size)
+        surface = size.background
+        assert isinstance(surface, SimplexMesh)
+        inside = estimate_n_inside(domain.mesh, size)
+        return calibration(_GENERATOR, 3) * max(inside, predicted_elements(surface, size.values))
     if isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -29,6 +29,8 @@ _PIXELS_IN_SMALLEST = 2.0
 _CURVATURE_SMOOTHING = 24
 #: The filters leave no sharper corners on boundaries in an image.
 _IMAGE_CREASE_ANGLE = 120.0
+#: Options of gradient limiting for images in space.
+_IN_SPACE = {"method": "fast-marching", "order": 2}
 #: Boxes along the longest side of the grid around a closed polyline.
 _BOXES_ALONG = 250
 #: Margin of such a grid around the domain in boxes, for finite differences.
@@ -72,6 +74,8 @@ class LevelSet:
     """As in `size_from_curvature`."""
     crease_angle: float | None = None
     """Replaces the one of the request."""
+    options: Mapping[str, Any] | None = None
+    """Of `limit_gradient`."""
     _width: _Kept = field(default_factory=_Kept)
 
     @property
@@ -105,12 +109,23 @@ class LevelSet:
                 lambda: size_from_feature(grid, phi, elements_across=1.0, progress=request.report)
             )
             bounds["feature size"] = width / request.across
-        return _on_grid(grid, phi, bounds, limits, request)
+        return _on_grid(grid, phi, bounds, limits, request, self.options)
 
 
 def mask_domain(mask: Mask, phi: FloatArray) -> LevelSet:
-    """Return the domain of the objects of an image, whose boundaries ripple with the pixels."""
-    return LevelSet(mask.grid, phi, _PIXELS_IN_SMALLEST, _CURVATURE_SMOOTHING, _IMAGE_CREASE_ANGLE)
+    """Return the domain of the objects of an image, whose boundaries ripple with the pixels.
+
+    The bounds from such boundaries are less accurate than fast marching.  In space, the exact
+    method takes longer than all other steps together.
+    """
+    return LevelSet(
+        mask.grid,
+        phi,
+        spacings_in_smallest=_PIXELS_IN_SMALLEST,
+        smoothing=_CURVATURE_SMOOTHING,
+        crease_angle=_IMAGE_CREASE_ANGLE,
+        options=_IN_SPACE if mask.grid.dim == 3 else None,
+    )
 
 
 def _inside(grid: CartesianGrid, phi: FloatArray) -> npt.NDArray[np.bool_]:
@@ -138,6 +153,7 @@ def _on_grid(
     bounds: dict[str, FloatArray],
     limits: tuple[float, float],
     request: Request,
+    options: Mapping[str, Any] | None = None,
 ) -> tuple[SizeFunction, SizeReport]:
     """Limit at the nodes inside and around the boundary.  Outside, take the nearest size."""
     from scipy import ndimage
@@ -148,7 +164,8 @@ def _on_grid(
     bounds |= request.external(grid)
     inner = grid.with_active(around)
     share = np.clip(0.5 - phi / float(grid.spacing.mean()), 0.0, 1.0)
-    h, report = limit_requested(inner, bounds, limits, request, share * nodal_measures(inner))
+    weights = share * nodal_measures(inner)
+    h, report = limit_requested(inner, bounds, limits, request, weights, options=options)
     nearest = ndimage.distance_transform_edt(
         ~around, sampling=grid.spacing, return_distances=False, return_indices=True
     )

@@ -79,7 +79,7 @@ def size_function_from_image(
 
     The mask is smoothed, and its signed distance is computed.  The distance gives the curvature
     of the boundary and the local feature size.  The smaller of the two sizes is limited on the
-    grid of the pixels.
+    grid of the pixels: exactly in 2-D, and by fast marching of second order in 3-D.
 
     Parameters
     ----------

@@ -10,8 +10,9 @@ import numpy as np
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
-from adaptsize.background.folds import Folds, are_among, folds_of
+from adaptsize.background.folds import Folds, folds_of
 from adaptsize.background.splitting import split_edges
+from adaptsize.background.topology import are_among
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request, bound_at_nodes, limit_requested
 from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
@@ -70,7 +71,7 @@ class SurfaceDomain:
             ends = size.values[mesh.edges].min(axis=1)
             long = mesh.edge_lengths > _EDGE_OVER_SIZE * ends
             if not long.any() or mesh.n_points + int(long.sum()) > max_nodes:
-                return _through_the_inside(size), report
+                return size, report
             split = split_edges(mesh, long)
             parents = mesh.edges[split.split_edges]
             bounds = _at_middles(bounds, parents, folds)
@@ -119,7 +120,7 @@ def _at_middles(
     return longer
 
 
-def _through_the_inside(size: SizeFunction) -> SizeFunction:
+def through_the_inside(size: SizeFunction) -> SizeFunction:
     """Return sizes on the surface lowered to the growth through the solid."""
     background = size.background
     return SizeFunction(background, size(background.points), g=size.g, hmax=size.hmax)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -116,6 +117,7 @@ def limit_bounds(
     hmax: float,
     weights: FloatArray | None = None,
     points: tuple[FloatArray, FloatArray] | None = None,
+    options: Mapping[str, Any] | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> tuple[FloatArray, SizeReport]:
     """Return the limited minimum of several bounds, and which of them controls what.
@@ -135,6 +137,8 @@ def limit_bounds(
     points : tuple of arrays, float64[k, dim] and float64[k], optional
         Positions and sizes of point sources.  The exact method applies them at their exact
         positions.  They count as the cause ``"sources"``, which must be one of ``bounds``.
+    options : mapping of str to object, optional
+        Options of `limit_gradient`, such as ``method``.  Not used with point sources.
     progress : callable, bool or None
         As in `limit_gradient`.
 
@@ -152,8 +156,8 @@ def limit_bounds(
     Notes
     -----
     Where the exact method applies, the sources of the sizes determine the causes.  Elsewhere the
-    bounds are limited separately, which costs one run per cause.  The limited size of a minimum
-    is the minimum of the limited sizes, so the cause with the smallest limited size controls.
+    bounds are limited separately by fast marching.  The limited size of a minimum is the minimum
+    of the limited sizes, so the cause with the smallest limited size controls.
 
     Examples
     --------
@@ -184,8 +188,9 @@ def limit_bounds(
         points = None  # on surfaces, point sources act at the nodes around them
     if points is not None:
         points = (points[0], np.clip(points[1], low, high))
+        options = {"point_sources": points}
     h, info = limit_gradient(
-        background, requested, g, full_output=True, progress=progress, point_sources=points
+        background, requested, g, full_output=True, progress=progress, **(options or {})
     )
     if info.sources is not None:
         roots = info.sources.roots().reshape(own.shape)
@@ -210,7 +215,8 @@ def _by_separate_runs(
 ) -> npt.NDArray[np.int8]:
     """Return the cause whose bounds alone give the smallest limited size at each node.
 
-    The cause of number ``constant`` prescribes the same size everywhere.
+    The cause of number ``constant`` prescribes the same size everywhere.  Fast marching is accurate
+    enough to distinguish the causes.
     """
     cause = np.full(own.shape, NONE, dtype=np.int8)
     best = np.full(own.shape, np.inf)
@@ -219,7 +225,7 @@ def _by_separate_runs(
         if k == constant:
             alone[...] = requested[own == k][0]
         else:
-            alone = limit_gradient(background, alone, g)
+            alone = limit_gradient(background, alone, g, method="fast-marching")
         better = alone < best
         cause[better], best[better] = k, alone[better]
     return cause

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -145,19 +145,19 @@ def as_request(
 ) -> Request:
     """Return a request after checking its values."""
     most = check_elements(elements, max_elements)
-    for name, value in (("hmin", hmin), ("hmax", hmax)):
-        if value is not None:
-            as_number(name, value, lower=0.0, strict=True)
+    # As floats: arrays that are filled with an integer would hold integers.
+    if hmin is not None:
+        hmin = as_number("hmin", hmin, lower=0.0, strict=True)
+    if hmax is not None:
+        hmax = as_number("hmax", hmax, lower=0.0, strict=True)
     if tolerance is not None:
-        as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True)
+        tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True)
     if hmin is not None and hmax is not None and hmin > hmax:
         raise ValueError(f"hmin must be at most hmax = {hmax:g}, got {hmin:g}")
-    for name, value in (
-        ("elements_per_radian", elements_per_radian),
-        ("elements_across", elements_across),
-    ):
-        if value is not None:
-            as_number(name, value, lower=0.0)
+    if elements_per_radian is not None:
+        elements_per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0)
+    if elements_across is not None:
+        elements_across = as_number("elements_across", elements_across, lower=0.0)
     request = Request(
         elements_per_radian,
         elements_across,
@@ -203,11 +203,13 @@ def limit_requested(
     request: Request,
     weights: FloatArray | None = None,
     *,
+    options: Mapping[str, Any] | None = None,
     with_tolerance: bool = False,
 ) -> tuple[FloatArray, SizeReport]:
     """Return the minimum of several bounds, limited as requested, and its report.
 
-    With ``with_tolerance``, the bound from curvature is within the tolerance.
+    ``options`` are those of `limit_gradient`.  With ``with_tolerance``, the bound from curvature is
+    within the tolerance.
     """
     h, report = limit_bounds(
         background,
@@ -217,6 +219,7 @@ def limit_requested(
         hmax=limits[1],
         weights=weights,
         points=request.points(background.dim),
+        options=options,
         progress=request.report,
     )
     return h, replace(

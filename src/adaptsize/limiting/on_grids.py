@@ -10,7 +10,6 @@ import numpy as np
 from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact import solve_exact
 from adaptsize.limiting.fast_marching_grid import solve_grid_marching
-from adaptsize.limiting.hamilton_jacobi import solve_hamilton_jacobi
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray
 
@@ -53,6 +52,8 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
 
 def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:
     """Run the Hamilton-Jacobi iteration from ``initial`` or from fast marching."""
+    from adaptsize.limiting.hamilton_jacobi import solve_hamilton_jacobi
+
     h0, slope, start = problem.h0, problem.slope, problem.initial
     # Needed even with a start: its inf mark the nodes that are not connected to any bound.
     marched = solve_grid_marching(grid, h0, slope, order=1, residual=False, report=problem.report).h

@@ -8,7 +8,6 @@ import numpy as np
 
 from adaptsize._kernels.edge_based import largest_edge_slope
 from adaptsize._kernels.simplex import fill_gradient_norms
-from adaptsize.limiting.barth_sethian import solve_positive_coefficient
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact import solve_exact
 from adaptsize.limiting.fast_marching import solve_fast_marching
@@ -59,6 +58,8 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
 
 def _iterate(mesh: SimplexMesh, problem: Problem) -> Solution:
     """Run the positive coefficient scheme from ``initial`` or from fast marching."""
+    from adaptsize.limiting.barth_sethian import solve_positive_coefficient
+
     h0, slope = problem.h0, problem.slope
     start = solve_fast_marching(mesh, h0, slope, residual=False, report=problem.report).h
     if problem.initial is not None:

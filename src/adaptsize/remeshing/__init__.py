@@ -9,6 +9,7 @@ from typing import Any
 
 _HOMES = {
     "remesh": "driver",
+    "read_cad": "cad",
     "available_backends": "registry",
     "register_backend": "registry",
     "Backend": "protocol",
@@ -35,6 +36,7 @@ __all__ = [
     "mesh_from_distance",
     "near_bodies",
     "open_boundary",
+    "read_cad",
     "register_backend",
     "remesh",
 ]

@@ -18,8 +18,8 @@ from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality import minimum_angles
-from adaptsize.remeshing import netgen
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
+from adaptsize.remeshing.first_volume import FirstVolume, first_volumes
 from adaptsize.remeshing.frame import Frame
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.open_surface import warn_of_surface
@@ -31,7 +31,7 @@ from adaptsize.remeshing.preparation import (
     repair_mesh,
 )
 from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Task
-from adaptsize.remeshing.registry import backend_named, choose_backend
+from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.restoration import restore
 from adaptsize.remeshing.sizing import (
     Size,
@@ -40,7 +40,6 @@ from adaptsize.remeshing.sizing import (
     known_points,
 )
 from adaptsize.remeshing.strict import remesh_strictly, routes
-from adaptsize.remeshing.surface import THINNEST, refine_surface
 from adaptsize.remeshing.tensors import as_metric_at, mean_size
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -269,12 +268,13 @@ class _Part:
     def with_size(self, size: Size | None, known: FloatArray) -> _Part:
         return replace(self, problem=replace(self.problem, size=size, size_nodes=known))
 
-    def within(self, volume: SimplexMesh, ridges: IntArray) -> _Part:
+    def within(self, volume: SimplexMesh, first: FirstVolume) -> _Part:
         """Return the problem to adapt tetrahedra that fill this surface."""
         old = self.problem
         part = _Part.of("tetrahedra", volume, None, old.tolerance / volume.diagonal)
         part = part.with_size(old.size, old.size_nodes)
-        return replace(part, problem=replace(part.problem, ridges=ridges))
+        changed = replace(part.problem, ridges=first.ridges, is_adapted=first.is_adapted)
+        return replace(part, problem=changed)
 
     def restored(self, raw: RawMesh, backend: str) -> SimplexMesh:
         return restore(raw, self.problem, self.facets, self.region_tags, backend)
@@ -289,14 +289,14 @@ def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, limit: float) -> 
     volumes = _first_volumes(part, run)
     while True:
         try:
-            volume, ridges = next(volumes)
+            volume, first = next(volumes)
         except StopIteration:
             break
         except BackendError:
             if best is None:
                 raise
             break
-        inner = part.within(volume, ridges)
+        inner = part.within(volume, first)
         _refuse_too_many(inner.problem, limit)
         new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
         angle = float(minimum_angles(new).min())
@@ -308,24 +308,11 @@ def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, limit: float) -> 
     return best
 
 
-def _first_volumes(part: _Part, run: IsolatedRunner) -> Iterator[tuple[SimplexMesh, IntArray]]:
-    """Yield tetrahedra in a surface, to carry the sizes, and the edges that must stay sharp.
-
-    Netgen keeps the surface as it is.  fTetWild fills every surface, with edges of its default
-    length, and without feature edges.
-    """
-    problem = part.problem
-    assert problem.size is not None
-    for thinnest in THINNEST:
-        surface, ridges = refine_surface(problem.mesh, problem.size, problem.tolerance, thinnest)
-        raw = netgen.fill(surface, run)
-        if raw is not None:
-            yield part.restored(raw, "netgen"), ridges
-            break
-    raw = backend_named("tetwild").solve(
-        replace(problem, size=None), replace(run, backend="tetwild")
-    )
-    yield part.restored(raw, "tetwild"), np.empty((0, 2), np.int32)
+def _first_volumes(part: _Part, run: IsolatedRunner) -> Iterator[tuple[SimplexMesh, FirstVolume]]:
+    """Yield tetrahedra in a surface, checked, and how they were made."""
+    assert part.problem.size is not None
+    for first in first_volumes(part.problem, part.problem.size, run):
+        yield part.restored(first.raw, first.generator), first
 
 
 def _refuse_too_many(problem: Problem, limit: float) -> None:

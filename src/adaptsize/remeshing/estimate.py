@@ -15,6 +15,8 @@ from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, mean_density
 from adaptsize.typing import FloatArray
 
 _COLUMNS = 40
+#: Sizes are evaluated at so many triangles of a surface for the lower bound.
+_MAX_SAMPLES = 5_000
 
 
 def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
@@ -58,14 +60,31 @@ def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
 def estimate_n_enclosed(surface: SimplexMesh, size: Size) -> float:
     """Return the estimated number of tetrahedra inside a surface at the requested sizes.
 
-    The interior is sampled along columns through the surface.  Holes in the surface reduce the
-    accuracy.  The result is at least the number of elements of the surface itself.
+    The result is at least the number of elements of the surface itself.
+    """
+    return max(estimate_n_inside(surface, size), _estimate_n_triangles(surface, size))
+
+
+def estimate_n_inside(surface: SimplexMesh, size: Size) -> float:
+    """Return the same from the interior alone.
+
+    It is sampled along columns through the surface.  Holes in the surface reduce the accuracy.
     """
     points, volume = _sample_inside(surface)
-    inside = 0.0
-    if len(points):
-        inside = ELEMENTS_PER_MEASURE[3] * volume * float((size(points) ** -3.0).mean())
-    return max(inside, estimate_n_cells(surface, size))
+    if len(points) == 0:
+        return 0.0
+    return ELEMENTS_PER_MEASURE[3] * volume * float((size(points) ** -3.0).mean())
+
+
+def _estimate_n_triangles(surface: SimplexMesh, size: Size) -> float:
+    """Return the estimated number of triangles, from an even sample if there are very many."""
+    step = surface.n_cells // _MAX_SAMPLES + 1
+    if step == 1:
+        return estimate_n_cells(surface, size)
+    nodes, local = np.unique(surface.cells[::step], return_inverse=True)
+    sample = SimplexMesh(surface.points[nodes], local.reshape(-1, 3))
+    share = sample.measures.sum() / surface.measures.sum()
+    return estimate_n_cells(sample, size) / float(share)
 
 
 def refuse_too_many(estimate: float, max_elements: float) -> None:

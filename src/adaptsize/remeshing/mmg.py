@@ -40,7 +40,7 @@ _ENTITIES = {
 }
 #: Ridge angle in degrees.  20 keeps the area of plane domains.  30 detects the shallow feature
 #: edges of parts, which Mmg's default of 45 rounds off, and not the facets of coarse surfaces.
-_RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
+RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 
 #: Mmg's ``hausd`` over the tolerance.  In space, on closed parts with sizes for the same tolerance,
 #: the measured distance was .2 to 1.1 times ``hausd``.  Mmg reduces larger sizes.  In the plane it
@@ -50,14 +50,19 @@ _TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 2.0, "MmgMeshS": 1.0}
 _OWN_GRADIENT = 0.25
 #: Upper limit of the gradation passed to Mmg.  A larger one has no effect.
 _STEEPEST = 3.0
-_NO_GRADATION = -1.0
 #: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
 #: new mesh.
 #: Mmg does not change edges within sqrt 2 of the requested length.  If this shifts the median,
 #: the next run requests sizes corrected by the same factor.  A first run on a coarse mesh shifts
 #: it more, which says nothing about the next.
-_GOOD_SHARE = 0.9
+_MAX_TURNS = 3
+#: With a metric, cells of the input are farther from the requested ones.
+_MAX_METRIC_TURNS = 6
+_NO_GRADATION = -1.0
+GOOD_SHARE = 0.9
 _LARGEST_FACTOR = 1.1
+#: From a first volume with a surface of the requested sizes, edges come out shorter by this factor.
+_FIRST_FACTOR = 1.06
 
 
 @dataclass(frozen=True)
@@ -76,15 +81,13 @@ class MmgBackend:
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the adapted mesh with its regions and groups of facets."""
-        from adaptsize.quality.conformity import is_in_band
-
         assert problem.size is not None
         n_regions = int(problem.regions.max()) + 1
         kind = _CLASSES[problem.task]
         options = {
             "class": kind,
             "hausd": _TOLERANCE_FACTOR[kind] * problem.tolerance,
-            "ridge_angle": _RIDGE_ANGLE[kind],
+            "ridge_angle": RIDGE_ANGLE[kind],
             "n_regions": n_regions,
             "n_groups": int(problem.facet_groups.max(initial=-1)) + 1,
             "required_groups": np.unique(problem.facet_groups[problem.required]).tolist(),
@@ -98,81 +101,57 @@ class MmgBackend:
             "facet_groups": problem.facet_groups,
             "ridges": problem.ridges,
         }
-        request: _Sizes | _Tensors = _Sizes(problem.size)
-        if problem.metric is not None:
-            request = _Tensors(problem.metric)
-        best, best_share, factor = made, -1.0, 1.0
-        for _ in range(request.max_turns):
-            values = request.at(made["points"], factor)
-            made = run(
-                "adaptsize.remeshing.mmg:adapt",
-                "adapting with Mmg",
-                {**made, "sizes": values},
-                options | {"hgrad": request.gradation(made, values)},
-            )
+        best, best_share = made, -1.0
+        factor = _FIRST_FACTOR if problem.is_adapted else 1.0
+        most = _MAX_TURNS if problem.metric is None else _MAX_METRIC_TURNS
+        for _ in range(most - int(problem.is_adapted)):
+            made = run_adapt(made, _requested(problem, made["points"], factor), options, run)
             if len(made["cells"]) == 0:
                 return _raw(made)
-            ratio = request.ratios(made)
-            share, median = float(is_in_band(ratio).mean()), float(np.median(ratio))
+            share, median = obedience(problem.size, made, problem.metric)
             if share > best_share:
                 best, best_share = made, share
-            if share >= _GOOD_SHARE:
+            if share >= GOOD_SHARE:
                 break
             if median > 0.0:  # Mmg may return coincident nodes
                 factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
         return _raw(best)
 
 
+def run_adapt(
+    made: Mapping[str, npt.NDArray[Any]],
+    sizes: FloatArray,
+    options: Mapping[str, Any],
+    run: Runner,
+    text: str = "adapting with Mmg",
+) -> dict[str, npt.NDArray[Any]]:
+    """Run `adapt` in a child process, with a gradation that leaves the sizes unchanged."""
+    hgrad = _NO_GRADATION
+    if sizes.ndim == 1:
+        gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
+        hgrad = float(np.exp(min(gradient, _STEEPEST)))
+    return run(
+        "adaptsize.remeshing.mmg:adapt",
+        text,
+        {**made, "sizes": sizes},
+        {**options, "hgrad": hgrad},
+    )
+
+
+def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
+    """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
+    from adaptsize.remeshing.tensors import upper_triangles
+
+    assert problem.size is not None
+    if problem.metric is None:
+        return factor * problem.size(points)
+    return upper_triangles(problem.metric(points).scaled(factor).matrices)
+
+
 def _raw(made: Mapping[str, npt.NDArray[Any]]) -> RawMesh:
     return RawMesh(
         made["points"], made["cells"], made["regions"], made["facets"], made["facet_groups"]
     )
-
-
-@dataclass(frozen=True)
-class _Sizes:
-    """Requested sizes that do not depend on the direction."""
-
-    size: Size
-    max_turns: int = 3
-
-    def at(self, points: FloatArray, factor: float) -> FloatArray:
-        """Return the sizes times a factor, float64[n, 1]."""
-        return np.asarray(factor * self.size(points)).reshape(-1, 1)
-
-    def gradation(self, made: Mapping[str, npt.NDArray[Any]], values: FloatArray) -> float:
-        """Return a gradation that leaves the sizes unchanged along all edges."""
-        edges, lengths = _edges(made)
-        rise = np.abs(values[edges[:, 0], 0] - values[edges[:, 1], 0])
-        steepest = float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
-        return float(np.exp(min(max(_OWN_GRADIENT, steepest), _STEEPEST)))
-
-    def ratios(self, made: Mapping[str, npt.NDArray[Any]]) -> FloatArray:
-        """Return the length of each edge over the requested one."""
-        edges, lengths = _edges(made)
-        return lengths / self.size(made["points"][edges].mean(axis=1))
-
-
-@dataclass(frozen=True)
-class _Tensors:
-    """A requested metric.  Each run reads it anew, at the nodes of the present mesh."""
-
-    metric: MetricAt
-    max_turns: int = 6
-
-    def at(self, points: FloatArray, factor: float) -> FloatArray:
-        """Return the upper triangles of the matrices, for sizes times a factor."""
-        from adaptsize.remeshing.tensors import upper_triangles
-
-        return upper_triangles(self.metric(points).scaled(factor).matrices)
-
-    def gradation(self, made: Mapping[str, npt.NDArray[Any]], values: FloatArray) -> float:
-        """Return what disables gradation."""
-        return _NO_GRADATION
-
-    def ratios(self, made: Mapping[str, npt.NDArray[Any]]) -> FloatArray:
-        """Return the length of each edge in the metric."""
-        return self.metric(made["points"]).edge_lengths(made["points"], _edges(made)[0])
 
 
 def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], FloatArray]:
@@ -183,6 +162,27 @@ def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], Floa
     return edges, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
 
 
+def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> float:
+    """Return the steepest slope of the sizes along an edge."""
+    edges, lengths = _edges(made)
+    rise = np.abs(sizes[edges[:, 0]] - sizes[edges[:, 1]])
+    return float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
+
+
+def obedience(
+    size: Size, made: Mapping[str, npt.NDArray[Any]], metric: MetricAt | None = None
+) -> tuple[float, float]:
+    """Return the share of edges within sqrt 2 of the requested length, and the median ratio."""
+    from adaptsize.quality.conformity import is_in_band
+
+    edges, lengths = _edges(made)
+    if metric is None:
+        ratio = lengths / size(made["points"][edges].mean(axis=1))
+    else:
+        ratio = metric(made["points"]).edge_lengths(made["points"], edges)
+    return float(is_in_band(ratio).mean()), float(np.median(ratio))
+
+
 def adapt(
     arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
 ) -> dict[str, npt.NDArray[Any]]:
@@ -190,8 +190,7 @@ def adapt(
 
     Parameters
     ----------
-    arrays : points, cells, regions, facets, facet_groups, ridges as in ``Problem``; sizes,
-        float64[n, 1], or upper triangles of metrics, float64[n, 3 or 6]
+    arrays : points, cells, regions, facets, facet_groups, sizes as in ``Problem``
     options : class, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
         required_groups, open_boundaries
 
@@ -225,7 +224,10 @@ def adapt(
         mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
     sizes = np.ascontiguousarray(arrays["sizes"])
-    mesh["metric" if sizes.shape[1] == 1 else "tensor"] = sizes
+    if sizes.ndim == 1:
+        mesh["metric"] = sizes.reshape(-1, 1)
+    else:
+        mesh["tensor"] = sizes
     settings = {"hausd": options["hausd"], "hgrad": options["hgrad"]}
     settings["verbose"] = 1 if options.get("verbose", False) else -1
     settings |= {"ar": options["ridge_angle"], "nosizreq": 1}
@@ -252,12 +254,14 @@ def _result(
         "regions": np.asarray(regions, np.int32) - 1,
         "facets": np.asarray(facets, np.int32)[known],
         "facet_groups": groups[known].astype(np.int32),
-        "ridges": _ridges(mesh) if cell_name == "tetrahedra" else np.empty((0, 2), np.int32),
+        "ridges": _ridges(mesh),
     }
 
 
 def _ridges(mesh: Any) -> npt.NDArray[np.int32]:
     """Return the edges that were passed as ridges, as they are divided now."""
+    if type(mesh).__name__ == "MmgMesh2D":
+        return np.empty((0, 2), np.int32)
     edges, references = mesh.get_edges_with_refs()
     kept = np.asarray(references) == _RIDGE
     return np.asarray(np.asarray(edges, np.int32).reshape(-1, 2)[kept])

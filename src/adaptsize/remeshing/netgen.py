@@ -49,7 +49,7 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
         The first points are those of the surface.  None if Netgen is not installed, the
         surface is not closed, or Netgen fails.
     """
-    if find_spec("netgen") is None or not _is_closed(surface):
+    if not can_fill(surface):
         return None
     seconds = _SECONDS + _SECONDS_PER_TRIANGLE * surface.n_cells
     deadline = time.monotonic() + _PATIENCE * seconds
@@ -65,6 +65,11 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
     except BackendError:
         return None
     return RawMesh(made["points"], made["cells"]) if _fills(made, surface) else None
+
+
+def can_fill(surface: SimplexMesh) -> bool:
+    """Whether Netgen is installed, and the surface is closed and oriented."""
+    return find_spec("netgen") is not None and _is_closed(surface)
 
 
 def _is_closed(surface: SimplexMesh) -> bool:

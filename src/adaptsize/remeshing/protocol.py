@@ -61,6 +61,8 @@ class Problem:
         Whether some of these facets lie inside one region.
     ridges : int32[n, 2]
         Edges of the boundary that must stay sharp, beside those that the generator detects.
+    is_adapted : bool
+        Whether the boundary of the mesh has the requested edge lengths already.
     """
 
     task: Task
@@ -75,6 +77,7 @@ class Problem:
     has_free_facets: bool = False
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     metric: MetricAt | None = None
+    is_adapted: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import pairs_of_cells
-from adaptsize.background.folds import are_among
+from adaptsize.background.topology import are_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Triangles that keep their height may turn by no more than the angle of this cosine.
@@ -105,8 +105,11 @@ def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:
     (c, p, q), (d, _, _) = (mesh.cells[cells[:, i, None], around[:, i]].T for i in (0, 1))
     before = _normals(mesh.points[mesh.cells])
     good = c != d
+    least = _heights(corners[cells].reshape(-1, 3, 3)).reshape(-1, 2).min(axis=1)
     for new in ((c, p, d), (c, d, q)):
-        normal = _normals(mesh.points[np.column_stack(new)])
+        flipped = mesh.points[np.column_stack(new)]
+        good &= _heights(flipped) > least  # otherwise the same edges would be flipped back
+        normal = _normals(flipped)
         for side in (0, 1):
             matters = _heights(corners[cells[:, side]]) >= height
             cosine = np.einsum("ij,ij->i", normal, before[cells[:, side]])

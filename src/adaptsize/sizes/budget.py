@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from adaptsize._checks import as_number, as_sizes, check_type
 from adaptsize.background import SimplexMesh
@@ -141,6 +140,7 @@ def scale_to(wanted: float, falling: Callable[[float], float], start: float) -> 
     float
         The point where ``falling`` leaves its bound if ``wanted`` is beyond it.
     """
+    from scipy.optimize import brentq  # slow to import
 
     def excess(exponent: float) -> float:
         value = falling(start * math.exp(exponent))

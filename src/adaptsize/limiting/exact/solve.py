@@ -14,8 +14,6 @@ from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, at_nodes, plane_of, with_corners
 from adaptsize.limiting.exact.problem import Problem
-from adaptsize.limiting.exact.space import solve_in_space
-from adaptsize.limiting.exact.space_sight import build_sight
 from adaptsize.limiting.exact.waves import Wave, node_wave
 from adaptsize.limiting.exact.work import along_curve, part_of
 from adaptsize.limiting.gradient_limit import Slope
@@ -134,6 +132,9 @@ def _node_sources(
 
 def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
     """Solve in a solid that is not convex."""
+    from adaptsize.limiting.exact.space import solve_in_space
+    from adaptsize.limiting.exact.space_sight import build_sight
+
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     nodes, steep = candidates_of(problem)
     sight = build_sight(mesh, boundary)
