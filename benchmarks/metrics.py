@@ -119,7 +119,7 @@ def main():
         for name in FIELDS:
             errors(mesh, name)
     sides = (((20, 2), (8, 3)), ((40, 2), (10, 3))) if options.quick else (
-        ((60, 2), (13, 3)), ((316, 2), (46, 3)))  # fmt: skip
+        ((40, 2), (9, 3)), ((316, 2), (46, 3)))  # fmt: skip
     accuracy = [[f"{dim}-D, {n**dim}", *row] for n, dim in sides[0]
                 for name in FIELDS for row in errors(square(n, dim), name)]  # fmt: skip
     speed = [row for n, dim in sides[1] for row in times(n, dim)]

@@ -7,7 +7,15 @@ density, is limited in physical space, and scaled to the number of triangles.  M
 mesh, boundary nodes are projected onto the arc, and mass, momentum and energy are transferred
 conservatively.
 
-TABLE
+| | isotropic | anisotropic |
+|---|---:|---:|
+| triangles | 11 991 | 2 899 |
+| thickness of the shock at y = 0.3 | 0.019 | 0.030 |
+| largest aspect ratio of a triangle | 2.5 | 31 |
+| largest Mach number | 2.01 | 2.00 |
+
+With a quarter of the triangles, the shock is 1.6 times as thick.  The imbalance reaches the
+tolerance of the solver on neither mesh within 400 and 600 steps.
 
 The thickness of the shock is the distance along y = 0.3 over which the density changes from 10 % to
 90 % of its jump.

@@ -87,8 +87,8 @@ def test_unknown_names_are_attribute_errors():
 
 
 SUBMODULES = [
-    "adaptation", "background", "domain_size", "errors", "geometry", "io", "limiting", "plot",
-    "quality", "remeshing", "sizes", "typing",
+    "adaptation", "background", "domain_size", "errors", "geometry", "io", "limiting", "metrics",
+    "plot", "quality", "remeshing", "sizes", "typing",
 ]  # fmt: skip
 
 

@@ -86,12 +86,17 @@ MAKE = {
     "SizeReport": a_size_report,
     "AdaptResult": an_adaptation,
     "Conformity": lambda: ads.size_conformity(tagged_square(), 0.2),
+    "Metric": lambda: ads.isotropic_metric([0.1, 0.2], 2),
+    "MetricFunction": lambda: ads.MetricFunction(
+        tagged_square(), ads.isotropic_metric(np.full(tagged_square().n_points, 0.1), 2)
+    ),
     "MeshSummary": lambda: summarize(tagged_square()),
     "PointSource": lambda: ads.PointSource([0.0, 0.0], 0.1),
 }  # fmt: skip
 WAYS = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "deepcopy": copy.deepcopy}
 READ_ONLY = (
-    ads.SimplexMesh, ads.CartesianGrid, ads.Octree, ads.background.Image, ads.geometry.MedialAxis
+    ads.SimplexMesh, ads.CartesianGrid, ads.Octree, ads.background.Image,
+    ads.geometry.MedialAxis, ads.Metric,
 )  # fmt: skip
 
 

@@ -45,9 +45,9 @@ CONTENTS = {
     "Tutorials": ["tutorials/coast", "tutorials/seismic"],
     "Examples": ["gallery/index"],
     "Methods": [
-        "limiting", "exact-limiting", "octrees", "distance", "medial-axis", "feature-size",
-        "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
-        "adaptive-loops", "anisotropic-meshes",
+        "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",
+        "medial-axis", "feature-size", "sizes", "complete-size", "images", "remeshing", "smoothing",
+        "adaptation", "adaptive-loops",
     ],
     "Reference": [
         "api", FUNCTIONS, "command-line", "files", "solvers", "glossary", "promises",

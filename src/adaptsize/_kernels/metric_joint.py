@@ -46,7 +46,7 @@ _CENTRE = 3
 _ITERATIONS = 60
 # Share to which mu falls after a full step and after a short one, and factors of steps that would
 # leave the domain.  With less, iterates come too near to the boundary to move.
-_FALL = 0.05
+_FALL = 0.1
 _FALL_NEAR = 0.6
 _SHORTER = 0.95
 _SHORT = 0.99

@@ -146,7 +146,7 @@ def _most_excessive(axes, x, v, sources, g, scratch):
         if b >= n_leaves:
             for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
                 more = g * _distance(axes, x, v, sources.x, k)
-                value = excess(axes, sources.h[k], sources.r[k], more, s, n, row)
+                value = excess(axes, sources.h[k], sources.r[k], more, s, n, row, best)
                 if value > best and dim == 3:
                     value = extremes(axes, sources.h[k], sources.r[k], more, s, n)[1]
                 if value > best:
@@ -155,13 +155,13 @@ def _most_excessive(axes, x, v, sources, g, scratch):
         near, far = 2 * b, 2 * b + 1
         at_near = excess(
             axes, sources.box_h[near], sources.box_r[near],
-            g * _distance_to_box(axes, boxes, near, x, v), s, n, row,
+            g * _distance_to_box(axes, boxes, near, x, v), s, n, row, best,
         )  # fmt: skip
         at_far = 0.0
         if boxes[far, 0] < math.inf:
             at_far = excess(
                 axes, sources.box_h[far], sources.box_r[far],
-                g * _distance_to_box(axes, boxes, far, x, v), s, n, row,
+                g * _distance_to_box(axes, boxes, far, x, v), s, n, row, best,
             )  # fmt: skip
         if at_far > at_near:
             near, far, at_near, at_far = far, near, at_far, at_near

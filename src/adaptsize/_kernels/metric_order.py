@@ -9,32 +9,45 @@ import math
 from adaptsize._kernels.compiling import lean
 from adaptsize._kernels.metrics import column_norm, rotate_columns
 
-# Bound of the share by which the formula for the eigenvalues of matrices of size 3 is wrong where
-# two of them are equal.
-_LOOSE = 1.0 + 1e-7
-
 
 @lean
-def _top_eigenvalue(axes, n):
-    """Return a bound of the largest eigenvalue of a symmetric matrix, exact to 1e-7."""
+def _bound_of_eigenvalues(axes, n, limit):
+    """Return at least the largest eigenvalue of a symmetric matrix; at most ``limit`` if that is.
+
+    n: the upper triangle, In/Out.  In the plane the result is the eigenvalue itself.
+    """
     dim = len(axes)
     if dim == 1:
         return n[0, 0]
     if dim == 2:
         half = 0.5 * (n[0, 0] - n[1, 1])
         return 0.5 * (n[0, 0] + n[1, 1]) + math.sqrt(half * half + n[0, 1] * n[0, 1])
-    # The trigonometric solution of the cubic equation.
+    # The largest of three numbers is their mean plus one or two times p, or between.
     mean = (n[0, 0] + n[1, 1] + n[2, 2]) / 3.0
-    off = n[0, 1] * n[0, 1] + n[0, 2] * n[0, 2] + n[1, 2] * n[1, 2]
-    a, b, c = n[0, 0] - mean, n[1, 1] - mean, n[2, 2] - mean
-    p = math.sqrt((a * a + b * b + c * c + 2.0 * off) / 6.0)
-    if not p > 0.0:
-        return _LOOSE * mean
-    a, b, c = a / p, b / p, c / p
-    d, e, f = n[0, 1] / p, n[0, 2] / p, n[1, 2] / p
-    half = 0.5 * (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e))
-    angle = math.acos(min(max(half, -1.0), 1.0)) / 3.0
-    return _LOOSE * (mean + 2.0 * p * math.cos(angle))
+    square = (n[0, 0] - mean) ** 2 + (n[1, 1] - mean) ** 2 + (n[2, 2] - mean) ** 2
+    square += 2.0 * (n[0, 1] * n[0, 1] + n[0, 2] * n[0, 2] + n[1, 2] * n[1, 2])
+    p = math.sqrt(square / 6.0)
+    if mean + 2.0 * p <= limit or mean + p > limit:
+        return mean + 2.0 * p
+    for i in range(dim):
+        for j in range(i, dim):
+            n[i, j] = -n[i, j]
+        n[i, i] += limit
+    return limit if _is_definite(axes, n) else mean + 2.0 * p
+
+
+@lean
+def _is_definite(axes, n):
+    """Return whether a symmetric matrix is positive definite; n: the upper triangle, In/Out."""
+    dim = len(axes)
+    for j in range(dim):  # Gauss' elimination
+        if not n[j, j] > 0.0:
+            return False
+        for i in range(j + 1, dim):
+            share = n[j, i] / n[j, j]
+            for k in range(i, dim):
+                n[i, k] -= share * n[j, k]
+    return True
 
 
 @lean
@@ -60,26 +73,21 @@ def fill_relative(axes, h, r, more, s, n, row):
 
 
 @lean
-def excess(axes, h, r, more, s, n, row):
-    """Return the excess of a metric whose sizes are increased by ``more``, or slightly more."""
+def excess(axes, h, r, more, s, n, row, limit):
+    """Return at least the largest eigenvalue of S^T M S; at most ``limit`` if that is.
+
+    The sizes of M are those of h increased by ``more``.
+    """
     fill_relative(axes, h, r, more, s, n, row)
-    return _top_eigenvalue(axes, n)
+    return _bound_of_eigenvalues(axes, n, limit)
 
 
 @lean
 def is_above(axes, n):
     """Return whether all eigenvalues of a symmetric matrix exceed 1; n: In/Out, upper triangle."""
-    dim = len(axes)
-    for i in range(dim):
+    for i in range(len(axes)):
         n[i, i] -= 1.0
-    for j in range(dim):  # Gauss' elimination
-        if not n[j, j] > 0.0:
-            return False
-        for i in range(j + 1, dim):
-            share = n[j, i] / n[j, j]
-            for k in range(i, dim):
-                n[i, k] -= share * n[j, k]
-    return True
+    return _is_definite(axes, n)
 
 
 @lean

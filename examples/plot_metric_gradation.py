@@ -1,0 +1,113 @@
+"""Anisotropic sizes: the metrics of two points, before and after gradient limiting.
+
+A metric is drawn as its ellipse: an edge from the centre to the outline has the requested length.
+Two points request flat ellipses in different directions.  `limit_metric` lets all of
+their sizes grow by g = 0.25 per length, so that the ellipses become larger and rounder with the
+distance, and intersects them where both are active.
+
+    python examples/plot_metric_gradation.py [DIRECTORY]
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from _gallery import jittered_rectangle, node_at, run
+
+import adaptsize as ads
+from adaptsize.metrics import Metric
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+G = 0.25
+POINTS = ((0.6, 0.5), (2.4, 0.9))
+ANGLES = (70.0, -20.0)
+SIZES = ((0.02, 0.5), (0.03, 0.3))
+#: Ellipses are drawn at this share of the requested lengths, so that they do not overlap.
+SCALE = 0.3
+
+
+def main(output_dir: Path, *, n_side: int = 121, width: int = 1040) -> dict[str, float]:
+    mesh = jittered_rectangle((0.0, 0.0), (3.0, 1.4), n_side)
+    bound = requested(mesh)
+    limited, info = ads.limit_metric(mesh, bound, G, full_output=True)
+
+    path = output_dir / "metric_gradation.png"
+    draw(path, mesh, bound, limited, info.n_active, width)
+    return {
+        "smallest size": float(limited.sizes.min()),
+        "largest aspect ratio": float(limited.aspect_ratio.max()),
+        "nodes with both": int((info.n_active == 2).sum()),
+        "elements": ads.metrics.predicted_simplices(mesh, limited),
+    }
+
+
+def requested(mesh: ads.SimplexMesh) -> Metric:
+    """Return the metric of the two points; there is no bound elsewhere."""
+    sizes = np.full((mesh.n_points, 2), np.inf)
+    directions = np.tile(np.eye(2), (mesh.n_points, 1, 1))
+    for place, angle, size in zip(POINTS, np.deg2rad(ANGLES), SIZES, strict=True):
+        node = node_at(mesh, place)
+        c, s = np.cos(angle), np.sin(angle)
+        sizes[node], directions[node] = size, [[s, c], [-c, s]]  # the short size is across
+    return Metric(sizes, directions)
+
+
+def draw(
+    path: Path,
+    mesh: ads.SimplexMesh,
+    bound: Metric,
+    limited: Metric,
+    active: npt.NDArray[np.int32],
+    width: int,
+) -> None:
+    """Draw the requested ellipses, and the limited ones over the map of the aspect ratio."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (before, after) = plt.subplots(2, 1, figsize=(8.0, 7.6), layout="constrained")
+    before.set_title(f"requested: two points, no bound elsewhere (drawn at {SCALE:g} of the size)")
+    some = np.array([node_at(mesh, place) for place in POINTS])
+    ellipses(before, mesh.points[some], bound[some], "C3")
+    before.plot(*mesh.points[some].T, "k.", markersize=3)
+
+    after.set_title(f"limited with g = {G:g}; left of the dashed line both points are active")
+    filled = after.tripcolor(
+        *mesh.points.T, mesh.cells, limited.aspect_ratio, shading="gouraud", cmap="YlGnBu",
+        norm=mpl.colors.LogNorm(1.0, limited.aspect_ratio.max()),
+    )  # fmt: skip
+    figure.colorbar(filled, ax=after, label="aspect ratio", format="%g", ticks=[1, 2, 5, 10, 20])
+    x, y = np.meshgrid(np.linspace(0.15, 2.85, 10), np.linspace(0.12, 1.28, 5))
+    chosen = {node_at(mesh, place) for place in zip(x.ravel(), y.ravel(), strict=True)}
+    grid = np.array(sorted(chosen))
+    ellipses(after, mesh.points[grid], limited[grid], "k")
+    ellipses(after, mesh.points[some], limited[some], "C3")
+    after.tricontour(
+        *mesh.points.T, mesh.cells, (active == 2).astype(float), [0.5], colors="k",
+        linestyles="--", linewidths=0.8,
+    )  # fmt: skip
+    for axes in (before, after):
+        axes.set(aspect="equal", xlim=(0.0, 3.0), ylim=(0.0, 1.4), xlabel="x", ylabel="y")
+    figure.savefig(path, dpi=width / 8.0)
+    plt.close(figure)
+
+
+def ellipses(axes: Axes, centres: npt.NDArray[np.float64], metric: Metric, colour: str) -> None:
+    """Draw the ellipse of the metric of each point."""
+    from matplotlib.patches import Ellipse
+
+    for centre, size, directions in zip(centres, metric.sizes, metric.directions, strict=True):
+        angle = np.rad2deg(np.arctan2(directions[1, 0], directions[0, 0]))
+        axes.add_patch(
+            Ellipse(centre, *(2.0 * SCALE * size), angle=angle, fill=False, color=colour, lw=1.0)
+        )
+
+
+if __name__ == "__main__":
+    run(main)
