@@ -131,8 +131,9 @@ def test_two_fields_give_the_intersection():
         "u": np.tanh(20.0 * (MESH.points[:, 0] - 1.2)),
         "v": np.tanh(20.0 * (MESH.points[:, 1] - 0.5)),
     }
-    result = adapt(MESH, anisotropic=["u", "v"], fields=fields, target_elements=3000, hmax=0.3)
-    one = adapt(MESH, anisotropic="u", fields=fields, target_elements=3000, hmax=0.3)
+    limits = {"fields": fields, "target_elements": 3000, "hmax": 0.3, "g": 0.25}
+    result = adapt(MESH, anisotropic=["u", "v"], **limits)
+    one = adapt(MESH, anisotropic="u", **limits)
     # Where the layers cross, both directions are short.
     crossing = [[1.2, 0.5]]
     assert result.metric(crossing).aspect_ratio[0] < 2.0
