@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: lint test test-nojit test-bounds lowest attack docs gallery examples bench dist clean
+.PHONY: lint test test-nojit test-bounds lowest attack docs gallery examples bench dolfinx dist clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -46,6 +46,13 @@ gallery:
 
 examples:
 	set -e; for script in examples/*.py; do [ -e "$$script" ] || continue; $(PYTHON) "$$script"; done
+
+# In an environment of its own, with DOLFINx and PETSc from the wheel dolfinx-solver-real:
+#   python3.12 -m venv .dolfinx && .dolfinx/bin/pip install -e ".[mmg]" dolfinx-solver-real pytest \
+#       pytest-timeout hypothesis
+DOLFINX_PYTHON ?= .dolfinx/bin/python
+dolfinx:
+	PATH="$(dir $(abspath $(DOLFINX_PYTHON))):$$PATH" $(DOLFINX_PYTHON) -m pytest tests/dolfinx
 
 bench:
 	$(PYTHON) benchmarks/limiting.py

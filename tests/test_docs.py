@@ -53,6 +53,7 @@ COARSER = {
         ("0.5)\nb =", "4.0)\nb ="),
         ("h_shore = 1.0", "h_shore = 8.0"),
     ],
+    "docs/tutorials/vessels.md": [("hmin=0.5", "hmin=1.5")],
     "docs/tutorials/seismic.md": [("per_wavelength = 5.0, 5.0", "per_wavelength = 2.0, 4.0")],
 }  # fmt: skip
 BLOCK = re.compile(

@@ -24,6 +24,8 @@ OPTIONAL = (
     "tifffile",
     "nibabel",
     "nrrd",
+    "mpi4py",
+    "pymetis",
     "rich",
     "typer",
 )
@@ -87,8 +89,8 @@ def test_unknown_names_are_attribute_errors():
 
 
 SUBMODULES = [
-    "adaptation", "background", "domain_size", "errors", "geometry", "io", "limiting", "metrics",
-    "plot", "quality", "remeshing", "sizes", "typing",
+    "adaptation", "background", "bridges", "distributed", "domain_size", "errors", "geometry",
+    "io", "limiting", "metrics", "plot", "quality", "remeshing", "reporting", "sizes", "typing",
 ]  # fmt: skip
 
 
@@ -105,7 +107,7 @@ def test_every_public_submodule_is_listed():
     assert set(SUBMODULES) <= set(dir(adaptsize))
 
 
-@pytest.mark.parametrize("module", ["adaptsize", "adaptsize.remeshing"])
+@pytest.mark.parametrize("module", ["adaptsize", "adaptsize.geometry", "adaptsize.remeshing"])
 def test_dir_lists_public_names_and_no_tools(module):
     names = dir(importlib.import_module(module))
     assert not {"Any", "import_module"} & set(names)

@@ -42,7 +42,7 @@ CONTENTS = {
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
         "how-to/export",
     ],
-    "Tutorials": ["tutorials/coast", "tutorials/seismic"],
+    "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
     "Examples": ["gallery/index"],
     "Methods": [
         "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",

@@ -80,6 +80,7 @@ _SUBMODULES = (
     "plot",
     "quality",
     "remeshing",
+    "reporting",
     "sizes",
     "typing",
 )

@@ -81,6 +81,8 @@ def kind_for(subject: Subject, rng: np.random.Generator) -> str:
     everything = [*MESHES, *GRIDS, *TREES]
     if subject.owner == "SimplexMesh":
         everything = list(MESHES)
+    if subject.owner == "SignedDistance":
+        everything = [PLANE, SOLID]
     if subject.owner == "FieldTransfer":
         everything = [PLANE, SOLID]
     if subject.owner == "CartesianGrid":
@@ -96,6 +98,8 @@ def owner_of(subject: Subject, world: World) -> Any:
         return ads.SizeFunction(world.background, world.nodal())
     if subject.owner == "FieldTransfer":
         return ads.FieldTransfer(world.background, world.other)
+    if subject.owner == "SignedDistance":
+        return ads.geometry.SignedDistance(world.boundary)
     if subject.owner == "Metric":
         return _metric("", "", world)
     if subject.owner == "PartitionedMesh":
@@ -230,6 +234,7 @@ _MAKERS: dict[str, Callable[[str, str, World], Any]] = {
     "AnyBackground": _mesh,
     "LocatableBackground": _mesh,
     "Domain": _domain,
+    "_Outline": _mesh,
     "_Boundary": lambda name, part, world: world.distance,
     "DistanceFunction": lambda name, part, world: world.distance,
     "Implicit": lambda name, part, world: world.distance,

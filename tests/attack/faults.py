@@ -27,6 +27,8 @@ from .world import any_background, make
 _MARK = "ADAPTSIZE_ATTACK"
 _BEFORE = b"the file that was here before"
 _LONGEST = 1000
+#: Seconds after which a program counts as hanging; many times what it takes on a busy machine.
+_PATIENCE = 900.0
 
 
 def run(rng: np.random.Generator, folder: Path) -> str:
@@ -57,7 +59,7 @@ class Program:
             **options,
         )
 
-    def finish(self, seconds: float = 240.0) -> tuple[int, str]:
+    def finish(self, seconds: float = _PATIENCE) -> tuple[int, str]:
         """Wait for the end; return the exit code and what was printed to standard error."""
         try:
             errors = self.process.communicate(timeout=seconds)[1]
@@ -242,7 +244,7 @@ def _damaged_cache(rng: np.random.Generator, folder: Path) -> str:
                 data = data[: 0 if damage == "empty" else cut]
             path.write_bytes(data)
     program = Program(folder, job.command, environment={"NUMBA_CACHE_DIR": str(cache)})
-    code, errors = program.finish(350.0)
+    code, errors = program.finish()
     what = f"{len(files)} files, {job.command[2]}, exit {code}"
     try:
         _check_errors(errors)
@@ -290,7 +292,7 @@ def _bad_generator(rng: np.random.Generator, folder: Path) -> str:
     paths = [str(root), str(root / "tests" / "support"), *filter(None, sys.path)]
     environment = {"PYTHONPATH": os.pathsep.join(paths)}
     program = Program(folder, ["-c", code], environment=environment)
-    program.process.wait(120.0)
+    program.process.wait(_PATIENCE)
     printed = (program.process.stdout or open(os.devnull, "rb")).read().decode()  # noqa: SIM115
     exit_code, errors = program.finish()
     if exit_code != 0:

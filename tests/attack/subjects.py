@@ -57,10 +57,9 @@ def _of(name: str, thing: Any) -> Iterator[Subject]:
     if not inspect.isclass(thing):
         yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
         return
-    if not _is_record(thing):
-        yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
-    elif not any(isinstance(raw, classmethod) for raw in vars(thing).values()):
+    if _is_record(thing):
         return
+    yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
     for method, raw in vars(thing).items():
         is_public = not method.startswith("_") or method == "__call__"
         if not is_public or method in LEFT_OUT:
@@ -79,4 +78,6 @@ def _is_record(thing: type) -> bool:
     if issubclass(thing, tuple):
         return True
     parameters = getattr(thing, "__dataclass_params__", None)
-    return parameters is not None and parameters.init and not hasattr(thing, "__post_init__")
+    if parameters is None or hasattr(thing, "__post_init__"):
+        return False
+    return bool(thing.__init__.__code__.co_filename == "<string>")  # written by dataclass

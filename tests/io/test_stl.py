@@ -36,7 +36,7 @@ def test_stl_points_that_are_merely_close_stay_apart(tmp_path):
     file.write_text(ASCII_STL.replace("vertex 1.0e0 1 1", f"vertex {1 + 2e-16!r} 1 1"))
     assert read(file).n_points == 5
     corners = np.zeros((2, 3, 3), np.float32)
-    corners[:, 1, 0] = [one, np.nextafter(one, 2 * one)]
+    corners[:, 1, 0] = [one, np.nextafter(one, np.float32(2))]
     corners[:, 2, 1] = 1
     file.write_bytes(binary_stl(corners))
     assert read(file, flatten=False).n_points == 4

@@ -1,4 +1,8 @@
-"""Each kernel is compiled once in a typical session: its arguments always have the same types."""
+"""Each kernel is compiled once in a typical session: its arguments always have the same types.
+
+Of kernels that come from the cache, those that Python calls are compared; with an empty cache
+(NUMBA_CACHE_DIR) also all that they call.
+"""
 
 import json
 import os
@@ -71,7 +75,7 @@ def test_each_kernel_is_compiled_once():
         text=True,
     )
     found = json.loads(done.stdout.splitlines()[-1])
-    assert len([name for name, types in found.items() if types]) > 50
+    assert len([name for name, types in found.items() if types]) > 30
     for name, signatures in found.items():
         kinds = {tuple(VARIANTS.get(kind, kind) for kind in types) for types in signatures}
         assert len(kinds) <= 1 or name in ALLOWED, f"{name} is compiled for {sorted(kinds)}"

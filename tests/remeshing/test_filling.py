@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import SimplexMesh, remesh, size_conformity, size_function
-from adaptsize.errors import BackendError, OpenSurfaceWarning
+from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
 from adaptsize.quality import minimum_angles
-from adaptsize.remeshing import driver, first_volume, netgen, slivers
+from adaptsize.remeshing import driver, first_volume, mmg, netgen, slivers
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.mmg_surface import adapt_surface
@@ -218,15 +218,36 @@ def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_f
     assert np.median(made[0].edge_lengths) == pytest.approx(size, rel=0.3)
     assert adapted == [True]
 
-    def failing(*_):
-        raise BackendError("mmg failed")
-
-    monkeypatch.setattr(first_volume, "adapt_surface", failing)
+    monkeypatch.setattr(first_volume, "adapt_surface", fail)
     new = remesh(surface, 0.1)
     assert len(made) == 2
     assert made[1].edge_lengths.max() > 1.5 * size
     assert adapted == [True, False]
     assert_allclose(new.measures.sum(), enclosed(surface), rtol=0.01)
+
+
+def test_a_failure_of_mmg_leaves_the_tetrahedra_that_fill_the_adapted_surface(monkeypatch):
+    monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(mmg, "run_adapt", fail)
+        with pytest.warns(ResolutionWarning, match=r"not adapted to the sizes inside: mmg failed"):
+            new = remesh(cylinder(16), 0.1)
+    assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
+    assert np.median(new.boundary().mesh.edge_lengths) == pytest.approx(0.1, rel=0.3)
+
+
+def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
+    pytest.importorskip("resource", reason="the system has no limit of processor time")
+    monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
+    monkeypatch.setattr(driver, "_SECONDS", 0.0)
+    monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-5)
+    with pytest.warns(ResolutionWarning, match="SIGXCPU"):
+        new = remesh(cylinder(16), 0.025)
+    assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
+
+
+def fail(*_):
+    raise BackendError("mmg failed")
 
 
 def test_caps_are_not_flipped_to_and_fro():

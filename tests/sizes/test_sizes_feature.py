@@ -240,3 +240,12 @@ def test_hmin_and_hmax():
 def test_options_without_effect_are_refused(arguments, options, message):
     with pytest.raises(ValueError, match=message):
         size_from_feature(*arguments, **options)
+
+
+@pytest.mark.parametrize("angle", [[np.inf, -np.inf], 200.0])
+def test_a_bad_corner_angle_is_refused_for_all_methods(angle):
+    def distance(x):
+        return np.linalg.norm(x, axis=1) - 30.0
+
+    with pytest.raises(ValueError, match="corner_angle must be"):
+        size_from_feature(jittered_cube(3, 842), distance, corner_angle=angle)

@@ -6,6 +6,8 @@ Kernels that only other kernels call do without.  numba also optimises each func
 it to machine code before it becomes part of its callers, where that is done again.  Functions that
 only kernels call do without this, too, which saves an eighth of the time.
 
+All that is done here is for the time of the first call.  Results do not depend on it.
+
 numba compiles a cached function again when its own file changes, but not when the file of a
 function changes that it calls, whose code it contains.  So the cached functions of this package
 get the state of all its files as their stamp.
@@ -23,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba import version_info as numba_version
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
@@ -93,10 +96,25 @@ def _few_of(full: Any) -> Any:
     return few
 
 
+class _OptimisedOnce(JITCodeLibrary):
+    """The code of a lean kernel; numba optimises twice, to remove the counting of references."""
+
+    def _optimize_final_module(self) -> None:
+        try:
+            manager, builder = self._codegen._module_pass_manager()
+        except (AttributeError, TypeError):  # not public: other versions have it otherwise
+            super()._optimize_final_module()
+        else:
+            manager.run(self._final_module, builder)
+
+
 class _LeanCompiler(Compiler):
     """numba's compiler for lean kernels."""
 
     def define_pipelines(self) -> list[Any]:
+        state = self.state
+        state.library = _OptimisedOnce(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
         return [_few_of(full) for full in super().define_pipelines()]
 
 
@@ -195,13 +213,17 @@ def _cached(**options: Any) -> Callable[[Any], Any]:
     return decorate
 
 
-# These are not public in numba: without them functions are compiled as usual.
+# What follows is not public in numba: without it, and with versions later than the last one that
+# was tried, functions are compiled as usual, which takes longer.
+_LAST_TRIED = (0, 68)
 _PRIVATE = ["_optimize_functions", "_optimize_final_module", "_finalize_final_module"]
 _PRIVATE += ["_finalize_dynamic_globals", "_ensure_finalized"]
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True}
-_LEAN: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "pipeline_class": _LeanCompiler}
+_LEAN: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}
 _LEAN_INNER = {**_LEAN, **_INNER}
-if all(hasattr(JITCodeLibrary, name) for name in _PRIVATE):
+_is_known = numba_version[:2] <= _LAST_TRIED
+if _is_known and all(hasattr(JITCodeLibrary, name) for name in _PRIVATE):
+    _LEAN["pipeline_class"] = _LeanCompiler
     _INNER.update(cache=False, pipeline_class=_InnerCompiler)
     _LEAN_INNER.update(cache=False, pipeline_class=_LeanInnerCompiler)
 

@@ -25,6 +25,7 @@ def march_edges(
     place,
     size,
     keep,
+    until,
     max_pops,
 ):
     """Do as `march`, but along edges only: shortest paths in the graph of the mesh.
@@ -32,7 +33,7 @@ def march_edges(
     Parameters and result as for `march`.
     """
     pops = 0
-    while size[0] > 0 and pops < max_pops:
+    while size[0] > 0 and key[0] <= until and pops < max_pops:
         j = pop(key, node, place, size)
         pops += 1
         for entry in range(star_ptr[j], star_ptr[j + 1]):

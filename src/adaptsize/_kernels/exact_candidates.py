@@ -86,7 +86,7 @@ def any_edge_exceeds(points, axes, cells, h, g):
 
 
 @lean_kernel
-def mark_steep(points, axes, cells, h0, g, linear, steep, candidate):
+def mark_steep(points, axes, cells, h0, g, linear, margin, steep, candidate):
     """Mark steep cells and the nodes that may be sources.
 
     A node may be one if it has a bound, a steep cell, and no neighbour in a steep cell that
@@ -101,6 +101,8 @@ def mark_steep(points, axes, cells, h0, g, linear, steep, candidate):
     g : float64
     linear : bool
         Whether bounds count as linear on cells; if not, gentle cells are no better than others.
+    margin : float
+        A node is dominated if a neighbour allows less than its bound by more than this.
     steep : bool[m]
         Out: steep cells with two bounds or more.
     candidate : bool[n]
@@ -137,7 +139,7 @@ def mark_steep(points, axes, cells, h0, g, linear, steep, candidate):
             i = np.int64(cells[c, v])
             for w in range(v):
                 j = np.int64(cells[c, w])
-                away = g * distance(points, axes, i, j)
+                away = g * distance(points, axes, i, j) + margin
                 if h0[i] + away < h0[j]:
                     candidate[j] = False
                 elif h0[j] + away < h0[i]:

@@ -153,14 +153,13 @@ def _lay(ways, w, m, g, faces, stars, block):
         chain[n] = ways.edge[last]
         last = np.int64(ways.parent[last])
     base = np.int64(ways.base[w])
-    _put_base(ways.bases, base, n, m, g, faces, block)
-    if ways.skew[w]:
-        for k in range(m):
+    for times in range(2):  # LLVM copies callees for each call
+        if times == 0 or (ways.skew[w] and ways.bases.counts[base] > 1):
+            _put_base(ways.bases, base, n, m, g, faces, block)
+        for k in range(m if times == 0 and ways.skew[w] else 0):
             i = active[k]
             longest = (block.sizes[i] - starts[i]) / g if g > 0.0 else math.inf
             straighten(edges, chain, feet, block.work, n, i, longest)
-        if ways.bases.counts[base] > 1:
-            _put_base(ways.bases, base, n, m, g, faces, block)
     for k in range(m):
         i = active[k]
         block.values[i] = starts[i] + g * length_from(feet, n + 1, i)
@@ -204,14 +203,17 @@ def _without_unseen(ways, w, n, m, sight, block):
     Returns the number of points left.
     """
     feet, active = block.feet, block.active
-    last, zero = w, np.int64(0)
-    m = without_leaving(sight.stars, block.support, feet, n + 1, n, active, m)
+    # Calls stand in loops, since LLVM copies the callee for each of them.
+    nodes, first, last, way = block.support, n + 1, n, w
+    for _ in range(2):  # at the base, and at the points
+        m = without_leaving(sight.stars, nodes, feet, first, last, active, m)
+        nodes, first, last = block.nodes, np.int64(0), np.int64(1)
     for level in range(1, n + 1):
-        e = np.int64(ways.edge[last])
-        m = _without_edge_leaving(ways.edges, e, feet, level, level - 1, active, m)
-        m = _without_edge_leaving(ways.edges, e, feet, level, level + 1, active, m)
-        last = np.int64(ways.parent[last])
-    m = without_leaving(sight.stars, block.nodes, feet, zero, zero + 1, active, m)
+        for step in range(-1, 2, 2):
+            m = _without_edge_leaving(
+                ways.edges, ways.edge[way], feet, level, level + step, active, m
+            )
+        way = np.int64(ways.parent[way])
     for level in range(n + 1):
         m = without_hidden(
             sight.walls,
@@ -365,17 +367,15 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
             size -= 1
             b = stack[size]
             if b < choice.n_leaves:
-                near, far = 2 * b, 2 * b + 1
-                at_near = _promise(choice.boxes, near, block.feet[0], block.sizes, count, g)
-                at_far = _promise(choice.boxes, far, block.feet[0], block.sizes, count, g)
-                if at_far > at_near:
-                    near, far = far, near
-                    at_near, at_far = at_far, at_near
-                if at_far > 0:
-                    stack[size] = far
-                    size += 1
-                if at_near > 0:
-                    stack[size] = near
+                at_near = 0
+                for child in range(2 * b, 2 * b + 2):
+                    promise = _promise(choice.boxes, child, block.feet[0], block.sizes, count, g)
+                    if promise == 0:
+                        continue
+                    stack[size] = child
+                    if 0 < promise <= at_near:  # the more promising one goes on top
+                        stack[size - 1], stack[size] = child, child - 1
+                    at_near = promise
                     size += 1
                 continue
             leaf = b - choice.n_leaves

@@ -238,6 +238,7 @@ def march(
     place,
     size,
     keep,
+    until,
     max_pops,
 ):
     """Accept nodes in order of size and lower their neighbours; at most ``max_pops`` nodes.
@@ -255,16 +256,19 @@ def march(
     key, node, place, size
         In/Out: the heap (see heap.py).
     keep : float
+    until : float
+        Nodes of larger size are left in the heap.
     max_pops : int
         Return after that many, so that the caller can report and be interrupted.
 
     Returns
     -------
     int
-        Number of nodes accepted; less than ``max_pops`` if the heap is empty.
+        Number of nodes accepted; less than ``max_pops`` if the heap is empty
+        up to ``until``.
     """
     pops = 0
-    while size[0] > 0 and pops < max_pops:
+    while size[0] > 0 and key[0] <= until and pops < max_pops:
         j = pop(key, node, place, size)
         h_j = h[j]
         pops += 1

@@ -11,7 +11,8 @@ from adaptsize.cli.check import check
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import check_cells, check_files, nodal_field, read_mesh
 from adaptsize.cli.image import image
-from adaptsize.cli.options import Gradient, Input, Picture, SizesOutput
+from adaptsize.cli.in_parts import limit_in_parts, refuse_in_parts, runs_in_parts
+from adaptsize.cli.options import Gradient, Input, Mpi, Picture, SizesOutput
 from adaptsize.cli.output import draw, print_written, write_sizes
 from adaptsize.cli.remesh import remesh
 from adaptsize.cli.size import size
@@ -98,8 +99,13 @@ def limit(
         ),
     ] = None,
     plot: Picture = None,
+    mpi: Mpi = False,
 ) -> None:
     """Limit the gradient of a nodal field.  The result is written as the field h."""
+    if runs_in_parts(console, file, output, mpi=mpi):
+        refuse_in_parts({"--sources": sources is not None, "--plot": plot is not None})
+        limit_in_parts(console, file, output, field, gradient, method)
+        return
     from adaptsize.io import read
     from adaptsize.limiting import limit_gradient
 

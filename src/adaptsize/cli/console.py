@@ -11,11 +11,14 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from adaptsize.cli.steps import Steps
+
+if TYPE_CHECKING:
+    from adaptsize.cli.parallel import World
 
 QUIET, NORMAL, VERBOSE = 0, 1, 2
 
@@ -26,6 +29,9 @@ _UNITS = {
     "time": "second",
     "share": "1",
 }
+
+#: Commands that run on several ranks of MPI.
+_IN_PARTS = ("limit", "remesh")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and no other results.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
@@ -50,9 +56,14 @@ class Console:
         ``QUIET``, ``NORMAL`` or ``VERBOSE``.
     warnings : list of str
         The warnings so far, each once.
+    world : World or None
+        The ranks of MPI; None in a single process.  Only the first prints.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, world: World | None = None) -> None:
+        self.world = world
+        self._is_silent = world is not None and not world.is_first
+        self._failure = ""
         self.as_json = False
         self.level = NORMAL
         self.warnings: list[str] = []
@@ -72,8 +83,8 @@ class Console:
         """
         if quiet and verbose:
             raise ValueError("--quiet and --verbose exclude each other")
-        self.as_json = as_json
-        self.level = QUIET if quiet else VERBOSE if verbose else NORMAL
+        self.as_json = as_json and not self._is_silent
+        self.level = QUIET if quiet or self._is_silent else VERBOSE if verbose else NORMAL
         self._command = command
 
     def print(self, text: object) -> None:
@@ -102,10 +113,20 @@ class Console:
 
     def stopped(self, text: str) -> None:
         """Print that the command was stopped."""
-        _print_message(text)
+        if not self._is_silent:
+            _print_message(text)
 
     def fail(self, text: str) -> None:
-        """Print an error, also in the JSON object."""
+        """Print an error, also in the JSON object; on several ranks, only keep it."""
+        self._failure = text
+        if self.world is None:
+            self.print_failure()
+
+    def print_failure(self, where: str = "") -> None:
+        """Print the error that ended the command, if there is any."""
+        if not self._failure:
+            return
+        text = self._failure if self._failure.startswith("rank ") else where + self._failure
         _print_message(f"error: {text}")
         if self.as_json:
             self._print_object(error=text)
@@ -184,6 +205,8 @@ def with_console(function: Callable[..., None]) -> Callable[..., None]:
     ) -> None:
         console: Console = context.obj
         name = str(context.info_name)
+        if console.world is not None and name not in _IN_PARTS:
+            raise ValueError(f"{name} runs in one process; on several ranks run limit and remesh")
         console.configure(name, as_json=as_json, quiet=quiet, verbose=verbose)
         with console.messages_of_generators():
             function(console, **given)

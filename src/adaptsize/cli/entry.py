@@ -46,12 +46,33 @@ def _open_closed_streams() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command line and return the exit code."""
+    """Run the command line, on several ranks if MPI has started them, and return the exit code."""
+    from adaptsize.cli.console import Console
+    from adaptsize.cli.parallel import world_of
+
+    try:
+        world = world_of(arguments)
+    except ImportError as error:
+        Console().fail(_in_one_line(error))
+        return REFUSED
+    console = Console(world)
+    if world is None:
+        return _run(arguments, console)
+    try:
+        code = _run(arguments, console)
+    except Exception as error:  # the other ranks must not wait
+        traceback.print_exc()
+        console.fail(_in_one_line(error))
+        code = REFUSED
+    return world.finish(code, console)
+
+
+def _run(arguments: list[str], console: Console) -> int:
+    """Run the command line on this rank and return the exit code."""
     import typer
     from typer.main import get_command
 
     from adaptsize.cli.commands import app
-    from adaptsize.cli.console import Console
     from adaptsize.errors import (
         ConvergenceWarning,
         ImageWarning,
@@ -71,7 +92,6 @@ def run(arguments: list[str]) -> int:
         OutsideWarning,
         ResolutionWarning,
     )
-    console = Console()
     received: list[signal.Signals] = []
     debug = "--debug" in arguments  # at any position
     arguments = [word for word in arguments if word != "--debug"]
@@ -90,7 +110,8 @@ def run(arguments: list[str]) -> int:
             return _stopped(console, received)
         return result if isinstance(result, int) else DONE
     except usage_error as error:
-        error.show(file=sys.stderr)
+        if console.world is None or console.world.is_first:
+            error.show(file=sys.stderr)
         return USAGE
     except (KeyboardInterrupt, typer.Abort):
         return _stopped(console, received)

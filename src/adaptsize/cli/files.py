@@ -51,7 +51,7 @@ def check_files(
                 raise ValueError(f"{option} must end in {', '.join(allowed)}, got {str(path)!r}")
         else:
             _check_format(path, content)  # type: ignore[arg-type]
-        _check_place(path)
+        check_place(path)
         for written in (path, beside(path) if content == "mesh" else None):
             if written is None:
                 continue
@@ -110,7 +110,8 @@ def check_cells(path: Path, mesh: SimplexMesh) -> None:
         )
 
 
-def _check_place(path: Path) -> None:
+def check_place(path: Path) -> None:
+    """Refuse a directory, and a place where no file can be written."""
     folder = path.parent
     if path.is_dir():
         raise ValueError(f"{path}: is a directory")

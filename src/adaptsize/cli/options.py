@@ -196,6 +196,12 @@ ImageMaxElements = Annotated[
         "elements.  [default: 300000]",
     ),
 ]
+Mpi = Annotated[
+    bool,
+    typer.Option(
+        "--mpi", help="Run on all ranks of MPI.  Without it, if mpiexec has started several."
+    ),
+]
 Elements = Annotated[
     float | None,
     typer.Option(

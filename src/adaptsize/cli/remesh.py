@@ -10,6 +10,7 @@ import typer
 
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files, read_mesh
+from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
 from adaptsize.cli.options import (
     Across,
     Crease,
@@ -20,6 +21,7 @@ from adaptsize.cli.options import (
     Largest,
     MaxElements,
     MeshOutput,
+    Mpi,
     PerRadian,
     Picture,
     Report,
@@ -106,11 +108,44 @@ def remesh(
     ] = 3600.0,
     plot: Picture = None,
     page: Report = None,
+    mpi: Mpi = False,
+    gather: Annotated[
+        bool, typer.Option("--gather", help="Under MPI, mesh on one rank instead of in parts.")
+    ] = False,
 ) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
     Parameters that are not given are chosen from the part, and the values are printed.
     """
+    if runs_in_parts(console, file, output, mpi=mpi):
+        refused = {
+            "--elements-per-radian": elements_per_radian is not None,
+            "--elements-across": elements_across is not None,
+            "--source": bool(source),
+            "--close": close,
+            "--strict": strict,
+            "--plot": plot is not None,
+            "--report": page is not None,
+            "--elements": elements is not None,
+            "--target triangles": target == "triangles",
+            f"--backend {backend}": backend not in ("auto", "mmg"),
+        }
+        remesh_in_parts(
+            console,
+            file,
+            output,
+            field,
+            gradient,
+            (hmin, hmax),
+            {
+                "how": "gather" if gather else "parts",
+                "tolerance": tolerance,
+                "max_elements": max_elements,
+                "timeout": timeout,
+            },
+            refused,
+        )
+        return
     from adaptsize import remeshing
     from adaptsize._checks import as_number
     from adaptsize.domain_size.elements import reach_elements, tolerance_of
@@ -122,9 +157,8 @@ def remesh(
 
     _check_outputs(file, output, plot, page)
     check_installed(backend)
-    allowed = TOLERANCE
-    if tolerance is not None:
-        allowed = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    given = TOLERANCE if tolerance is None else tolerance
+    allowed = as_number("tolerance", given, lower=0.0, strict=True)
     as_number("timeout", timeout, lower=0.0, strict=True)
     check_elements(elements, max_elements)
     parts = _names_of_parts(backend)

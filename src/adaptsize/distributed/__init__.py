@@ -2,14 +2,35 @@
 
 from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.communicator import Communicator, Traffic, as_communicator
+from adaptsize.distributed.files import read_parts, write_parts
+from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
+from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
+from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.remeshing import RemeshedParts, remesh
 from adaptsize.distributed.simulated import SimulatedCommunicator
+from adaptsize.distributed.sizes import predicted_elements, size_from_error
+from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
     "Communicator",
+    "DolfinxPart",
+    "InterfaceQuality",
     "PartitionedMesh",
+    "PlexPart",
+    "RemeshedParts",
     "SimulatedCommunicator",
     "Traffic",
     "as_communicator",
+    "from_dmplex",
+    "from_dolfinx",
+    "interpolate",
     "limit_gradient",
+    "predicted_elements",
+    "read_parts",
+    "remesh",
+    "size_from_error",
+    "to_dolfinx",
+    "transfer_fields",
+    "write_parts",
 ]

@@ -2,14 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize import limiting
+from adaptsize._checks import (
+    as_flag,
+    as_float_array,
+    as_sizes,
+    check_range,
+    check_type,
+    one_of,
+)
+from adaptsize._progress import reporting
+from adaptsize.distributed.exact import Given, solve_exact
+from adaptsize.distributed.marching import solve_fast_marching
 from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
+from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
+from adaptsize.limiting.on_simplices import METHODS
+from adaptsize.limiting.options import refuse_idle
+from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize, ProgressCallback
+
+_METHODS = ("auto", "exact", "fast-marching")
+
+
+class _Limit(NamedTuple):
+    """Facts about the bounds and g on one rank, to be compared with those of other ranks."""
+
+    least: float
+    largest: float
+    varies: bool
+    number: float | None
+    method: str
+    face_sources: bool
 
 
 def limit_gradient(
@@ -19,18 +46,157 @@ def limit_gradient(
     *,
     method: str = "auto",
     face_sources: bool = True,
-    threads: int | None = None,
+    threads: int | None = 1,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
-    """Return the sizes of `adaptsize.limit_gradient` on the nodes of this rank; collective."""
-    whole = part.gather()
-    bounds = part.gather_nodal(np.asarray(h0, dtype=np.float64))
+    """Return the largest sizes below ``h0`` whose gradient is at most ``g``; collective.
+
+    The result is that of `adaptsize.limit_gradient` on the whole mesh, for any partition: equal
+    bit by bit with the exact method, and to 1e-12 with fast marching.
+
+    Parameters
+    ----------
+    part : PartitionedMesh
+        Ranks without cells, and ranks without any finite bound, are allowed.
+    h0 : float or array_like of float, shape (n_local,)
+        Upper bounds at the nodes of this rank.  Ranks that share a node must give it the same
+        bound; `PartitionedMesh.minimum` makes them agree.
+    g : float, array_like, callable, or tuple (array_like, callable)
+        As for `adaptsize.limit_gradient`.  Arrays have one entry per local node or cell.  A
+        function must be the same on all ranks.
+    method : {"auto", "exact", "fast-marching"}, optional
+    face_sources : bool, optional
+    threads : int, optional
+        Threads of each rank; None is the number of numba.
+    progress : callable or bool, optional
+        Progress of this rank.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_local,)
+        Ranks that share a node get the same size.
+
+    Raises
+    ------
+    ValueError
+        On all ranks, if the input of any rank is bad.  The message names the rank.
+
+    Notes
+    -----
+    The exact method takes one exchange between the ranks, besides reductions of a few numbers,
+    once the boundary of the mesh is known; the first call for a mesh finds it.  Each rank holds
+    the whole boundary, which is small compared with the mesh.  Fast marching exchanges sizes
+    between neighbours in rounds.  See docs/distributed.md.
+
+    Meshes that have cells without measure or that overlap, and segments on a line, are collected
+    on rank 0 by the exact method, and solved there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from adaptsize import SimplexMesh
+    >>> from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator, limit_gradient
+    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> def work(comm):
+    ...     part = PartitionedMesh.from_serial(square, [0, 1], comm)
+    ...     h0 = np.where(part.global_ids == 1, 0.1, np.inf)
+    ...     return part.gather_nodal(limit_gradient(part, h0, 0.3))
+    >>> SimulatedCommunicator.run(2, work)[0].round(3)
+    array([0.4  , 0.1  , 0.4  , 0.524])
+    """
+    check_type("part", part, PartitionedMesh)
+    comm = part.comm
+    bound, slope, limit, own = comm.agree(lambda: _checked(part, h0, g, method, face_sources))
+    every: list[_Limit] = comm.allgather(own)
+    least = min(limit.least for limit in every)
+    if least == np.inf:
+        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
+    for name in ("number", "method", "face_sources"):
+        if len({getattr(limit, name) for limit in every} - {None}) > 1:
+            what = "g" if name == "number" else name
+            raise ValueError(f"{what} must be the same on all ranks")
+    varies = any(limit.varies for limit in every)
+    if method == "auto":
+        method = "exact" if part.cell_dim == part.dim and not varies else "fast-marching"
+    if method == "exact" and (varies or part.cell_dim < part.dim):
+        raise ValueError("method='exact' needs a flat domain of full dimension and one number g")
+    number = next((own.number for own in every if own.number is not None), 0.0)
+    transform = None
+    if limit is not None:
+        finite = np.array([least, max(limit.largest for limit in every)])
+        transform = comm.agree(lambda: SizeTransform(limit, *finite.tolist()))
+    u0 = bound if transform is None else transform.forward(bound)
+    with reporting(progress) as report:
+        if method == "exact":
+            u = solve_exact(part, u0, Given(number, face_sources, threads, report))
+        else:
+            marched = solve_fast_marching(part, u0, slope, report)
+            u = None if marched is None else marched.h
+        if u is None:
+            options: dict[str, Any] = {"method": method}
+            if method == "exact":
+                options |= {"face_sources": face_sources, "threads": threads}
+            per_cell = np.broadcast_to(slope.values, part.n_cells) if varies else None
+            return _collected(part, bound, (per_cell, limit, number), options)
+    if transform is None:
+        return np.minimum(u, bound)
+    back = transform.backward
+    return np.minimum(comm.agree(lambda: back(u)), bound)
+
+
+def _checked(
+    part: PartitionedMesh, h0: npt.ArrayLike, g: Any, method: str, face_sources: bool
+) -> tuple[FloatArray, Slope, GradientOfSize | None, _Limit]:
+    """Return the checked bounds, slopes, g(h) if there is one, and facts about them."""
+    one_of("method", method, _METHODS)
+    refuse_idle(method, METHODS, {"face_sources": not as_flag("face_sources", face_sources)})
+    check_range("part", part.points)
+    given = as_float_array("h0", h0)
+    if given.ndim == 0:
+        given = np.full(part.n_points, float(given))
+    bound = as_sizes("h0", given, part.nodal_shape)
+    in_space, limit = g, None
+    if isinstance(g, tuple) and len(g) == 2 and callable(g[1]):
+        in_space, limit = g
+    elif callable(g):
+        in_space, limit = 1.0, g
+    slope = Slope(np.array([1.0]))
+    is_array = np.ndim(in_space) > 0
+    if part.mesh is not None:
+        slope = resolve(part.mesh, in_space, bound)[0]
+    number = float(slope.values[0]) if part.mesh is not None and not is_array else None
+    finite = bound[np.isfinite(bound)]
+    facts = _Limit(
+        float(finite.min(initial=np.inf)),
+        float(finite.max(initial=0.0)),
+        is_array,
+        number,
+        method,
+        face_sources,
+    )
+    return bound, slope, limit, facts
+
+
+def _collected(
+    part: PartitionedMesh,
+    h0: FloatArray,
+    g: tuple[FloatArray | None, GradientOfSize | None, float],
+    options: dict[str, Any],
+) -> FloatArray:
+    """Return the sizes that rank 0 computes on the whole mesh.
+
+    ``g`` are the limits of the cells, a function of the size, and one number; the first two None
+    if they are not given.
+    """
+    whole, bounds = part.gather(), part.gather_nodal(h0)
+    per_cell, of_size, number = g
+    in_space = number if per_cell is None else part.gather_cells(per_cell)
 
     def solve() -> FloatArray | None:
         if whole is None or bounds is None:
             return None
-        options: Any = {"method": method, "face_sources": face_sources, "threads": threads}
-        h: FloatArray = limiting.limit_gradient(whole, bounds, g, **options)
+        limit: Any = in_space if of_size is None else (in_space, of_size)
+        h: FloatArray = limiting.limit_gradient(whole, bounds, limit, **options)
         return h
 
     return part.scatter_nodal(part.comm.agree(solve))

@@ -240,6 +240,18 @@ class PartitionedMesh:
             whole[ids] = part
         return whole
 
+    def gather_cells(self, values: npt.ArrayLike) -> FloatArray | None:
+        """Return the values of all cells of the mesh on rank 0, None elsewhere; collective."""
+        own = as_float_array("values", values)
+        if own.ndim == 0 or len(own) != self.n_cells:
+            raise ValueError(f"values must have {self.n_cells} rows, got shape {own.shape}")
+        pieces = self._to_first((self.cell_ids, own))
+        if pieces is None:
+            return None
+        order = np.argsort(np.concatenate([ids for ids, _ in pieces]), kind="stable")
+        whole: FloatArray = np.concatenate([part for _, part in pieces])[order]
+        return whole
+
     def scatter_nodal(self, values: npt.ArrayLike | None) -> FloatArray:
         """Return the local part of nodal values of the whole mesh on rank 0; collective."""
         wanted = self._to_first(self.global_ids)

@@ -31,6 +31,11 @@ class MpiCommunicator(Communicator):
         self.rank, self.size = self._comm.Get_rank(), self._comm.Get_size()
         self.traffic = Traffic()
 
+    @property
+    def mpi(self) -> Any:
+        """The communicator of mpi4py."""
+        return self._comm
+
     def allgather(self, value: T) -> list[T]:
         """Return the values of all ranks, in order of rank."""
         data = as_words(value)
@@ -48,6 +53,8 @@ class MpiCommunicator(Communicator):
         from mpi4py import MPI
 
         given = np.asarray(value)
+        if given.dtype == np.bool_:  # MPI has no minimum of these
+            given = given.astype(np.int8)
         self._count(given.nbytes)
         merge = {"sum": MPI.SUM, "min": MPI.MIN, "max": MPI.MAX}[op]
         result = np.empty(given.shape, given.dtype)

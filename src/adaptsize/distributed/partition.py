@@ -14,13 +14,16 @@ from adaptsize.typing import IntArray
 def partition_cells(mesh: SimplexMesh, n_parts: int) -> IntArray:
     """Return the part of each cell, 0 to n_parts - 1: connected parts of nearly equal size.
 
-    METIS is used if ``pymetis`` is installed.  Otherwise the cells along a Morton curve are cut
-    into pieces of equal length.
+    METIS is used if ``pymetis`` 2025.2 or later is installed.  Otherwise the cells along a Morton
+    curve are cut into pieces of equal length.
     """
     if n_parts < 2 or mesh.n_cells <= n_parts:
         return np.arange(mesh.n_cells, dtype=np.int32) % n_parts
     if find_spec("pymetis") is not None:
-        return _by_metis(mesh, n_parts)
+        import pymetis
+
+        if hasattr(pymetis, "CSRAdjacency"):
+            return _by_metis(mesh, n_parts)
     order = along_curve(np.ascontiguousarray(mesh.points[mesh.cells].mean(axis=1)))
     part = np.empty(mesh.n_cells, np.int32)
     part[order] = np.arange(mesh.n_cells) * n_parts // mesh.n_cells
@@ -41,5 +44,6 @@ def _by_metis(mesh: SimplexMesh, n_parts: int) -> IntArray:
     graph = (incidence @ incidence.T).tocsr()
     graph.setdiag(0)
     graph.eliminate_zeros()
-    found = pymetis.part_graph(n_parts, xadj=graph.indptr, adjncy=graph.indices)
+    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+    found = pymetis.part_graph(n_parts, adjacency)
     return np.asarray(found[1], np.int32)

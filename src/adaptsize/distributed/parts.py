@@ -35,7 +35,7 @@ def parts_of(mesh: SimplexMesh | None, parts: npt.ArrayLike | None, size: int) -
     owner = np.full(n, size, np.int32)
     np.minimum.at(owner, mesh.cells, rank_of[:, None])
     owner[owner == size] = rank_of.min()
-    return [_part(mesh, rank_of, owner, rank) for rank in range(size)]
+    return [cut_part(mesh, rank_of, owner, rank) for rank in range(size)]
 
 
 def _rank_of_cells(mesh: SimplexMesh, parts: npt.ArrayLike | None, size: int) -> IntArray:
@@ -54,7 +54,7 @@ def _rank_of_cells(mesh: SimplexMesh, parts: npt.ArrayLike | None, size: int) ->
     return given.astype(np.int32)
 
 
-def _part(mesh: SimplexMesh, rank_of: IntArray, owner: IntArray, rank: int) -> Part:
+def cut_part(mesh: SimplexMesh, rank_of: IntArray, owner: IntArray, rank: int) -> Part:
     """Return the part of one rank, nodes and cells in the order of the whole mesh."""
     cell_ids = np.flatnonzero(rank_of == rank)
     if len(cell_ids) == 0:

@@ -41,6 +41,10 @@ class Mask:
     """Of the grid's shape."""
     labels: npt.NDArray[Any] | None
     """Of the grid's shape, 0 outside; None if the image has only inside and outside."""
+    lower: FloatArray
+    """Lowest coordinates of the pixels of the image, float64[dim]."""
+    upper: FloatArray
+    """Highest coordinates of the pixels of the image, float64[dim]."""
 
 
 def as_image(
@@ -192,7 +196,8 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
     )
     if labels is not None:
         labels = np.pad(np.where(inside, labels, 0)[part], MARGIN)
-    return Mask(grid, padded, labels)
+    lower = image.origin - 0.5 * image.spacing
+    return Mask(grid, padded, labels, lower, lower + image.spacing * inside.shape)
 
 
 def _bounding_box(inside: BoolArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal, overload
 
-import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag
+from adaptsize._checks import as_flag, check_type
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import mask_domain
-from adaptsize.domain_size.image_mask import SMOOTHING, Mask, as_image, distance_to_edge, mask_of
+from adaptsize.domain_size.image_mask import SMOOTHING, as_image, distance_to_edge, mask_of
+from adaptsize.domain_size.image_regions import with_regions
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import GRADIENT_LIMIT, MAX_ELEMENTS, as_request
 from adaptsize.remeshing.distmesh.api import mesh_from_distance
 from adaptsize.typing import FloatArray, ProgressCallback
+
+_DEFAULTS = (GRADIENT_LIMIT, MAX_ELEMENTS)
 
 
 @overload
@@ -167,6 +169,7 @@ def mesh_image(
     label: int | Sequence[int] | None = None,
     threshold: float | None = None,
     smoothing: float = SMOOTHING,
+    size: SizeFunction | None = None,
     elements_per_radian: float | None = None,
     elements_across: float | None = None,
     g: float = GRADIENT_LIMIT,
@@ -180,14 +183,16 @@ def mesh_image(
     """Return a mesh of the objects in an image.
 
     A picture gives triangles, a volume gives tetrahedra.  The sizes come from
-    `size_function_from_image` and the mesh from `mesh_from_distance`.
+    `size_function_from_image`, unless ``size`` is given, and the mesh from `mesh_from_distance`.
 
     Parameters
     ----------
     image, spacing, label, threshold, smoothing
         As in `size_function_from_image`.
+    size : SizeFunction, optional
+        Requested sizes, for instance those of `size_function_from_image` after a look at them.
     elements_per_radian, elements_across, g, hmin, hmax, sources, max_elements
-        As in `size_function_from_image`.
+        As in `size_function_from_image`.  Refused with ``size``.
     seed : int
         Seed of the random initial points.
     progress : callable or bool, optional
@@ -196,9 +201,10 @@ def mesh_image(
     Returns
     -------
     SimplexMesh
-        The nodal field ``h`` holds the sizes.  If the image has several labels, the cell tags
-        are the labels of the nearest pixels.  Where objects of two labels touch, their common
-        boundary is ragged on the scale of the cells.
+        The nodal field ``h`` holds the sizes.  If the image has several labels, they are the cell
+        tags.  Where objects of two labels touch, nodes are moved onto the interface.  The facets
+        of the boundary and of interfaces are tagged, with names such as ``"boundary of 2"``,
+        ``"interface of 2 and 5"`` and ``"image border, x low"``, where an object is cut off.
 
     Raises
     ------
@@ -221,6 +227,14 @@ def mesh_image(
     >>> bool(abs(mesh.measures.sum() - 4 * np.pi) < 0.3)
     True
     """
+    if size is not None:
+        check_type("size", size, SizeFunction)
+        given = (elements_per_radian, elements_across, hmin, hmax)
+        if any(value is not None for value in given) or (g, max_elements) != _DEFAULTS or sources:
+            raise ValueError(
+                "size must be given without elements_per_radian, elements_across, g, hmin, hmax, "
+                "sources and max_elements, from which sizes are computed"
+            )
     with reporting(progress) as report:
         mask = mask_of(as_image(image, spacing), label=label, threshold=threshold)
         phi = distance_to_edge(mask, smoothing, progress=report)
@@ -234,7 +248,8 @@ def mesh_image(
             max_elements=max_elements,
             report=report,
         )
-        size, _ = within_budget(mask_domain(mask, phi), request)
+        if size is None:
+            size, _ = within_budget(mask_domain(mask, phi), request)
         mesh = mesh_from_distance(
             DistanceOnGrid(mask.grid, phi),
             size,
@@ -243,7 +258,8 @@ def mesh_image(
             seed=seed,
             progress=report,
         )
-    return _with_labels(mesh, mask).with_data(point_data={"h": size(mesh.points)})
+        mesh = with_regions(mesh, mask)
+    return mesh.with_data(point_data={"h": size(mesh.points)})
 
 
 class DistanceOnGrid:
@@ -256,22 +272,3 @@ class DistanceOnGrid:
         """Return the distance at points.  Outside the grid, the distance to the grid is added."""
         inside, away = self._locator.interpolate(self._phi, points)
         return inside + away
-
-
-def _with_labels(mesh: SimplexMesh, mask: Mask) -> SimplexMesh:
-    """Return the mesh with the label of the nearest labelled pixel at each cell."""
-    from scipy import ndimage
-
-    if mask.labels is None:
-        return mesh
-    nearest = ndimage.distance_transform_edt(
-        mask.labels == 0,
-        sampling=mask.grid.spacing,
-        return_distances=False,
-        return_indices=True,
-    )
-    centres = mesh.points[mesh.cells].mean(axis=1)
-    places = np.rint((centres - mask.grid.origin) / mask.grid.spacing).astype(int)
-    places = np.clip(places, 0, np.array(mask.grid.shape) - 1)
-    tags = mask.labels[tuple(nearest)][tuple(places.T)]
-    return SimplexMesh(mesh.points, mesh.cells, cell_tags=tags.astype(np.int32))

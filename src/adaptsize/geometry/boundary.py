@@ -53,6 +53,8 @@ class FlatBoundary(NamedTuple):
     """Whether no wall is shared by several cells."""
     alias: IntArray | None = None
     """int32[n_points]: representative of each node, if cells join coincident nodes."""
+    has_flat: bool = False
+    """Whether any cell has no measure."""
 
 
 class PlaneBoundary(NamedTuple):
@@ -88,10 +90,10 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
     if flat and may_merge:
         merged, alias = _without_short_edges(points, cells)
         if alias is not None:
-            return _walls(points, merged, 1, False)._replace(alias=alias)
+            return _walls(points, merged, 1, False)._replace(alias=alias, has_flat=True)
     rows, side, cell = _facets_at(points, cells, sums != 0)
     if len(rows) == 0:  # only folds
-        return FlatBoundary(rows, cell, False)
+        return FlatBoundary(rows, cell, False, has_flat=flat)
     unique, group = unique_rows(rows, n)
     if (side == 0).any():
         kept = _without_flat_cells(group, side, cell, len(unique))
@@ -105,7 +107,8 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
     facets = unique[is_wall]
     flip = left[is_wall] == 0
     facets[flip, :2] = facets[flip, 1::-1]
-    return FlatBoundary(facets, owner[is_wall], bool((left + right)[is_wall].max(initial=1) == 1))
+    is_simple = bool((left + right)[is_wall].max(initial=1) == 1)
+    return FlatBoundary(facets, owner[is_wall], is_simple, has_flat=flat)
 
 
 def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], bool]:

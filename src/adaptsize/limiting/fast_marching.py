@@ -103,7 +103,7 @@ def march_until_converged(
     limit = (slope.values, slope.step)
     h = h0.copy()
     candidate = np.empty(n)
-    heap = (np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64))
+    heap = new_heap(n)
     sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
     kernels.queue_lowered(h, candidate, KEEP, *heap)
 
@@ -117,16 +117,21 @@ def march_until_converged(
         accepted = accept_all(march, geometry, h, slope, heap, most, report)
         if heap[3][0] > 0:
             # Only small changes are missing now.  First give every node a finite size.
-            march_edges(*geometry, h, *limit, *heap, KEEP, 1 << 62)
+            march_edges(*geometry, h, *limit, *heap, KEEP, np.inf, 1 << 62)
             sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
             kernels.queue_lowered(h, candidate, _KEEP_ROUGHLY, *heap)
             while heap[3][0] > 0:
-                march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, CHUNK)
+                march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, np.inf, CHUNK)
                 report("limiting the gradient", 1.0)
             h, unfinished = iterate_policies(mesh, slope, h, report)
 
     residual = partial(residual_of, mesh, slope, h, sweep) if with_residual else 0.0
     return Solution(h, accepted, residual, unfinished, stars)
+
+
+def new_heap(n: int) -> tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]:
+    """Return an empty heap of up to n nodes (see heap.py)."""
+    return np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64)
 
 
 def patience(n: int) -> int:
@@ -149,7 +154,7 @@ def accept_all(
     """
     accepted = 0
     while heap[3][0] > 0 and (most is None or accepted < most):
-        accepted += march(*geometry, h, slope.values, slope.step, *heap, KEEP, CHUNK)
+        accepted += march(*geometry, h, slope.values, slope.step, *heap, KEEP, np.inf, CHUNK)
         report("limiting the gradient", min(accepted / len(h), 1.0))
     return accepted
 

@@ -46,6 +46,11 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 #: If cells have a smaller dihedral angle in degrees, another first volume is tried.
 _LEAST_ANGLE = 2.0
 
+#: Processor time, in all and per cell, after which the generator is stopped while it adapts a first
+#: volume.  On closed parts, it needed a fifth of that.
+_SECONDS = 10.0
+_SECONDS_PER_CELL = 1e-3
+
 Target = Literal["auto", "tetrahedra", "triangles"]
 
 
@@ -140,7 +145,9 @@ def remesh(
         If a surface to be filled is open, or has bodies that are closer to each other than the
         tolerance: what it encloses is then decided by the generator.  See `close_holes`.
     ResolutionWarning
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if Mmg
+        fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills
+        it with.
 
     Notes
     -----
@@ -217,7 +224,7 @@ def remesh(
     part = part.with_size(own_size, known)
     if metric is not None:
         part = replace(part, problem=replace(part.problem, metric=frame.metric(metric)))
-    _refuse_too_many(part.problem, limit)
+    refuse_too_many(_estimate(part.problem), limit)
     with reporting(progress) as report:
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
@@ -268,12 +275,20 @@ class _Part:
     def with_size(self, size: Size | None, known: FloatArray) -> _Part:
         return replace(self, problem=replace(self.problem, size=size, size_nodes=known))
 
-    def within(self, volume: SimplexMesh, first: FirstVolume) -> _Part:
-        """Return the problem to adapt tetrahedra that fill this surface."""
+    def within(self, volume: SimplexMesh, first: FirstVolume, limit: float) -> _Part:
+        """Return the problem to adapt tetrahedra that fill this surface, to at most so many."""
         old = self.problem
         part = _Part.of("tetrahedra", volume, None, old.tolerance / volume.diagonal)
         part = part.with_size(old.size, old.size_nodes)
-        changed = replace(part.problem, ridges=first.ridges, is_adapted=first.is_adapted)
+        estimate = _estimate(part.problem)
+        refuse_too_many(estimate, limit)
+        number = max(volume.n_cells, estimate)
+        changed = replace(
+            part.problem,
+            ridges=first.ridges,
+            is_adapted=first.is_adapted,
+            seconds=_SECONDS + _SECONDS_PER_CELL * number,
+        )
         return replace(part, problem=changed)
 
     def restored(self, raw: RawMesh, backend: str) -> SimplexMesh:
@@ -290,15 +305,14 @@ def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, limit: float) -> 
     while True:
         try:
             volume, first = next(volumes)
+            inner = part.within(volume, first, limit)
+            new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
         except StopIteration:
             break
         except BackendError:
             if best is None:
                 raise
             break
-        inner = part.within(volume, first)
-        _refuse_too_many(inner.problem, limit)
-        new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
         angle = float(minimum_angles(new).min())
         if angle > best_angle:
             best, best_angle = new, angle
@@ -315,12 +329,12 @@ def _first_volumes(part: _Part, run: IsolatedRunner) -> Iterator[tuple[SimplexMe
         yield part.restored(first.raw, first.generator), first
 
 
-def _refuse_too_many(problem: Problem, limit: float) -> None:
+def _estimate(problem: Problem) -> float:
+    """Return the estimated number of cells."""
     assert problem.size is not None
     if problem.task == "surface to tetrahedra":
-        refuse_too_many(estimate_n_enclosed(problem.mesh, problem.size), limit)
-    else:
-        refuse_too_many(estimate_n_cells(problem.mesh, problem.size), limit)
+        return estimate_n_enclosed(problem.mesh, problem.size)
+    return estimate_n_cells(problem.mesh, problem.size)
 
 
 def _check_metric(task: Task, *, strict: bool) -> None:

@@ -17,7 +17,7 @@ from adaptsize.remeshing.protocol import Problem, RawMesh
 from adaptsize.remeshing.registry import backend_named
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.slivers import remove_slivers
-from adaptsize.remeshing.surface import THINNEST, refine_surface
+from adaptsize.remeshing.surface import THINNEST, refine_surface, sliver_height
 from adaptsize.typing import IntArray
 
 #: Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
@@ -75,7 +75,8 @@ def _adapted(
         surface, ridges = adapt_surface(surface, ridges, size, problem.tolerance, run)
     except BackendError:
         return None
-    surface, new_node = remove_slivers(surface, _SHORTEST * problem.tolerance)
+    height = sliver_height(surface, size, _SHORTEST * problem.tolerance)
+    surface, new_node = remove_slivers(surface, height)
     raw = netgen.fill(surface, run)
     if raw is None:
         return None

@@ -8,6 +8,7 @@ Observed behaviour that is handled here:
   are passed, numbered after the regions.
 * Vertices of bent edges get averaged normals, and Mmg rounds the triangles there.  Long triangles
   beside a fillet then bulge by more than the tolerance, unless the edge is passed as a ridge.
+* Between the sides of plates much thinner than the sizes it may run without end.
 * A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
   Mmg's own small sizes at curved boundaries end in jumps.
 * Metrics are passed as rows of the upper triangle: xx, xy, yy or xx, xy, xz, yy, yz, zz.  For
@@ -16,6 +17,7 @@ Observed behaviour that is handled here:
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -23,6 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
+from adaptsize.remeshing.processor_time import limit_processor_time
 from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
 from adaptsize.typing import FloatArray
 
@@ -92,6 +96,7 @@ class MmgBackend:
             "n_groups": int(problem.facet_groups.max(initial=-1)) + 1,
             "required_groups": np.unique(problem.facet_groups[problem.required]).tolist(),
             "open_boundaries": problem.has_free_facets,
+            "seconds": problem.seconds,
         }
         made: dict[str, npt.NDArray[Any]] = {
             "points": problem.mesh.points,
@@ -105,7 +110,15 @@ class MmgBackend:
         factor = _FIRST_FACTOR if problem.is_adapted else 1.0
         most = _MAX_TURNS if problem.metric is None else _MAX_METRIC_TURNS
         for _ in range(most - int(problem.is_adapted)):
-            made = run_adapt(made, _requested(problem, made["points"], factor), options, run)
+            try:
+                made = run_adapt(made, _requested(problem, made["points"], factor), options, run)
+            except BackendTimeoutError:
+                raise
+            except BackendError as error:
+                if not problem.is_adapted:
+                    raise
+                _warn_of_failure(error)
+                break
             if len(made["cells"]) == 0:
                 return _raw(made)
             share, median = obedience(problem.size, made, problem.metric)
@@ -116,6 +129,14 @@ class MmgBackend:
             if median > 0.0:  # Mmg may return coincident nodes
                 factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
         return _raw(best)
+
+
+def _warn_of_failure(error: BackendError) -> None:
+    warnings.warn(
+        f"the tetrahedra are those that fill the surface, not adapted to the sizes inside: {error}",
+        ResolutionWarning,
+        stacklevel=6,
+    )
 
 
 def run_adapt(
@@ -192,7 +213,7 @@ def adapt(
     ----------
     arrays : points, cells, regions, facets, facet_groups, sizes as in ``Problem``
     options : class, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
-        required_groups, open_boundaries
+        required_groups, open_boundaries, seconds (of processor time, or inf)
 
     Returns
     -------
@@ -200,6 +221,8 @@ def adapt(
     """
     import mmgpy
 
+    if np.isfinite(options.get("seconds", np.inf)):
+        limit_processor_time(options["seconds"])
     cell_name, facet_name = _ENTITIES[options["class"]]
     groups = arrays["facet_groups"]
     mesh = getattr(mmgpy, options["class"])()

@@ -13,7 +13,6 @@ Observed behaviour that is handled here:
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,6 +26,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import unique_rows
 from adaptsize.errors import BackendError
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.processor_time import limit_processor_time
 from adaptsize.remeshing.protocol import RawMesh
 
 #: Seconds of processor time for a surface, and for each of its triangles.  Most closed parts needed
@@ -112,7 +112,7 @@ def tetrahedralize(
     """
     from netgen import meshing
 
-    _limit_processor_time(options["seconds"])
+    limit_processor_time(options["seconds"])
     meshing.SetMessageImportance(0)
     mesh = meshing.Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(arrays["points"]))
@@ -126,18 +126,3 @@ def tetrahedralize(
         "points": np.array(mesh.Coordinates()),
         "cells": cells[:, [1, 0, 2, 3]].astype(np.int32),
     }
-
-
-def _limit_processor_time(seconds: float) -> None:
-    """Have the system end this process after so many more seconds of processor time.
-
-    Windows has no such limit.
-    """
-    if find_spec("resource") is None:
-        return
-    import resource
-
-    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-    used = time.process_time()
-    limit = math.ceil(used + seconds)
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))

@@ -63,6 +63,8 @@ class Problem:
         Edges of the boundary that must stay sharp, beside those that the generator detects.
     is_adapted : bool
         Whether the boundary of the mesh has the requested edge lengths already.
+    seconds : float
+        Limit of processor time for one run of the generator, where there is one.
     """
 
     task: Task
@@ -78,6 +80,7 @@ class Problem:
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     metric: MetricAt | None = None
     is_adapted: bool = False
+    seconds: float = np.inf
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,8 @@ _EDGE_OVER_SIZE = 4.0
 _MAX_TRIANGLES = 400_000
 #: Triangles of less height than these shares of the tolerance are removed, in two attempts.
 THINNEST = (0.2, 0.02)
+#: Triangles higher than this share of the smallest size are no slivers.
+_SLIVER_OVER_SIZE = 0.1
 #: Ridges closer than this share of the size are too close for good cells between them.
 _NARROW = 0.3
 #: Dihedral angle above which an edge is a feature edge.
@@ -58,7 +60,8 @@ def refine_surface(
     int32[n, 2]
         Edges that must not be rounded, rows sorted.
     """
-    mesh, _ = remove_slivers(mesh, thinnest * tolerance)
+    height = sliver_height(mesh, size, thinnest * tolerance)
+    mesh, _ = remove_slivers(mesh, height)
     mesh = _with_better_facets(mesh)
     kept = _edges_to_keep(mesh, tolerance)
     while True:
@@ -68,9 +71,17 @@ def refine_surface(
             return mesh, _ridges(mesh, kept, size)
         split = split_edges(mesh, long)
         kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
-        mesh, new_node = remove_slivers(split.mesh, thinnest * tolerance)
+        mesh, new_node = remove_slivers(split.mesh, height)
         kept = renumbered_edges(kept, new_node)
         mesh = _with_better_facets(mesh)
+
+
+def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
+    """Return a height of slivers, lowered to what is small compared with all sizes on a surface.
+
+    Where the tolerance is larger than a thin plate, its sides must not be joined.
+    """
+    return min(height, _SLIVER_OVER_SIZE * float(size(mesh.points).min()))
 
 
 def _with_better_facets(mesh: SimplexMesh) -> SimplexMesh:

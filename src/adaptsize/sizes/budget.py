@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,11 +26,33 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
 
 _GAUSS_POINTS = 16
 
+T = TypeVar("T")
+
 # Tolerance of the logarithm of the scale: a hundredth of a per cent of the size.
 _TOLERANCE = 1e-4
 # Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
 _REACH = 40.0
 _NOTHING = -700.0
+
+
+class CellSums:
+    """How sums over cells become those of the whole mesh: on one process they are."""
+
+    def at_nodes(self, values: FloatArray) -> FloatArray:
+        """Return nodal sums over the cells at each node."""
+        return values
+
+    def total(self, value: float) -> float:
+        """Return a sum over all cells."""
+        return value
+
+    def largest(self, value: float) -> float:
+        """Return a maximum over all cells."""
+        return value
+
+    def agree(self, task: Callable[[], T]) -> T:
+        """Return the result of a task, or raise its error on all processes."""
+        return task()
 
 
 def predicted_elements(
@@ -71,9 +94,13 @@ def predicted_elements(
     """
     check_type("mesh", mesh, SimplexMesh)
     h = as_sizes("size", size, (mesh.n_points,))
-    d = mesh.cell_dim
-    counted = ELEMENTS_PER_MEASURE[d] * (mesh.measures * mean_density(h[mesh.cells])).sum()
-    return calibration(backend, d) * float(counted)
+    return calibration(backend, mesh.cell_dim) * count_elements(mesh, h, CellSums())
+
+
+def count_elements(mesh: SimplexMesh, h: FloatArray, sums: CellSums) -> float:
+    """Return the number of regular simplices of checked sizes."""
+    counted = (mesh.measures * mean_density(h[mesh.cells])).sum()
+    return ELEMENTS_PER_MEASURE[mesh.cell_dim] * sums.total(float(counted))
 
 
 def mean_density(corner_sizes: FloatArray) -> FloatArray:

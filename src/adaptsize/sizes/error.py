@@ -12,7 +12,10 @@ from adaptsize._checks import as_float_array, as_number, check_type, refuse_wher
 from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.sizes.budget import (
+    CellSums,
     as_goal,
+    calibration,
+    count_elements,
     predicted_elements,
     present_sizes,
     scale_to,
@@ -143,35 +146,46 @@ def scaled_by_error(
     max_refine: float,
     max_coarsen: float,
     backend: str | None = None,
+    sums: CellSums = CellSums(),  # noqa: B008 - it has no state
 ) -> FloatArray:
-    """Return the sizes of `size_from_error`, with limits by a function."""
-    eta = as_float_array("indicator", indicator, (mesh.n_cells,))
-    refuse_where("indicator", ~(eta >= 0.0) | np.isinf(eta), eta, "must be finite and >= 0")
-    p = as_number("order", order, lower=0.0, strict=True)
-    finest = 1.0 / as_number("max_refine", max_refine, lower=1.0)
-    coarsest = as_number("max_coarsen", max_coarsen, lower=1.0, allow_inf=True)
-    goal, wanted = as_goal(tolerance, target_elements)
+    """Return the sizes of `size_from_error`, with limits by a function.
+
+    ``sums`` completes sums over cells if there are several processes.
+    """
+
+    def check() -> tuple[FloatArray, float, float, float, str, float]:
+        eta = as_float_array("indicator", indicator, (mesh.n_cells,))
+        refuse_where("indicator", ~(eta >= 0.0) | np.isinf(eta), eta, "must be finite and >= 0")
+        p = as_number("order", order, lower=0.0, strict=True)
+        finest = 1.0 / as_number("max_refine", max_refine, lower=1.0)
+        coarsest = as_number("max_coarsen", max_coarsen, lower=1.0, allow_inf=True)
+        return eta, p, finest, coarsest, *as_goal(tolerance, target_elements)
+
+    eta, p, finest, coarsest, goal, wanted = sums.agree(check)
     d = mesh.cell_dim
     now = present_sizes(mesh)
     with np.errstate(divide="ignore"):
-        shape = (eta / max(eta.max(), np.finfo(float).tiny)) ** (-1.0 / (p + 0.5 * d))
+        largest = max(sums.largest(float(eta.max(initial=0.0))), np.finfo(float).tiny)
+        shape = (eta / largest) ** (-1.0 / (p + 0.5 * d))
 
     def ratios(scale: float) -> FloatArray:
         return np.asarray(np.clip(scale * shape, finest, coarsest))
 
     def sizes(scale: float) -> FloatArray:
-        return finish(_nodal_sizes(mesh, now * ratios(scale)))
+        return finish(_nodal_sizes(mesh, now * ratios(scale), sums))
 
     if goal == "tolerance":
         moving = eta > 0.0
 
         def gain(scale: float) -> float:
-            error = np.linalg.norm(eta[moving] * ratios(scale)[moving] ** p)
+            errors = eta[moving] * ratios(scale)[moving] ** p
+            error = math.sqrt(sums.total(float(errors @ errors)))
             return math.inf if error == 0.0 else 1.0 / float(error)
 
         scale = scale_to(1.0 / wanted, gain, 1.0)
     else:
-        scale = scale_to(wanted, lambda s: predicted_elements(mesh, sizes(s), backend=backend), 1.0)
+        factor = calibration(backend, d)
+        scale = scale_to(wanted, lambda s: factor * count_elements(mesh, sizes(s), sums), 1.0)
     return sizes(scale)
 
 
@@ -310,13 +324,14 @@ def _finishing(
     return finish
 
 
-def _nodal_sizes(mesh: SimplexMesh, size: FloatArray) -> FloatArray:
+def _nodal_sizes(mesh: SimplexMesh, size: FloatArray, sums: CellSums) -> FloatArray:
     """Return nodal sizes with the same number of elements as cell sizes, averaged by density."""
     d = mesh.cell_dim
-    volume = _nodal_measures(mesh)
+    volume = sums.at_nodes(_nodal_measures(mesh))
     with np.errstate(divide="ignore", invalid="ignore"):
         number = np.where(mesh.measures > 0.0, mesh.measures * size**-d, 0.0) / (d + 1)
-        nodal = np.bincount(mesh.cells.ravel(), np.repeat(number, d + 1), mesh.n_points)
+        counts = np.bincount(mesh.cells.ravel(), np.repeat(number, d + 1), mesh.n_points)
+        nodal = sums.at_nodes(counts.astype(np.float64))
         return np.asarray(np.where(nodal > 0.0, volume / nodal, np.inf) ** (1.0 / d))
 
 

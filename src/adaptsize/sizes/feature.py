@@ -129,6 +129,7 @@ def size_from_feature(
     """
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     crease_angle = as_angle("crease_angle", crease_angle)
+    corner_angle = as_angle("corner_angle", corner_angle)
     across = as_number("elements_across", elements_across, lower=0.0, strict=True)
     one_of("method", method, METHODS)
     by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)

@@ -105,3 +105,9 @@ def test_bad_boundaries_are_refused(boundary, message):
 def test_bad_points_are_refused():
     with pytest.raises(ValueError, match=r"points must have shape \(n, 2\)"):
         SignedDistance(star(5, 1))([[0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("bad", [np.array("a"), np.array(1.0), "abc", [[[1.0], [1.0, 2.0]]]])
+def test_what_is_no_outline_is_refused_with_a_clear_message(bad):
+    with pytest.raises(ValueError, match=r"^boundary"):
+        SignedDistance(bad)

@@ -146,7 +146,7 @@ def march_through_mesh(
                 ConvergenceWarning,
                 stacklevel=4,
             )
-        accepted += mesh_kernels.march(*stars, u, *slope, *heap, keep, _CHUNK_OF_MESH)
+        accepted += mesh_kernels.march(*stars, u, *slope, *heap, keep, np.inf, _CHUNK_OF_MESH)
         report(text, min(accepted / n, 1.0))
     report(text, 1.0)
     return u

@@ -80,13 +80,21 @@ class SignedDistance:
         return f"SignedDistance({self.mesh.n_cells} facets in {self.mesh.dim}-D)"
 
 
+def _is_point(given: Any) -> bool:
+    try:
+        return np.ndim(given) == 1
+    except ValueError:  # rows of different lengths, which are refused later
+        return False
+
+
 def _polygons(given: Any) -> list[FloatArray]:
     """Return the polygons without repeated last points; refuse what is not polygons."""
-    if not isinstance(given, Sequence | np.ndarray) or isinstance(given, str):
+    is_flat = isinstance(given, str) or (isinstance(given, np.ndarray) and given.ndim == 0)
+    if is_flat or not isinstance(given, Sequence | np.ndarray):
         raise ValueError(f"boundary must be a mesh or polygons, got {describe(given)}")
     if len(given) == 0:
         raise ValueError("boundary must have at least one polygon, got none")
-    polygons: list[npt.ArrayLike] = [given] if np.ndim(given[0]) == 1 else list(given)
+    polygons: list[npt.ArrayLike] = [given] if _is_point(given[0]) else list(given)
     found = []
     for number, polygon in enumerate(polygons):
         corners = as_points(f"boundary[{number}]", polygon, 2)

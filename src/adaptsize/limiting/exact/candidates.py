@@ -12,7 +12,7 @@ from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, along_walls
-from adaptsize.limiting.exact.problem import Problem
+from adaptsize.limiting.exact.problem import Kinks, Problem
 from adaptsize.limiting.exact.waves import Wave, wave_at
 from adaptsize.limiting.exact.work import along_curve, part_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -23,10 +23,10 @@ def candidates_of(problem: Problem) -> tuple[IntArray, BoolArray | None]:
     mesh, cells, h0 = problem.mesh, problem.cells, problem.h0
     if not (kernels.have_neighbours(cells, h0) if problem.meet is None else problem.meet):
         return np.flatnonzero(np.isfinite(h0)).astype(np.int32), None
-    steep, candidate = np.empty(len(cells), np.bool_), np.empty(mesh.n_points, np.bool_)
+    found = steep, candidate = np.empty(len(cells), np.bool_), np.empty(mesh.n_points, np.bool_)
     axes = (0,) * mesh.dim
     kernels.mark_steep(
-        mesh.points, axes, cells, h0, problem.g, problem.face_sources, steep, candidate
+        mesh.points, axes, cells, h0, problem.g, problem.face_sources, problem.margin, *found
     )
     return np.flatnonzero(candidate).astype(np.int32), steep
 
@@ -44,10 +44,15 @@ def sources_on_cells(
 ) -> Wave | None:
     """Return the edges and faces of steep cells that may be sources."""
     mesh, h0 = problem.mesh, problem.h0
-    given = (mesh.points, (0,) * mesh.dim, problem.cells, steep, h0, h, problem.g)
-    parts = [_listed(kinks.list_edges, given, 2)]
+    given = (mesh.points, (0,) * mesh.dim, problem.cells, steep, h0, h + problem.margin, problem.g)
+    rows = Kinks(_listed(kinks.list_edges, given), np.empty((0, 5), np.int32), mesh.points, h0)
     if mesh.dim == 3:
-        parts.append(_listed(kinks.list_faces, given, 3))
+        rows = rows._replace(faces=_listed(kinks.list_faces, given))
+    if problem.merge is not None:
+        rows = problem.merge(rows)
+    parts = [_chosen(rows.edges, 2, rows, problem.g)]
+    if mesh.dim == 3:
+        parts.append(_chosen(rows.faces, 3, rows, problem.g))
     named = np.full((sum(map(len, parts)), mesh.dim), -1, np.int32)
     named[: len(parts[0]), :2] = parts[0]
     if mesh.dim == 3:
@@ -70,10 +75,11 @@ def _undominated(
     """
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     axes = (0,) * mesh.dim
+    below = h0 - problem.margin
 
     def kept(rows: IntArray, source: IntArray, wave: Wave) -> BoolArray:
         keep = np.empty(len(rows), np.bool_)
-        given = (*(read_only(array) for array in (rows, h0, source)), wave.table)
+        given = (*(read_only(array) for array in (rows, below, source)), wave.table)
         faces = True if mesh.dim == 3 else None
         block = new_block(mesh.dim)
         kernels.keep_undominated(mesh.points, axes, *given, g, True, faces, block, keep)
@@ -97,8 +103,8 @@ def _undominated(
     return np.concatenate([named[leads], others])
 
 
-def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-def]
-    """Return the edges or faces that a kernel lists and that may be sources in all their cells."""
+def _listed(kernel, given) -> IntArray:  # type: ignore[no-untyped-def]
+    """Return the edges or faces that a kernel lists."""
     room = 2 * int(np.count_nonzero(given[3]))  # more is needed where most steep cells have kinks
     while True:
         rows = np.empty((room, 5), np.int32)
@@ -106,10 +112,14 @@ def _listed(kernel, given, width: int) -> IntArray:  # type: ignore[no-untyped-d
         if count <= room:
             break
         room = count
-    rows = rows[:count]
-    if count == 0:
+    return rows[:count]
+
+
+def _chosen(rows: IntArray, width: int, listed: Kinks, g: float) -> IntArray:
+    """Return the edges or faces that may be sources in all their cells."""
+    if len(rows) == 0:
         return rows[:, :width]
-    points, h0, g = given[0], given[4], given[6]
+    points, h0 = listed.points, listed.h0
     unique, group = unique_rows(rows[:, :width], len(points))
     allows = rows[:, width]
     kept = np.bincount(group, weights=allows & 1 == 0) == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from adaptsize.geometry.boundary import PlaneBoundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.waves import Wave, node_table, sorted_wave
 from adaptsize.limiting.exact.work import along_curve, boxes_over
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,9 @@ class Plane:
     the first to the second."""
     sizes: FloatArray
     """float64[c]"""
+    merge: Callable[[FloatArray, FloatArray, BoolArray], None] | None = None
+    """Merges sizes at corners, directions of arrival and whether sources lower the corner (all
+    In/Out) with those that other processes have found; None if there are none."""
 
     def without_sizes(self) -> Plane:
         """Return the same domain with reset corners."""
@@ -92,6 +96,8 @@ def _by_sectors(table: FloatArray, nodes: IntArray, plane: Plane) -> tuple[Float
 def along_walls(wave: Wave, points: FloatArray, facets: IntArray) -> Wave:
     """Return sources on edges; those on walls act on the side of the domain only."""
     table, n = _in_plane(wave.table), len(points)
+    if len(facets) == 0:  # the mesh is a part, without walls
+        return wave._replace(table=table)
     key = np.sort(facets, axis=1).astype(np.int64) @ [n, 1]
     order = np.argsort(key)
     own = wave.nodes.astype(np.int64) @ [n, 1]
@@ -120,6 +126,8 @@ def with_corners(
     arrivals = np.zeros((n, 2))
     entries = wave.table[source[lowered]]
     arrivals[lowered] = places[lowered] - _feet(entries, places[lowered], g)
+    if plane.merge is not None:
+        plane.merge(plane.sizes, arrivals, lowered)
     table, serves = plane.table.copy(), np.zeros(n, np.bool_)
     kernels.solve_corners(
         (0, 0),

@@ -62,15 +62,15 @@ class Found:
 
 def solve_on_mesh(problem: Problem, boundary: FlatBoundary, convex: bool) -> Found:
     """Solve on one component of triangles in the plane or of tetrahedra."""
-    mesh = problem.mesh
+    mesh, problem = problem.mesh, problem.with_margin()
     if len(boundary.facets) == 0:
         return _along_edges(problem)
     if convex:
-        return _solve(problem, None, boundary)
+        return solve_by_sight(problem, None, boundary)
     if mesh.dim == 3:
         return _solve_in_space(problem, boundary)
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
-    found = _solve(problem, plane, boundary)
+    found = solve_by_sight(problem, plane, boundary)
     if rises_too_fast(problem, found.h):
         _keep_edges(problem, found)
     return found
@@ -83,7 +83,7 @@ def rises_too_fast(problem: Problem, h: FloatArray) -> bool:
     return bool(candidates.any_edge_exceeds(mesh.points, axes, mesh.cells, h, problem.g))
 
 
-def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Found:
+def solve_by_sight(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Found:
     """Solve in a convex domain (no ``plane``) or in the plane."""
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
@@ -99,6 +99,8 @@ def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Fou
     if not linear or steep is None:
         return Found(h, source, field, plane=plane, points=points)
     wave = sources_on_cells(problem, steep, h, source, field, plane, boundary)
+    if wave is None and plane is not None and plane.merge is not None:
+        wave = field.waves[0].only(np.zeros(len(field.waves[0].nodes), np.bool_))
     if wave is not None:
         if plane is not None:
             wave = with_corners(wave, g, plane, linear, problem.report)
@@ -111,6 +113,7 @@ def _solve(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Fou
 
 def sources_at_nodes(problem: Problem, plane: Plane | None) -> Wave | None:
     """Return nodes and corners as sources; None if edges may be sources, too."""
+    problem = problem.with_margin()
     nodes, steep = candidates_of(problem)
     if steep is not None and problem.face_sources:
         return None
@@ -122,11 +125,12 @@ def _node_sources(
 ) -> Wave:
     """Return the survivors among nodes, and corners; in the plane all nodes if no bounds meet."""
     wave = _at_nodes(problem, nodes)
+    given = (problem.g, linear, problem.threads, problem.report, problem.margin)
     if plane is None:
-        return survivors_of(wave, problem.g, linear, problem.threads, problem.report)
+        return survivors_of(wave, *given)
     wave = at_nodes(wave, plane)
     if meet:
-        wave = survivors_of(wave, problem.g, linear, problem.threads, problem.report, plane)
+        wave = survivors_of(wave, *given, plane)
     return with_corners(wave, problem.g, plane, linear, problem.report)
 
 
@@ -218,9 +222,13 @@ def survivors_of(
     linear: bool,
     threads: int,
     report: ProgressCallback,
+    margin: float = 0.0,
     plane: Plane | None = None,
 ) -> Wave:
-    """Return the nodes that keep their bound, given the bounds visible from them."""
+    """Return the nodes whose bound no other one that is visible from there undercuts by more.
+
+    ``margin`` is that of `Problem`.
+    """
     if len(wave.nodes) == 0:
         return wave
     dim = wave.nodes.shape[1]
@@ -229,7 +237,7 @@ def survivors_of(
     points = Points(wave.table[:, :dim].copy(), order, rows)
     field = ExactField(g, None if plane is None else plane.sight, linear, [wave])
     by = np.full(len(order), -1, np.int32)
-    sizes = wave.sizes[:, 0].copy()
+    sizes = wave.sizes[:, 0] - margin
     field.lower_by_last(points, sizes, by, threads, part_of(report, 0.0, 0.1), once=True)
     survives: BoolArray = by < 0
     return wave.only(survives)

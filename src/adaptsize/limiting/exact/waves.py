@@ -56,16 +56,22 @@ def node_table(places: FloatArray, sizes: FloatArray) -> FloatArray:
     """Return the table of nodes."""
     m, dim = places.shape
     table = np.full((m, dim * (dim + 1)), np.inf)
-    table[:, : dim * dim] = np.tile(places, dim)
+    for v in range(dim):
+        table[:, v * dim : (v + 1) * dim] = places
     table[:, dim * dim] = sizes
     return table
 
 
+# The tables are the largest arrays of the exact method.  They are made in their final order: there
+# is never a second one.
+
+
 def node_wave(places: FloatArray, sizes: FloatArray, names: IntArray) -> Wave:
     """Return nodes as a wave."""
+    order = along_curve(places)
     nodes = np.full(places.shape, -1, np.int32)
-    nodes[:, 0] = names
-    return sorted_wave(node_table(places, sizes), nodes)
+    nodes[:, 0] = names[order]
+    return _with_tree(node_table(places[order], sizes[order]), nodes)
 
 
 def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
@@ -75,8 +81,10 @@ def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
     are separate entries.
     """
     m, dim = named.shape
-    used = np.where(named >= 0, named, named[:, :1])
+    named = named[along_curve(points[named[:, 0]])]
     table = np.empty((m, dim * (dim + 1)))
-    table[:, : dim * dim] = points[used].reshape(m, dim * dim)
-    table[:, dim * dim :] = np.where(named >= 0, sizes[used], np.inf)
-    return sorted_wave(table, named)
+    for v in range(dim):
+        used = np.where(named[:, v] >= 0, named[:, v], named[:, 0])
+        table[:, v * dim : (v + 1) * dim] = points[used]
+        table[:, dim * dim + v] = np.where(named[:, v] >= 0, sizes[used], np.inf)
+    return _with_tree(table, named)

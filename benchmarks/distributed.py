@@ -1,0 +1,80 @@
+"""Distributed limiting: processor and wall time of each rank, and bytes, on 1 and more ranks.
+
+    mpiexec -n 2 python benchmarks/distributed.py --nodes 1000000
+
+Prints one row per problem: the largest times of all ranks and the sum of the bytes that they send.
+The first call on a mesh also finds the boundary; the second is what later calls cost.
+"""
+
+import argparse
+import time
+
+import numpy as np
+from mpi4py import MPI
+
+from adaptsize import SimplexMesh
+from adaptsize.distributed import PartitionedMesh, as_communicator, limit_gradient
+
+
+def kuhn_cube(n):
+    """Return the unit cube as n^3 boxes of six tetrahedra each."""
+    axis = np.linspace(0.0, 1.0, n + 1)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    step = np.array([(n + 1) ** 2, n + 1, 1])
+    first = (np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1) @ step).ravel()
+    cells = []
+    for a, b, c in [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]:
+        offsets = np.cumsum([0, step[a], step[b], step[c]])
+        cells.append(first[:, None] + offsets)
+    return SimplexMesh(points, np.concatenate(cells))
+
+
+def square(n):
+    """Return the unit square as n^2 boxes of two triangles each."""
+    axis = np.linspace(0.0, 1.0, n + 1)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    cells = [first[:, None] + [0, n + 1, n + 2], first[:, None] + [0, n + 2, 1]]
+    return SimplexMesh(points, np.concatenate(cells))
+
+
+def bounds(points, kind, spacing):
+    """Return bounds: at two points, or a field at every node with |grad| up to 4 g."""
+    if kind == "field":
+        x, y = points[:, 0], points[:, 1]
+        return 0.02 + 0.1 * (np.sin(9.0 * x) * np.cos(7.0 * y)) ** 2
+    away = [np.abs(points - corner).max(axis=1) for corner in (0.25, 0.75)]
+    return np.where(np.minimum(*away) < 0.6 * spacing, 0.01, np.inf)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--nodes", type=int, default=100_000)
+    nodes = parser.parse_args().nodes
+    comm = as_communicator(MPI.COMM_WORLD)
+    makers = {"square": (square, 2), "cube": (kuhn_cube, 3)}
+    for domain, (make, dim) in makers.items():
+        n = round(nodes ** (1.0 / dim)) - 1
+        whole = make(n) if comm.rank == 0 else None
+        slabs = None
+        if whole is not None:
+            middle = whole.points[whole.cells].mean(axis=1)[:, 0]
+            slabs = np.minimum((middle * comm.size).astype(int), comm.size - 1)
+        part = PartitionedMesh.from_serial(whole, slabs, comm)
+        for kind in ("two points", "field"):
+            h0 = bounds(part.points, kind, 1.0 / n)
+            for call in ("first", "second"):
+                comm.barrier()
+                sent, wall, cpu = comm.traffic.bytes_sent, time.perf_counter(), time.process_time()
+                limit_gradient(part, h0, 0.3, face_sources=False)
+                cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+                cpu, wall = comm.allreduce(cpu, "max"), comm.allreduce(wall, "max")
+                sent = comm.allreduce(comm.traffic.bytes_sent - sent, "sum")
+                if comm.rank == 0:
+                    size = f"{comm.size} ranks, {domain}, {part.n_global_points} nodes"
+                    cost = f"cpu {cpu:.3f} s, wall {wall:.3f} s, {sent} bytes"
+                    print(f"{size}, {kind}, {call} call: {cost}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

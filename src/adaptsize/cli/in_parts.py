@@ -1,0 +1,143 @@
+"""``limit`` and ``remesh`` on distributed meshes: PVTU files, and several ranks of MPI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from adaptsize.cli.console import Console
+from adaptsize.cli.files import check_files, check_place, nodal_field
+
+if TYPE_CHECKING:
+    from adaptsize.distributed import Communicator, PartitionedMesh
+    from adaptsize.typing import FloatArray
+
+
+def runs_in_parts(console: Console, file: Path, output: Path, *, mpi: bool) -> bool:
+    """Return whether a command runs on a distributed mesh."""
+    in_files = ".pvtu" in (file.suffix.lower(), output.suffix.lower())
+    return mpi or in_files or console.world is not None
+
+
+def refuse_in_parts(given: Mapping[str, bool]) -> None:
+    """Refuse options that are not available for distributed meshes."""
+    listed = ", ".join(name for name, is_given in given.items() if is_given)
+    if listed:
+        raise ValueError(f"{listed} is not available for distributed meshes")
+
+
+def _ranks(console: Console) -> Communicator:
+    from adaptsize.distributed import as_communicator
+
+    return as_communicator(None) if console.world is None else console.world.comm
+
+
+def _check_output(file: Path, output: Path, *, is_mesh: bool) -> None:
+    """Refuse an output that cannot be written.  A PVTU file is one of several."""
+    if output.suffix.lower() != ".pvtu":
+        check_files([file], {"--output": (output, "mesh" if is_mesh else "sizes")})
+        return
+    check_place(output)
+    if output.resolve() == file.resolve():
+        raise ValueError(f"--output {output} is also the input; give another name")
+
+
+def _bounds(part: PartitionedMesh, name: str) -> FloatArray:
+    """Return the nodal field of this rank; collective."""
+
+    def find() -> FloatArray:
+        if part.mesh is None:
+            return np.empty(0)
+        return np.asarray(nodal_field(part.mesh, name), np.float64)
+
+    return part.comm.agree(find)
+
+
+def limit_in_parts(
+    console: Console, file: Path, output: Path, field: str, gradient: float, method: str
+) -> None:
+    """Limit the gradient of a nodal field of a distributed mesh."""
+    from adaptsize.distributed import limit_gradient
+    from adaptsize.distributed.files import read_parts, write_parts
+
+    comm = _ranks(console)
+    with console.steps(3) as steps:
+        steps.begin("reading")
+        comm.agree(lambda: _check_output(file, output, is_mesh=False))
+        part = read_parts(file, comm)
+        h0 = _bounds(part, field)
+        steps.begin("limiting")
+        h = limit_gradient(part, h0, gradient, method=method, progress=steps.report)
+        steps.begin("writing")
+        files = write_parts(output, part, fields={"h": h})
+    own = part.is_owned
+    lowered = comm.allreduce(int(np.count_nonzero((h < h0)[own])), "sum")
+    console.record(
+        input=str(file), g=gradient, n_ranks=comm.size, n_points=part.n_global_points,
+        n_lowered=lowered,
+    )  # fmt: skip
+    console.print(f"{lowered} of {part.n_global_points} nodes lowered, on {comm.size} ranks")
+    _finish(console, part, files)
+
+
+def remesh_in_parts(
+    console: Console,
+    file: Path,
+    output: Path,
+    field: str | None,
+    gradient: float,
+    limits: tuple[float | None, float | None],
+    options: Mapping[str, Any],
+    refused: Mapping[str, bool],
+) -> None:
+    """Remesh a distributed mesh with the sizes in a nodal field, limited.
+
+    ``options`` are those of `distributed.remesh`; None stands for its defaults.
+    """
+    from adaptsize.distributed import limit_gradient
+    from adaptsize.distributed.files import read_parts, write_parts
+    from adaptsize.distributed.remeshing import remesh
+    from adaptsize.distributed.transfer import interpolate
+
+    refuse_in_parts(refused)
+    options = {name: value for name, value in options.items() if value is not None}
+    if field is None:
+        raise ValueError("--field is required for distributed meshes")
+    comm = _ranks(console)
+    with console.steps(4) as steps:
+        steps.begin("reading")
+        comm.agree(lambda: _check_output(file, output, is_mesh=True))
+        part = read_parts(file, comm)
+        low, high = limits
+        h0 = np.clip(_bounds(part, field), 0.0 if low is None else low, high)
+        steps.begin("limiting")
+        h = limit_gradient(part, h0, gradient, progress=steps.report)
+        steps.begin("meshing")
+        made = remesh(part, h, progress=steps.report, **options)
+        sizes = interpolate(part, h, made.part.points)
+        steps.begin("writing")
+        files = write_parts(output, made.part, fields={"h": sizes})
+    quality = made.quality
+    console.record(
+        input=str(file), g=gradient, n_ranks=comm.size,
+        quality={
+            "everywhere": vars(quality.everywhere), "at_interfaces": vars(quality.at_interfaces)
+        },
+    )  # fmt: skip
+    console.print(quality)
+    _finish(console, made.part, files)
+
+
+def _finish(console: Console, part: PartitionedMesh, files: list[Path]) -> None:
+    """Print the warnings of all ranks, and what was written."""
+    for texts in part.comm.allgather(console.warnings):
+        for text in texts:
+            console.warn(text)
+    n_points, n_cells = part.n_global_points, part.n_global_cells
+    for path in files:
+        console.wrote(file=str(path))
+    pieces = f" in {len(files) - 1} pieces" if len(files) > 1 else ""
+    console.print(f"{files[0]}: {n_points} points, {n_cells} cells{pieces}")

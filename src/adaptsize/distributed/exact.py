@@ -1,0 +1,159 @@
+"""The exact method on distributed meshes.
+
+Each rank solves the problem of its own cells with the serial functions.  The sources that it
+keeps are sent to the ranks on which they may matter, and lower the sizes there.  The result is the
+minimum of the same numbers as on one process: see docs/distributed.md for the proof.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.exact_candidates import have_neighbours
+from adaptsize._kernels.exact_plane import CORNER
+from adaptsize.distributed.boundary import Skeleton, find_skeleton
+from adaptsize.distributed.communicator import Communicator
+from adaptsize.distributed.entries import exchange_entries, reach_of
+from adaptsize.distributed.kinks import merge_kinks
+from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.pieces import Piece, components_of, piece_of
+from adaptsize.geometry.boundary import plane_boundary
+from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.plane import Plane, plane_of
+from adaptsize.limiting.exact.problem import Problem, margin_for
+from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
+from adaptsize.limiting.exact.waves import Wave
+from adaptsize.limiting.exact.work import along_curve, number_of_threads
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+
+class Given(NamedTuple):
+    """Options, the same on all ranks."""
+
+    g: float
+    face_sources: bool
+    threads: int | None
+    report: ProgressCallback
+
+
+def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> FloatArray | None:
+    """Return the limited sizes on the nodes of this rank; collective.
+
+    Returns None, on all ranks, on a line, in a solid that is not convex, and if the mesh has cells
+    without measure or cells that overlap.
+    """
+    if part.dim == 1:
+        return None
+    h = h0.copy()
+    for number in components_of(part).bounded(part.comm, h0):
+        piece = piece_of(part, number)
+        sizes = _solve_piece(part, number, piece, h0, given)
+        if sizes is None:
+            return None
+        h[piece.nodes] = sizes[: len(piece.nodes)]
+    return h
+
+
+def _solve_piece(
+    part: PartitionedMesh, number: int, piece: Piece, h0: FloatArray, given: Given
+) -> FloatArray | None:
+    """Return the sizes in one component; None if its cells overlap."""
+    threads = number_of_threads(given.threads)
+    skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, threads))
+    if skeleton is None:
+        return None
+    mesh, comm, bound = piece.mesh, piece.comm, piece.bounds(h0)
+    facts = comm.allgather((float(bound.min()), bool(have_neighbours(mesh.cells, bound))))
+    problem = Problem(
+        mesh,
+        bound,
+        given.g,
+        given.face_sources,
+        threads,
+        given.report,
+        order=along_curve(mesh.points),
+        meet=any(meet for _, meet in facts),
+        margin=margin_for(min(least for least, _ in facts), given.g, skeleton.diagonal),
+        merge=lambda rows: merge_kinks(piece, rows),
+    )
+    if skeleton.convex:
+        return _with_others(piece, problem, None, skeleton)
+    if mesh.dim == 3:
+        return None
+    plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
+    h = _with_others(piece, problem, plane.without_sizes(), skeleton)
+    folded = not piece.is_empty and rises_too_fast(problem, h)
+    return None if comm.allreduce(int(folded), "max") else h
+
+
+def _with_others(
+    piece: Piece, problem: Problem, plane: Plane | None, skeleton: Skeleton
+) -> FloatArray:
+    """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
+    mesh, g = problem.mesh, problem.g
+    boundary = skeleton.boundary
+    if plane is not None:  # its facets are named by local nodes, others do not matter
+        boundary = boundary._replace(facets=_local_facets(piece, skeleton))
+    found = solve_by_sight(problem, plane, boundary)
+    waves = [_not_corners(wave) if plane is not None else wave for wave in found.field.waves]
+    own = Wave(
+        np.concatenate([wave.table for wave in waves]),
+        np.empty(0),
+        np.concatenate([wave.nodes for wave in waves]),
+    )
+    assert problem.order is not None
+    order = problem.order[:0] if piece.is_empty else problem.order
+    received = exchange_entries(piece.comm, own, reach_of(mesh.points, order, found.h), g)
+    on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
+    field = ExactField(g, found.field.sight, found.field.linear, [received])
+    points = Points(mesh.points, order, on_wall)
+    field.lower_by_last(points, found.h, found.source, problem.threads, problem.report)
+    return found.h
+
+
+def _not_corners(wave: Wave) -> Wave:
+    """Return the entries without the corners, which all ranks know."""
+    kept = wave.table[:, CORNER] == 0.0
+    return Wave(wave.table[kept], wave.boxes, wave.nodes[kept])
+
+
+def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:
+    """Return walls and corners, the same on all ranks, with the rows of local nodes."""
+    counts = [np.bincount(ends, minlength=len(skeleton.ids)) for ends in skeleton.boundary.facets.T]
+    irregular = np.flatnonzero((counts[0] != 1) | (counts[1] != 1)).astype(np.int32)
+    wider, mesh = skeleton.with_cells(piece, irregular)
+    whole = plane_boundary(mesh, wider.boundary)
+    plane = plane_of(mesh.points, whole)
+    rows = np.append(whole.rows, np.int32(-1))[wider.rows(piece.ids)]
+    if piece.is_empty:
+        rows = np.full(piece.mesh.n_points, -1, np.int32)
+
+    def merge(sizes: FloatArray, arrivals: FloatArray, lowered: BoolArray) -> None:
+        _merge_corners(piece.comm, sizes, arrivals, lowered)
+
+    return replace(plane, boundary=whole._replace(rows=rows), merge=merge)
+
+
+def _merge_corners(
+    comm: Communicator, sizes: FloatArray, arrivals: FloatArray, lowered: BoolArray
+) -> None:
+    """Take the smallest size that any rank has found at each corner (In/Out: all)."""
+    every = comm.allgather((sizes, arrivals, lowered))
+    all_sizes = np.array([own[0] for own in every])
+    best = np.argmin(all_sizes, axis=0), np.arange(len(sizes))
+    sizes[:] = all_sizes[best]
+    arrivals[:] = np.array([own[1] for own in every])[best]
+    lowered[:] = np.array([own[2] for own in every])[best]
+
+
+def _local_facets(piece: Piece, skeleton: Skeleton) -> IntArray:
+    """Return the facets of the boundary both of whose nodes are on this rank, as local nodes."""
+    at = np.minimum(np.searchsorted(piece.ids, skeleton.ids), max(len(piece.ids) - 1, 0))
+    if piece.is_empty:
+        return np.empty((0, 2), np.int32)
+    local = np.where(piece.ids[at] == skeleton.ids, at, -1).astype(np.int32)
+    facets = local[skeleton.boundary.facets]
+    return facets[(facets >= 0).all(axis=1)]

@@ -1,0 +1,166 @@
+"""Meshes of DOLFINx as partitioned meshes."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptsize._checks import describe
+from adaptsize.background import SimplexMesh
+from adaptsize.distributed.communicator import as_communicator
+from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.numbering import number_nodes
+from adaptsize.typing import FloatArray, IntArray
+
+_KINDS = {"interval": 1, "triangle": 2, "tetrahedron": 3}
+
+
+class DolfinxPart(NamedTuple):
+    """A mesh of DOLFINx as a `PartitionedMesh`, and how their nodes and cells correspond."""
+
+    part: PartitionedMesh
+    nodes: IntArray
+    """``nodes[i]`` is the row of ``mesh.geometry.x`` of local node i."""
+    cells: IntArray
+    """``cells[c]`` is the cell of the DOLFINx mesh of local cell c."""
+
+    def dofs(self, space: Any) -> IntArray:
+        """Return the dof of each local node in a space of linear Lagrange elements."""
+        found = np.empty(self.part.n_points, np.int32)
+        # Cells list their dofs and their nodes in the same order.
+        found[self.part.cells] = np.asarray(space.dofmap.list)[: self.part.n_cells]
+        return found
+
+
+def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) -> DolfinxPart:
+    """Return the part of a ``dolfinx.mesh.Mesh`` on each rank; collective.
+
+    Parameters
+    ----------
+    mesh : dolfinx.mesh.Mesh
+        Of affine intervals, triangles or tetrahedra, in DOLFINx 0.8 or later.  Ghost cells are
+        left out.
+    cell_tags, facet_tags : dolfinx.mesh.MeshTags, optional
+        Tags of cells and facets, which become those of the `SimplexMesh`.
+
+    Returns
+    -------
+    DolfinxPart
+        Nodal values h of ``part`` become those of a function of linear Lagrange elements by
+        ``f.x.array[found.dofs(space)] = h``, followed by ``f.x.scatter_forward()``.
+
+    Raises
+    ------
+    ValueError
+        If the argument is not such a mesh.
+    """
+    try:
+        topology, geometry, comm = mesh.topology, mesh.geometry, as_communicator(mesh.comm)
+        kind = topology.cell_name()
+        width = np.asarray(_dofmap(geometry)).shape[1]
+    except AttributeError as error:
+        raise ValueError(f"mesh must be a dolfinx.mesh.Mesh, got {describe(mesh)}") from error
+    if kind not in _KINDS or width != _KINDS[kind] + 1:
+        raise ValueError(f"mesh must have affine simplices, got {kind} with {width} nodes")
+    dim = _KINDS[kind]
+    topology.create_connectivity(dim, 0)
+    n_cells = topology.index_map(dim).size_local
+    rows = np.asarray(_dofmap(geometry))[:n_cells]
+    of_vertices = np.asarray(topology.connectivity(dim, 0).array)[: rows.size].reshape(rows.shape)
+    nodes, local = np.unique(rows, return_inverse=True)
+    vertices = np.empty(len(nodes), np.int32)
+    vertices[local.ravel()] = of_vertices.ravel()
+    keys = geometry.index_map().local_to_global(nodes.astype(np.int32)).astype(np.int64)
+    ids, owner = number_nodes(comm, keys)
+    piece = None
+    if n_cells:
+        points = _points(mesh, geometry.x[nodes])
+        tags: dict[str, Any] = {}
+        if cell_tags is not None:
+            tags["cell_tags"] = _cell_tags(cell_tags, n_cells)
+        if facet_tags is not None:
+            facets, values = _tagged_facets(topology, facet_tags, dim)
+            number = np.full(
+                topology.index_map(0).size_local + topology.index_map(0).num_ghosts, -1
+            )
+            number[vertices] = np.arange(len(nodes))
+            facets = number[facets]
+            held = (facets >= 0).all(axis=1)
+            tags |= {"tagged_facets": facets[held].astype(np.int32), "facet_tags": values[held]}
+        piece = SimplexMesh(points, local.reshape(rows.shape).astype(np.int32), **tags)
+    first = topology.index_map(dim).local_range[0]
+    part = PartitionedMesh(piece, ids, owner, comm, cell_ids=first + np.arange(n_cells))
+    return DolfinxPart(part, nodes.astype(np.int32), np.arange(n_cells, dtype=np.int32))
+
+
+def to_dolfinx(part: PartitionedMesh) -> Any:
+    """Return a ``dolfinx.mesh.Mesh`` of the cells of a distributed mesh; collective.
+
+    DOLFINx partitions the mesh anew, so that `from_dolfinx` of the result has other parts.  Tags
+    and fields are left out: `transfer_fields` brings fields to the new parts, and
+    ``dolfinx.mesh.locate_entities_boundary`` finds facets again.
+
+    Parameters
+    ----------
+    part : PartitionedMesh
+
+    Raises
+    ------
+    ImportError
+        If DOLFINx is missing.
+    ValueError
+        If the mesh is not on a communicator of mpi4py.
+    """
+    import basix.ufl
+    import ufl
+    from mpi4py import MPI
+
+    import dolfinx
+    from adaptsize.distributed.mpi import MpiCommunicator
+
+    comm = part.comm
+    if not isinstance(comm, MpiCommunicator) and comm.size > 1:
+        raise ValueError("part must be on a communicator of mpi4py")
+    # Row i of the coordinates of all ranks, one after another, is node i.
+    own = part.is_owned
+    first = sum(comm.allgather(int(own.sum()))[: comm.rank])
+    rows = np.zeros(part.n_points)
+    rows[own] = first + np.arange(np.count_nonzero(own))
+    cells = part.exchange(rows).astype(np.int64)[part.cells]
+    kind = {number: name for name, number in _KINDS.items()}[part.cell_dim]
+    element = basix.ufl.element("Lagrange", kind, 1, shape=(part.dim,))
+    world = comm.mpi if isinstance(comm, MpiCommunicator) else MPI.COMM_SELF
+    # Integrals over interior facets need the cells on both sides.
+    ghosts = dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.shared_facet, 2)
+    return dolfinx.mesh.create_mesh(
+        world, cells, ufl.Mesh(element), part.points[own], partitioner=ghosts
+    )
+
+
+def _dofmap(geometry: Any) -> Any:
+    """Return the nodes of the cells; ``dofmaps`` became an attribute in DOLFINx 0.11."""
+    maps = getattr(geometry, "dofmaps", None)
+    if maps is None:
+        return geometry.dofmap
+    return maps(0) if callable(maps) else maps[0]
+
+
+def _points(mesh: Any, x: FloatArray) -> FloatArray:
+    """Return the coordinates; DOLFINx stores three in any dimension."""
+    return np.ascontiguousarray(x[:, : mesh.geometry.dim])
+
+
+def _cell_tags(tags: Any, n_cells: int) -> IntArray:
+    """Return one tag per cell, 0 for cells without one."""
+    values = np.zeros(n_cells, np.int32)
+    own = np.asarray(tags.indices) < n_cells
+    values[np.asarray(tags.indices)[own]] = np.asarray(tags.values)[own]
+    return values
+
+
+def _tagged_facets(topology: Any, tags: Any, dim: int) -> tuple[IntArray, IntArray]:
+    """Return the vertices of tagged facets, and the tags."""
+    topology.create_connectivity(dim - 1, 0)
+    links = np.asarray(topology.connectivity(dim - 1, 0).array).reshape(-1, dim)
+    return links[np.asarray(tags.indices)], np.asarray(tags.values, np.int32)

@@ -1,0 +1,181 @@
+"""Partitioned meshes of Gmsh: one file, or one file per partition (MSH 4.1, text)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.background import SimplexMesh
+from adaptsize.distributed.assembly import Piece
+from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray, IntArray
+
+# Nodes of the elements of Gmsh by their types: points, segments, triangles, tetrahedra.
+_NODES = {15: 1, 1: 2, 2: 3, 4: 4}
+
+Entity = tuple[int, int]
+Ids = npt.NDArray[np.int64]
+
+
+class Partition(NamedTuple):
+    """The content of a file."""
+
+    piece: Piece
+    parts: IntArray
+    """int32[n_cells]: the partition of each cell, from 0."""
+
+
+class _Entities(NamedTuple):
+    """Partitioned entities by their dimension and tag."""
+
+    partition: dict[Entity, int]
+    physical: dict[Entity, int]
+
+
+def split_files(path: Path) -> list[Path]:
+    """Return ``name_1.msh``, ``name_2.msh``, ... for ``name.msh``, as far as they exist."""
+    found: list[Path] = []
+    while True:
+        file = path.with_name(f"{path.stem}_{len(found) + 1}{path.suffix}")
+        if not file.is_file():
+            return found
+        found.append(file)
+
+
+def is_partitioned(path: Path) -> bool:
+    """Return whether a file of Gmsh has partitions."""
+    with open(path, "rb") as file:
+        return any(line.startswith(b"$PartitionedEntities") for line in file)
+
+
+def read_partition(path: Path) -> Partition:
+    """Return the cells of a file without its ghost cells; nodes keep the numbers of Gmsh.
+
+    Raises
+    ------
+    MeshFileError
+        If it is not a text file of version 4.1 with partitions of simplices.
+    """
+    try:
+        sections = _sections(path.read_text())
+        head = sections["MeshFormat"][0].split()
+        if head[:2] != ["4.1", "0"]:
+            raise MeshFileError("must be a text file of version 4.1 (Mesh.Binary = 0)")
+        return _partition(sections)
+    except KeyError as error:
+        raise MeshFileError(f"{path}: has no section ${error.args[0]}") from error
+    except MeshFileError as error:
+        raise MeshFileError(f"{path}: {error}") from error
+    except (ValueError, IndexError, OSError) as error:
+        raise MeshFileError(f"{path}: cannot be read as a partitioned mesh ({error})") from error
+
+
+def _sections(text: str) -> dict[str, list[str]]:
+    """Return the lines of each section."""
+    sections: dict[str, list[str]] = {}
+    lines: list[str] = []
+    for line in text.splitlines():
+        if line.startswith("$End"):
+            continue
+        if line.startswith("$"):
+            lines = sections.setdefault(line[1:].strip(), [])
+        elif line.strip():
+            lines.append(line)
+    return sections
+
+
+def _partition(sections: dict[str, list[str]]) -> Partition:
+    entities = _entities(sections["PartitionedEntities"])
+    tags, points = _nodes(sections["Nodes"])
+    cell_dim = max(dim for dim, _ in entities.partition)
+    cells, facets = [], []
+    for entity, kind, rows in _elements(sections["Elements"]):
+        if entity not in entities.partition or entity[0] < cell_dim - 1:
+            continue  # ghost cells are in entities of their own
+        if kind not in _NODES:
+            raise MeshFileError(f"must hold linear simplices, got elements of type {kind}")
+        number = np.full(len(rows), entities.partition[entity] - 1, np.int32)
+        physical = np.full(len(rows), entities.physical.get(entity, 0), np.int32)
+        if entity[0] == cell_dim:
+            cells.append((rows, physical, number))
+        elif entity[0] == cell_dim - 1 and entity in entities.physical:
+            facets.append((rows, physical))
+    if not cells:
+        raise MeshFileError("holds no cells")
+    order = np.argsort(tags)
+    nodes = np.concatenate([rows for rows, _, _ in cells])
+    used, local = np.unique(nodes, return_inverse=True)
+    physical = np.concatenate([tag for _, tag, _ in cells])
+    tagged = {}
+    if facets:
+        rows = np.concatenate([rows for rows, _ in facets])
+        at = np.minimum(np.searchsorted(used, rows), len(used) - 1)
+        held = (used[at] == rows).all(axis=1)
+        tagged["tagged_facets"] = at[held].astype(np.int32)
+        tagged["facet_tags"] = np.concatenate([tag for _, tag in facets])[held]
+    mesh = SimplexMesh(
+        points[order[np.searchsorted(tags[order], used)]],
+        local.reshape(nodes.shape).astype(np.int32),
+        cell_tags=physical if physical.any() else None,
+        tag_names=_names(sections.get("PhysicalNames", ["0"])),
+        **tagged,
+    )
+    return Partition(Piece(mesh, used), np.concatenate([part for _, _, part in cells]))
+
+
+def _entities(lines: list[str]) -> _Entities:
+    """Return the partition and the first physical tag of each partitioned entity."""
+    n_ghosts = int(lines[1])
+    at = 2 + n_ghosts if n_ghosts else 2
+    counts = [int(word) for word in lines[at].split()]
+    partition, physical = {}, {}
+    rows = iter(lines[at + 1 :])
+    for dim, count in enumerate(counts):
+        for _ in range(count):
+            words = next(rows).split()
+            n_parts = int(words[3])
+            rest = words[4 + n_parts + (3 if dim == 0 else 6) :]
+            entity = (dim, int(words[0]))
+            partition[entity] = int(words[4])
+            if int(rest[0]):
+                physical[entity] = int(rest[1])
+    return _Entities(partition, physical)
+
+
+def _nodes(lines: list[str]) -> tuple[Ids, FloatArray]:
+    """Return the tags and the coordinates of the nodes."""
+    tags, points = [], []
+    at = 1
+    while at < len(lines):
+        count = int(lines[at].split()[3])
+        tags += [int(line) for line in lines[at + 1 : at + 1 + count]]
+        points += [line.split()[:3] for line in lines[at + 1 + count : at + 1 + 2 * count]]
+        at += 1 + 2 * count
+    if len(tags) != int(lines[0].split()[1]) or len(points) != len(tags):
+        raise MeshFileError("ends early, in its nodes")
+    return np.array(tags, np.int64), np.array(points, np.float64).reshape(-1, 3)
+
+
+def _elements(lines: list[str]) -> Iterator[tuple[Entity, int, Ids]]:
+    """Yield the entity, the type and the nodes of each block of elements."""
+    at = 1
+    while at < len(lines):
+        dim, tag, kind, count = (int(word) for word in lines[at].split())
+        block = [line.split() for line in lines[at + 1 : at + 1 + count]]
+        if len(block) != count:
+            raise MeshFileError("ends early, in its elements")
+        yield (dim, tag), kind, np.array(block, np.int64)[:, 1:]
+        at += 1 + count
+
+
+def _names(lines: list[str]) -> dict[tuple[int, int], str]:
+    """Return the names of physical groups by dimension and tag."""
+    found = {}
+    for line in lines[1:]:
+        dim, tag, name = line.split(maxsplit=2)
+        found[int(dim), int(tag)] = name.strip().strip('"')
+    return found

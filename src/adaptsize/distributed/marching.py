@@ -1,0 +1,101 @@
+"""Fast marching on distributed meshes: rounds of marching within a window of sizes.
+
+Each rank marches over its own cells.  The updates are those of the serial method, and sizes only
+decrease; whatever the order, they end at the same largest solution of the discrete equations.
+In each round, nodes up to the least waiting size of all ranks plus the width of a window are
+accepted, and sizes that have decreased at shared nodes are exchanged.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels import fast_marching as kernels
+from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.limiting.fast_marching import CHUNK, KEEP, new_heap, patience, stars_of
+from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.typing import FloatArray, ProgressCallback
+
+# Width of a window in edges: nodes accepted too early are accepted again, and narrow windows mean
+# many rounds.  Measured on 40 000 nodes and 4 to 16 parts: 3 to 37 per cent more work.
+_WIDTH = 8.0
+
+
+class Marched(NamedTuple):
+    """The result of marching."""
+
+    h: FloatArray
+    rounds: int
+    """Number of exchanges."""
+
+
+def solve_fast_marching(
+    part: PartitionedMesh, h0: FloatArray, slope: Slope, report: ProgressCallback
+) -> Marched | None:
+    """Return the limited sizes on the nodes of this rank; collective.
+
+    Returns None, on all ranks, if dependencies between nodes are cyclic (see
+    `adaptsize.limiting.fast_marching.solve_fast_marching`).
+    """
+    comm, n = part.comm, part.n_points
+    window = _window(part, slope)
+    h, heap = h0.copy(), new_heap(n)
+    given: tuple[Any, ...] = ()
+    limit = (slope.values, slope.step)
+    if part.mesh is not None:
+        axes, candidate = (0,) * part.dim, np.empty(n)
+        kernels.sweep_cells(part.mesh.points, axes, part.mesh.cells, h, *limit, candidate)
+        kernels.queue_lowered(h, candidate, KEEP, *heap)
+        given = (part.mesh.points, axes, (0,) * part.cell_dim, *stars_of(part.mesh, slope))
+    known = h0.copy()  # the sizes at shared nodes that other ranks know
+    accepted = rounds = 0
+    while True:
+        waiting = float(heap[0][0]) if heap[3][0] > 0 else np.inf
+        least = comm.allreduce(waiting, "min")
+        if least == np.inf:
+            return Marched(h, rounds)
+        if comm.allreduce(int(accepted > patience(n)), "max"):
+            return None
+        count = CHUNK if part.mesh is not None else 0
+        while count == CHUNK:
+            count = kernels.march(*given, h, *limit, *heap, KEEP, least + window, CHUNK)
+            accepted += count
+            report("limiting the gradient", min(accepted / n, 1.0))
+        _exchange(part, h, known, heap)
+        rounds += 1
+
+
+def _exchange(
+    part: PartitionedMesh, h: FloatArray, known: FloatArray, heap: tuple[Any, ...]
+) -> None:
+    """Send sizes that have decreased at shared nodes, and queue those received (In/Out: all)."""
+    sent = []
+    for nodes in part.shared.nodes:
+        changed = np.flatnonzero(h[nodes] < known[nodes])
+        sent.append(np.column_stack([changed, h[nodes[changed]]]).astype(np.float64))
+    received = part.comm.alltoallv(sent)
+    candidate = np.full(part.n_points, np.inf)
+    for nodes, rows in zip(part.shared.nodes, received, strict=True):
+        at = nodes[rows[:, 0].astype(np.int64)]
+        candidate[at] = np.minimum(candidate[at], rows[:, 1])
+    kernels.queue_lowered(h, candidate, 1.0, *heap)
+    every = part.shared.every
+    known[every] = h[every]
+
+
+def _window(part: PartitionedMesh, slope: Slope) -> float:
+    """Return by how much sizes grow over several edges at nodes between parts; collective."""
+    grown, count = 0.0, 0
+    every = part.shared.every
+    if part.mesh is not None and len(every):
+        between = np.zeros(part.n_points, np.bool_)
+        between[every] = True
+        near = np.flatnonzero(between[part.cells].any(axis=1))
+        corners = part.mesh.points[part.cells[near]]
+        lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
+        grown = float((lengths * slope.values[near * slope.step]).sum())
+        count = len(near)
+    total, number = part.comm.allreduce(np.array([grown, count]), "sum").tolist()
+    return float(_WIDTH * total / number) if total > 0.0 else float(np.inf)

@@ -1,0 +1,150 @@
+"""Sizes from error estimates, and predicted numbers of elements, on distributed meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_sizes, check_type
+from adaptsize.distributed.api import limit_gradient
+from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.sizes.budget import CellSums, calibration, count_elements
+from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.error import scaled_by_error
+from adaptsize.typing import FloatArray, GradientLimit, IntArray
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """What sums over cells need of a part of a mesh; there may be no cells."""
+
+    cells: IntArray
+    measures: FloatArray
+    n_points: int
+    cell_dim: int
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.cells)
+
+
+@dataclass(frozen=True)
+class _Sums(CellSums):
+    """Sums over the cells of all ranks."""
+
+    part: PartitionedMesh
+
+    def at_nodes(self, values: FloatArray) -> FloatArray:
+        return self.part.sum(values)
+
+    def total(self, value: float) -> float:
+        return float(self.part.comm.allreduce(float(value), "sum"))
+
+    def largest(self, value: float) -> float:
+        return float(self.part.comm.allreduce(float(value), "max"))
+
+    def agree(self, task: Callable[[], T]) -> T:
+        return self.part.comm.agree(task)
+
+
+def _cells_of(part: PartitionedMesh) -> Any:
+    measures = np.empty(0) if part.mesh is None else part.mesh.measures
+    return _Cells(part.cells, measures, part.n_points, part.cell_dim)
+
+
+def predicted_elements(
+    part: PartitionedMesh, size: npt.ArrayLike, *, backend: str | None = None
+) -> float:
+    """Return the predicted number of elements of the whole mesh; collective.
+
+    Parameters
+    ----------
+    part : PartitionedMesh
+    size : array_like of float, shape (n_local,)
+        Requested edge lengths at the nodes of this rank.
+    backend : str, optional
+        As for `adaptsize.sizes.predicted_elements`.
+
+    Returns
+    -------
+    float
+        The same on all ranks; that of the serial function, to rounding.
+
+    Examples
+    --------
+    >>> from adaptsize import SimplexMesh
+    >>> triangle = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> round(predicted_elements(PartitionedMesh.from_serial(triangle), [0.1, 0.1, 0.1]))
+    115
+    """
+    check_type("part", part, PartitionedMesh)
+    h = part.comm.agree(lambda: as_sizes("size", size, part.nodal_shape))
+    counted = count_elements(_cells_of(part), h, _Sums(part))
+    return calibration(backend, part.cell_dim) * counted
+
+
+def size_from_error(
+    part: PartitionedMesh,
+    indicator: npt.ArrayLike,
+    *,
+    order: float,
+    tolerance: float | None = None,
+    target_elements: float | None = None,
+    max_refine: float = 4.0,
+    max_coarsen: float = 2.0,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    g: GradientLimit | None = None,
+    backend: str | None = None,
+) -> FloatArray:
+    """Return the size that gives all elements of the next mesh the same error; collective.
+
+    The result is that of `adaptsize.size_from_error` on the whole mesh, to the tolerance of the
+    search for the scale (1e-4), in practice to rounding.
+
+    Parameters
+    ----------
+    part : PartitionedMesh
+    indicator : array_like of float, shape (n_cells,)
+        Error of each cell of this rank.
+    order, tolerance, target_elements, max_refine, max_coarsen, hmin, hmax, g, backend
+        As for `adaptsize.size_from_error`; the same on all ranks, except for arrays g.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_local,)
+
+    Raises
+    ------
+    ValueError
+        On all ranks, if the input of any rank is bad.
+
+    Notes
+    -----
+    About ten trials of the scale, each with one exchange and one reduction, and with those of
+    `limit_gradient` if ``g`` is given.
+    """
+    check_type("part", part, PartitionedMesh)
+
+    def finish(h0: FloatArray) -> FloatArray:
+        clipped = minimum(h0, hmin=hmin, hmax=hmax)
+        return clipped if g is None else limit_gradient(part, clipped, g)
+
+    return scaled_by_error(
+        _cells_of(part),
+        indicator,
+        finish,
+        order=order,
+        tolerance=tolerance,
+        target_elements=target_elements,
+        max_refine=max_refine,
+        max_coarsen=max_coarsen,
+        backend=backend,
+        sums=_Sums(part),
+    )

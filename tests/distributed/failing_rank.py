@@ -1,0 +1,37 @@
+"""The command line with a fault planted on one rank: failing_rank.py PHASE RANK ARGUMENT..."""
+
+import os
+import signal
+import sys
+
+from mpi4py import MPI
+
+import adaptsize.distributed
+from adaptsize import remeshing
+from adaptsize.cli.entry import main
+from adaptsize.distributed import files, pvtu
+
+phase, rank = sys.argv[1], int(sys.argv[2])
+
+# The module and the function in which each phase fails.  "alone" and "bug" fail where the other
+# ranks wait for this one; "killed" dies there.
+PLACES = {
+    "reading": (pvtu, "read_piece"),
+    "alone": (adaptsize.distributed, "limit_gradient"),
+    "meshing": (remeshing, "remesh"),
+    "writing": (pvtu, "write"),
+    "bug": (files, "read_parts"),
+    "killed": (adaptsize.distributed, "limit_gradient"),
+}
+
+
+def fail(*args, **options):
+    """Fail as planted."""
+    if phase == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    raise (TypeError if phase == "bug" else ValueError)("planted fault")
+
+
+if MPI.COMM_WORLD.Get_rank() == rank and phase in PLACES:
+    setattr(*PLACES[phase], fail)
+main(sys.argv[3:])

@@ -1,0 +1,65 @@
+"""What the ranks of test_mpi.py run: limits compared with the serial ones, and failures."""
+
+import sys
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+sys.path.insert(0, sys.argv[1])
+
+import domains
+from meshes import jittered_cube, jittered_square, random_sphere
+
+from adaptsize import limit_gradient
+from adaptsize.distributed import PartitionedMesh, as_communicator
+from adaptsize.distributed import limit_gradient as limit_parts
+
+
+def compare(comm):
+    """Limit on parts and on the whole, in the plane and in space, convex and not."""
+    meshes = jittered_square(12, 881), jittered_cube(5, 882), domains.blocks(10, seed=883)[0]
+    rng = np.random.default_rng(884)
+    for mesh in (*meshes, random_sphere(80, 885)):
+        h0 = mesh.diagonal * rng.uniform(0.01, 0.3, mesh.n_points)
+        whole = limit_gradient(mesh, h0, 0.3)
+        part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
+        h = limit_parts(part, h0[part.global_ids], 0.3)
+        if mesh.cell_dim == mesh.dim:
+            assert np.array_equal(h, whole[part.global_ids])
+        np.testing.assert_allclose(h, whole[part.global_ids], rtol=1e-12)
+        assert np.array_equal(part.exchange(h), h)
+        gathered = part.gather()
+        assert gathered is None or np.array_equal(gathered.cells, mesh.cells)
+
+
+def operations(comm):
+    """Each operation of the communicator."""
+    q, n = comm.rank, comm.size
+    received = comm.alltoallv([np.full((q, 2), 10.0 * q + r) for r in range(n)])
+    assert [part.tolist() for part in received] == [[[10.0 * r + q] * 2] * r for r in range(n)]
+    empty = comm.alltoallv([np.empty((0, 3), np.int8)] * n)
+    assert all(part.shape == (0, 3) and part.dtype == np.int8 for part in empty)
+    assert comm.allgather({"rank": q}) == [{"rank": r} for r in range(n)]
+    assert comm.allreduce(0.5, "sum") == 0.5 * n
+    assert comm.allreduce(np.array([q, -q]), "max").tolist() == [n - 1, 0]
+    assert comm.allreduce(q, "min") == 0
+    assert comm.bcast("a" if q == n - 1 else None, n - 1) == "a"
+    assert comm.alltoall([(q, r) for r in range(n)]) == [(r, q) for r in range(n)]
+    comm.barrier()
+
+
+def report(comm):
+    """Bad input on the last rank is reported by all."""
+    mesh = jittered_square(6, 886)
+    part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
+    h0 = np.ones(part.n_points)
+    if comm.rank == comm.size - 1:
+        h0[0] = -1.0
+    with pytest.raises(ValueError, match=f"^rank {comm.size - 1}: h0 must be positive"):
+        limit_parts(part, h0, 0.3)
+
+
+ranks = as_communicator(MPI.COMM_WORLD)
+{"compare": compare, "operations": operations, "report": report}[sys.argv[2]](ranks)
+print(f"rank {ranks.rank} done", flush=True)

@@ -1,0 +1,138 @@
+"""``limit`` and ``remesh`` on PVTU files and on several ranks of MPI."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from shutil import which
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh, limit_gradient, write
+from adaptsize.cli.entry import main
+from adaptsize.cli.parallel import is_started_by_mpi
+from adaptsize.distributed import SimulatedCommunicator
+from adaptsize.distributed.files import read_parts, write_parts
+
+MPIEXEC = which("mpiexec") or str(Path(sys.executable).with_name("mpiexec"))
+FAILING = Path(__file__).with_name("failing_rank.py")
+
+
+@pytest.fixture(scope="module")
+def mesh(tmp_path_factory):
+    """Return the path of a PVTU file of two pieces, and the mesh."""
+    folder = tmp_path_factory.mktemp("parts")
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, 9), np.linspace(0.0, 1.0, 9), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])
+    number = np.arange(81).reshape(9, 9)
+    a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
+    c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    whole = SimplexMesh(points, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    h0 = np.full(81, 0.3)
+    h0[0] = 0.05
+    write(folder / "whole.vtu", whole, fields={"h0": h0})
+    path = folder / "mesh.pvtu"
+    SimulatedCommunicator.run(
+        2, lambda comm: write_parts(path, read_parts(folder / "whole.vtu", comm))
+    )
+    return path, whole.with_data(point_data={"h0": h0})
+
+
+def _mpi(n_ranks, *arguments, script=("-m", "adaptsize")):
+    command = [MPIEXEC, "-n", str(n_ranks), sys.executable, *script, *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "src")}
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=120, env=environment, check=False
+    )
+
+
+def _read(path):
+    return SimulatedCommunicator.run(1, lambda comm: read_parts(path, comm))[0].mesh
+
+
+@pytest.mark.parametrize("output", ["graded.pvtu", "graded.vtu"])
+def test_two_ranks_write_what_one_writes(mesh, tmp_path, output):
+    path, whole = mesh
+    done = _mpi(2, "limit", path, "--field", "h0", "-g", 0.2, "-o", tmp_path / output)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].endswith("of 81 nodes lowered, on 2 ranks")
+    assert len(lines) == 2  # only one rank prints
+    found = _read(tmp_path / output)
+    assert np.array_equal(found.points, whole.points)
+    assert np.array_equal(found.point_data["h"], limit_gradient(whole, whole.point_data["h0"], 0.2))
+
+
+def test_one_process_takes_pvtu(mesh, tmp_path, capsys):
+    path, whole = mesh
+    arguments = ["limit", str(path), "--field", "h0", "-g", "0.2"]
+    with pytest.raises(SystemExit) as end:
+        main([*arguments, "-o", str(tmp_path / "a.pvtu")])
+    assert end.value.code == 0
+    expected = limit_gradient(whole, whole.point_data["h0"], 0.2)
+    assert np.array_equal(_read(tmp_path / "a.pvtu").point_data["h"], expected)
+    for more, text in [
+        (["-o", str(path)], "is also the input"),
+        (["-o", str(tmp_path / "none" / "a.pvtu")], "there is no directory"),
+        (["-o", str(tmp_path / "a.pvtu"), "--plot", "a.png"], "--plot is not available"),
+    ]:
+        with pytest.raises(SystemExit) as end:
+            main([*arguments, *more])
+        assert end.value.code == 1
+        assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [(), ("--gather",)])
+def test_remeshing_on_two_ranks(mesh, tmp_path, more):
+    output = tmp_path / "fine.pvtu"
+    done = _mpi(2, "remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", output, *more)
+    assert done.returncode == 0, done.stderr
+    assert "at interfaces" in done.stdout
+    found = _read(output)
+    assert found.measures.sum() == pytest.approx(1.0, abs=1e-9)
+    assert found.boundary().mesh.measures.sum() == pytest.approx(4.0, abs=1e-9)
+    assert np.abs(found.point_data["h"]).max() < 0.31
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+@pytest.mark.parametrize("phase", ["reading", "alone", "meshing", "writing", "bug", "killed"])
+def test_fault_on_one_rank_ends_all(mesh, tmp_path, phase, rank):
+    command = ("remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", tmp_path / "a.pvtu")
+    done = _mpi(2, *command, script=(str(FAILING), phase, str(rank)))
+    assert done.returncode != 0
+    errors = [line for line in done.stderr.splitlines() if "adaptsize: error" in line]
+    if phase == "killed":  # mpiexec ends the others, and says so
+        assert re.search(r"(?i)signal:? 9", done.stdout + done.stderr)
+    else:
+        assert done.returncode == 1
+        assert errors == [f"adaptsize: error: rank {rank}: planted fault"]
+    assert not (tmp_path / "a.pvtu").exists()
+
+
+def test_only_commands_in_parts_run_on_several_ranks(mesh):
+    done = _mpi(2, "info", mesh[0].with_name("whole.vtu"))
+    assert done.returncode == 1
+    assert done.stderr.count("error") == 1
+    assert "limit and remesh" in done.stderr
+
+
+def test_wrong_usage_is_printed_once():
+    done = _mpi(2, "limit", "--nonsense")
+    assert done.returncode == 2
+    assert done.stderr.count("Usage") == 1
+
+
+@pytest.mark.parametrize(
+    ("environment", "found"),
+    [
+        ({}, False),
+        ({"PMI_SIZE": "1"}, False),
+        ({"PMI_SIZE": "2"}, True),
+        ({"OMPI_COMM_WORLD_SIZE": "16"}, True),
+        ({"OMPI_COMM_WORLD_SIZE": "x"}, False),
+    ],
+)
+def test_launchers(environment, found):
+    assert is_started_by_mpi(environment) == found

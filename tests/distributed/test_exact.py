@@ -1,0 +1,198 @@
+"""The exact method on parts of a mesh equals that on the whole, bit by bit."""
+
+import domains
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from meshes import jittered_cube, jittered_square, random_square, slit_square, structured_square
+from partitions import KINDS, on_ranks, partition
+
+from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.distributed import api
+from adaptsize.distributed import limit_gradient as limit_parts
+
+CONVEX = {
+    "jittered square": jittered_square(8, 821),
+    "structured square": structured_square(6),
+    "random square": random_square(60, 822),
+    "cube": jittered_cube(4, 823),
+}
+IN_THE_PLANE = {
+    "slit": slit_square(6),
+    "stars": domains.star_holes(10, seed=824)[0],
+    "blocks": domains.blocks(10, seed=825)[0],
+    "holes": domains.holes(14, 3, 6, seed=826)[0],
+}
+BOUNDS = ("two", "some", "noise", "smooth", "limited", "corner")
+SIZE = 4
+
+
+def bounds(mesh, kind, rng):
+    """Return bounds in the unit of the mesh."""
+    scale, n = mesh.diagonal, mesh.n_points
+    if kind == "smooth":
+        waves = np.sin(7.0 * mesh.points[:, 0] / scale) * np.cos(9.0 * mesh.points[:, 1] / scale)
+        return scale * (0.05 + 0.3 * waves**2)
+    h0 = scale * rng.uniform(0.01, 0.3, n)
+    if kind == "some":
+        h0[rng.random(n) < 0.8] = np.inf
+    elif kind == "corner":
+        h0[1:] = np.inf
+    elif kind in ("two", "limited"):
+        h0[rng.permutation(n)[2:]] = np.inf
+    return limit_gradient(mesh, h0, 0.3) if kind == "limited" else h0
+
+
+def assert_equal_to_serial(mesh, h0, g, rank_of, **options):
+    whole = limit_gradient(mesh, h0, g, **options)
+    results, parts = on_ranks(
+        mesh, rank_of, SIZE, lambda part: limit_parts(part, h0[part.global_ids], g, **options)
+    )
+    for h, part in zip(results, parts, strict=True):
+        expected = whole[part.global_ids]
+        wrong = np.flatnonzero(h != expected)
+        assert len(wrong) == 0, (h[wrong], expected[wrong], part.global_ids[wrong])
+
+
+@pytest.fixture
+def nothing_is_collected(monkeypatch):
+    def refuse(*args):
+        raise AssertionError("the mesh was collected on one rank")
+
+    monkeypatch.setattr(api, "_collected", refuse)
+
+
+@pytest.mark.usefixtures("nothing_is_collected")
+@pytest.mark.parametrize("face_sources", [True, False])
+@pytest.mark.parametrize("kind", BOUNDS)
+@pytest.mark.parametrize("domain", [*CONVEX, *IN_THE_PLANE])
+def test_equal_to_serial_for_every_partition(domain, kind, face_sources):
+    mesh = (CONVEX | IN_THE_PLANE)[domain]
+    rng = np.random.default_rng(830)
+    h0 = bounds(mesh, kind, rng)
+    for parts in KINDS:
+        rank_of = partition(mesh, parts, SIZE, rng)
+        assert_equal_to_serial(mesh, h0, 0.3, rank_of, face_sources=face_sources)
+
+
+@given(data=st.data())
+@settings(deadline=None, max_examples=12)
+def test_equal_to_serial_for_drawn_problems(data):
+    seed = data.draw(st.integers(0, 2**32 - 1))
+    rng = np.random.default_rng(seed)
+    if data.draw(st.booleans()):
+        mesh = random_square(data.draw(st.integers(5, 40)), seed)
+    else:
+        mesh, _ = domains.with_removed_cells(jittered_square(7, seed), seed, 6)
+    h0 = bounds(mesh, data.draw(st.sampled_from(BOUNDS)), rng)
+    rank_of = partition(mesh, data.draw(st.sampled_from(KINDS)), SIZE, rng)
+    g = data.draw(st.sampled_from([0.0, 0.05, 0.3, 2.0]))
+    assert_equal_to_serial(mesh, h0, g, rank_of, face_sources=data.draw(st.booleans()))
+
+
+def test_number_of_exchanges_and_bytes():
+    """One exchange of sources; one more between neighbours if bounds are linear on cells."""
+    mesh = jittered_square(20, 840)
+    rng = np.random.default_rng(841)
+    for kind, linear, expected in [("two", True, 1), ("noise", True, 2), ("noise", False, 1)]:
+        h0 = bounds(mesh, kind, rng)
+
+        def work(part, h0=h0, linear=linear):
+            counts = []
+            for _ in range(2):
+                before = part.comm.traffic.exchanges, part.comm.traffic.bytes_sent
+                limit_parts(part, h0[part.global_ids], 0.3, face_sources=linear)
+                now = part.comm.traffic.exchanges, part.comm.traffic.bytes_sent
+                counts.append((now[0] - before[0], now[1] - before[1]))
+            return counts[1]
+
+        results, _ = on_ranks(mesh, None, SIZE, work)
+        assert {exchanges for exchanges, _ in results} == {expected}
+        if kind == "two":  # each source, six numbers, goes to at most all others
+            assert sum(n_bytes for _, n_bytes in results) <= 2 * (SIZE - 1) * 6 * 8
+
+
+@pytest.mark.usefixtures("nothing_is_collected")
+def test_components_and_nodes_in_no_cell():
+    one, two = jittered_square(5, 850), jittered_square(4, 851)
+    lonely = [[500.0, 0.0]]
+    points = np.concatenate([one.points, lonely, two.points + np.array([200.0, 0.0])])
+    cells = np.concatenate([one.cells, two.cells + one.n_points + 1])
+    mesh = SimplexMesh(points, cells)
+    rng = np.random.default_rng(852)
+    for kind in ("two", "noise", "corner"):
+        h0 = bounds(mesh, kind, rng)
+        h0[one.n_points] = 1e-3
+        for parts in KINDS:
+            assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, parts, SIZE, rng))
+
+
+def test_degenerate_meshes_are_collected():
+    square = structured_square(3)
+    flat = SimplexMesh(square.points, np.concatenate([square.cells, [[0, 4, 8]]]))
+    doubled = SimplexMesh(square.points, np.concatenate([square.cells, square.cells[:4]]))
+    line = SimplexMesh(np.linspace(0, 1, 9)[:, None], [[i, i + 1] for i in range(8)])
+    rng = np.random.default_rng(860)
+    for mesh in (flat, doubled, line):
+        h0 = np.where(rng.random(mesh.n_points) < 0.5, rng.uniform(0.1, 1.0, mesh.n_points), np.inf)
+        assert_equal_to_serial(mesh, h0, 0.2, partition(mesh, "random", SIZE, rng))
+
+
+def test_solids_that_are_not_convex():
+    mesh = domains.wall_box(6, seed=861)[0]
+    rng = np.random.default_rng(862)
+    h0 = bounds(mesh, "two", rng)
+    assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, "strips", SIZE, rng))
+
+
+@pytest.mark.usefixtures("nothing_is_collected")
+def test_limit_that_depends_on_the_size():
+    mesh = CONVEX["jittered square"]
+    rng = np.random.default_rng(863)
+    h0 = bounds(mesh, "some", rng)
+
+    def of_size(h):
+        return 0.1 + 0.3 * h / (1.0 + h)
+
+    assert_equal_to_serial(mesh, h0, of_size, partition(mesh, "random", SIZE, rng))
+    assert_equal_to_serial(mesh, h0, (0.5, of_size), partition(mesh, "some empty", SIZE, rng))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"h0": -1.0}, "^rank 2: h0 must be positive"),
+        ({"h0": np.nan}, "^rank 2: h0 must be positive"),
+        ({"g": -0.1}, "^rank 2: g must be finite and >= 0"),
+        ({"g": 0.5}, "^g must be the same on all ranks"),
+        ({"method": "slow"}, "^rank 2: method must be"),
+        ({"method": "fast-marching"}, "^method must be the same on all ranks"),
+        ({"face_sources": 3}, "^rank 2: face_sources must be"),
+        ({"h0": np.inf}, None),
+    ],
+)
+def test_bad_input_on_one_rank_is_reported_by_all(change, message):
+    mesh = CONVEX["structured square"]
+
+    def work(part):
+        options = {"h0": np.ones(part.n_points), "g": 0.3}
+        options |= change if part.comm.rank == 2 else {}
+        if message is None:
+            return limit_parts(part, **options)
+        with pytest.raises(ValueError, match=message):
+            limit_parts(part, **options)
+
+    on_ranks(mesh, None, SIZE, work)
+
+
+def test_no_bound_at_all_and_wrong_methods():
+    mesh = CONVEX["structured square"]
+
+    def work(part):
+        with pytest.raises(ValueError, match="h0 must be finite at one node at least"):
+            limit_parts(part, np.inf, 0.3)
+        with pytest.raises(ValueError, match="needs a flat domain of full dimension and one"):
+            limit_parts(part, 1.0, np.full(part.n_points, 0.3), method="exact")
+
+    on_ranks(mesh, None, SIZE, work)

@@ -1,0 +1,127 @@
+"""`PartitionedMesh`: taking a mesh apart, putting it together, and values at shared nodes."""
+
+import sys
+
+import numpy as np
+import pytest
+from meshes import jittered_square
+from partitions import KINDS, on_ranks, partition
+
+from adaptsize import SimplexMesh
+from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize.distributed.partition import partition_cells
+
+MESH = jittered_square(7, 811)
+SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_parts_make_up_the_mesh(kind):
+    rng = np.random.default_rng(812)
+    facets = MESH.facets[::3]
+    mesh = SimplexMesh(
+        MESH.points,
+        MESH.cells,
+        cell_tags=rng.integers(1, 4, MESH.n_cells),
+        tagged_facets=facets,
+        facet_tags=np.arange(len(facets)),
+        tag_names={(2, 1): "left"},
+        point_data={"u": rng.random((MESH.n_points, 2))},
+        cell_data={"k": rng.random(MESH.n_cells)},
+    )
+    rank_of = partition(mesh, kind, 4, rng)
+    results, parts = on_ranks(mesh, rank_of, 4, lambda part: part.gather())
+    whole = results[0]
+    assert results[1:] == [None] * 3
+    for name in ("points", "cells", "cell_tags"):
+        assert np.array_equal(getattr(whole, name), getattr(mesh, name))
+    assert np.array_equal(whole.point_data["u"], mesh.point_data["u"])
+    assert np.array_equal(whole.cell_data["k"], mesh.cell_data["k"])
+    order = np.argsort(whole.facet_tags)
+    assert np.array_equal(np.sort(whole.tagged_facets[order], axis=1), facets)
+    assert whole.tag_names == mesh.tag_names
+    assert sum(part.n_cells for part in parts) == mesh.n_cells
+    assert sum(part.is_owned.sum() for part in parts) == mesh.n_points
+    for part in parts:
+        assert np.array_equal(part.points, mesh.points[part.global_ids])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_values_at_shared_nodes(kind):
+    rank_of = partition(MESH, kind, 5, np.random.default_rng(813))
+
+    def work(part):
+        own = np.full(part.n_points, part.comm.rank + 1.0)
+        merged = [merge(own) for merge in (part.sum, part.minimum, part.maximum, part.exchange)]
+        nodal = part.scatter_nodal(part.gather_nodal(part.global_ids * 2.0))
+        assert np.array_equal(nodal, part.global_ids * 2.0)
+        cells = part.gather_cells(part.cell_ids * 3.0)
+        assert cells is None or np.array_equal(cells, np.arange(part.n_global_cells) * 3.0)
+        return merged
+
+    results, parts = on_ranks(MESH, rank_of, 5, work)
+    held = np.zeros((5, MESH.n_points))
+    for rank, part in enumerate(parts):
+        held[rank, part.global_ids] = rank + 1.0
+    expected = (
+        held.sum(axis=0),
+        np.where(held > 0, held, np.inf).min(axis=0),
+        held.max(axis=0),
+    )
+    for part, merged in zip(parts, results, strict=True):
+        for got, whole in zip(merged, expected, strict=False):
+            assert np.array_equal(got, whole[part.global_ids])
+        assert np.array_equal(merged[3], part.owner + 1.0)
+
+
+def test_partition_without_metis_is_balanced(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pymetis", None)
+    monkeypatch.setattr("adaptsize.distributed.partition.find_spec", lambda name: None)
+    sizes = np.bincount(partition_cells(MESH, 5))
+    assert len(sizes) == 5
+    assert np.ptp(sizes) <= 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"global_ids": [0, 1]}, r"rank 1: global_ids must be 3 integers >= 0, got int64"),
+        ({"global_ids": [0, 0, 2]}, "rank 1: global_ids must not repeat a number"),
+        ({"owner": [0, 0, 5]}, "rank 1: owner must be a rank from 0 to 1, got 5"),
+        ({"mesh": "m"}, "rank 1: mesh must be a SimplexMesh"),
+        ({"cell_ids": [-1]}, "rank 1: cell_ids must be 1 integers >= 0"),
+    ],
+)
+def test_bad_input_on_one_rank_is_reported_by_all(change, message):
+    def work(comm):
+        part = PartitionedMesh.from_serial(SQUARE, [0, 1], comm)
+        given = {"mesh": part.mesh, "global_ids": part.global_ids, "owner": part.owner}
+        given |= change if comm.rank == 1 else {}
+        with pytest.raises(ValueError, match=message):
+            PartitionedMesh(comm=comm, **given)
+
+    SimulatedCommunicator.run(2, work)
+
+
+def test_a_missing_node_and_a_wrong_owner_are_found():
+    def missing(comm):
+        part = PartitionedMesh.from_serial(SQUARE, [0, 1], comm)
+        with pytest.raises(ValueError, match="global_ids must be all numbers"):
+            PartitionedMesh(part.mesh, part.global_ids + 1, part.owner, comm)
+
+    def wrong(comm):
+        part = PartitionedMesh.from_serial(SQUARE, [0, 1], comm)
+        owner = [1, 0, 0] if comm.rank == 1 else part.owner  # rank 0 does not hold node 3
+        return PartitionedMesh(part.mesh, part.global_ids, owner, comm).shared
+
+    SimulatedCommunicator.run(2, missing)
+    with pytest.raises(ValueError, match=r"owner must be a rank that holds and owns the node"):
+        SimulatedCommunicator.run(2, wrong)
+
+
+def test_bad_partitions_are_refused():
+    for parts, message in [([0, 2], "from 0 to 1, got 0 to 2"), (3, "a number from 1 to 2")]:
+        with pytest.raises(ValueError, match=message):
+            on_ranks(SQUARE, parts, 2, lambda part: None)
+    with pytest.raises(ValueError, match="rank 0: mesh must be a SimplexMesh"):
+        on_ranks(None, None, 2, lambda part: None)

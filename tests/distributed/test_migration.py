@@ -1,0 +1,114 @@
+"""Cells that move between ranks, and the interfaces between parts."""
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh
+from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
+
+
+def _square(n):
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij")
+    number = np.arange(n * n).reshape(n, n)
+    a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
+    c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    cells = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    points = np.column_stack([x.ravel(), y.ravel()])
+    mesh = SimplexMesh(points, cells)
+    edges = mesh.boundary()
+    return SimplexMesh(
+        points,
+        cells,
+        cell_tags=(points[cells].mean(axis=1)[:, 0] > 0.5).astype(int),
+        tagged_facets=edges.nodes[edges.mesh.cells],
+        facet_tags=np.arange(len(edges.cells)),
+        point_data={"x": points[:, 0]},
+        cell_data={"number": np.arange(len(cells))},
+    )
+
+
+def _keys(mesh, rows):
+    """Return facets by the coordinates of their nodes, which no numbering changes."""
+    return {tuple(sorted(map(tuple, mesh.points[row].tolist()))) for row in rows}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_migration_keeps_the_mesh(seed):
+    mesh = _square(7)
+    rng = np.random.default_rng(5190 + seed)
+    n_ranks = 4
+    before, after = rng.integers(0, n_ranks, (2, mesh.n_cells))
+    after[after == 2] = 1  # a rank without cells
+
+    def run(comm):
+        part = PartitionedMesh.from_serial(mesh, before, comm)
+        moved = migrate(part, after[part.cell_ids])
+        held = moved.n_cells, moved.cells if moved.mesh is None else moved.mesh.cell_data["number"]
+        return moved.gather(), held
+
+    results = SimulatedCommunicator.run(n_ranks, run)
+    whole = results[0][0]
+    assert np.array_equal(whole.points, mesh.points)
+    order = np.argsort(whole.cell_data["number"])
+    assert np.array_equal(whole.cells[order], mesh.cells)
+    assert np.array_equal(whole.cell_tags[order], mesh.cell_tags)
+    assert np.array_equal(whole.point_data["x"], mesh.points[:, 0])
+    tags = dict(zip(map(tuple, np.sort(mesh.tagged_facets, axis=1)), mesh.facet_tags, strict=True))
+    assert tags == dict(
+        zip(map(tuple, np.sort(whole.tagged_facets, axis=1)), whole.facet_tags, strict=True)
+    )
+    for rank, (_, (n_cells, numbers)) in enumerate(results):
+        assert n_cells == np.count_nonzero(after == rank)
+        assert (after[np.ravel(numbers)] == rank).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_interface_facets_are_those_between_cells_of_two_ranks(seed):
+    mesh = _square(6)
+    ranks = np.random.default_rng(771 + seed).integers(0, 3, mesh.n_cells)
+    lowest, highest = np.full(len(mesh.facets), 9), np.full(len(mesh.facets), -1)
+    np.minimum.at(lowest, mesh.cell_facets, ranks[:, None])
+    np.maximum.at(highest, mesh.cell_facets, ranks[:, None])
+
+    def run(comm):
+        part = PartitionedMesh.from_serial(mesh, ranks, comm)
+        return _keys(part, interface_facets(part))
+
+    for rank, found in enumerate(SimulatedCommunicator.run(3, run)):
+        own = (lowest != highest) & ((lowest == rank) | (highest == rank))
+        assert found == _keys(mesh, mesh.facets[own])
+
+
+def test_displacement_puts_interfaces_inside():
+    mesh = _square(25)
+    x = mesh.points[mesh.cells].mean(axis=1)
+    ranks = np.where(x[:, 0] < 0.5, np.where(x[:, 1] < 0.4, 0, 1), 2)
+
+    def run(comm):
+        part = PartitionedMesh.from_serial(mesh, ranks, comm)
+        moved = migrate(part, displaced(part, 3))
+        return [_keys(p, interface_facets(p)) for p in (part, moved)] + [part.n_cells]
+
+    results = SimulatedCommunicator.run(3, run)
+    before, after = (set().union(*(r[k] for r in results)) for k in (0, 1))
+    assert len(before) > 30
+    assert len(before & after) <= 1  # where a new interface crosses an old one
+    alone = SimulatedCommunicator.run(
+        1, lambda comm: displaced(PartitionedMesh.from_serial(mesh, None, comm), 3)
+    )
+    assert (alone[0] == 0).all()
+
+
+def test_balanced_parts():
+    mesh = _square(30)
+    ranks = np.random.default_rng(662).choice([0, 3], mesh.n_cells, p=[0.9, 0.1])
+
+    def run(comm):
+        part = PartitionedMesh.from_serial(mesh, ranks, comm)
+        moved = migrate(part, balanced(part))
+        return moved.n_cells, len(interface_facets(moved))
+
+    n_cells, n_facets = zip(*SimulatedCommunicator.run(4, run), strict=True)
+    assert max(n_cells) < 1.05 * mesh.n_cells / 4
+    assert sum(n_facets) < 400  # 1 250 in parts of random cells

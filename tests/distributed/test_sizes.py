@@ -1,0 +1,79 @@
+"""Sizes from error estimates on parts of a mesh: those of the whole."""
+
+import numpy as np
+import pytest
+from meshes import jittered_cube, jittered_square
+from partitions import KINDS, on_ranks, partition
+
+from adaptsize import size_from_error
+from adaptsize.distributed import limit_gradient, predicted_elements
+from adaptsize.distributed import size_from_error as size_on_parts
+from adaptsize.sizes import predicted_elements as predicted_on_whole
+
+SIZE = 4
+MESHES = {"square": jittered_square(8, 891), "cube": jittered_cube(4, 892)}
+
+
+@pytest.mark.parametrize("goal", [{"tolerance": 0.5}, {"target_elements": 500.0}])
+@pytest.mark.parametrize("g", [None, 0.3])
+@pytest.mark.parametrize("name", MESHES)
+def test_sizes_from_error_are_those_of_the_whole(name, g, goal):
+    mesh, rng = MESHES[name], np.random.default_rng(893)
+    eta = rng.uniform(0.0, 1.0, mesh.n_cells) ** 4
+    given = {"order": 1.0, "g": g, "hmax": 40.0, "max_coarsen": 3.0, **goal}
+    whole = size_from_error(mesh, eta, **given)
+    for kind in KINDS:
+        rank_of = partition(mesh, kind, SIZE, rng)
+        results, parts = on_ranks(
+            mesh, rank_of, SIZE, lambda part: size_on_parts(part, eta[part.cell_ids], **given)
+        )
+        for h, part in zip(results, parts, strict=True):
+            np.testing.assert_allclose(h, whole[part.global_ids], rtol=1e-12)
+
+
+def test_predicted_elements_are_those_of_the_whole():
+    for mesh in MESHES.values():
+        rng = np.random.default_rng(894)
+        h = rng.uniform(1.0, 30.0, mesh.n_points)
+        whole = predicted_on_whole(mesh, h, backend="mmg")
+        for kind in KINDS:
+            rank_of = partition(mesh, kind, SIZE, rng)
+            results, _ = on_ranks(
+                mesh,
+                rank_of,
+                SIZE,
+                lambda part, h=h: predicted_elements(part, h[part.global_ids], backend="mmg"),
+            )
+            assert len(set(results)) == 1
+            assert results[0] == pytest.approx(whole, rel=1e-13)
+
+
+def test_the_search_for_a_number_of_elements_takes_few_rounds():
+    mesh = MESHES["square"]
+    eta = np.random.default_rng(895).uniform(0.0, 1.0, mesh.n_cells)
+
+    def work(part):
+        limit_gradient(part, 1.0, 0.3)  # finds the boundary
+        before = part.comm.traffic.exchanges
+        given = {"order": 1.0, "target_elements": 3000.0}
+        size_on_parts(part, eta[part.cell_ids], **given)
+        return part.comm.traffic.exchanges - before
+
+    results, _ = on_ranks(mesh, None, SIZE, work)
+    assert 0 < results[0] <= 2 * 25
+
+
+def test_bad_input_on_one_rank_is_reported_by_all():
+    mesh = MESHES["square"]
+
+    def work(part):
+        eta = np.ones(part.n_cells)
+        h = np.ones(part.n_points)
+        if part.comm.rank == 1:
+            eta[0], h[0] = -1.0, 0.0
+        with pytest.raises(ValueError, match=r"^rank 1: indicator must be finite and >= 0"):
+            size_on_parts(part, eta, order=1.0, tolerance=1.0)
+        with pytest.raises(ValueError, match=r"^rank 1: size must be positive"):
+            predicted_elements(part, h)
+
+    on_ranks(mesh, None, SIZE, work)

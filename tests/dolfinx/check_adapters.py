@@ -1,0 +1,93 @@
+"""Meshes of DOLFINx and PETSc as distributed meshes; run by mpiexec on any number of ranks."""
+
+from mpi4py import MPI  # loads the library of MPI that the wheel of DOLFINx needs
+
+# isort: split
+import traceback
+
+import numpy as np
+from petsc4py import PETSc
+
+from adaptsize import distributed as ads
+from dolfinx import fem, mesh
+
+comm = MPI.COMM_WORLD
+
+
+def check_dolfinx(domain, measure, dim):
+    """Compare the parts with the mesh of DOLFINx."""
+    domain.topology.create_connectivity(dim - 1, dim)
+    facets = mesh.exterior_facet_indices(domain.topology)
+    n_cells = domain.topology.index_map(dim).size_local
+    facet_tags = mesh.meshtags(domain, dim - 1, facets, np.full(len(facets), 7, np.int32))
+    numbers = np.arange(n_cells, dtype=np.int32)
+    cell_tags = mesh.meshtags(domain, dim, numbers, np.full(n_cells, comm.rank + 1, np.int32))
+    found = ads.from_dolfinx(domain, cell_tags=cell_tags, facet_tags=facet_tags)
+    part = found.part
+    assert part.n_global_points == domain.geometry.index_map().size_global
+    assert part.n_global_cells == domain.topology.index_map(dim).size_global
+    assert np.array_equal(part.points, domain.geometry.x[found.nodes, :dim])
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u = fem.Function(space)
+    u.interpolate(lambda x: 1.0 + x[0])
+    assert np.allclose(u.x.array[found.dofs(space)], 1.0 + part.points[:, 0])
+    whole = part.gather()
+    if comm.rank == 0:
+        assert abs(whole.measures.sum() - measure) < 1e-12
+        assert len(whole.tagged_facets) == len(whole.boundary().cells)
+        assert np.unique(whole.cell_tags).tolist() == list(range(1, comm.size + 1))
+    back = ads.from_dolfinx(ads.to_dolfinx(part)).part
+    assert back.n_global_points == part.n_global_points
+    again = back.gather()
+    if comm.rank == 0:
+        assert abs(again.measures.sum() - measure) < 1e-12
+        order = [np.lexsort(m.points.T) for m in (whole, again)]
+        assert np.array_equal(whole.points[order[0]], again.points[order[1]])
+
+
+def check_petsc(dim):
+    """Compare the parts with a DMPlex."""
+    box = mesh.create_unit_square if dim == 2 else mesh.create_unit_cube
+    serial = box(MPI.COMM_SELF, *[5, 4, 3][:dim])
+    cells = np.asarray(serial.geometry.dofmaps[0], PETSc.IntType)
+    points = np.ascontiguousarray(serial.geometry.x[:, :dim])
+    if comm.rank:
+        cells, points = cells[:0], points[:0]
+    plex = PETSc.DMPlex().createFromCellList(dim, cells, points, comm=comm)
+    plex.markBoundaryFaces("Face Sets", 3)
+    if comm.size > 1:
+        plex.distribute(overlap=1)
+    found = ads.from_dmplex(plex, facet_label="Face Sets")
+    whole = found.part.gather()
+    assert len(found.vertices) == found.part.n_points
+    if comm.rank == 0:
+        assert whole.n_cells == len(cells)
+        assert abs(whole.measures.sum() - 1.0) < 1e-12
+        assert len(whole.tagged_facets) == len(whole.boundary().cells)
+        assert (whole.facet_tags == 3).all()
+
+
+def check_all():
+    """Check both adapters, in the plane and in space."""
+    check_dolfinx(mesh.create_unit_square(comm, 7, 6), 1.0, 2)
+    check_dolfinx(mesh.create_unit_cube(comm, 5, 4, 3), 1.0, 3)
+    shared = mesh.create_cell_partitioner(mesh.GhostMode.shared_facet, 2)
+    check_dolfinx(mesh.create_unit_cube(comm, 5, 4, 3, partitioner=shared), 1.0, 3)
+    for bad in (None, 3):
+        for adapter in (ads.from_dolfinx, ads.from_dmplex):
+            try:
+                adapter(bad)
+            except ValueError:
+                continue
+            raise AssertionError
+    check_petsc(2)
+    check_petsc(3)
+    if comm.rank == 0:
+        print("all right")
+
+
+try:
+    check_all()
+except BaseException:  # the other ranks must not wait
+    traceback.print_exc()
+    comm.Abort(1)

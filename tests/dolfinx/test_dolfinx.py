@@ -1,0 +1,52 @@
+"""DOLFINx and PETSc: adapters, and an adaptive loop on one and two ranks (``make dolfinx``)."""
+
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from shutil import which
+
+import pytest
+
+pytestmark = pytest.mark.skipif(
+    find_spec("dolfinx") is None,
+    reason="needs the package dolfinx-solver-real (Python >= 3.12); see make dolfinx",
+)
+
+ROOT = Path(__file__).parents[2]
+MPIEXEC = which("mpiexec") or str(Path(sys.executable).with_name("mpiexec"))
+
+
+def _run(n_ranks, script, *arguments):
+    done = subprocess.run(
+        [MPIEXEC, "-n", str(n_ranks), sys.executable, str(ROOT / script), *arguments],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("n_ranks", [1, 2])
+def test_adapters(n_ranks):
+    assert _run(n_ranks, "tests/dolfinx/check_adapters.py").strip() == "all right"
+
+
+def test_loop_converges_as_in_serial():
+    found = []
+    for n_ranks in (1, 2):
+        text = _run(n_ranks, "examples/dolfinx/corner_loop.py", "--cycles", "5")
+        found.append(
+            [tuple(map(float, row)) for row in re.findall(r"(\d+) cells, error (\S+)", text)]
+        )
+    for rows in found:
+        (n0, e0), (n1, e1) = rows[-3], rows[-1]
+        assert (e0 / e1) > 0.95 * (n1 / n0) ** 0.5  # the best rate of linear elements
+    # Errors at the same number of cells.
+    ends = [error * n_cells**0.5 for n_cells, error in (rows[-1] for rows in found)]
+    assert ends[1] == pytest.approx(ends[0], rel=0.02)
