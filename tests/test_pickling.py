@@ -87,6 +87,9 @@ MAKE = {
     "AdaptResult": an_adaptation,
     "Conformity": lambda: ads.size_conformity(tagged_square(), 0.2),
     "Metric": lambda: ads.isotropic_metric([0.1, 0.2], 2),
+    "MetricFunction": lambda: ads.MetricFunction(
+        tagged_square(), ads.isotropic_metric(np.full(tagged_square().n_points, 0.1), 2)
+    ),
     "MeshSummary": lambda: summarize(tagged_square()),
     "PointSource": lambda: ads.PointSource([0.0, 0.0], 0.1),
 }  # fmt: skip

@@ -45,6 +45,10 @@ SUBJECTS = {
     "Adaptive solutions": [
         "plot_lshape", "plot_fichera", "plot_hot_spot", "plot_front", "plot_euler_bump",
     ],
+    "Anisotropic sizes": [
+        "plot_metric_gradation", "plot_anisotropic_layers", "plot_boundary_layer",
+        "plot_euler_anisotropic",
+    ],
 }  # fmt: skip
 ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md)"}
 

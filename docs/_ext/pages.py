@@ -45,9 +45,9 @@ CONTENTS = {
     "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
     "Examples": ["gallery/index"],
     "Methods": [
-        "limiting", "exact-limiting", "anisotropic", "octrees", "distance", "medial-axis",
-        "feature-size", "sizes", "complete-size", "images", "remeshing", "smoothing", "adaptation",
-        "adaptive-loops",
+        "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",
+        "medial-axis", "feature-size", "sizes", "complete-size", "images", "remeshing", "smoothing",
+        "adaptation", "adaptive-loops",
     ],
     "Reference": [
         "api", FUNCTIONS, "command-line", "files", "solvers", "glossary", "promises",

@@ -40,6 +40,7 @@ _HOMES = {
     "BallSource": "sizes",
     "limit_gradient": "limiting",
     "Metric": "metrics",
+    "MetricFunction": "metrics",
     "isotropic_metric": "metrics",
     "metric_from_curvature": "metrics",
     "metric_from_hessian": "metrics",
@@ -60,6 +61,7 @@ _HOMES = {
     "read": "io",
     "read_cad": "remeshing",
     "read_image": "io",
+    "read_metric": "io",
     "read_size": "io",
     "write": "io",
 }

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_path, check_type, describe, one_of
-from adaptsize._formats import assembly, image, raster, readers, writers
+from adaptsize._checks import as_flag, as_path, one_of
+from adaptsize._formats import assembly, image, metrics, parts, raster, readers, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.whole_files import about_file, check_readable, is_special, write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
+from adaptsize.metrics import Metric, MetricFunction
 
-__all__ = ["is_image_file", "read", "read_image", "read_size", "write"]
+__all__ = ["is_image_file", "read", "read_image", "read_metric", "read_size", "write"]
 
 
 def read(
@@ -119,7 +118,7 @@ def read(
 
 def write(
     path: str | os.PathLike[str],
-    obj: SimplexMesh | CartesianGrid | Octree | SizeFunction,
+    obj: SimplexMesh | CartesianGrid | Octree | SizeFunction | MetricFunction,
     *,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     file_format: str | None = None,
@@ -134,7 +133,7 @@ def write(
     ----------
     path : path-like
         The file.  Its suffix determines the format.
-    obj : SimplexMesh, CartesianGrid, Octree or SizeFunction
+    obj : SimplexMesh, CartesianGrid, Octree, SizeFunction or MetricFunction
         A size function is written as its background with the nodal field ``h``.  Where it grows
         off a surface or a line, the constant nodal fields ``h.g`` and ``h.hmax`` say so.  An octree
         is written as its ``mesh``, and so is a grid, except to ``.vti``.
@@ -144,9 +143,9 @@ def write(
     file_format : str, optional
         ``"vti"`` (grids only), ``"vtu"``, ``"vtk"``, ``"xdmf"`` (text, self-contained),
         ``"gmsh"`` (version 2.2), ``"medit"``, ``"ply"``, ``"stl"`` (binary), ``"obj"``,
-        ``"off"``.  Formats that hold only the sizes ``h`` are ``"gmsh-view"`` (``.pos``),
-        ``"medit-sol"`` (``.sol``, for Mmg) and ``"jigsaw"`` (``.jig.msh``, because ``.msh`` is
-        Gmsh's).
+        ``"off"``.  Formats that hold only the sizes ``h`` or the metric are ``"gmsh-view"``
+        (``.pos``), ``"medit-sol"`` (``.sol``, for Mmg) and, for sizes, ``"jigsaw"``
+        (``.jig.msh``, because ``.msh`` is Gmsh's).
 
     Raises
     ------
@@ -181,20 +180,25 @@ def write(
     path = as_path("path", path)
     target = Path(os.path.realpath(path)) if not is_special(path) else path
     chosen = writers.format_of(path, file_format)
-    background, nodal = _parts_of(obj, fields)
+    background, nodal = parts.parts_of(obj, fields)
     needed = list(nodal)
+    if isinstance(obj, MetricFunction):
+        if not chosen.holds_metrics:
+            raise ValueError(f"{path.name} cannot hold a metric; write .vtu, .sol or .pos")
+        if chosen.only_sizes:
+            nodal.pop(metrics.LENGTHS, None)
     if chosen.holds_fields and not chosen.only_sizes:
-        nodal = _growth_of(obj, background.n_points) | nodal
+        nodal = parts.growth_of(obj, background.n_points) | nodal
     if needed and not chosen.holds_fields:
         raise ValueError(
             f"{path.name} cannot hold nodal fields, got {', '.join(needed)}; "
             "write .vtu, or a .sol with the sizes for a .mesh"
         )
-    others = [name for name in needed if name != "h"]
+    others = [name for name in needed if name not in ("h", metrics.METRIC, metrics.LENGTHS)]
     if others and chosen.only_sizes:
         raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {', '.join(others)}")
     try:
-        write_whole(target, _writing(background, nodal, chosen))
+        write_whole(target, parts.writing(background, nodal, chosen))
     except (MeshFileError, OSError) as error:
         raise about_file(path, error) from error
 
@@ -254,9 +258,56 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         listed = ", ".join(fields) or "none"
         raise about_file(file, MeshFileError(f"has no nodal field {name!r} (found: {listed})"))
     try:
-        return SizeFunction(background, fields[name], **_growth_in(fields, name))
+        return SizeFunction(background, fields[name], **parts.growth_in(fields, name))
     except ValueError as error:
         raise about_file(file, MeshFileError(f"{name}: {error}")) from error
+
+
+def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric:
+    """Return the metric in a file: a nodal field of matrices, or Mmg's ``.sol``.
+
+    Parameters
+    ----------
+    path : path-like
+        A text ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
+    name : str, default "metric"
+        The nodal field in a file for `read`, with one, four or nine components.
+
+    Returns
+    -------
+    Metric
+        At the nodes in the order of the file.
+
+    Raises
+    ------
+    MeshFileError
+        As in `read`, and if there is no such field, or its values are not metrics.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import numpy as np
+    >>> from adaptsize.metrics import Metric, MetricFunction
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "part.sol")
+    ...     write(file, MetricFunction(mesh, metric))
+    ...     read_metric(file)
+    Metric(3 nodes in 2-D, sizes 0.1 to 1, aspect ratio up to 10)
+    """
+    file = as_path("path", path)
+    try:
+        if file.suffix.lower() == ".sol":
+            check_readable(file)
+            return metrics.read_sol(file)
+        mesh = read(file)
+        if name not in mesh.point_data:
+            listed = ", ".join(mesh.point_data) or "none"
+            raise MeshFileError(f"has no nodal field {name!r} (found: {listed})")
+        return metrics.metric_in(mesh.point_data[name], mesh.dim)
+    except ValueError as error:
+        raise about_file(file, error) from error
 
 
 def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Image:
@@ -306,6 +357,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     Examples
     --------
     >>> import tempfile, pathlib
+    >>> import numpy as np
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "mask.npz")
     ...     np.savez(file, labels=np.eye(3, dtype=int), spacing=[0.5, 1.0])
@@ -326,64 +378,3 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
 def is_image_file(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is an image for `read_image`, by its name."""
     return raster.is_image_file(as_path("path", path))
-
-
-def _parts_of(
-    obj: object, fields: Mapping[str, npt.ArrayLike] | None
-) -> tuple[SimplexMesh | CartesianGrid, dict[str, npt.ArrayLike]]:
-    """Return the mesh or grid, and the nodal fields that must be written."""
-    nodal: dict[str, npt.ArrayLike] = {}
-    background = obj
-    if isinstance(obj, SizeFunction):
-        background = obj.background
-        nodal["h"] = obj.values
-    if isinstance(background, Octree):
-        background = background.mesh
-    if not isinstance(background, SimplexMesh | CartesianGrid):
-        raise ValueError(
-            "obj must be a SimplexMesh, CartesianGrid, Octree or a SizeFunction on one, "
-            f"got {describe(background)}"
-        )
-    if fields is not None:
-        check_type("fields", fields, Mapping)
-        for name in fields:
-            check_type("names of fields", name, str)
-        nodal.update(fields)
-    return background, nodal
-
-
-def _growth_of(obj: object, n_points: int) -> dict[str, npt.ArrayLike]:
-    """Return how a size function grows off its background, as constant nodal fields."""
-    if not isinstance(obj, SizeFunction) or obj.g is None:
-        return {}
-    growth = {"h.g": obj.g} | ({"h.hmax": obj.hmax} if np.isfinite(obj.hmax) else {})
-    return {name: np.full(n_points, value) for name, value in growth.items()}
-
-
-def _growth_in(fields: Mapping[str, npt.NDArray[Any]], name: str) -> dict[str, Any]:
-    """Return g and hmax of a size function from the fields of a file, if they are there."""
-    return {
-        part: float(np.ravel(fields[f"{name}.{part}"])[0])
-        for part in ("g", "hmax")
-        if f"{name}.{part}" in fields
-    }
-
-
-def _writing(
-    background: SimplexMesh | CartesianGrid,
-    nodal: Mapping[str, npt.ArrayLike],
-    chosen: writers.Format,
-) -> Callable[[Path], None]:
-    """Return the function that writes a mesh or grid with fields to a path."""
-    if isinstance(background, SimplexMesh):
-        return partial(chosen.write, mesh=background.with_data(point_data=nodal))
-    arrays = {name: np.asarray(values) for name, values in nodal.items()}
-    for name, values in arrays.items():
-        if values.shape != background.shape:
-            raise ValueError(
-                f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
-            )
-    if chosen.holds_grids:
-        return partial(image.write, grid=background, fields=arrays)
-    at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
-    return partial(chosen.write, mesh=background.mesh.with_data(point_data=at_nodes))

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial import cKDTree
 
 from adaptsize import CartesianGrid, Octree, PointSource, size_function
 
@@ -49,6 +50,26 @@ def holes(x, half=0.004, radius=0.3):
     return np.maximum(disc(x), np.maximum(one, other))
 
 
+def rounded_cube(x, half=0.5, radius=0.25):
+    away = np.abs(x) - half + radius
+    outside = np.linalg.norm(np.maximum(away, 0.0), axis=1)
+    return outside + np.minimum(away.max(axis=1), 0.0) - radius
+
+
+def rounded_cube_size(x, half=0.5, radius=0.25):
+    """The size from the rounded edges and corners: its curvature jumps where they end."""
+    t = np.linspace(0.0, 0.5 * np.pi, 90)
+    arc = half - radius + radius * np.column_stack([np.cos(t), np.sin(t)])
+    u, v = (angle.ravel() for angle in np.meshgrid(t, t))
+    ball = np.column_stack([np.cos(u) * np.cos(v), np.sin(u) * np.cos(v), np.sin(v)])
+    away = cKDTree(half - radius + radius * ball).query(np.abs(x))[0]
+    for axis in range(3):
+        across = cKDTree(arc).query(np.abs(np.delete(x, axis, axis=1)))[0]
+        beyond = np.maximum(np.abs(x[:, axis]) - half + radius, 0.0)
+        away = np.minimum(away, np.hypot(across, beyond))
+    return radius / K + G * away
+
+
 def samples(function, half, dim, n=1500, seed=20251):
     x = np.random.default_rng(seed).uniform(-1.0, 1.0, (40 * n, dim)) * half
     values = function(x)
@@ -67,6 +88,7 @@ def samples(function, half, dim, n=1500, seed=20251):
             torus, [1.4, 1.4, 0.4], CURVATURE, lambda x: 0.3 / K - G * torus(x), id="torus"
         ),
         pytest.param(torus, [1.4, 1.4, 0.4], WIDTH, lambda x: np.full(len(x), 0.3), id="width"),
+        pytest.param(rounded_cube, [0.6, 0.61, 0.62], CURVATURE, rounded_cube_size, id="cube"),
     ],
 )
 def test_sizes_between_the_nodes_are_right_within_5_per_cent(function, half, options, exact):

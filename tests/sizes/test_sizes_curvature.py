@@ -9,7 +9,9 @@ from meshes import random_sphere, random_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh, size_from_curvature
+from adaptsize import SimplexMesh, size_from_curvature, size_function
+from adaptsize.background.folds import folds_of
+from adaptsize.geometry import tag_faces
 
 
 def disk(n, seed, *, radius=1.0):
@@ -83,6 +85,49 @@ def test_curved_creases_count_where_the_faces_are_flat():
     side = np.column_stack([np.arange(n), after, np.full(n, n + 1)])
     h0 = size_from_curvature(SimplexMesh(points, np.concatenate([base, side])))
     assert_allclose(h0[:n], 0.25, rtol=1e-10)
+
+
+def dish(slope, n_rings=6, n_around=48):
+    """A flat disc of radius 1 and the cone around it up to radius 2, and the edges between them."""
+    radius = np.linspace(0.0, 2.0, 2 * n_rings + 1)[1:]
+    angle = 2.0 * np.pi * np.arange(n_around) / n_around
+    height = np.tan(np.radians(slope)) * np.maximum(radius - 1.0, 0.0)
+    rings = [np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.0 * angle + z])
+             for r, z in zip(radius, height, strict=True)]  # fmt: skip
+    k, after = np.arange(n_around), (np.arange(n_around) + 1) % n_around
+    cells = [np.column_stack([0 * k, 1 + k, 1 + after])]
+    for i in range(1, len(radius)):
+        inner, outer = 1 + (i - 1) * n_around, 1 + i * n_around
+        cells.append(np.column_stack([inner + k, outer + k, outer + after]))
+        cells.append(np.column_stack([inner + k, outer + after, inner + after]))
+    first = 1 + (n_rings - 1) * n_around
+    points = np.concatenate([np.zeros((1, 3)), *rings])
+    return points, np.concatenate(cells), first + np.column_stack([k, after])
+
+
+@pytest.mark.parametrize("slope", [3.0, 14.0, 41.0])
+def test_tagged_edges_are_feature_edges_at_any_angle(slope):
+    points, cells, rim = dish(slope)
+    tagged = SimplexMesh(points, cells, tagged_facets=rim, facet_tags=np.ones(len(rim), int))
+    nodes = np.unique(rim)
+    h = size_from_curvature(tagged, elements_per_radian=3.0)
+    assert_allclose(h[nodes], 1.0 / 3.0, rtol=1e-12)
+    sizes = size_function(tagged, elements_per_radian=3.0, elements_across=0.0, hmax=9.0).values
+    assert_allclose(sizes[nodes], 1.0 / 3.0, rtol=1e-12)
+    # Without a tag, or with tag 0, the cone alone counts below the crease angle.
+    untagged = SimplexMesh(points, cells, tagged_facets=rim, facet_tags=np.zeros(len(rim), int))
+    h = size_from_curvature(untagged, elements_per_radian=3.0)
+    assert (h[nodes] < 0.34).all() == (slope > 40.0)
+    assert_array_equal(h, size_from_curvature(SimplexMesh(points, cells), elements_per_radian=3.0))
+
+
+def test_new_nodes_on_tagged_edges_are_not_curved():
+    points, cells, rim = dish(14.0)
+    tagged = SimplexMesh(points, cells, tagged_facets=rim, facet_tags=np.ones(len(rim), int))
+    folds = folds_of(tagged, np.radians(40.0))
+    assert_array_equal(np.unique(np.sort(rim, axis=1), axis=0), np.unique(folds.sharp, axis=0))
+    flat = points[cells][:, :, 2].max(axis=1) == 0.0
+    assert_array_equal(tag_faces(tagged).cell_tags, np.where(flat, 1, 2))
 
 
 def test_boundary_mesh_gives_its_curvature_to_the_nodes_on_it():

@@ -22,14 +22,21 @@ def write_gmsh_view(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
     for each node, then the sizes of the nodes.
     """
     name = {1: "SL", 2: "ST", 3: "SS"}[mesh.cell_dim]
+    _write_view(path, mesh, name, sizes[:, None], "h")
+
+
+def _write_view(
+    path: Path, mesh: SimplexMesh, cell_name: str, values: FloatArray, title: str
+) -> None:
+    """Write a view with the same number of values at each node."""
     n_nodes = mesh.cell_dim + 1
     corners = np.zeros((mesh.n_cells, n_nodes, 3))
     corners[..., : mesh.dim] = mesh.points[mesh.cells]
-    rows = np.hstack([corners.reshape(mesh.n_cells, -1), sizes[mesh.cells]])
+    of_cells = values[mesh.cells].reshape(mesh.n_cells, -1)
+    rows = np.hstack([corners.reshape(mesh.n_cells, -1), of_cells])
     coordinates = ",".join(["%.17g"] * (3 * n_nodes))
-    values = ",".join(["%.17g"] * n_nodes)
-    line = f"{name}({coordinates}){{{values}}};\n"
-    _write_text(path, ['View "h" {\n'], _formatted(line, rows), ["};\n"])
+    line = f"{cell_name}({coordinates}){{{','.join(['%.17g'] * of_cells.shape[1])}}};\n"
+    _write_text(path, [f'View "{title}" {{\n'], _formatted(line, rows), ["};\n"])
 
 
 def write_medit_sol(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
@@ -38,6 +45,25 @@ def write_medit_sol(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
         f"MeshVersionFormatted 2\n\nDimension {mesh.dim}\n\nSolAtVertices\n{mesh.n_points}\n1 1\n"
     )
     _write_text(path, [head], _formatted("%.17g\n", sizes[:, None]), ["\nEnd\n"])
+
+
+def write_metric_view(path: Path, mesh: SimplexMesh, matrices: FloatArray) -> None:
+    """Write a view of tensors (TL, TT, TS): nine numbers per node, row by row."""
+    name = {1: "TL", 2: "TT", 3: "TS"}[mesh.cell_dim]
+    _write_view(path, mesh, name, matrices.reshape(mesh.n_points, 9), "metric")
+
+
+def write_metric_sol(path: Path, mesh: SimplexMesh, matrices: FloatArray) -> None:
+    """Write a symmetric matrix per node in Mmg's format (``.sol``).
+
+    The order is that of the lower triangle by rows: xx, xy, yy, xz, yz, zz.
+    """
+    i, j = np.tril_indices(mesh.dim)
+    head = (
+        f"MeshVersionFormatted 2\n\nDimension {mesh.dim}\n\nSolAtVertices\n{mesh.n_points}\n1 3\n"
+    )
+    line = " ".join(["%.17g"] * len(i)) + "\n"
+    _write_text(path, [head], _formatted(line, matrices[:, i, j]), ["\nEnd\n"])
 
 
 def write_jigsaw(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:

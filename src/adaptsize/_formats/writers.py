@@ -14,6 +14,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_sizes, describe, refuse_where
 from adaptsize._formats import fort14, gmsh_names, sizes, stl, xdmf
 from adaptsize._formats.blocks import UNTAGGED
+from adaptsize._formats.metrics import METRIC, as_tensors
 from adaptsize._formats.quietness import quiet
 from adaptsize._formats.readers import FOREIGN_FAILURES, reason
 from adaptsize.background import SimplexMesh
@@ -36,6 +37,8 @@ class Format:
     """Whether the file holds Cartesian grids instead of meshes."""
     only_sizes: bool = False
     """Whether the file holds only nodal sizes for a mesh generator."""
+    holds_metrics: bool = True
+    """Whether the file can hold a metric."""
     only_triangles: bool = False
     """Whether the file holds only triangles: of tetrahedra, those of the boundary."""
     only_full: bool = False
@@ -86,6 +89,20 @@ def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
     wanted = f"must be finite for {generator}; clip it first: size.clip(hmax=...)"
     refuse_where("h", np.isinf(values), values, wanted)
     return values
+
+
+def _write_view(path: Path, mesh: SimplexMesh) -> None:
+    if METRIC in mesh.point_data:
+        sizes.write_metric_view(path, mesh, as_tensors(mesh.point_data[METRIC]))
+    else:
+        sizes.write_gmsh_view(path, mesh, sizes_of(mesh, "Gmsh"))
+
+
+def _write_sol(path: Path, mesh: SimplexMesh) -> None:
+    if METRIC in mesh.point_data:
+        sizes.write_metric_sol(path, mesh, as_tensors(mesh.point_data[METRIC]))
+    else:
+        sizes.write_medit_sol(path, mesh, sizes_of(mesh, "mmg"))
 
 
 def surface_of(mesh: SimplexMesh) -> SimplexMesh:
@@ -225,24 +242,18 @@ def _refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
 
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
-    "jigsaw": Format((".jig.msh",), _write_jigsaw, only_sizes=True, only_full=True),
-    "gmsh-view": Format(
-        (".pos",),
-        lambda p, mesh: sizes.write_gmsh_view(p, mesh, sizes_of(mesh, "Gmsh")),
-        only_sizes=True,
+    "jigsaw": Format(
+        (".jig.msh",), _write_jigsaw, only_sizes=True, only_full=True, holds_metrics=False
     ),
-    "medit-sol": Format(
-        (".sol",),
-        lambda p, mesh: sizes.write_medit_sol(p, mesh, sizes_of(mesh, "mmg")),
-        only_sizes=True,
-    ),
+    "gmsh-view": Format((".pos",), _write_view, only_sizes=True),
+    "medit-sol": Format((".sol",), _write_sol, only_sizes=True),
     "vti": Format((".vti",), _refuse_mesh, holds_grids=True),
     "vtu": Format((".vtu",), _write_vtu),
     "vtk": Format((".vtk",), _write_vtk),
     "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
     "gmsh": Format((".msh",), _write_gmsh),
     "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
-    "ply": Format((".ply",), _write_ply, only_triangles=True),
+    "ply": Format((".ply",), _write_ply, only_triangles=True, holds_metrics=False),
     "stl": Format((".stl",), _write_stl, holds_fields=False, only_triangles=True),
     "obj": Format(
         (".obj",),

@@ -168,8 +168,8 @@ def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, co
     cost : float64[n]
         Out: g times the distance to the minimum, or h0.
     """
-    value[:] = h0
-    cost[:] = h0
+    for k in range(value.shape[0]):  # array to array would need a copy, for overlaps
+        value[k] = cost[k] = h0[k]
     source[:] = 0
     weight[:] = 0.0
     for c in range(cells.shape[0]):

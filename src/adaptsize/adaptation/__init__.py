@@ -1,7 +1,8 @@
 """One adaptation cycle: estimate, size, limit, remesh, transfer."""
 
-from adaptsize.adaptation.api import AdaptResult, adapt
+from adaptsize.adaptation.api import adapt
 from adaptsize.adaptation.report import AdaptReport
+from adaptsize.adaptation.result import AdaptResult
 from adaptsize.adaptation.transfer import FieldTransfer, TransferredFields, transfer_fields
 
 __all__ = [

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.boundary_moves import BoundaryMoves, ProjectionLike, move_to_boundary
-from adaptsize.adaptation.next_sizes import NextSizes, SizeRequest, next_sizes
+from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing import remesh
-from adaptsize.sizes import predicted_elements
 
 #: Maximum number of meshes that are made to meet a number of elements.
 _MOST_MESHES = 3
@@ -36,21 +34,21 @@ class NewMesh:
 
 
 def make_mesh(
-    mesh: SimplexMesh, sizes: NextSizes, request: SizeRequest, options: dict[str, Any]
+    mesh: SimplexMesh, sizes: NextSizes, request: Request, options: dict[str, Any]
 ) -> tuple[NextSizes, NewMesh]:
     """Return a mesh with the sizes; repeat if it misses the requested number of elements."""
-    new = remesh(mesh, SizeFunction(mesh, sizes.h), **options)
+    new = remesh(mesh, sizes.requested(mesh), **options)
     best, n_meshes, target = (sizes, new), 1, request.target_elements
     requested: list[float] = []
     actual: list[float] = []
     while target is not None and sizes.in_reach and n_meshes < _MOST_MESHES:
-        requested.append(math.log(predicted_elements(mesh, sizes.h)))
+        requested.append(math.log(sizes.simplices))
         actual.append(math.log(new.n_cells))
         if abs(math.expm1(actual[-1] - math.log(target))) <= BUDGET_TOLERANCE:
             break
         number = math.exp(_next_request(requested, actual, math.log(target)))
-        sizes = next_sizes(mesh, request, target / number)
-        new = remesh(mesh, SizeFunction(mesh, sizes.h), **options)
+        sizes = request.next(mesh, target / number)
+        new = remesh(mesh, sizes.requested(mesh), **options)
         n_meshes += 1
         if abs(math.log(new.n_cells / target)) < abs(math.log(best[1].n_cells / target)):
             best = (sizes, new)

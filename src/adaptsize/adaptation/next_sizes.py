@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
+from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.sizes import predicted_elements
 from adaptsize.sizes.budget import scale_to
 from adaptsize.sizes.combine import minimum
@@ -33,7 +34,7 @@ _MUCH_TOO_LONG = 3.0
 #: If the error is too large, remesh if there will be this many times more elements.
 _MORE = 1.02
 #: The limits allow a requested number if the prediction is this close to it.
-_REACHED = 0.05
+REACHED = 0.05
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,10 @@ class SizeRequest:
         """Estimated error on the present mesh."""
         return None if self.indicator is None else float(np.linalg.norm(self.indicator))
 
+    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
+        """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
+        return next_sizes(mesh, self, factor)
+
 
 class NextSizes(NamedTuple):
     """Sizes of the next mesh."""
@@ -68,6 +73,50 @@ class NextSizes(NamedTuple):
     """Whether the limits allow the requested number of elements, if there is one."""
     capped: bool
     """Whether the tolerance would need more elements than requested."""
+    simplices: float
+    """Number of regular simplices of these sizes that fill the mesh."""
+    metric: Metric | None = None
+    """The metric, if the sizes depend on the direction; ``h`` are then its smallest sizes."""
+
+    def requested(self, mesh: SimplexMesh) -> SizeFunction | MetricFunction:
+        """Return the sizes as a function of points."""
+        if self.metric is not None:
+            return MetricFunction(mesh, self.metric)
+        return SizeFunction(mesh, self.h)
+
+    def pieces(self, mesh: SimplexMesh) -> FloatArray:
+        """Return the number of pieces of the requested size for each edge."""
+        if self.metric is not None:
+            return self.metric.edge_lengths(mesh.points, mesh.edges)
+        return _pieces(mesh, self.h)
+
+    @property
+    def stretched(self) -> bool:
+        """Whether cells are divided along some directions only."""
+        return self.metric is not None
+
+
+class Request(Protocol):
+    """A request: of sizes, or of a metric."""
+
+    @property
+    def error(self) -> float | None:
+        """Estimated error on the present mesh."""
+        ...
+
+    @property
+    def tolerance(self) -> float | None:
+        """Target for this error."""
+        ...
+
+    @property
+    def target_elements(self) -> float | None:
+        """Target for the number of elements."""
+        ...
+
+    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
+        """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
+        ...
 
 
 class Decision(NamedTuple):
@@ -166,9 +215,10 @@ def next_sizes(mesh: SimplexMesh, request: SizeRequest, factor: float) -> NextSi
         assert request.h0 is not None
         h = finished(request.h0)
     _refuse_free(mesh, h)
-    predicted = factor * predicted_elements(mesh, h)
-    in_reach = target is not None and abs(predicted / target - 1.0) <= _REACHED
-    return NextSizes(h, predicted, in_reach, capped)
+    simplices = predicted_elements(mesh, h)
+    predicted = factor * simplices
+    in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
+    return NextSizes(h, predicted, in_reach, capped, simplices)
 
 
 def _scaled(
@@ -201,12 +251,13 @@ def _refuse_free(mesh: SimplexMesh, h: FloatArray) -> None:
 def decide_remeshing(
     mesh: SimplexMesh,
     found: NextSizes,
-    request: SizeRequest,
+    request: Request,
     enough: float,
     coarsen_converged: bool,
 ) -> Decision:
     """Return whether to remesh, and why."""
-    shares = _shares(mesh, found.h)
+    pieces = found.pieces(mesh)
+    shares = _shares(pieces, 1 if found.stretched else mesh.cell_dim)
     error, tolerance = request.error, request.tolerance
     within = tolerance is not None and error is not None and error <= tolerance
     if within and not coarsen_converged:
@@ -215,7 +266,7 @@ def decide_remeshing(
     ratio = found.predicted / mesh.n_cells
     same = shares[0] >= enough and abs(ratio - 1.0) <= BUDGET_TOLERANCE
     # A region that is much too coarse counts, however few cells it has.
-    same = same and _pieces(mesh, found.h).max() <= _MUCH_TOO_LONG
+    same = same and pieces.max() <= _MUCH_TOO_LONG
     finer = tolerance is not None and not within and ratio > _MORE
     if not same or finer:
         reason = (
@@ -248,14 +299,14 @@ def _pieces(mesh: SimplexMesh, h: FloatArray) -> FloatArray:
     return np.asarray(mesh.edge_lengths / mean * growth)
 
 
-def _shares(mesh: SimplexMesh, h: FloatArray) -> tuple[float, float, float]:
+def _shares(ratio: FloatArray, power: int) -> tuple[float, float, float]:
     """Return the shares of the next mesh that are in band, too long and too short.
 
-    An edge to be divided into r pieces is weighted by the r^d cells that replace it.  A few cells
-    that are much too long at a singular point can become most of the next mesh.
+    An edge to be divided into r pieces is weighted by the r^d cells that replace it, or r in a
+    metric, where cells are divided along one direction.  A few cells that are much too long at a
+    singular point can become most of the next mesh.
     """
-    ratio = _pieces(mesh, h)
-    weight = np.maximum(ratio, 1.0) ** mesh.cell_dim
+    weight = np.maximum(ratio, 1.0) ** power
     with np.errstate(divide="ignore"):
         off = np.log(ratio)
     total = weight.sum()

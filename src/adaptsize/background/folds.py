@@ -8,8 +8,8 @@ import numpy as np
 
 from adaptsize.background.flipping import pairs_of_cells
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import are_among
-from adaptsize.typing import IntArray
+from adaptsize.background.topology import are_among, tags_of_facets
+from adaptsize.typing import BoolArray, IntArray
 
 _FLAT_ANGLE = np.deg2rad(0.1)
 
@@ -30,7 +30,7 @@ class Folds(NamedTuple):
 
 
 def folds_of(mesh: SimplexMesh, crease_angle: float) -> Folds:
-    """Return the edges along which two triangles meet at an angle."""
+    """Return the edges along which two triangles meet at an angle; tagged edges are sharp."""
     corners = mesh.points[mesh.cells]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice_area = np.linalg.norm(normals, axis=1)
@@ -43,10 +43,18 @@ def folds_of(mesh: SimplexMesh, crease_angle: float) -> Folds:
     # Coordinates may have single precision: the normal of a sliver of that height is uncertain.
     height = np.minimum(twice_area[one], twice_area[other]) / mesh.edge_lengths[paired].clip(1e-300)
     rounding = 4.0 * np.finfo(np.float32).eps * np.abs(mesh.points).max()
-    sharp = angle > crease_angle
+    sharp = (angle > crease_angle) | is_tagged(mesh)[paired]
     bent = (angle > _FLAT_ANGLE + rounding / height.clip(1e-300)) & ~sharp
     edges = mesh.edges[paired]
     return Folds(edges[bent], edges[sharp])
+
+
+def is_tagged(mesh: SimplexMesh) -> BoolArray:
+    """Return which facets carry a tag other than 0, bool[n_facets]."""
+    if mesh.tagged_facets is None or mesh.facet_tags is None:
+        return np.zeros(len(mesh.facets), np.bool_)
+    tags = tags_of_facets(mesh.facets, mesh.tagged_facets, mesh.facet_tags, mesh.n_points)
+    return np.asarray(tags != 0)
 
 
 def renumbered_edges(edges: IntArray, new_node: IntArray) -> IntArray:

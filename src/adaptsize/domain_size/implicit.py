@@ -181,7 +181,8 @@ class ImplicitDomain:
             kappa[goes_on], share[goes_on] = there[goes_on], share[goes_on] + step
             step *= 0.5
         away = (1.0 - share) * np.linalg.norm(feet[low] - feet[high], axis=1)
-        return Beside(low, kappa, away)
+        ends = (1.0 - share)[:, None] * feet[high] + share[:, None] * feet[low]
+        return Beside(low, kappa, away, ends)
 
 
 def _warn_of_leaves(tree: Octree, wanted: Octree) -> None:

@@ -22,6 +22,8 @@ TOLERANCE = 0.05
 _EDGE_OVER_SIZE = {2: 1.0, 3: 1.2}
 # ... or than this many radii of the boundary that passes through it.
 _EDGE_OVER_RADIUS = 0.5
+# Leaves where a large curvature ends, and sizes have a kink, are no longer than this many sizes.
+_EDGE_AT_KINK = 0.5
 # Shorter leaves, in sizes, hold the tolerance for sizes with any gradient that is usual.
 _SHORTEST_OVER_SIZE = 0.2
 # Leaves are refined if the error on their parents is above this many tolerances.  The error on
@@ -42,6 +44,8 @@ class Beside(NamedTuple):
     """Numbers among the nodes of the inner cells."""
     curvature: FloatArray
     distance: FloatArray
+    ends: FloatArray
+    """Points of the boundary where these curvatures end."""
 
 
 class Shape(NamedTuple):
@@ -120,15 +124,17 @@ def _size_of_curvature(shape: Shape, per_radian: float, g: float) -> FloatArray:
 
     With the slope m of these sizes along the boundary, a limited size has the slope
     sqrt(g^2 - m^2) across it.  Inside, the slope g is used instead, and limiting corrects sizes
-    that are too large.
+    that are too large.  Sizes that grow from the end of a larger curvature have the slope g along
+    the boundary and none across it.
     """
     kappa, depth = shape.curvature, shape.nodes.depth[shape.inner.nodes]
     with np.errstate(divide="ignore"):
         size = np.where(kappa > 0.0, 1.0 / (per_radian * kappa), np.inf)
-    beside = shape.beside
+    beside, own = shape.beside, size.copy()
     np.minimum.at(size, beside.nodes, 1.0 / (per_radian * beside.curvature) + g * beside.distance)
     known = np.isfinite(size)
     m = _slopes(shape.inner.mesh, np.where(known, size, 0.0), known)
+    m[size < own] = g
     slope = np.where(depth < 0.0, np.sqrt(np.maximum(g**2 - m**2, 0.0)), g)
     return np.where(known, np.maximum(size + slope * depth, _LEAST_SHARE * size), np.inf)
 
@@ -203,6 +209,11 @@ def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octre
     least = requested[tree.leaf_corners].min(axis=1)
     with np.errstate(divide="ignore"):  # inf outside
         times = np.ceil(np.log2(edges / (longest * least)))
+    if request.per_radian > 0.0:
+        beside = shape.beside
+        leaf = tree.locator.leaf(beside.ends)
+        at_kink = np.maximum(1.0 / (request.per_radian * beside.curvature), hmin)
+        np.maximum.at(times, leaf, np.ceil(np.log2(edges[leaf] / (_EDGE_AT_KINK * at_kink))))
     times = np.clip(times, 0, _MOST_HALVINGS).astype(np.int64)
     can = (times == 0) & (edges > _SHORTEST_OVER_SIZE * least)
     error = np.where(can, leaf_errors(shape, h), 0.0)

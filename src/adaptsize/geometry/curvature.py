@@ -12,6 +12,7 @@ from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels import normals as normal_kernels
 from adaptsize._kernels import sectors as sector_kernels
 from adaptsize.background import SimplexMesh
+from adaptsize.background.folds import is_tagged
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Largest number of averages; each spreads a value by one layer of neighbours.
@@ -55,8 +56,9 @@ def surface_curvature(
         surfaces and degenerate triangles are allowed.
     crease_angle : float, default 40
         Edges where the normals of the two triangles differ by more than this angle are feature
-        edges; so are edges of one, three or more triangles.  In degrees, from 0 to 180.  The
-        angle must exceed that between the facets of a tessellated smooth surface.
+        edges; so are edges of one, three or more triangles, and tagged edges (``tagged_facets``
+        with another tag than 0).  In degrees, from 0 to 180.  The angle must exceed that between
+        the facets of a tessellated smooth surface.
     smoothing : int, default 0
         How often the tensors are averaged over the triangles of each node.  Use 1 or 2 for
         scanned, noisy surfaces.
@@ -158,7 +160,7 @@ def tensors_of(
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArray:
-    """Return the feature edges of a surface: boundary, non-manifold and sharp edges.
+    """Return the feature edges of a surface: boundary, non-manifold, sharp and tagged edges.
 
     Parameters
     ----------
@@ -316,7 +318,7 @@ def _creases_of(surface: SimplexMesh, faces: _Faces, angle: float) -> BoolArray:
         surface.cells, surface.facets, faces.facet_cells, surface.facet_cell_counts,
         faces.normals, angle, is_crease,
     )  # fmt: skip
-    return is_crease
+    return is_crease | is_tagged(surface)
 
 
 def _sectors_of(surface: SimplexMesh, faces: _Faces, creases: BoolArray) -> _Sectors:

@@ -24,7 +24,8 @@ def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
         Triangles in space, in any orientation.
     angle : float, default 40
         Edges with a larger angle between the normals of their two triangles are feature edges;
-        so are edges of one, three or more triangles.  In degrees, from 0 to 180.
+        so are edges of one, three or more triangles, and tagged edges.  In degrees, from 0 to
+        180.
 
     Returns
     -------

@@ -18,8 +18,10 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.errors import PlotError
+from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.plot import with_matplotlib, with_vtk
 from adaptsize.plot.boxes import scene_of_grid, scene_of_octree
+from adaptsize.plot.ellipsoids import scene_of_metric
 from adaptsize.plot.scene import Scene, make_scene
 from adaptsize.typing import FloatArray
 
@@ -198,6 +200,63 @@ def plot_causes(
         path,
         width,
     )
+
+
+def plot_metric(
+    mesh: SimplexMesh | MetricFunction,
+    metric: Metric | None = None,
+    *,
+    path: str | os.PathLike[str] | None = None,
+    n_glyphs: int = 400,
+    clip: str | None = "auto",
+    width: int = 1600,
+) -> Image:
+    """Draw a metric as ellipses (in space: ellipsoids), off-screen.
+
+    The axes of a glyph are proportional to the sizes at its node.  All glyphs are scaled to the
+    same length, and thin ones are drawn with at least 1/25 of it.  The colour is the smallest size.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh or MetricFunction
+    metric : Metric, optional
+        At the nodes of the mesh; not with a MetricFunction.
+    path, clip, width
+        As for `plot_size`.  Of tetrahedra, the nodes near the plane through the middle are shown.
+    n_glyphs : int
+        About this number of glyphs, at nodes that are about evenly distributed.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        The picture, red, green, blue.
+
+    Raises
+    ------
+    ValueError
+        If an argument is bad.
+    ImportError
+        If pyvista is not installed.
+    PlotError
+        If this machine can draw nothing at all.
+
+    Examples
+    --------
+    >>> plot_metric(mesh, metric, path="metric.png")  # doctest: +SKIP
+    """
+    if isinstance(mesh, MetricFunction):
+        if metric is not None:
+            raise ValueError("metric must be None with a MetricFunction, got both")
+        metric, mesh = mesh.metric, mesh.mesh
+    check_type("mesh", mesh, SimplexMesh)
+    check_type("metric", metric, Metric)
+    assert metric is not None
+    metric.check_mesh(mesh)
+    if mesh.dim == 1:
+        raise ValueError(f"mesh must be in 2-D or 3-D, got {mesh!r}")
+    _check_output(path, width)
+    number = as_number("n_glyphs", n_glyphs, lower=1.0)
+    return _draw(scene_of_metric(mesh, metric, int(number), clip), path, width)
 
 
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:

@@ -44,6 +44,8 @@ class Scene:
     class_names : tuple of str, optional
         Entry k is the name of class k.  Without names, classes are labelled by number.  With
         names, edges are not drawn.
+    plain : bool
+        Whether edges are not drawn.
     """
 
     points: FloatArray
@@ -54,6 +56,7 @@ class Scene:
     classes: bool
     flat: bool
     class_names: tuple[str, ...] | None = None
+    plain: bool = False
 
     @property
     def axes(self) -> FloatArray:
@@ -98,7 +101,7 @@ class Scene:
     @property
     def shows_edges(self) -> bool:
         """Whether edges are to be drawn, and long enough in the picture."""
-        if self.class_names is not None:
+        if self.plain or self.class_names is not None:
             return False
         start, stop = self.points[self.cells[:, 0]], self.points[self.cells[:, 1]]
         low, high = self.frame

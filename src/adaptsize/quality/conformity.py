@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_range, check_type
+from adaptsize._checks import as_sizes, check_range, check_type, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
+from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles, radius_ratios
+from adaptsize.quality.metric import MetricQuality, metric_quality
 from adaptsize.typing import BoolArray, FloatArray
 
 #: Requested edge lengths: a SizeFunction or another callable, one per node, or a number.
@@ -63,6 +65,8 @@ class Conformity:
         Lower bound on the Hausdorff distance to the given surface.
     hausdorff_relative : float or None
         The same over the diagonal of that surface.
+    metric : MetricQuality or None
+        Quality in the metric and complexity, if a metric was requested.
     """
 
     n_points: int
@@ -78,6 +82,7 @@ class Conformity:
     n_inverted: int
     hausdorff: float | None = None
     hausdorff_relative: float | None = None
+    metric: MetricQuality | None = None
 
     @property
     def share_in_band(self) -> float:
@@ -105,6 +110,8 @@ class Conformity:
             f"mean {self.radius_ratio_mean:.4f}"
         )
         lines.append(f"minimum {angle}: {self.angle_min:.2f} deg, 1 % {self.angle_p01:.2f} deg")
+        if self.metric is not None:
+            lines.append(str(self.metric))
         if self.hausdorff is not None:
             lines.append(
                 f"distance to the surface: {self.hausdorff:.4g} "
@@ -120,7 +127,10 @@ def _ratio_line(name: str, ratio: RatioStatistics) -> str:
 
 
 def size_conformity(
-    mesh: SimplexMesh, size: SizeLike, *, surface: SimplexMesh | None = None
+    mesh: SimplexMesh,
+    size: SizeLike | Metric | MetricFunction,
+    *,
+    surface: SimplexMesh | None = None,
 ) -> Conformity:
     r"""Measure how closely a mesh follows the requested sizes, and the quality of its cells.
 
@@ -132,6 +142,10 @@ def size_conformity(
         Requested edge length.  Functions are called with the midpoints of the edges, an
         array of shape (n, dim).  Nodal values belong to ``mesh`` and are averaged.
         Edges with the size inf are ignored.
+
+        Or a metric: a `Metric` at the nodes of ``mesh``, a `MetricFunction` or a callable that
+        returns a Metric, called with the nodes.  The ratios are then the lengths of the edges in
+        the metric, see `Metric.edge_lengths`.  All its sizes must be finite.
     surface : SimplexMesh, optional
         Reference for the boundary of ``mesh`` (or for ``mesh`` itself, if it has cells of the
         same dimension).  The distance from it is measured.
@@ -168,7 +182,11 @@ def size_conformity(
         check_type("surface", surface, SimplexMesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
-    ratio = edge_ratios(mesh, size)
+    metric = nodal_metric(mesh, size)
+    if metric is None:
+        ratio = edge_ratios(mesh, cast(SizeLike, size))
+    else:
+        ratio = metric.edge_lengths(mesh.points, mesh.edges)
     edges = _ratio_statistics(ratio)
     assert edges is not None
     ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
@@ -191,7 +209,26 @@ def size_conformity(
         n_inverted=int(np.count_nonzero(inverted_cells(mesh))),
         hausdorff=distance,
         hausdorff_relative=relative,
+        metric=None if metric is None else metric_quality(mesh, metric),
     )
+
+
+def nodal_metric(mesh: SimplexMesh, size: object) -> Metric | None:
+    """Return a requested metric at the nodes of a mesh, or None for sizes.
+
+    Raises
+    ------
+    ValueError
+        If the metric does not fit the mesh or a size is inf.
+    """
+    if callable(size) and not isinstance(size, SizeFunction):
+        probe = size(mesh.points[:1])
+        size = size(mesh.points) if isinstance(probe, Metric) else None
+    if not isinstance(size, Metric):
+        return None
+    size.check_mesh(mesh)
+    refuse_where("size", np.isinf(size.sizes), size.sizes, "must be finite in all directions")
+    return size
 
 
 def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:

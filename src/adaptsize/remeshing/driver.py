@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from adaptsize._checks import as_flag, as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError
+from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.first_volume import FirstVolume, first_volumes
@@ -39,6 +40,7 @@ from adaptsize.remeshing.sizing import (
     known_points,
 )
 from adaptsize.remeshing.strict import remesh_strictly, routes
+from adaptsize.remeshing.tensors import as_metric_at, mean_size
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: If cells have a smaller dihedral angle in degrees, another first volume is tried.
@@ -54,7 +56,7 @@ Target = Literal["auto", "tetrahedra", "triangles"]
 
 def remesh(
     mesh: SimplexMesh,
-    size: SizeLike,
+    size: SizeLike | Metric | MetricFunction,
     *,
     target: Target = "auto",
     backend: str = "auto",
@@ -79,6 +81,9 @@ def remesh(
         Requested edge length, finite and positive, in the unit of the coordinates.
         A callable takes float64[n, dim] points and returns n sizes.  Its gradient is
         not limited here: apply `limit_gradient` first.
+
+        Or sizes that depend on the direction (Mmg only): a `Metric` at the nodes of ``mesh``, a
+        `MetricFunction`, or a callable that returns a Metric.  Apply `limit_metric` first.
     target : {"auto", "tetrahedra", "triangles"}
         What to make from a surface in space: tetrahedra in the volume it encloses
         (also with "auto"), or a new surface.
@@ -194,12 +199,18 @@ def remesh(
     strict = as_flag("strict", strict)
     if timeout is not None:
         timeout = as_number("timeout", timeout, lower=0.0, strict=True)
-    chosen = choose_backend(backend, task, keep_facets=required_facets is not None)
-    wanted = as_size(size, mesh, g=g, hmax=hmax)
+    metric = as_metric_at(size, mesh, hmax)
+    if metric is not None:
+        _check_metric(task, strict=strict)
+    chosen = choose_backend(
+        backend, task, keep_facets=required_facets is not None, metric=metric is not None
+    )
+    sizes = cast(SizeLike, size) if metric is None else mean_size(metric, mesh.cell_dim)
+    wanted = as_size(sizes, mesh, g=g, hmax=hmax)
     repaired = repair_mesh(mesh)
     if strict:
         attempt = partial(
-            remesh, mesh, size, target=target, g=g, hmax=hmax, required_facets=required_facets,
+            remesh, mesh, sizes, target=target, g=g, hmax=hmax, required_facets=required_facets,
             max_elements=max_elements, progress=progress,
         )  # fmt: skip
         ways = routes(task, backend, chosen.name, keep_facets=required_facets is not None)
@@ -209,8 +220,10 @@ def remesh(
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
     part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)
-    own_size, known = frame.size(wanted), frame.to_own(known_points(size, mesh.dim))
+    own_size, known = frame.size(wanted), frame.to_own(known_points(sizes, mesh.dim))
     part = part.with_size(own_size, known)
+    if metric is not None:
+        part = replace(part, problem=replace(part.problem, metric=frame.metric(metric)))
     refuse_too_many(_estimate(part.problem), limit)
     with reporting(progress) as report:
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -322,6 +335,17 @@ def _estimate(problem: Problem) -> float:
     if problem.task == "surface to tetrahedra":
         return estimate_n_enclosed(problem.mesh, problem.size)
     return estimate_n_cells(problem.mesh, problem.size)
+
+
+def _check_metric(task: Task, *, strict: bool) -> None:
+    """Raise a ValueError if a metric cannot be used."""
+    if task == "surface to tetrahedra":
+        raise ValueError(
+            "size must not be a Metric for a surface to be filled: make tetrahedra first and "
+            "remesh them, or pass target='triangles'"
+        )
+    if strict:
+        raise ValueError("strict must be False with a Metric, whose cells are thin, got True")
 
 
 def _task(mesh: SimplexMesh, target: str) -> Task:

@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background import SimplexMesh
+from adaptsize.metrics import Metric
 from adaptsize.remeshing.sizing import Size
+from adaptsize.remeshing.tensors import MetricAt
 from adaptsize.typing import FloatArray
 
 #: Generators that scale their input move nodes that they keep by rounding, by less than this.
@@ -50,6 +52,14 @@ class Frame(NamedTuple):
 
         def own(points: FloatArray) -> FloatArray:
             return size(self.from_own(points)) / self.scale
+
+        return own
+
+    def metric(self, metric: MetricAt) -> MetricAt:
+        """Return a metric as a function of points in the coordinates of the part."""
+
+        def own(points: FloatArray) -> Metric:
+            return metric(self.from_own(points)).scaled(1.0 / self.scale)
 
         return own
 

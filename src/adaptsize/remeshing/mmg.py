@@ -11,6 +11,8 @@ Observed behaviour that is handled here:
 * Between the sides of plates much thinner than the sizes it may run without end.
 * A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
   Mmg's own small sizes at curved boundaries end in jumps.
+* Metrics are passed as rows of the upper triangle: xx, xy, yy or xx, xy, xz, yy, yz, zz.  For
+  these, the gradation is off.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.sizing import Size
+    from adaptsize.remeshing.tensors import MetricAt
 
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
@@ -57,6 +60,9 @@ _STEEPEST = 3.0
 #: the next run requests sizes corrected by the same factor.  A first run on a coarse mesh shifts
 #: it more, which says nothing about the next.
 _MAX_TURNS = 3
+#: With a metric, cells of the input are farther from the requested ones.
+_MAX_METRIC_TURNS = 6
+_NO_GRADATION = -1.0
 GOOD_SHARE = 0.9
 _LARGEST_FACTOR = 1.1
 #: From a first volume with a surface of the requested sizes, edges come out shorter by this factor.
@@ -75,6 +81,7 @@ class MmgBackend:
     )
     needs_volume: bool = True
     keeps_required_facets: bool = True
+    follows_metrics: bool = True
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the adapted mesh with its regions and groups of facets."""
@@ -101,9 +108,10 @@ class MmgBackend:
         }
         best, best_share = made, -1.0
         factor = _FIRST_FACTOR if problem.is_adapted else 1.0
-        for _ in range(_MAX_TURNS - int(problem.is_adapted)):
+        most = _MAX_TURNS if problem.metric is None else _MAX_METRIC_TURNS
+        for _ in range(most - int(problem.is_adapted)):
             try:
-                made = run_adapt(made, factor * problem.size(made["points"]), options, run)
+                made = run_adapt(made, _requested(problem, made["points"], factor), options, run)
             except BackendTimeoutError:
                 raise
             except BackendError as error:
@@ -113,7 +121,7 @@ class MmgBackend:
                 break
             if len(made["cells"]) == 0:
                 return _raw(made)
-            share, median = obedience(problem.size, made)
+            share, median = obedience(problem.size, made, problem.metric)
             if share > best_share:
                 best, best_share = made, share
             if share >= GOOD_SHARE:
@@ -139,14 +147,26 @@ def run_adapt(
     text: str = "adapting with Mmg",
 ) -> dict[str, npt.NDArray[Any]]:
     """Run `adapt` in a child process, with a gradation that leaves the sizes unchanged."""
-    gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
-    hgrad = float(np.exp(min(gradient, _STEEPEST)))
+    hgrad = _NO_GRADATION
+    if sizes.ndim == 1:
+        gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
+        hgrad = float(np.exp(min(gradient, _STEEPEST)))
     return run(
         "adaptsize.remeshing.mmg:adapt",
         text,
         {**made, "sizes": sizes},
         {**options, "hgrad": hgrad},
     )
+
+
+def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
+    """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
+    from adaptsize.remeshing.tensors import upper_triangles
+
+    assert problem.size is not None
+    if problem.metric is None:
+        return factor * problem.size(points)
+    return upper_triangles(problem.metric(points).scaled(factor).matrices)
 
 
 def _raw(made: Mapping[str, npt.NDArray[Any]]) -> RawMesh:
@@ -170,12 +190,17 @@ def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> 
     return float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
 
 
-def obedience(size: Size, made: Mapping[str, npt.NDArray[Any]]) -> tuple[float, float]:
+def obedience(
+    size: Size, made: Mapping[str, npt.NDArray[Any]], metric: MetricAt | None = None
+) -> tuple[float, float]:
     """Return the share of edges within sqrt 2 of the requested length, and the median ratio."""
     from adaptsize.quality.conformity import is_in_band
 
     edges, lengths = _edges(made)
-    ratio = lengths / size(made["points"][edges].mean(axis=1))
+    if metric is None:
+        ratio = lengths / size(made["points"][edges].mean(axis=1))
+    else:
+        ratio = metric(made["points"]).edge_lengths(made["points"], edges)
     return float(is_in_band(ratio).mean()), float(np.median(ratio))
 
 
@@ -221,7 +246,11 @@ def adapt(
     if len(ridges):
         mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
-    mesh["metric"] = np.ascontiguousarray(arrays["sizes"].reshape(-1, 1))
+    sizes = np.ascontiguousarray(arrays["sizes"])
+    if sizes.ndim == 1:
+        mesh["metric"] = sizes.reshape(-1, 1)
+    else:
+        mesh["tensor"] = sizes
     settings = {"hausd": options["hausd"], "hgrad": options["hgrad"]}
     settings["verbose"] = 1 if options.get("verbose", False) else -1
     settings |= {"ar": options["ridge_angle"], "nosizreq": 1}

@@ -13,6 +13,7 @@ from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:  # the child processes do not need the mesh classes
     from adaptsize.background import SimplexMesh
+    from adaptsize.remeshing.tensors import MetricAt
 
 #: The task: fill a surface with tetrahedra, or remesh with the same kind of cells.
 Task: TypeAlias = Literal["surface to tetrahedra", "tetrahedra", "plane triangles", "surface"]
@@ -41,6 +42,9 @@ class Problem:
     size : callable or None
         Requested edge length at float64[n, dim] points, as float64[n], finite and positive.
         None selects the generator's default (for a first mesh that carries the sizes).
+    metric : callable or None
+        Requested `Metric` at float64[n, dim] points, with finite sizes.  None if the sizes do not
+        depend on the direction.  With a metric, ``size`` is the geometric mean of its sizes.
     size_nodes : float64[n, dim]
         Points between which the size function interpolates.  May be empty.
     tolerance : float
@@ -74,6 +78,7 @@ class Problem:
     regions: IntArray
     has_free_facets: bool = False
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    metric: MetricAt | None = None
     is_adapted: bool = False
     seconds: float = np.inf
 
@@ -105,6 +110,8 @@ class Backend(Protocol):
     It disables the generator's gradation and its own sizes, and passes the sizes in the
     form that the generator follows.  It calls the generator only through ``run``, in child
     processes, so the generator cannot affect the caller.
+
+    An adapter that uses ``Problem.metric`` has the attribute ``follows_metrics``, which is True.
     """
 
     @property

@@ -27,6 +27,8 @@ class BackendInfo(NamedTuple):
     keeps_required_facets: bool
     install: str
     """The command that installs it."""
+    follows_metrics: bool = False
+    """Whether sizes may depend on the direction."""
 
 
 def register_backend(backend: Backend) -> None:
@@ -60,12 +62,14 @@ def available_backends() -> Mapping[str, BackendInfo]:
     True
     """
     return {
-        name: BackendInfo(_is_installed(b), b.tasks, b.keeps_required_facets, b.install)
+        name: BackendInfo(
+            _is_installed(b), b.tasks, b.keeps_required_facets, b.install, _follows_metrics(b)
+        )
         for name, b in _BACKENDS.items()
     }
 
 
-def choose_backend(name: str, task: Task, *, keep_facets: bool) -> Backend:
+def choose_backend(name: str, task: Task, *, keep_facets: bool, metric: bool = False) -> Backend:
     """Return the adapter for ``task``.
 
     Raises
@@ -82,11 +86,15 @@ def choose_backend(name: str, task: Task, *, keep_facets: bool) -> Backend:
             raise ValueError(f"backend {name!r} cannot make this mesh (task: {task})")
         if keep_facets and not backend.keeps_required_facets:
             raise ValueError(f"backend {name!r} cannot keep required_facets as they are")
+        if metric and not _follows_metrics(backend):
+            raise ValueError(f"backend {name!r} cannot follow a Metric; use 'mmg'")
         return _installed_or_raise(backend, task)
     able = [
         b
         for b in (_BACKENDS[n] for n in _PREFERENCE if n in _BACKENDS)
-        if task in b.tasks and (b.keeps_required_facets or not keep_facets)
+        if task in b.tasks
+        and (b.keeps_required_facets or not keep_facets)
+        and (_follows_metrics(b) or not metric)
     ]
     return next((b for b in able if _is_installed(b)), None) or _installed_or_raise(able[0], task)
 
@@ -116,6 +124,10 @@ def is_usable(name: str) -> bool:
 def backend_named(name: str) -> Backend:
     """Return the adapter of that name."""
     return _BACKENDS[name]
+
+
+def _follows_metrics(backend: Backend) -> bool:
+    return bool(getattr(backend, "follows_metrics", False))
 
 
 def _is_installed(backend: Backend) -> bool:

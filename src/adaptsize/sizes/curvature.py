@@ -65,8 +65,9 @@ def size_from_curvature(
     crease_angle : float, default 40
         Angle in degrees between facets above which their edge is a feature edge (crease), and
         between segments above which their node is a corner.  It must exceed the angle between
-        the facets of a tessellated smooth surface.  With distances it applies to kinks, and to
-        boundaries that turn by more within one spacing.
+        the facets of a tessellated smooth surface.  Tagged edges of a surface are feature edges
+        at any angle.  With distances it applies to kinks, and to boundaries that turn by more
+        within one spacing.
     smoothing : int, default 0
         1 or 2 averages the curvature over this number of layers of neighbours, for scanned
         surfaces.  Distances are averaged this number of times before they are differentiated, see

@@ -1,0 +1,102 @@
+"""Measure the figures of docs/anisotropic.md; needs Mmg.
+
+python docs/measurements/anisotropic.py layer      (a layer in space; half an hour)
+python docs/measurements/anisotropic.py gradation  (the price of gradient limiting; ten minutes)
+python docs/measurements/anisotropic.py counts     (cells per predicted cell; a minute)
+python docs/measurements/anisotropic.py plate      (aspect ratios up to 1000; seconds)
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import adaptsize as ads
+from adaptsize.metrics import implied_metric, metric_from_layers, predicted_simplices
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
+import plot_anisotropic_layers as layers
+from _gallery import jittered_rectangle
+from shapes import block
+
+SQUARE = jittered_rectangle([0, 0], [1, 1], 30)
+
+
+def layer_in_space(points):
+    """Return values that change across an S-shaped sheet, the same for all z."""
+    x, y = points[..., 0], points[..., 1]
+    return np.tanh(30.0 * (x - 0.5 - 0.1 * np.sin(2.0 * np.pi * y)))
+
+
+def measure_layer():
+    """Print elements and errors of both loops in space."""
+    numbers = {"anisotropic": (2500, 5000, 10000, 20000), "isotropic": (25000, 50000, 100000)}
+    for kind, counts in numbers.items():
+        mesh = block(8)
+        for count in counts:
+            for step in layers.loop(mesh, layer_in_space, kind, (count,)):
+                mesh = step.mesh
+                aspect = implied_metric(mesh).aspect_ratio.max()
+                scaled = step.error * mesh.n_cells ** (2 / 3)
+                print(
+                    f"| {kind} | {mesh.n_cells} | {step.error:.2e} | {scaled:.2f} | {aspect:.0f} |",
+                    flush=True,
+                )
+
+
+def measure_gradation():
+    """Print elements for an error of 1e-3 with different gradient limits."""
+    for name, field in (("S", layers.curved_layer), ("X", layers.crossing_layers)):
+        for g in (None, 1.0, 0.5, 0.25):
+            mesh, steps = SQUARE, []
+            for count in (750, 1500, 3000, 6000):
+                for _ in range(3):
+                    fields = {"u": field(mesh.points)}
+                    mesh = ads.adapt(
+                        mesh, anisotropic="u", fields=fields, target_elements=count, hmax=0.25,
+                        g=g, enough=1.1,
+                    ).mesh  # fmt: skip
+                steps.append(layers.Step(mesh, layers.interpolation_error(mesh, field), None))
+            print(f"| {name} | {g} | {layers.number_for(steps, 1e-3):.0f} |", flush=True)
+
+
+def measure_counts():
+    """Print cells over predicted cells for constant metrics in random directions."""
+    rng = np.random.default_rng(311)
+    for mesh, sizes in (
+        (SQUARE, [0.02, 0.02]), (SQUARE, [0.01, 0.05]), (SQUARE, [0.005, 0.1]),
+        (block(6), [0.08, 0.08, 0.08]), (block(6), [0.04, 0.1, 0.1]),
+        (block(6), [0.02, 0.2, 0.2]), (block(6), [0.02, 0.05, 0.2]),
+    ):  # fmt: skip
+        turn = np.linalg.qr(rng.standard_normal((mesh.dim, mesh.dim)))[0]
+
+        def metric(points, sizes=sizes, turn=turn):
+            n = len(points)
+            return ads.Metric(np.tile(sizes, (n, 1)), np.tile(turn, (n, 1, 1)))
+
+        new = ads.remesh(mesh, metric)
+        found = ads.size_conformity(new, metric)
+        share = new.n_cells / predicted_simplices(mesh, metric(mesh.points))
+        print(
+            f"| {' x '.join(map(str, sizes))} | {new.n_cells} | {share:.2f} | "
+            f"{found.share_in_band:.2f} | {found.metric.quality_mean:.2f} |",
+            flush=True,
+        )
+
+
+def measure_plate():
+    """Print conformity for layers over a flat plate, first height 1e-4, length 0.1."""
+
+    def metric(points):
+        height = points[:, 1]
+        normals = np.tile([0.0, 1.0], (len(points), 1))
+        along = np.minimum(0.1 + 0.2 * height, 0.2)
+        return metric_from_layers(height, normals, first_height=1e-4, tangential=along)
+
+    new = ads.remesh(jittered_rectangle([0, 0], [1, 1], 11), metric)
+    print(ads.size_conformity(new, metric))
+
+
+if __name__ == "__main__":
+    globals()[f"measure_{sys.argv[1]}"]()

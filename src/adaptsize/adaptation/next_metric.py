@@ -1,0 +1,198 @@
+"""Metrics of the next mesh, from the second derivatives of fields and from bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_number, describe, refuse_where
+from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation.next_sizes import REACHED, BoundLike, NextSizes, as_bound
+from adaptsize.background import SimplexMesh
+from adaptsize.metrics import (
+    Metric,
+    MetricFunction,
+    isotropic_metric,
+    limit_metric,
+    metric_from_hessian,
+    predicted_simplices,
+)
+from adaptsize.typing import FloatArray
+
+#: The scale of a metric is corrected at most so often to meet the number of elements; each time
+#: the metric is limited anew.
+_MOST_SCALES = 5
+#: ... and not if the number is this close to the requested one.
+_CLOSE = 0.03
+
+
+@dataclass(frozen=True)
+class MetricRequest:
+    """The arguments of ``adapt`` that define an anisotropic request, checked."""
+
+    fields: tuple[FloatArray, ...]
+    """Nodal fields that linear elements shall interpolate well."""
+    bound: Metric | None
+    target_elements: float | None
+    interpolation_error: float | None
+    norm: float
+    max_aspect: float
+    g: float | None
+    hmin: float | None
+    hmax: float | None
+    #: The error of the present mesh is not estimated.
+    error: None = None
+    tolerance: None = None
+
+    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
+        """Return the metric for a generator that makes ``factor`` cells per predicted cell."""
+        return next_metric(mesh, self, factor)
+
+
+def as_metric_bound(h0: Any, mesh: SimplexMesh) -> Metric | None:
+    """Return an upper bound that depends on the direction, or None if it does not.
+
+    Raises
+    ------
+    ValueError
+        If the metric does not fit the mesh.
+    """
+    if callable(h0) and not isinstance(h0, SizeFunction):
+        found = h0(mesh.points)
+        h0 = found if isinstance(found, Metric) else None
+    if not isinstance(h0, Metric):
+        return None
+    h0.check_mesh(mesh)
+    return h0
+
+
+def metric_request(
+    mesh: SimplexMesh,
+    anisotropic: bool | str | Sequence[str],
+    h0: BoundLike | Metric | MetricFunction | None,
+    fields: Mapping[str, npt.NDArray[Any]],
+    **options: Any,
+) -> MetricRequest:
+    """Return the checked request.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    anisotropic : bool, str or sequence of str
+        The fields: all with one real number per node, or those of these names; False none.
+    h0 : metric or sizes or None
+    fields : mapping of str to ndarray
+        Checked nodal fields.
+    options : the other attributes of `MetricRequest`
+    """
+    bound = as_metric_bound(h0, mesh)
+    if bound is None and h0 is not None:
+        sizes = as_bound(h0, mesh)  # type: ignore[arg-type]
+        assert sizes is not None
+        bound = isotropic_metric(sizes, mesh.dim)
+    chosen = tuple(fields[name] for name in _names(anisotropic, fields))
+    accuracy, target = options["interpolation_error"], options["target_elements"]
+    if not chosen and bound is None:
+        raise ValueError("anisotropic needs a field in fields, or a Metric as h0, got neither")
+    if chosen and accuracy is None and target is None:
+        raise ValueError("fields need tolerance or target_elements, got neither")
+    if not chosen and accuracy is not None:
+        raise ValueError("tolerance needs fields whose error it limits, got none")
+    if accuracy is not None:
+        as_number("tolerance", accuracy, lower=0.0, strict=True)
+    if target is not None:
+        as_number("target_elements", target, lower=1.0)
+    g = options["g"]
+    if g is not None and not (isinstance(g, int | float) and 0.0 <= g < math.inf):
+        raise ValueError(f"g must be finite and >= 0, or None, with a metric, got {describe(g)}")
+    return MetricRequest(chosen, bound, **options)
+
+
+def _names(
+    anisotropic: bool | str | Sequence[str], fields: Mapping[str, npt.NDArray[Any]]
+) -> list[str]:
+    """Return the names of the fields whose second derivatives count."""
+    if anisotropic is False:
+        return []
+    usable = [name for name, v in fields.items() if v.ndim == 1 and v.dtype.kind == "f"]
+    if anisotropic is True:
+        return usable
+    names = [anisotropic] if isinstance(anisotropic, str) else list(anisotropic)
+    for name in names:
+        if name not in usable:
+            listed = ", ".join(usable) or "none"
+            raise ValueError(
+                f"anisotropic must name fields with one float per node ({listed}), got {name!r}"
+            )
+    return names
+
+
+def next_metric(mesh: SimplexMesh, request: MetricRequest, factor: float) -> NextSizes:
+    """Return the metric for a generator that makes ``factor`` cells per predicted cell.
+
+    Raises
+    ------
+    ValueError
+        If a size is not finite where there are cells, or an option is out of range.
+    """
+    target, capped = request.target_elements, False
+    metric: Metric | None = None
+    if request.interpolation_error is not None or target is None:
+        metric = _finished(mesh, request, _wanted(mesh, request, None))
+        capped = target is not None and factor * predicted_simplices(mesh, metric) > target
+    if target is not None and (metric is None or capped):
+        metric = _of_number(mesh, request, max(target / factor, 1.0))
+    assert metric is not None
+    used = np.unique(mesh.cells)
+    bad = np.isinf(metric.sizes[used])
+    refuse_where("sizes", bad, metric.sizes[used], "must be finite after limiting: pass hmax")
+    simplices = predicted_simplices(mesh, metric)
+    predicted = factor * simplices
+    in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
+    return NextSizes(metric.sizes[:, 0], predicted, in_reach, capped, simplices, metric)
+
+
+def _wanted(mesh: SimplexMesh, request: MetricRequest, number: float | None) -> Metric:
+    """Return the metric before limits, for a tolerance or about a number of elements."""
+    parts = [
+        metric_from_hessian(
+            mesh, values, norm=request.norm, max_aspect=request.max_aspect,
+            tolerance=None if number is not None else request.interpolation_error,
+            target_elements=number,
+        )
+        for values in request.fields
+    ]  # fmt: skip
+    if not parts:
+        assert request.bound is not None
+        return request.bound
+    return reduce(Metric.intersect, parts)
+
+
+def _finished(mesh: SimplexMesh, request: MetricRequest, metric: Metric) -> Metric:
+    """Apply bounds and limits."""
+    if request.bound is not None and request.fields:
+        metric = metric.intersect(request.bound)
+    metric = metric.clip(request.hmin, request.hmax)
+    return metric if request.g is None else limit_metric(mesh, metric, request.g)
+
+
+def _of_number(mesh: SimplexMesh, request: MetricRequest, number: float) -> Metric:
+    """Return the metric scaled such that the number of simplices is as requested."""
+    wanted = _wanted(mesh, request, number)
+    scale = 1.0
+    best, best_miss = wanted, math.inf
+    for _ in range(_MOST_SCALES):
+        metric = _finished(mesh, request, wanted.scaled(scale))
+        miss = math.log(max(predicted_simplices(mesh, metric), 1e-3) / number)
+        if abs(miss) < best_miss:
+            best, best_miss = metric, abs(miss)
+        if abs(miss) <= _CLOSE:
+            break
+        scale *= math.exp(miss / mesh.cell_dim)
+    return best

@@ -1,0 +1,69 @@
+"""The metric that a mesh has: the one in which its cells are regular."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize._checks import check_type, refuse_where
+from adaptsize.background import SimplexMesh
+from adaptsize.metrics.metric import Metric
+from adaptsize.typing import FloatArray
+
+
+def implied_metric(mesh: SimplexMesh) -> Metric:
+    r"""Return for each cell the metric in which all its edges have the length 1.
+
+    Let J be the linear map from a regular simplex of edge 1 to the cell.  Then
+    :math:`M = (J J^T)^{-1}`.  The sizes are the singular values of J, and their ratio is the
+    aspect ratio of the cell.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane or tetrahedra, none of them flat.
+
+    Returns
+    -------
+    Metric
+        One per cell.
+
+    Raises
+    ------
+    ValueError
+        If the cells do not have the dimension of the space, or one is flat.
+
+    Examples
+    --------
+    A regular triangle, stretched by 10 along y:
+
+    >>> import numpy as np
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0.5, 5 * np.sqrt(3)]], [[0, 1, 2]])
+    >>> metric = implied_metric(mesh)
+    >>> metric.sizes.round(12), metric.aspect_ratio.round(12)
+    (array([[ 1., 10.]]), array([10.]))
+    """
+    check_type("mesh", mesh, SimplexMesh)
+    if mesh.cell_dim != mesh.dim or mesh.dim == 1:
+        raise ValueError(f"mesh must be triangles in the plane or tetrahedra, got {mesh!r}")
+    directions, sizes, _ = np.linalg.svd(from_regular(mesh))
+    refuse_where("mesh.cells", ~(sizes[:, -1] > 0.0), sizes, "must not be flat")
+    return Metric(sizes, directions)
+
+
+def from_regular(mesh: SimplexMesh) -> FloatArray:
+    """Return the linear maps from a regular simplex of edge 1 to the cells.
+
+    Returns
+    -------
+    float64[n_cells, dim, cell_dim]
+        Of either orientation.
+    """
+    corners = mesh.points[mesh.cells]
+    edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
+    return np.asarray(edges @ np.linalg.inv(_regular_edges(mesh.cell_dim)))
+
+
+def _regular_edges(dim: int) -> FloatArray:
+    """Return the edges from one corner of a regular simplex of edge 1, as columns."""
+    gram = 0.5 * (np.eye(dim) + np.ones((dim, dim)))
+    return np.asarray(np.linalg.cholesky(gram).T)

@@ -1,0 +1,150 @@
+"""Metrics in files: round trips, the order of entries, and damaged files."""
+
+import re
+
+import numpy as np
+import pytest
+from shapes import block, two_region_rectangle
+
+import adaptsize as ads
+from adaptsize import Metric, MetricFunction
+from adaptsize.errors import MeshFileError
+
+MESHES = {"plane": two_region_rectangle(2), "tetrahedra": block(1), "surface": None}
+MESHES["surface"] = MESHES["tetrahedra"].boundary().mesh
+
+
+def random_metric(mesh, seed=1123):
+    rng = np.random.default_rng(seed)
+    directions = np.linalg.qr(rng.standard_normal((mesh.n_points, mesh.dim, mesh.dim)))[0]
+    return Metric(10.0 ** rng.uniform(-3, 0, (mesh.n_points, mesh.dim)), directions)
+
+
+@pytest.mark.parametrize("suffix", [".sol", ".vtu", ".vtk", ".xdmf", ".msh"])
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+def test_a_metric_comes_back_as_it_was_written(tmp_path, mesh, suffix):
+    metric = random_metric(mesh)
+    file = tmp_path / f"part{suffix}"
+    ads.write(file, MetricFunction(mesh, metric))
+    back = ads.read_metric(file)
+    # Condition numbers up to 1e6: sizes are recovered to 1e-16 times that.
+    assert back.sizes == pytest.approx(metric.sizes, rel=1e-9)
+    assert back.matrices == pytest.approx(metric.matrices, rel=1e-12, abs=1e-6)
+
+
+def test_paraview_finds_nine_components_and_the_lengths(tmp_path):
+    mesh = MESHES["plane"]
+    metric = random_metric(mesh)
+    ads.write(tmp_path / "part.vtu", MetricFunction(mesh, metric))
+    fields = ads.read(tmp_path / "part.vtu").point_data
+    assert fields["metric"].shape == fields["metric.lengths"].shape == (mesh.n_points, 9)
+    lengths = fields["metric.lengths"].reshape(-1, 3, 3)
+    assert lengths[:, :2, :2] == pytest.approx(metric.lengths)
+    assert (lengths[:, 2] == 0.0).all()
+    assert (lengths[:, :, 2] == 0.0).all()
+
+
+def test_vtk_reads_the_field_as_tensors(tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    mesh = MESHES["tetrahedra"]
+    metric = random_metric(mesh)
+    ads.write(tmp_path / "part.vtu", MetricFunction(mesh, metric))
+    array = pyvista.read(tmp_path / "part.vtu").point_data["metric"]
+    assert array.reshape(-1, 3, 3) == pytest.approx(metric.matrices)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "generator"), [("plane", "MmgMesh2D"), ("tetrahedra", "MmgMesh3D")]
+)
+def test_mmg_reads_the_entries_in_the_same_order(tmp_path, mesh, generator):
+    mmgpy = pytest.importorskip("mmgpy")
+    mesh = MESHES[mesh]
+    metric = random_metric(mesh)
+    ads.write(tmp_path / "part.sol", MetricFunction(mesh, metric))
+    theirs = getattr(mmgpy, generator)()
+    cells = {2: "triangles", 3: "tetrahedra"}[mesh.dim]
+    theirs.set_mesh_size(vertices=mesh.n_points, **{cells: mesh.n_cells})
+    theirs.set_vertices(np.array(mesh.points))
+    theirs.load_sol(str(tmp_path / "part.sol"), channel="tensor")
+    i, j = np.triu_indices(mesh.dim)  # the order that meshing uses
+    assert np.asarray(theirs["tensor"]) == pytest.approx(metric.matrices[:, i, j], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "element", "nodes"),
+    [("plane", "TT", 3), ("tetrahedra", "TS", 4), ("surface", "TT", 3)],
+)
+def test_a_gmsh_view_holds_nine_numbers_per_node(tmp_path, mesh, element, nodes):
+    mesh = MESHES[mesh]
+    metric = random_metric(mesh)
+    ads.write(tmp_path / "metric.pos", MetricFunction(mesh, metric))
+    text = (tmp_path / "metric.pos").read_text()
+    assert text.startswith('View "metric" {\n')
+    lines = re.findall(rf"^{element}\(([^)]*)\)\{{([^}}]*)\}};$", text, re.M)
+    assert len(lines) == mesh.n_cells
+    places, values = (
+        np.array([np.array(x.split(","), float) for x in part]) for part in zip(*lines, strict=True)
+    )
+    assert places.reshape(-1, nodes, 3)[..., : mesh.dim] == pytest.approx(mesh.points[mesh.cells])
+    matrices = values.reshape(-1, nodes, 3, 3)[..., : mesh.dim, : mesh.dim]
+    assert matrices == pytest.approx(metric.matrices[mesh.cells])
+
+
+def test_sizes_are_read_as_an_isotropic_metric(tmp_path):
+    mesh = MESHES["tetrahedra"]
+    sizes = np.linspace(0.1, 0.5, mesh.n_points)
+    ads.write(tmp_path / "h.sol", ads.SizeFunction(mesh, sizes))
+    assert ads.read_metric(tmp_path / "h.sol").sizes == pytest.approx(np.tile(sizes[:, None], 3))
+    ads.write(tmp_path / "h.vtu", ads.SizeFunction(mesh, sizes))
+    assert ads.read_metric(tmp_path / "h.vtu", name="h").sizes[:, 0] == pytest.approx(sizes)
+
+
+def test_infinite_sizes_have_no_lengths_but_a_matrix(tmp_path):
+    mesh = MESHES["plane"]
+    metric = Metric(np.tile([0.1, np.inf], (mesh.n_points, 1)), [np.eye(2)] * mesh.n_points)
+    ads.write(tmp_path / "part.vtu", MetricFunction(mesh, metric))
+    fields = ads.read(tmp_path / "part.vtu").point_data
+    assert "metric.lengths" not in fields
+    assert fields["metric"][0] == pytest.approx([100.0, 0, 0, 0, 0, 0, 0, 0, 0])
+
+
+SOL = "MeshVersionFormatted 2\n\nDimension 2\n\nSolAtVertices\n2\n1 3\n4 0 9\n4 1 9\n\nEnd\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (SOL.replace("Dimension 2", ""), "lacks Dimension"),
+        (SOL.replace("1 3", "1 2"), "must hold one size"),
+        (SOL.replace("1 3", "2 3"), "must hold one size"),
+        (SOL.replace("\n2\n", "\n3\n"), "something else than numbers, or ends early"),
+        (SOL.replace("4 1 9\n\nEnd\n", "4 1"), "ends after 5 of 6 numbers"),
+        (SOL.replace("4 1 9", "4 7 9"), "must be positive definite"),
+        (SOL.replace("4 1 9", "4 nan 9"), "must be finite"),
+        (SOL.replace("Dimension 2", "Dimension 4"), "must hold one size"),
+        ("\xff", "not a text file"),
+    ],
+)
+def test_damaged_files_are_refused_in_one_line(tmp_path, text, message):
+    file = tmp_path / "part.sol"
+    file.write_text(text, encoding="latin1")
+    with pytest.raises(MeshFileError, match=message) as caught:
+        ads.read_metric(file)
+    assert str(caught.value).startswith(str(file))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_undamaged_file_is_read(tmp_path):
+    (tmp_path / "part.sol").write_text(SOL)
+    expected = [[[4, 0], [0, 9]], [[4, 1], [1, 9]]]
+    assert ads.read_metric(tmp_path / "part.sol").matrices == pytest.approx(np.array(expected))
+
+
+def test_formats_without_tensors_and_missing_fields_are_refused(tmp_path):
+    function = MetricFunction(MESHES["plane"], random_metric(MESHES["plane"]))
+    for name in ("part.ply", "part.stl", "part.jig.msh", "part.mesh"):
+        with pytest.raises(ValueError, match="cannot hold"):
+            ads.write(tmp_path / name, function)
+    ads.write(tmp_path / "plain.vtu", MESHES["plane"])
+    with pytest.raises(MeshFileError, match="has no nodal field 'metric'"):
+        ads.read_metric(tmp_path / "plain.vtu")

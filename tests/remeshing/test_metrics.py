@@ -1,0 +1,158 @@
+"""`remesh` with a metric: lengths in all directions, frames, tags, and what is refused."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from shapes import block, two_region_block, two_region_rectangle
+
+from adaptsize import Metric, SimplexMesh, isotropic_metric, remesh, size_conformity
+from adaptsize.metrics import MetricFunction, implied_metric, predicted_simplices
+from adaptsize.remeshing import available_backends
+
+pytest.importorskip("mmgpy")
+
+
+def turned(dim):
+    """A rotation without zeros, so that each entry of a matrix matters."""
+    rng = np.random.default_rng(20261122)
+    directions = np.linalg.qr(rng.standard_normal((dim, dim)))[0]
+    return directions * np.sign(np.linalg.det(directions))
+
+
+def constant(sizes, directions, n):
+    return Metric(np.tile(sizes, (n, 1)), np.tile(directions, (n, 1, 1)))
+
+
+JOBS = {
+    "plane": (two_region_rectangle(8), [0.03, 0.15]),
+    "tetrahedra": (block(4), [0.06, 0.12, 0.3]),
+}
+
+
+@cache
+def made(job):
+    mesh, sizes = JOBS[job]
+    metric = constant(sizes, turned(mesh.dim), mesh.n_points)
+    return remesh(mesh, metric, backend="mmg")
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_edges_have_the_requested_length_in_every_direction(job):
+    mesh, sizes = JOBS[job]
+    new = made(job)
+    metric = constant(sizes, turned(mesh.dim), new.n_points)
+    conformity = size_conformity(new, metric)
+    # Measured .97 and .88.  With two entries of the matrices exchanged: below .65.
+    assert conformity.share_in_band > 0.8, conformity
+    assert conformity.edges.q50 == pytest.approx(1.0, rel=0.12)
+    # Lengths of the edges along each direction, not in the metric.
+    along = np.abs((new.points[new.edges[:, 1]] - new.points[new.edges[:, 0]]) @ turned(mesh.dim))
+    for axis, size in enumerate(sizes):
+        mainly = along[:, axis] / size > 0.95 * np.linalg.norm(along / sizes, axis=1)
+        assert np.median(along[mainly, axis]) == pytest.approx(size, rel=0.2)
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_the_number_of_cells_follows_from_the_complexity(job):
+    mesh, sizes = JOBS[job]
+    metric = constant(sizes, turned(mesh.dim), mesh.n_points)
+    # Measured .97 and 1.5 cells per predicted cell.
+    assert 0.8 < made(job).n_cells / predicted_simplices(mesh, metric) < 1.7
+
+
+def test_a_surface_is_stretched_along_its_axis():
+    sphere_free = block(4).boundary().mesh  # the faces of a cube
+    sizes, directions = [0.05, 0.2, 0.2], np.eye(3)
+    new = remesh(sphere_free, constant(sizes, directions, sphere_free.n_points), target="triangles")
+    along = np.abs(new.points[new.edges[:, 1]] - new.points[new.edges[:, 0]])
+    x, y = along[:, 0] > 3.0 * along[:, 1:].sum(axis=1), along[:, 1] > 0.99 * along.sum(axis=1)
+    assert np.median(along[x, 0]) == pytest.approx(0.05, rel=0.3)
+    assert np.median(along[y, 1]) == pytest.approx(0.2, rel=0.3)
+    assert new.is_closed
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_scaled_parts_get_the_same_mesh(scale):
+    # Mmg sees the same numbers, up to rounding: the frame takes the scale out of the metric.
+    mesh, sizes = JOBS["plane"]
+    large = SimplexMesh(scale * mesh.points + 7.0 * scale, mesh.cells)
+    metric = constant(scale * np.array(sizes), turned(2), mesh.n_points)
+    new = remesh(large, metric, backend="mmg")
+    share = size_conformity(new, constant(scale * np.array(sizes), turned(2), new.n_points))
+    assert share.share_in_band > 0.8
+    assert new.n_cells == pytest.approx(made("plane").n_cells, rel=0.1)
+
+
+@pytest.mark.parametrize("mesh", [two_region_rectangle(4), two_region_block(2)])
+def test_tags_and_interfaces_are_kept(mesh):
+    sizes = [0.1, 0.3, 0.3][: mesh.dim]
+    new = remesh(mesh, constant(sizes, np.eye(mesh.dim), mesh.n_points))
+    for tag in np.unique(mesh.cell_tags):
+        of_old, of_new = mesh.cell_tags == tag, new.cell_tags == tag
+        assert new.measures[of_new].sum() == pytest.approx(mesh.measures[of_old].sum(), rel=1e-9)
+    assert np.array_equal(np.unique(new.facet_tags), np.unique(mesh.facet_tags))
+
+
+def layer(points):
+    """Sizes across and along a layer at x = .5 that is much thinner than the cells of the mesh."""
+    across = 0.002 + 0.2 * np.abs(points[:, 0] - 0.5)
+    sizes = np.column_stack([np.minimum(across, 0.2), np.full(len(points), 0.2)])
+    return Metric(sizes, np.tile(np.eye(2), (len(points), 1, 1)))
+
+
+def test_a_function_is_read_anew_until_the_mesh_has_its_sizes():
+    mesh = two_region_rectangle(4)
+    new = remesh(mesh, layer)
+    conformity = size_conformity(new, layer)
+    assert conformity.share_in_band > 0.85, conformity
+    thin = implied_metric(new).aspect_ratio
+    assert 60.0 < thin.max() < 200.0  # 100 requested
+    assert conformity.metric.largest_aspect == pytest.approx(thin.max())
+
+
+def test_a_metric_on_another_mesh_is_interpolated():
+    fine = remesh(two_region_rectangle(4), layer)
+    function = MetricFunction(fine, layer(fine.points))
+    new = remesh(two_region_rectangle(4), function)
+    assert size_conformity(new, layer).share_in_band > 0.8
+
+
+def test_hmax_limits_a_metric():
+    mesh = two_region_rectangle(4)
+    metric = constant([0.1, 10.0], np.eye(2), mesh.n_points)
+    new = remesh(mesh, metric, hmax=0.2)
+    assert np.abs(np.diff(new.points[new.edges], axis=1)).max() < 0.4
+
+
+def test_the_same_sizes_as_a_metric_and_as_a_number_give_similar_meshes():
+    mesh = block(3)
+    one = remesh(mesh, 0.15, backend="mmg")
+    other = remesh(mesh, isotropic_metric(np.full(mesh.n_points, 0.15), 3))
+    assert other.n_cells == pytest.approx(one.n_cells, rel=0.2)
+
+
+def test_what_cannot_be_made_is_refused():
+    mesh = two_region_rectangle(2)
+    metric = constant([0.1, 0.2], np.eye(2), mesh.n_points)
+    with pytest.raises(ValueError, match="strict must be False with a Metric"):
+        remesh(mesh, metric, strict=True)
+    with pytest.raises(ValueError, match=r"metric must have 15 nodes in 2-D"):
+        remesh(mesh, metric[:3])
+    free = constant([0.1, np.inf], np.eye(2), mesh.n_points)
+    with pytest.raises(ValueError, match="must be finite in all directions"):
+        remesh(mesh, free)
+    with pytest.raises(ValueError, match=r"size\(points\) must be a Metric with 15 nodes"):
+        remesh(mesh, lambda x: metric[:1])
+    surface = block(1).boundary().mesh
+    of_surface = isotropic_metric(np.full(surface.n_points, 0.2), 3)
+    with pytest.raises(ValueError, match="backend 'gmsh' cannot follow a Metric"):
+        remesh(surface, of_surface, target="triangles", backend="gmsh")
+    with pytest.raises(ValueError, match="must not be a Metric for a surface to be filled"):
+        remesh(surface, of_surface)
+
+
+def test_the_registry_says_who_follows_metrics():
+    backends = available_backends()
+    assert backends["mmg"].follows_metrics
+    assert not backends["tetwild"].follows_metrics
