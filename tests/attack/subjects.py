@@ -18,6 +18,7 @@ LEFT_OUT = {
     "Problem": "the input of a mesh generator, checked before",
     "Communicator": "a protocol",
     "SimulatedCommunicator": "its ranks are threads; refuses nothing but a number of ranks",
+    "to_dolfinx": "needs DOLFINx, which pip cannot install",
     "of": "takes what the library has computed, without checks",
     "once": "keeps what the library computes",
     "lower_sizes": "called by size_from_sources, which has checked its arguments",
