@@ -13,6 +13,7 @@ from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.background import SimplexMesh
+from adaptsize._checks import check_type
 from adaptsize.distributed.communicator import split_rows
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.typing import FloatArray, IntArray
@@ -63,6 +64,8 @@ def transfer_fields(
             "cell_fields", cell_fields, old.n_cells
         )
 
+    check_type("old", old, PartitionedMesh)
+    check_type("new", new, PartitionedMesh)
     nodal, by_cell = old.comm.agree(check)
     boxes = _boxes(old)
     found = {name: _nodal(old, new, boxes, values) for name, values in nodal.items()}
