@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import check_type
 from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.background import SimplexMesh
-from adaptsize._checks import check_type
 from adaptsize.distributed.communicator import split_rows
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.typing import FloatArray, IntArray
