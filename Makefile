@@ -52,7 +52,7 @@ examples:
 #       pytest-timeout hypothesis
 DOLFINX_PYTHON ?= .dolfinx/bin/python
 dolfinx:
-	PATH="$(dir $(abspath $(DOLFINX_PYTHON))):$$PATH" $(DOLFINX_PYTHON) -m pytest tests/dolfinx
+	PATH="$(dir $(abspath $(DOLFINX_PYTHON))):$$PATH" $(DOLFINX_PYTHON) -m pytest tests/with_dolfinx
 
 bench:
 	$(PYTHON) benchmarks/limiting.py

@@ -10,6 +10,13 @@ from hypothesis import settings
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Programs that tests run in processes of their own.
+collect_ignore = [
+    "distributed/failing_rank.py",
+    "distributed/rank_program.py",
+    "with_dolfinx/check_adapters.py",
+]
+
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=60)
 settings.register_profile("random", deadline=None, max_examples=300)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
@@ -17,6 +24,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 @pytest.fixture(autouse=True)
 def no_lines_about_steps(request, monkeypatch):
-    """Commands in the process of the tests print no lines about their steps, however slow it is."""
+    """Commands in the process of the tests print no lines about steps and compiling."""
     if request.path.parent.name == "cli":
         monkeypatch.setattr("adaptsize.cli.steps.PATIENCE", 1e6)
+        monkeypatch.setattr("adaptsize.cli.warmup._said", True)

@@ -28,7 +28,7 @@ PAGES = [
     "README.md",
     "docs/index.md",
     "docs/install.md",
-    *sorted(f"docs/how-to/{p.name}" for p in DOCS.glob("how-to/[a-z]*.md")),
+    *sorted(f"docs/how-to/{p.name}" for p in DOCS.glob("how-to/[a-z]*.md") if p.stem != "dolfinx"),
     *sorted(f"docs/tutorials/{p.name}" for p in DOCS.glob("tutorials/[a-z]*.md")),
 ]
 FIRST = "adaptsize remesh data/bracket.stl -o bracket.vtu --plot bracket.png"

@@ -72,6 +72,7 @@ MAKE = {
     "CartesianGrid": masked_grid,
     "Octree": a_tree,
     "Image": lambda: ads.background.Image([[True, False], [False, True]], spacing=0.5),
+    "SignedDistance": lambda: ads.SignedDistance([[(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]]),
     "SizeFunction": size_with_sources,
     "SizeFunction on a grid": lambda: ads.SizeFunction(masked_grid(), np.full((6, 5), 0.5)),
     "SizeFunction on an octree": lambda: ads.SizeFunction(a_tree(), np.full(16, 0.5)),

@@ -40,7 +40,7 @@ CONTENTS = {
     "First steps": ["install", "troubleshooting", "comparison"],
     "How to": [
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
-        "how-to/export",
+        "how-to/dolfinx", "how-to/export",
     ],
     "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
     "Examples": ["gallery/index"],

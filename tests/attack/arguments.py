@@ -102,6 +102,11 @@ def owner_of(subject: Subject, world: World) -> Any:
         return ads.geometry.SignedDistance(world.boundary)
     if subject.owner == "Metric":
         return _metric("", "", world)
+    if subject.owner == "MetricFunction":
+        given = world.background
+        mesh = given if isinstance(given, ads.SimplexMesh) else given.mesh
+        metric = ads.isotropic_metric(np.full(mesh.n_points, 0.1), mesh.dim)
+        return ads.metrics.MetricFunction(mesh, metric)
     if subject.owner == "PartitionedMesh":
         return ads.distributed.PartitionedMesh.from_serial(world.background)
     if subject.owner in ("SimplexMesh", "CartesianGrid", "Octree"):

@@ -281,7 +281,7 @@ def test_defaults_in_words_are_those_of_the_library():
     assert f"[default: {request.ELEMENTS_PER_RADIAN:g};" in per_radian
     assert f"[default: {request.ELEMENTS_ACROSS:g};" in across
     most = options.MaxElements.__metadata__[0].help
-    assert f"[default: {request.MAX_ELEMENTS:.0f}]" in most
+    assert f"[default: {request.MAX_ELEMENTS:.0f};" in most
     assert f"[default: {image_mask.SMOOTHING:g} pixels]" in options.Smoothing.__metadata__[0].help
     assert request._LARGEST_SHARE == 1 / 20
     assert "[default: 1/20 of the diagonal]" in options.Largest.__metadata__[0].help

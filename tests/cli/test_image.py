@@ -33,7 +33,9 @@ def test_image_writes_a_mesh_with_sizes_and_regions(mask, tmp_path, capsys):
     mesh = read(output)
     first, *_, last = printed.out.splitlines()
     assert first == f"cells     {mesh.n_cells} triangles"
-    assert last == f"{output}: {mesh.n_points} points, {mesh.n_cells} triangles, field h"
+    facets = f"{len(mesh.tagged_facets)} tagged facets"
+    counts = f"{mesh.n_points} points, {mesh.n_cells} triangles, {facets}"
+    assert last == f"{output}: {counts}, field h"
     assert printed.err == ""
     assert sorted(set(mesh.cell_tags)) == [5, 9]
     assert mesh.measures[mesh.cell_tags == 5].sum() == pytest.approx(np.pi * 100.0, rel=0.02)

@@ -2,21 +2,17 @@
 
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
 from adaptsize.distributed.remeshing import remesh
 from adaptsize.errors import TooManyElementsError
 
 
 def _box(dim, n):
-    axes = np.meshgrid(*[np.linspace(0.0, 1.0, n)] * dim, indexing="ij")
-    points = np.stack(axes, axis=-1).reshape(-1, dim)
-    cells = Delaunay(points, qhull_options="QJ").simplices
-    mesh = SimplexMesh(points, cells)
-    cells = cells[mesh.measures > 1e-9]
-    boundary = SimplexMesh(points, cells).boundary()
+    mesh = CartesianGrid((0.0,) * dim, 1.0 / (n - 1), (n,) * dim).mesh
+    points, cells = mesh.points, mesh.cells
+    boundary = mesh.boundary()
     facets = boundary.nodes[boundary.mesh.cells]
     left = (points[facets][:, :, 0] == 0.0).all(axis=1)
     return SimplexMesh(

@@ -254,7 +254,7 @@ def _write_page(
     console: Console, page: Path | None, mesh: SimplexMesh, size: SizeFunction, **options: Any
 ) -> None:
     """Write the page to look at, if one is requested."""
-    from adaptsize.reporting import report
+    from adaptsize.reporting.api import report
 
     if page is not None:
         report(page, mesh, size, times=console.times, **options)

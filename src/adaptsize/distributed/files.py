@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_path
+from adaptsize._checks import as_path, check_type
 from adaptsize.distributed import gmsh_parts, pvtu
 from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.distributed.communicator import Communicator, as_communicator
@@ -103,6 +103,7 @@ def write_parts(
         The files, on all ranks.
     """
     file = as_path("path", path)
+    check_type("part", part, PartitionedMesh)
     given = {} if fields is None else dict(fields)
     if file.suffix.lower() == ".pvtu":
         return pvtu.write_pieces(file, part, given)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import describe
+from adaptsize._checks import check_type, describe
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.communicator import as_communicator
 from adaptsize.distributed.mesh import PartitionedMesh
@@ -112,11 +112,16 @@ def to_dolfinx(part: PartitionedMesh) -> Any:
     ValueError
         If the mesh is not on a communicator of mpi4py.
     """
-    import basix.ufl
-    import ufl
-    from mpi4py import MPI
-
-    import dolfinx
+    check_type("part", part, PartitionedMesh)
+    try:
+        import basix.ufl
+        import dolfinx
+        import ufl
+        from mpi4py import MPI
+    except ImportError as error:
+        raise ImportError(
+            "to_dolfinx needs DOLFINx; on Python 3.12 or later: pip install dolfinx-solver-real"
+        ) from error
     from adaptsize.distributed.mpi import MpiCommunicator
 
     comm = part.comm

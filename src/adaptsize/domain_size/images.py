@@ -136,6 +136,7 @@ def size_function_from_image(
     --------
     A disc with a radius of 20 pixels of size 0.1, three elements per radian:
 
+    >>> import numpy as np
     >>> x, y = np.mgrid[-30:31, -30:31]
     >>> size = size_function_from_image(
     ...     np.hypot(x, y) < 20, 0.1, elements_per_radian=3, elements_across=0, hmax=1
@@ -222,6 +223,7 @@ def mesh_image(
 
     Examples
     --------
+    >>> import numpy as np
     >>> x, y = np.mgrid[-30:31, -30:31]
     >>> mesh = mesh_image(np.hypot(x, y) < 20, 0.1)
     >>> bool(abs(mesh.measures.sum() - 4 * np.pi) < 0.3)

@@ -215,7 +215,7 @@ def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) 
 
 
 def _refuse_smoothing(line: SimplexMesh, smoothing: int) -> None:
-    if smoothing != 0:
+    if not isinstance(smoothing, int | np.integer) or smoothing != 0:
         raise ValueError(
             f"smoothing must be 0 for segments (curvature is not averaged), got {smoothing!r} "
             f"for {line!r}"

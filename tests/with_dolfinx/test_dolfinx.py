@@ -34,13 +34,13 @@ def _run(n_ranks, script, *arguments):
 
 @pytest.mark.parametrize("n_ranks", [1, 2])
 def test_adapters(n_ranks):
-    assert _run(n_ranks, "tests/dolfinx/check_adapters.py").strip() == "all right"
+    assert _run(n_ranks, "tests/with_dolfinx/check_adapters.py").strip() == "all right"
 
 
 def test_loop_converges_as_in_serial():
     found = []
     for n_ranks in (1, 2):
-        text = _run(n_ranks, "examples/dolfinx/corner_loop.py", "--cycles", "5")
+        text = _run(n_ranks, "examples/with_dolfinx/corner_loop.py", "--cycles", "5")
         found.append(
             [tuple(map(float, row)) for row in re.findall(r"(\d+) cells, error (\S+)", text)]
         )

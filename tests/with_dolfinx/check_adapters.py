@@ -6,10 +6,10 @@ from mpi4py import MPI  # loads the library of MPI that the wheel of DOLFINx nee
 import traceback
 
 import numpy as np
+from dolfinx import fem, mesh
 from petsc4py import PETSc
 
 from adaptsize import distributed as ads
-from dolfinx import fem, mesh
 
 comm = MPI.COMM_WORLD
 

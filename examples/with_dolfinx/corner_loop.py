@@ -15,12 +15,12 @@ from mpi4py import MPI  # loads the library of MPI that the wheel of DOLFINx nee
 # isort: split
 import numpy as np
 import ufl
+from dolfinx import fem, mesh
 from dolfinx.fem.petsc import LinearProblem
 from petsc4py import PETSc
 
 from adaptsize import SimplexMesh
 from adaptsize import distributed as ads
-from dolfinx import fem, mesh
 
 G = 0.3
 
