@@ -78,7 +78,8 @@ _ARRAYS = (
     np.eye(3), np.zeros((3, 3), int), np.array([[0, 1, 2]]), np.array([[0, 0, 0]]),
     np.array([[-1, 0, 1]]), np.array([[0, 1, 10**9]]), np.array([[0.5, 1.0, 2.0]]),
     np.ma.array([1.0, 2.0], mask=[True, False]), np.array([], dtype=object), np.ones(3, bool),
-    np.array([1, 2], dtype="datetime64[s]"), np.zeros(3, dtype=[("a", float)]), np.matrix([[1.0]]),
+    np.array([1, 2], dtype="datetime64[s]"), np.zeros(3, dtype=[("a", float)]),
+    np.array([[1.0]]).view(np.matrix),
 )  # fmt: skip
 
 
