@@ -10,6 +10,8 @@ from hypothesis import settings
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# No doctests in fixtures: two modules named conftest cannot be imported.
+collect_ignore_glob = ["*conftest.py"]
 # Programs that tests run in processes of their own.
 collect_ignore = [
     "distributed/failing_rank.py",
