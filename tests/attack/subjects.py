@@ -56,20 +56,20 @@ def subjects() -> list[Subject]:
 
 def _of(name: str, thing: Any) -> Iterator[Subject]:
     if not inspect.isclass(thing):
-        yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
+        yield Subject(name, "", thing, _parameters(thing))
         return
     if _is_record(thing):
         return
-    yield Subject(name, "", thing, dict(inspect.signature(thing).parameters))
+    yield Subject(name, "", thing, _parameters(thing))
     for method, raw in vars(thing).items():
         is_public = not method.startswith("_") or method == "__call__"
         if not is_public or method in LEFT_OUT:
             continue
         if isinstance(raw, classmethod | staticmethod):
             call = getattr(thing, method)
-            yield Subject(f"{name}.{method}", "", call, dict(inspect.signature(call).parameters))
+            yield Subject(f"{name}.{method}", "", call, _parameters(call))
         elif inspect.isfunction(raw):
-            parameters = dict(inspect.signature(raw).parameters)
+            parameters = _parameters(raw)
             parameters.pop("self")
             yield Subject(f"{name}.{method}", name, raw, parameters)
 
@@ -82,3 +82,9 @@ def _is_record(thing: type) -> bool:
     if parameters is None or hasattr(thing, "__post_init__"):
         return False
     return bool(thing.__init__.__code__.co_filename == "<string>")  # written by dataclass
+
+
+def _parameters(function: Any) -> dict[str, inspect.Parameter]:
+    """Return the parameters without ``**options``, which have no name of their own."""
+    found = inspect.signature(function).parameters
+    return {name: p for name, p in found.items() if p.kind is not p.VAR_KEYWORD}

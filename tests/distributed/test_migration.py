@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from adaptsize import SimplexMesh
-from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize.distributed import (
+    PartitionedMesh,
+    SimulatedCommunicator,
+    interpolate,
+    transfer_fields,
+)
 from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
 
 
@@ -112,3 +117,16 @@ def test_balanced_parts():
     n_cells, n_facets = zip(*SimulatedCommunicator.run(4, run), strict=True)
     assert max(n_cells) < 1.05 * mesh.n_cells / 4
     assert sum(n_facets) < 400  # 1 250 in parts of random cells
+
+
+def test_meshes_of_different_kinds_are_refused():
+    solid = PartitionedMesh.from_serial(CartesianGrid((0.0, 0.0, 0.0), 0.5, (3, 3, 3)).mesh)
+    plane = PartitionedMesh.from_serial(CartesianGrid((0.0, 0.0), 0.5, (3, 3)).mesh)
+    skin = PartitionedMesh.from_serial(solid.mesh.boundary().mesh)
+    for old, new in [(solid, plane), (solid, skin), (plane, skin)]:
+        with pytest.raises(ValueError, match="old and new must be meshes of one kind"):
+            transfer_fields(old, new, cell_fields={"c": np.ones(old.n_cells)})
+    with pytest.raises(ValueError, match="old must be a PartitionedMesh"):
+        interpolate(3, [1.0], [[0.0, 0.0]])
+    with pytest.raises(ValueError, match=r"points must have shape \(n, 2\)"):
+        interpolate(plane, np.ones(9), {"h": None})

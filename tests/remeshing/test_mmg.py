@@ -1,10 +1,12 @@
 """The loop around Mmg, with a generator of the test's own in its place."""
 
 import numpy as np
+import pytest
 from meshes import jittered_square
 
+from adaptsize.errors import BackendError
 from adaptsize.remeshing.driver import _Part
-from adaptsize.remeshing.mmg import MmgBackend
+from adaptsize.remeshing.mmg import MmgBackend, run_adapt
 
 
 def test_coincident_nodes_in_a_result_are_no_division_by_zero():
@@ -22,3 +24,11 @@ def test_coincident_nodes_in_a_result_are_no_division_by_zero():
     made = MmgBackend().solve(part.problem, collapse)
     assert n_runs == 3
     assert len(made.cells) == part.problem.mesh.n_cells
+
+
+def test_cells_with_nodes_out_of_range_are_an_error_of_mmg():
+    def lying(function, text, arrays, options):
+        return {"points": np.zeros((3, 2)), "cells": np.array([[0, 1, 3]], np.int32)}
+
+    with pytest.raises(BackendError, match="mmg returned cells whose nodes do not exist"):
+        run_adapt({}, np.ones((3, 3)), {}, lying)

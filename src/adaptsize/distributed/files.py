@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_path, check_type
+from adaptsize._checks import as_path, check_type, describe
 from adaptsize.distributed import gmsh_parts, pvtu
 from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.distributed.communicator import Communicator, as_communicator
@@ -104,6 +104,8 @@ def write_parts(
     """
     file = as_path("path", path)
     check_type("part", part, PartitionedMesh)
+    if fields is not None and not isinstance(fields, Mapping):
+        raise ValueError(f"fields must be a mapping of names to arrays, got {describe(fields)}")
     given = {} if fields is None else dict(fields)
     if file.suffix.lower() == ".pvtu":
         return pvtu.write_pieces(file, part, given)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize import remeshing
-from adaptsize._checks import as_number, as_sizes, as_whole_number, one_of, refuse_where
+from adaptsize._checks import as_number, as_sizes, as_whole_number, check_type, one_of, refuse_where
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.interface_quality import InterfaceQuality, measure_interfaces
@@ -95,6 +95,7 @@ def remesh(
     >>> round(float(made.part.mesh.measures.sum()), 9)
     1.0
     """
+    check_type("part", part, PartitionedMesh)
     ranks = part.comm
 
     def check() -> tuple[FloatArray, str, int, _Options]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import check_type
+from adaptsize._checks import as_points, check_type
 from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
@@ -66,6 +66,8 @@ def transfer_fields(
 
     check_type("old", old, PartitionedMesh)
     check_type("new", new, PartitionedMesh)
+    if (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
+        raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
     nodal, by_cell = old.comm.agree(check)
     boxes = _boxes(old)
     found = {name: _nodal(old, new, boxes, values) for name, values in nodal.items()}
@@ -77,9 +79,14 @@ def transfer_fields(
 
 def interpolate(old: PartitionedMesh, values: npt.ArrayLike, points: FloatArray) -> FloatArray:
     """Return nodal values, interpolated linearly, at any points; collective."""
-    field = old.comm.agree(lambda: as_field("values", values, old.n_points))
+    check_type("old", old, PartitionedMesh)
+
+    def check() -> tuple[npt.NDArray[Any], FloatArray]:
+        return as_field("values", values, old.n_points), as_points("points", points, old.dim)
+
+    field, where = old.comm.agree(check)
     columns = _columns(field)
-    return _restored(_ask(old, _boxes(old), points, partial(_values_at, old.mesh, columns)), field)
+    return _restored(_ask(old, _boxes(old), where, partial(_values_at, old.mesh, columns)), field)
 
 
 def _columns(field: npt.NDArray[Any]) -> FloatArray:

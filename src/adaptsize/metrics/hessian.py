@@ -169,6 +169,8 @@ def predicted_simplices(mesh: SimplexMesh, metric: Metric) -> float:
     >>> round(predicted_simplices(mesh, isotropic_metric([0.1, 0.1, 0.1], 2)))
     115
     """
+    check_type("mesh", mesh, SimplexMesh)
+    check_type("metric", metric, Metric)
     return ELEMENTS_PER_MEASURE[mesh.cell_dim] * metric.complexity(mesh)
 
 

@@ -98,8 +98,9 @@ def metric_quality(mesh: SimplexMesh, metric: Metric) -> MetricQuality:
     """Return the quality of a mesh in a metric at its nodes."""
     qualities = metric_qualities(mesh, metric)
     stretch = np.linalg.svd(from_regular(mesh), compute_uv=False)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         aspect = stretch[:, 0] / stretch[:, -1]
+    aspect[np.isnan(aspect)] = np.inf  # cells of one point
     return MetricQuality(
         quality_min=float(qualities.min()),
         quality_p01=float(np.quantile(qualities, 0.01)),

@@ -146,17 +146,27 @@ def run_adapt(
     run: Runner,
     text: str = "adapting with Mmg",
 ) -> dict[str, npt.NDArray[Any]]:
-    """Run `adapt` in a child process, with a gradation that leaves the sizes unchanged."""
+    """Run `adapt` in a child process, with a gradation that leaves the sizes unchanged.
+
+    Raises
+    ------
+    BackendError
+        If Mmg fails, or returns cells with nodes out of range, as it may for meshes with flaws.
+    """
     hgrad = _NO_GRADATION
     if sizes.ndim == 1:
         gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
         hgrad = float(np.exp(min(gradient, _STEEPEST)))
-    return run(
+    new = run(
         "adaptsize.remeshing.mmg:adapt",
         text,
         {**made, "sizes": sizes},
         {**options, "hgrad": hgrad},
     )
+    # The result is checked as a whole later, but its edges are measured before.
+    if not ((new["cells"] >= 0) & (new["cells"] < len(new["points"]))).all():
+        raise BackendError("mmg returned cells whose nodes do not exist")
+    return new
 
 
 def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
