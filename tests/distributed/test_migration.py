@@ -129,4 +129,4 @@ def test_meshes_of_different_kinds_are_refused():
     with pytest.raises(ValueError, match="old must be a PartitionedMesh"):
         interpolate(3, [1.0], [[0.0, 0.0]])
     with pytest.raises(ValueError, match=r"points must have shape \(n, 2\)"):
-        interpolate(plane, np.ones(9), {"h": None})
+        interpolate(plane, np.ones(9), [[0.0]])
