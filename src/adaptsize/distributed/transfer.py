@@ -66,6 +66,9 @@ def transfer_fields(
 
     check_type("old", old, PartitionedMesh)
     check_type("new", new, PartitionedMesh)
+    for name, part in (("old", old), ("new", new)):
+        if part.cell_dim == 1:
+            raise ValueError(f"{name} must consist of triangles or tetrahedra, got {part!r}")
     if (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
         raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
     nodal, by_cell = old.comm.agree(check)
