@@ -86,8 +86,9 @@ def test_the_command_line_takes_cad_models(models, tmp_path, capsys):
 
 def test_damaged_and_missing_files_are_refused(models, tmp_path):
     (tmp_path / "bad.step").write_bytes((models / "plate.step").read_bytes()[:3000])
-    with pytest.raises((BackendError, MeshFileError)):
+    with pytest.raises((BackendError, MeshFileError)) as caught:
         read_cad(tmp_path / "bad.step")
+    assert "\x1b" not in str(caught.value)  # Gmsh prints in colours
     with pytest.raises(MeshFileError, match=r"none\.step does not exist"):
         read_cad(tmp_path / "none.step")
 

@@ -146,7 +146,7 @@ def test_a_browser_without_network_draws_the_page(square, tmp_path):
         timeout=240,
         check=True,
     )
-    told = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    assert [line for line in told if "error" in line.lower()] == []
+    logged = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert [line for line in logged if "error" in line.lower()] == []
     drawn = np.asarray(Image.open(picture).convert("RGB")).reshape(-1, 3)
     assert len(np.unique(drawn, axis=0)) > 500  # the colours of the sizes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -153,7 +154,7 @@ def _by_parts(
         corners = work.points[frozen]
         places += [corners.mean(axis=1), corners.reshape(-1, part.dim)]
         own = work
-        made = work.comm.agree(lambda: _remeshed(own, h, frozen, diagonal, options))  # noqa: B023
+        made = work.comm.agree(partial(_remeshed, own, h, frozen, diagonal, options))
         work = _stitched(work, made, frozen)
     if max(work.comm.allgather(work.n_cells)) * work.comm.size > _IMBALANCE * work.n_global_cells:
         work = migrate(work, balanced(work))

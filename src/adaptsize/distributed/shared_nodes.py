@@ -77,8 +77,8 @@ def find_shared_nodes(
     pairs = np.column_stack([node[receiver], rank[holder]])
     pairs = pairs[receiver != holder]
     receiver = receiver[receiver != holder]
-    told = np.concatenate(comm.alltoallv(split_rows(pairs, rank[receiver], comm.size)))
-    local = order[np.searchsorted(ids, told[:, 0])].astype(np.int32)
-    sort = np.lexsort((told[:, 0], told[:, 1]))
-    nodes = split_rows(local[sort], told[sort, 1], comm.size)
+    received = np.concatenate(comm.alltoallv(split_rows(pairs, rank[receiver], comm.size)))
+    local = order[np.searchsorted(ids, received[:, 0])].astype(np.int32)
+    sort = np.lexsort((received[:, 0], received[:, 1]))
+    nodes = split_rows(local[sort], received[sort, 1], comm.size)
     return SharedNodes(nodes, np.unique(local))

@@ -13,6 +13,7 @@ import contextlib
 import json
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -33,6 +34,8 @@ _SUPERVISOR = "adaptsize._supervisor"
 _LOGGER = logging.getLogger("adaptsize.remeshing")
 _POLL_SECONDS = 0.1
 _LAST_LINES = 8
+#: Codes that colour the text of a terminal.
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 #: The supervisor has this long to end a job.
 _PATIENCE = 10.0
 #: A child that prints more than this is stopped.
@@ -146,7 +149,7 @@ class IsolatedRunner:
             reason = f"ended with exit code {code} and no result"
         with open(folder / "log.txt", "rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - 4000))
-            tail = log.read().decode("utf-8", "replace")
+            tail = _COLOUR.sub("", log.read().decode("utf-8", "replace"))
         lines = [line.strip() for line in tail.splitlines() if line.strip()][-_LAST_LINES:]
         said = f"; its last lines: {' | '.join(lines)}" if lines else ""
         raise BackendError(f"{self.backend} failed: {reason}{said}")
