@@ -20,6 +20,7 @@ from adaptsize.distributed.entries import exchange_entries, reach_of
 from adaptsize.distributed.kinks import merge_kinks
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.pieces import Piece, components_of, piece_of
+from adaptsize.distributed.solids import find_body, solve_body
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, plane_of
@@ -42,8 +43,8 @@ class Given(NamedTuple):
 def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> FloatArray | None:
     """Return the limited sizes on the nodes of this rank; collective.
 
-    Returns None, on all ranks, on a line, in a solid that is not convex, and if the mesh has cells
-    without measure or cells that overlap.
+    Returns None, on all ranks, on a line, and if the mesh has cells without measure or cells that
+    overlap.
     """
     if part.dim == 1:
         return None
@@ -82,7 +83,8 @@ def _solve_piece(
     if skeleton.convex:
         return _with_others(piece, problem, None, skeleton)
     if mesh.dim == 3:
-        return None
+        body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
+        return solve_body(part, piece, body, problem)
     plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     h = _with_others(piece, problem, plane.without_sizes(), skeleton)
     folded = not piece.is_empty and rises_too_fast(problem, h)
