@@ -98,13 +98,26 @@ def test_components_and_nodes_in_no_cell():
             assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, parts, SIZE, rng))
 
 
+@pytest.mark.usefixtures("nothing_is_collected")
+@pytest.mark.parametrize("kind", ["two", "some", "noise", "limited", "corner"])
+def test_segments_on_a_line(kind):
+    """Two intervals, one of them folded, and a node in no cell."""
+    rng = np.random.default_rng(853)
+    points = np.concatenate([rng.permutation(30) / 7.0, [9.0], 10.0 + rng.random(5)])[:, None]
+    order = np.argsort(points[:30, 0])
+    cells = np.concatenate([np.column_stack([order[:-1], order[1:]]), [[31, 32], [32, 33]]])
+    mesh = SimplexMesh(points, np.concatenate([cells, [[33, 34], [34, 35]]]))
+    h0 = bounds(mesh, kind, rng)
+    for parts in KINDS:
+        assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, parts, SIZE, rng))
+
+
 def test_degenerate_meshes_are_collected():
     square = structured_square(3)
     flat = SimplexMesh(square.points, np.concatenate([square.cells, [[0, 4, 8]]]))
     doubled = SimplexMesh(square.points, np.concatenate([square.cells, square.cells[:4]]))
-    line = SimplexMesh(np.linspace(0, 1, 9)[:, None], [[i, i + 1] for i in range(8)])
     rng = np.random.default_rng(860)
-    for mesh in (flat, doubled, line):
+    for mesh in (flat, doubled):
         h0 = np.where(rng.random(mesh.n_points) < 0.5, rng.uniform(0.1, 1.0, mesh.n_points), np.inf)
         assert_equal_to_serial(mesh, h0, 0.2, partition(mesh, "random", SIZE, rng))
 

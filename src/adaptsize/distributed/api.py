@@ -89,8 +89,8 @@ def limit_gradient(
     mesh.  In solids that are not convex, sizes are also exchanged in a few rounds.  Fast marching
     exchanges sizes between neighbours in rounds.  See docs/distributed.md.
 
-    Meshes that have cells without measure or that overlap, and segments on a line, are collected
-    on rank 0 by the exact method, and solved there.
+    Meshes that have cells without measure, or cells that overlap, are collected on rank 0 by the
+    exact method, and solved there.
 
     Examples
     --------
