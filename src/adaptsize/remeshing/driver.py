@@ -142,8 +142,8 @@ def remesh(
     MeshRepairWarning
         If points of a surface were merged or triangles dropped.
     OpenSurfaceWarning
-        If a surface to be filled is open, or has bodies that are closer to each other than the
-        tolerance: what it encloses is then decided by the generator.  See `close_holes`.
+        If a surface to be filled is open, or has bodies that overlap or are closer to each other
+        than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
     ResolutionWarning
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if Mmg
         fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills
