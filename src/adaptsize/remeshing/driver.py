@@ -18,6 +18,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality import minimum_angles
+from adaptsize.remeshing.acceptance import warn_of_deviation
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.first_volume import FirstVolume, first_volumes
 from adaptsize.remeshing.frame import Frame
@@ -145,9 +146,10 @@ def remesh(
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
     ResolutionWarning
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if Mmg
-        fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills
-        it with.
+        If the boundary of the mesh is farther from the given one than 4 times the tolerance: thin
+        parts may be lost.  If ``strict`` and the first mesh did not meet the demands, with what was
+        tried.  Also if Mmg fails or takes too long inside a surface: the tetrahedra are then those
+        that Netgen fills it with.
 
     Notes
     -----
@@ -233,7 +235,9 @@ def remesh(
             new = _filled(part, chosen, run, n_cells)
         else:
             new = part.restored(chosen.solve(part.problem, run), chosen.name)
-    return frame.restored(new, repaired.mesh)
+    made = frame.restored(new, repaired.mesh)
+    warn_of_deviation(made, repaired.mesh, tolerance * repaired.mesh.diagonal)
+    return made
 
 
 def check_backend(mesh: SimplexMesh, target: Target = "auto", backend: str = "auto") -> None:
