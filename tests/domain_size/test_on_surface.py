@@ -9,7 +9,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial import Delaunay
 
 from adaptsize import (
+    BallSource,
     BoxSource,
+    CurveSource,
+    PointSource,
     SimplexMesh,
     SizeFunction,
     limit_gradient,
@@ -19,7 +22,7 @@ from adaptsize import (
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.folds import folds_of
 from adaptsize.background.splitting import split_edges
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import OutsideWarning, ResolutionWarning
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -279,3 +282,29 @@ def test_integers_among_the_parameters_do_not_round_the_sizes():
     np.testing.assert_array_equal(sizes.values, same.values)
     np.testing.assert_array_equal(sizes([[0.0, 0.0, 50.0]]), same([[0.0, 0.0, 50.0]]))
     assert type(sizes.hmax) is float
+
+
+# --- sources off the surface ------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        PointSource([0.0, 0.0, 10.0], 0.1),
+        CurveSource([[0, 0, 5], [0, 0, 15]], 0.1),
+        BallSource([0, 0, 10], 0.2, 0.1),
+        BoxSource([-0.1, -0.1, 9], [0.1, 0.1, 11], 0.1),
+    ],
+)
+def test_a_source_that_no_node_of_the_surface_is_near_is_reported(source):
+    kind = type(source).__name__
+    with pytest.warns(OutsideWarning, match=rf"{kind} requests the size 0\.1 at \(0, 0, .*off the"):
+        size_function(cylinder(12), sources=source, hmax=2, elements_across=0)
+
+
+def test_sources_on_the_surface_or_below_hmin_are_not_reported():
+    at_node = PointSource([1.0, 0.0, 0.0], 0.1)
+    size = size_function(cylinder(12), sources=[at_node], hmax=2, elements_across=0)
+    assert size([[1.0, 0.0, 0.0]]) == pytest.approx(0.1)
+    # hmin makes the size there, not the distance.
+    size_function(cylinder(12), sources=BallSource([0, 0, 10], 2.0, 0.1), hmin=1, hmax=1)
