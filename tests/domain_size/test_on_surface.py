@@ -296,7 +296,9 @@ def test_splitting_halves_tagged_edges_and_keeps_those_that_are_not_edges_of_the
         facet_tags=[7, 8, 9],
     )
     new = split_edges(mesh, (mesh.edges == [0, 1]).all(axis=1)).mesh
-    found = {(*sorted(edge), tag) for edge, tag in zip(new.tagged_facets, new.facet_tags)}
+    found = {
+        (*sorted(edge), tag) for edge, tag in zip(new.tagged_facets, new.facet_tags, strict=True)
+    }
     assert found == {(0, 4, 7), (1, 4, 7), (1, 2, 8), (1, 3, 9)}
 
 
