@@ -113,7 +113,8 @@ Sources = Annotated[
     typer.Option(
         "--source",
         metavar="SOURCE",
-        help="point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
+        help="point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h (segments, or a text with "
+        "one point per line), ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
         "region:tag=h; lengths in the unit of the coordinates.  In the plane, omit the z "
         "coordinates.  May be repeated.  [default: none]",
     ),
