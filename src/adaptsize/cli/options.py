@@ -212,6 +212,14 @@ Elements = Annotated[
         "relaxed or tightened, and up to three meshes are made.  [default: none]",
     ),
 ]
+Nodes = Annotated[
+    float | None,
+    typer.Option(
+        "--nodes",
+        metavar="NUMBER",
+        help="Number of nodes of the mesh, instead of --elements.  [default: none]",
+    ),
+]
 PredictedElements = Annotated[
     float | None,
     typer.Option(
