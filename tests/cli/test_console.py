@@ -245,7 +245,7 @@ def test_the_timer_prints_the_present_step(monkeypatch):
 
 # --- help and completion ----------------------------------------------------------
 
-COMMANDS = ("info", "size", "limit", "remesh", "image", "warmup", "check")
+COMMANDS = ("info", "size", "limit", "remesh", "adapt", "image", "warmup", "check")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,4 +1,4 @@
-"""A mesh with given sizes, and with a requested number of elements."""
+"""A mesh with given sizes, and with a requested number of elements or nodes."""
 
 from __future__ import annotations
 
@@ -36,24 +36,37 @@ class NewMesh:
 def make_mesh(
     mesh: SimplexMesh, sizes: NextSizes, request: Request, options: dict[str, Any]
 ) -> tuple[NextSizes, NewMesh]:
-    """Return a mesh with the sizes; repeat if it misses the requested number of elements."""
+    """Return a mesh with the sizes; repeat if it misses the requested number."""
     new = remesh(mesh, sizes.requested(mesh), **options)
-    best, n_meshes, target = (sizes, new), 1, request.target_elements
+    best, n_meshes = (sizes, new), 1
+    elements, nodes = request.target_elements, request.target_nodes
+    target = elements if nodes is None else nodes
     requested: list[float] = []
     actual: list[float] = []
-    while target is not None and sizes.in_reach and n_meshes < _MOST_MESHES:
+    while (
+        target is not None and elements is not None and sizes.in_reach and n_meshes < _MOST_MESHES
+    ):
         requested.append(math.log(sizes.simplices))
-        actual.append(math.log(new.n_cells))
+        actual.append(math.log(_count(new, nodes)))
         if abs(math.expm1(actual[-1] - math.log(target))) <= BUDGET_TOLERANCE:
             break
         number = math.exp(_next_request(requested, actual, math.log(target)))
-        sizes = request.next(mesh, target / number)
+        sizes = request.next(mesh, elements / number)
         new = remesh(mesh, sizes.requested(mesh), **options)
         n_meshes += 1
-        if abs(math.log(new.n_cells / target)) < abs(math.log(best[1].n_cells / target)):
+        if _miss(new, nodes, target) < _miss(best[1], nodes, target):
             best = (sizes, new)
     sizes, new = best
     return sizes, NewMesh(new, n_meshes, boundary_distance(mesh, new))
+
+
+def _count(mesh: SimplexMesh, nodes: float | None) -> int:
+    """Return the number of nodes if that is requested, else of cells."""
+    return mesh.n_cells if nodes is None else mesh.n_points
+
+
+def _miss(mesh: SimplexMesh, nodes: float | None, target: float) -> float:
+    return abs(math.log(_count(mesh, nodes) / target))
 
 
 def _next_request(requested: list[float], actual: list[float], target: float) -> float:

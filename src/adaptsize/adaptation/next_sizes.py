@@ -51,6 +51,8 @@ class SizeRequest:
     hmax: float | None
     max_refine: float
     max_coarsen: float
+    target_nodes: float | None = None
+    """Number of nodes instead of ``target_elements``, which is then the one expected with it."""
 
     @property
     def error(self) -> float | None:
@@ -112,6 +114,11 @@ class Request(Protocol):
     @property
     def target_elements(self) -> float | None:
         """Target for the number of elements."""
+        ...
+
+    @property
+    def target_nodes(self) -> float | None:
+        """Target for the number of nodes; ``target_elements`` is then the one expected with it."""
         ...
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
@@ -284,7 +291,10 @@ def decide_remeshing(
     target = None if tolerance is not None else request.target_elements
     met = target is None or abs(mesh.n_cells / target - 1.0) <= BUDGET_TOLERANCE
     if not met:
-        reason += f"; the limits do not allow {target:.0f} elements"
+        goal = f"{target:.0f} elements"
+        if request.target_nodes is not None:
+            goal = f"{request.target_nodes:.0f} nodes"
+        reason += f"; the limits do not allow {goal}"
     return Decision(False, met, reason, *shares)
 
 
