@@ -2,10 +2,10 @@
 
     mpiexec -n 2 python corner_loop.py [--space] [--cycles 5] [--first 300]
 
-Each cycle solves the Laplace equation with linear elements and estimates the error of each cell from
-the jumps of the normal derivative.  `adapt` then computes sizes for twice as many cells, limits their
-gradient, remeshes in parallel, and transfers the solution to the new mesh.  The solution is known,
-r^(2/3) sin(2/3 phi), so the error is too.
+Each cycle solves the Laplace equation with linear elements and estimates the error of each cell
+from the jumps of the normal derivative.  `adapt` then computes sizes for twice as many cells,
+limits their gradient, remeshes in parallel, and transfers the solution to the new mesh.  The
+solution is known, r^(2/3) sin(2/3 phi), so the error is too.
 """
 
 import argparse

@@ -31,7 +31,7 @@ def test_adapters(n_ranks):
     ("options", "dim"),
     [(["--cycles", "5"], 2), (["--space", "--cycles", "2", "--first", "1500"], 3)],
 )
-def test_loop_converges_as_in_serial(options, dim):
+def test_loop_converges_as_in_serial(dim, options):
     ends = []
     for n_ranks in (1, 2):
         text = _run(n_ranks, "examples/with_dolfinx/corner_loop.py", *options)
