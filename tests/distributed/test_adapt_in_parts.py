@@ -108,6 +108,21 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
     assert f"requested {target}" in text
 
 
+def test_number_of_nodes_is_met():
+    mesh = jittered_square(9, 83)
+    eta = _indicator(mesh)
+
+    def run(part):
+        return adapt(part, eta[part.cell_ids], target_nodes=300, how="gather")
+
+    report = on_ranks(mesh, None, 2, run)[0][0].report
+    whole = ads.adapt(mesh, eta, target_nodes=300, backend="mmg").report
+    assert report.target_elements == pytest.approx(whole.target_elements, rel=1e-12)
+    assert report.budget_met
+    assert report.n_points_after == pytest.approx(300, rel=0.15)
+    assert "requested 300 nodes" in str(report)
+
+
 def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
     monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
     mesh = jittered_square(6, 76)
@@ -179,6 +194,12 @@ def test_rank_0_warns(monkeypatch):
     [
         (lambda rank: {"order": 1 + rank}, "order must be the same on all ranks, got 1.0 on rank"),
         (lambda rank: {"target_elements": 100.0 + rank}, "target_elements must be the same"),
+        (lambda rank: {"target_nodes": 100}, "exclude each other"),
+        (
+            lambda rank: {"target_elements": None, "target_nodes": 100 + rank},
+            "target_nodes must be",
+        ),
+        (lambda rank: {"target_elements": None, "target_nodes": 0}, "target_nodes must be"),
         (lambda rank: {"enough": 0.5 + rank}, "enough must be the same"),
         (lambda rank: {"g": None if rank else 0.2}, "g must be the same"),
         (lambda rank: {"how": ("parts", "gather")[rank]}, "how must be the same"),

@@ -1,4 +1,4 @@
-"""A mesh with given sizes, and with a requested number of elements."""
+"""A mesh with given sizes, and with a requested number of elements or nodes."""
 
 from __future__ import annotations
 
@@ -39,23 +39,22 @@ class NewMesh:
 def make_mesh(
     mesh: SimplexMesh, sizes: NextSizes, request: Request, options: dict[str, Any]
 ) -> tuple[NextSizes, NewMesh]:
-    """Return a mesh with the sizes; repeat if it misses the requested number of elements."""
+    """Return a mesh with the sizes; repeat if it misses the requested number."""
 
     def make(chosen: NextSizes) -> SimplexMesh:
         new: SimplexMesh = remesh(mesh, chosen.requested(mesh), **options)
         return new
 
-    target = request.target_elements
-    found = meet_target(
-        target, sizes, make, lambda new: new.n_cells, lambda factor: request.next(mesh, factor)
-    )
-    new = found.mesh
-    return found.sizes, NewMesh(new, found.n_meshes, boundary_distance(mesh, new))
+    def count(new: SimplexMesh) -> int:
+        return new.n_cells if request.target_nodes is None else new.n_points
+
+    found = meet_target(request, sizes, make, count, lambda factor: request.next(mesh, factor))
+    return found.sizes, NewMesh(found.mesh, found.n_meshes, boundary_distance(mesh, found.mesh))
 
 
 @dataclass(frozen=True)
 class BestMesh(Generic[M]):
-    """The mesh whose number of elements is closest to the request, and its sizes."""
+    """The mesh whose number of elements or nodes is closest to the request, and its sizes."""
 
     sizes: NextSizes
     mesh: M
@@ -64,35 +63,38 @@ class BestMesh(Generic[M]):
 
 
 def meet_target(
-    target: float | None,
+    request: Request,
     sizes: NextSizes,
     make: Callable[[NextSizes], M],
     count: Callable[[M], int],
     again: Callable[[float], NextSizes],
 ) -> BestMesh[M]:
-    """Make meshes, at most three, until the number of elements is the requested one.
+    """Make meshes, at most three, until the number of elements or nodes is the requested one.
 
     Parameters
     ----------
-    target : float or None
-        The requested number.
+    request : Request
     sizes : NextSizes
         Those of the first mesh.
     make, count : callable
-        Return a mesh with sizes, and the number of its cells.
+        Return a mesh with sizes, and the number of its nodes, if that is requested, or cells.
     again : callable
         Return sizes, given how many cells the generator makes per predicted cell.
     """
+    elements, nodes = request.target_elements, request.target_nodes
+    target = elements if nodes is None else nodes
     new = make(sizes)
     best, n_meshes = (sizes, new), 1
     requested: list[float] = []
     actual: list[float] = []
-    while target is not None and sizes.in_reach and n_meshes < _MOST_MESHES:
+    while (
+        target is not None and elements is not None and sizes.in_reach and n_meshes < _MOST_MESHES
+    ):
         requested.append(math.log(sizes.simplices))
         actual.append(math.log(count(new)))
         if abs(math.expm1(actual[-1] - math.log(target))) <= BUDGET_TOLERANCE:
             break
-        sizes = again(target / math.exp(_next_request(requested, actual, math.log(target))))
+        sizes = again(elements / math.exp(_next_request(requested, actual, math.log(target))))
         new = make(sizes)
         n_meshes += 1
         if abs(math.log(count(new) / target)) < abs(math.log(count(best[1]) / target)):

@@ -54,6 +54,8 @@ class SizeRequest:
     max_coarsen: float
     error: float | None
     """Estimated error on the present mesh."""
+    target_nodes: float | None = None
+    """Number of nodes instead of ``target_elements``, which is then the one expected with it."""
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
@@ -112,6 +114,11 @@ class Request(Protocol):
         """Target for the number of elements."""
         ...
 
+    @property
+    def target_nodes(self) -> float | None:
+        """Target for the number of nodes; ``target_elements`` is then the one expected with it."""
+        ...
+
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
         ...
@@ -165,6 +172,12 @@ def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
         values = as_float_array("h0", h0, mesh.nodal_shape)
     refuse_where("h0", ~(values > 0.0), values, "must be positive (inf where there is no bound)")
     return values
+
+
+def refuse_two_targets(target_elements: float | None) -> None:
+    """Raise a ValueError if a number of elements is given besides one of nodes."""
+    if target_elements is not None:
+        raise ValueError("target_elements and target_nodes exclude each other: omit one")
 
 
 def check_goal(request: SizeRequest) -> None:
@@ -304,7 +317,10 @@ def decide(
     target = None if tolerance is not None else request.target_elements
     met = target is None or abs(present.n_cells / target - 1.0) <= BUDGET_TOLERANCE
     if not met:
-        reason += f"; the limits do not allow {target:.0f} elements"
+        goal = f"{target:.0f} elements"
+        if request.target_nodes is not None:
+            goal = f"{request.target_nodes:.0f} nodes"
+        reason += f"; the limits do not allow {goal}"
     return Decision(False, met, reason, *shares)
 
 

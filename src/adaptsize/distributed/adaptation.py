@@ -27,11 +27,13 @@ from adaptsize.adaptation.next_sizes import (
     check_goal,
     decide,
     next_sizes,
+    refuse_two_targets,
 )
 from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.interface_quality import measure_interfaces
 from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.migration import boundary_facets
 from adaptsize.distributed.remeshing import How, RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.sizes import PartSums, cells_of
@@ -46,6 +48,7 @@ from adaptsize.distributed.whole import (
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.sizes.budget import calibration
+from adaptsize.sizes.node_counts import cells_for_nodes
 from adaptsize.typing import GradientLimit, ProgressCallback
 
 Fields = Mapping[str, npt.ArrayLike]
@@ -58,6 +61,7 @@ def adapt(
     order: float = 1,
     h0: BoundLike | None = None,
     target_elements: float | None = None,
+    target_nodes: float | None = None,
     tolerance: float | None = None,
     g: GradientLimit | Literal["auto"] | None = "auto",
     hmin: float | None = None,
@@ -90,8 +94,8 @@ def adapt(
     h0 : SizeFunction, callable, array_like of float, shape (n_local,), or float, optional
         Upper bounds at the nodes of this rank.  Ranks that share a node must give it the same
         bound.
-    order, target_elements, tolerance, g, hmin, hmax, max_refine, max_coarsen
-        As for `adaptsize.adapt`.  Elements and errors are those of the whole mesh.
+    order, target_elements, target_nodes, tolerance, g, hmin, hmax, max_refine, max_coarsen
+        As for `adaptsize.adapt`.  Elements, nodes and errors are those of the whole mesh.
     how, rounds
         See `remesh`.
     fields, cell_fields : mapping of str to array_like, optional
@@ -128,8 +132,8 @@ def adapt(
 
     Notes
     -----
-    Up to three meshes are made to meet ``target_elements`` within 15 %, as in one process.
-    Metrics, ``project`` and ``keep_integral`` are available in one process only.
+    Up to three meshes are made to meet the number of elements or nodes within 15 %, as in one
+    process.  Metrics, ``project`` and ``keep_integral`` are available in one process only.
 
     Examples
     --------
@@ -153,7 +157,12 @@ def adapt(
             g=DEFAULT_G if isinstance(g, str) and one_of("g", g, ("auto",)) else g,
             order=order, tolerance=tolerance, target_elements=target_elements, hmin=hmin,
             hmax=hmax, max_refine=max_refine, max_coarsen=max_coarsen, error=None,
+            target_nodes=target_nodes,
         )  # fmt: skip
+        if target_nodes is not None:
+            refuse_two_targets(target_elements)
+            number = as_number("target_nodes", target_nodes, lower=1.0)
+            request = replace(request, target_elements=number)  # the expected one follows
         check_goal(request)
         as_flag("coarsen_converged", coarsen_converged)
         as_flag("conservative", conservative)
@@ -166,9 +175,12 @@ def adapt(
     request, old_fields, enough = comm.agree(check)
     comm.require_equal(
         indicator=_given(indicator), h0=_given(h0), g=_given(g), order=order, tolerance=tolerance,
-        target_elements=target_elements, hmin=hmin, hmax=hmax, max_refine=max_refine,
-        max_coarsen=max_coarsen, enough=enough, coarsen_converged=coarsen_converged,
+        target_elements=target_elements, target_nodes=target_nodes, hmin=hmin, hmax=hmax,
+        max_refine=max_refine, max_coarsen=max_coarsen, enough=enough,
+        coarsen_converged=coarsen_converged,
     )  # fmt: skip
+    if request.target_nodes is not None:
+        request = replace(request, target_elements=_expected(part, request.target_nodes))
     if request.indicator is not None:
         squares = comm.allreduce(float(request.indicator @ request.indicator), "sum")
         request = replace(request, error=math.sqrt(squares))
@@ -184,6 +196,9 @@ def adapt(
             max_elements=max_elements, timeout=timeout, progress=report,
         )  # fmt: skip
 
+    def count(made: RemeshedParts) -> int:
+        return made.part.n_global_cells if target_nodes is None else made.part.n_global_points
+
     with reporting(progress if comm.rank == 0 else None) as report:
         report("sizes", None)
         extent = diagonal_of(part)
@@ -193,9 +208,7 @@ def adapt(
             present = measure_interfaces(part, sizes.h, np.empty((0, part.dim)))
             best = BestMesh(sizes, RemeshedParts(part, present), 0)
             return _result(part, request, decision, best, old_fields)
-        best = meet_target(
-            target_elements, sizes, make, lambda made: made.part.n_global_cells, next_for
-        )
+        best = meet_target(request, sizes, make, count, next_for)
         report("fields", None)
         new_fields = transfer_fields(
             part, best.mesh.part, fields=old_fields.fields, cell_fields=old_fields.cell_fields,
@@ -212,6 +225,12 @@ def _given(value: object) -> str:
     return "None" if value is None else "a value"
 
 
+def _expected(part: PartitionedMesh, nodes: float) -> float:
+    """Return the number of elements of the next mesh with so many nodes; collective."""
+    n_facets = part.comm.allreduce(len(boundary_facets(part)), "sum")
+    return cells_for_nodes(nodes, part.cell_dim, part.n_global_cells, n_facets)
+
+
 def _result(
     old: PartitionedMesh,
     request: SizeRequest,
@@ -226,7 +245,8 @@ def _result(
         n_points_before=old.n_global_points, n_points_after=new.n_global_points,
         n_cells_before=old.n_global_cells, n_cells_after=new.n_global_cells,
         n_meshes=best.n_meshes, target_elements=request.target_elements,
-        tolerance=request.tolerance, predicted_elements=sizes.predicted, error=request.error,
+        target_nodes=request.target_nodes, tolerance=request.tolerance,
+        predicted_elements=sizes.predicted, error=request.error,
         share_in_band=decision.in_band, share_too_long=decision.too_long,
         share_too_short=decision.too_short,
         before=measure_interfaces(old, sizes.h, none).everywhere, after=best.mesh.quality,

@@ -34,6 +34,7 @@ class PartsReport:
     n_cells_after: int
     n_meshes: int
     target_elements: float | None
+    target_nodes: float | None
     tolerance: float | None
     predicted_elements: float
     error: float | None
@@ -49,18 +50,22 @@ class PartsReport:
 
     @property
     def budget_met(self) -> bool | None:
-        """Whether the number of cells is within 15 % of the requested one, None without one."""
-        if self.target_elements is None:
-            return None
-        return abs(self.n_cells_after / self.target_elements - 1.0) <= BUDGET_TOLERANCE
+        """Whether the number of cells or nodes is within 15 % of the request, None without one."""
+        if self.target_nodes is not None:
+            return abs(self.n_points_after / self.target_nodes - 1.0) <= BUDGET_TOLERANCE
+        if self.target_elements is not None:
+            return abs(self.n_cells_after / self.target_elements - 1.0) <= BUDGET_TOLERANCE
+        return None
 
     def __str__(self) -> str:
         """Return a few lines."""
+        goal = "" if self.target_elements is None else f", requested {self.target_elements:.0f}"
+        if self.target_nodes is not None:
+            goal = f", requested {self.target_nodes:.0f} nodes"
         lines = [
             f"{self.n_cells_before} cells -> {self.n_cells_after} cells, "
             f"{self.n_points_after} nodes",
-            f"predicted {self.predicted_elements:.0f} elements"
-            + ("" if self.target_elements is None else f", requested {self.target_elements:.0f}"),
+            f"predicted {self.predicted_elements:.0f} elements{goal}",
         ]
         if self.error is not None:
             goal = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
