@@ -72,6 +72,19 @@ def test_equals_the_search_of_all_nodes(dim, decades):
     assert largest_ratio(found, expected) < (1e-10 if dim == 2 else 1e-6)
 
 
+def test_a_node_without_any_guess_lists_sources_in_parts():
+    # The first node of the curve has no bound, so that more sources exceed it than are listed.
+    mesh, rng = random_mesh(71, 2000, 2)
+    metric = random_metric(rng, mesh.n_points, 2, 1.0)
+    sizes = np.where(mesh.points[:, :1] + mesh.points[:, 1:] < 0.2, np.inf, metric.sizes)
+    metric = Metric(sizes, metric.directions)
+    found, info = limit_metric(mesh, metric, 20.0, full_output=True)
+    assert info.n_sources > 1500
+    corner = np.linalg.norm(mesh.points, axis=1).argsort()[:20]
+    expected = limited_by_all(mesh.points, metric, 20.0, corner)
+    assert largest_ratio(found[corner], expected) < 1e-10
+
+
 @pytest.mark.parametrize(("dim", "decades"), CASES)
 def test_nowhere_above_any_grown_metric(dim, decades):
     mesh, metric = everywhere(dim, decades)
