@@ -13,6 +13,7 @@ from adaptsize._checks import (
     as_whole_number,
     check_range,
     check_type,
+    describe,
 )
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
@@ -158,6 +159,11 @@ def limit_metric(
             f"got {metric!r}"
         )
     check_range("background", points)
+    if callable(g) or np.ndim(g) > 0:
+        raise ValueError(
+            "g must be one number, as metrics grow along straight lines by one gradient limit, "
+            f"got {describe(g)}"
+        )
     slope = as_slope("g", g)
     if threads is not None:
         threads = as_whole_number("threads", threads, lower=1, upper=_MOST_THREADS)
