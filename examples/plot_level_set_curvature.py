@@ -125,7 +125,7 @@ def draw_sizes(panel: Axes, n: int) -> dict[str, float]:
     found = {}
     for name, h0, colour in (
         ("formula (4)", formula, "tab:purple"),
-        ("without - g phi", ads.size_from_curvature(grid, phi, g=0.0), "tab:purple"),
+        ("without - g phi", ads.size_from_curvature(grid, phi, g=0.0), "tab:orange"),
         ("size_from_curvature", ads.size_from_curvature(grid, phi, g=G), "tab:blue"),
     ):
         size = ads.SizeFunction(grid, ads.limit_gradient(grid, h0, G))
