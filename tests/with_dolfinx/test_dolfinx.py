@@ -1,14 +1,11 @@
 """DOLFINx and PETSc: adapters, and an adaptive loop on one and two ranks (``make dolfinx``)."""
 
-import os
 import re
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
-from shutil import which
 
 import pytest
+from real_ranks import run_on_ranks
 
 pytestmark = pytest.mark.skipif(
     find_spec("dolfinx") is None,
@@ -16,18 +13,10 @@ pytestmark = pytest.mark.skipif(
 )
 
 ROOT = Path(__file__).parents[2]
-MPIEXEC = which("mpiexec") or str(Path(sys.executable).with_name("mpiexec"))
 
 
 def _run(n_ranks, script, *arguments):
-    done = subprocess.run(
-        [MPIEXEC, "-n", str(n_ranks), sys.executable, str(ROOT / script), *arguments],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
-        check=False,
-    )
+    done = run_on_ranks(n_ranks, ROOT / script, *arguments, timeout=900)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -37,6 +26,7 @@ def test_adapters(n_ranks):
     assert _run(n_ranks, "tests/with_dolfinx/check_adapters.py").strip() == "all right"
 
 
+@pytest.mark.timeout(1800)  # compiles forms and kernels on first use
 def test_loop_converges_as_in_serial():
     found = []
     for n_ranks in (1, 2):

@@ -99,7 +99,7 @@ def remesh(
         typer.Option(
             "--strict",
             help="Write only a mesh that meets the demands of check; refuse open surfaces, and "
-            "bodies closer than the tolerance.",
+            "bodies that overlap or are closer than the tolerance.",
         ),
     ] = False,
     max_elements: MaxElements = None,
@@ -296,10 +296,12 @@ def _accepted(
     Raises
     ------
     ValueError
-        If the surface is open, or has bodies closer than the tolerance, and this is ``strict``.
+        If the surface is open, or has bodies that overlap or are closer than the tolerance, and
+        this is ``strict``.
     """
     from adaptsize.remeshing.hole_filling import close_holes
     from adaptsize.remeshing.open_surface import near_bodies, open_boundary
+    from adaptsize.remeshing.overlaps import overlapping_bodies
 
     holes = open_boundary(mesh, tolerance)
     if close and holes is not None:
@@ -316,7 +318,13 @@ def _accepted(
             f"the surface is open: {holes}; the mesh generator closes or drops what is "
             "not clearly enclosed; consider --close, --target triangles or --strict"
         )
-    near = near_bodies(mesh, tolerance)
+    overlapping = overlapping_bodies(mesh)
+    if overlapping is not None:
+        console.record(overlapping_bodies=vars(overlapping))
+        if strict:
+            raise ValueError(f"{overlapping}; join the bodies before meshing")
+        console.warn(f"{overlapping}; the mesh generator fills their union")
+    near = near_bodies(mesh, tolerance, overlapping=overlapping)
     if near is not None:
         console.record(near_bodies=vars(near))
         text = f"{near}, less than the tolerance of {tolerance:.3g}"

@@ -184,6 +184,9 @@ def size_function(
         If the given parameters require more than ``max_elements`` elements or do not allow
         ``elements`` or ``nodes``, or if the octree of a callable domain would need more leaves
         than allowed for an error of 5 %.
+    OutsideWarning
+        If a source lies outside the domain, or off the surface that carries the sizes, so that
+        sizes there are larger than requested.
 
     Notes
     -----

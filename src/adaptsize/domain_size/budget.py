@@ -11,6 +11,7 @@ import numpy as np
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
+from adaptsize.domain_size.off_surface import warn_where_missed
 from adaptsize.domain_size.on_surface import SurfaceDomain, through_the_inside
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
@@ -48,6 +49,8 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
     -----
     ResolutionWarning
         If the parameters that the request fixes require more elements, or do not allow so many.
+    OutsideWarning
+        If a source off a surface gets larger sizes than it requests.
     """
     if request.elements is not None:
         size, report = _with_number(domain, request, request.elements, "elements")
@@ -57,6 +60,8 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
         size, report = _with_fewer_elements(domain, request)
     if isinstance(domain, SurfaceDomain):
         size = through_the_inside(size)
+        hmin, _ = request.relaxed(report.relaxation).limits(domain.mesh.diagonal)
+        warn_where_missed(size, request.sources, hmin)
     return size, report
 
 
