@@ -114,6 +114,7 @@ def plot_mesh(
     color: str = "quality",
     path: str | os.PathLike[str] | None = None,
     clip: str | None = "auto",
+    limits: tuple[float, float] | None = None,
     width: int = 1600,
 ) -> Image:
     """Draw a mesh coloured by the quality or the region of its cells, off-screen.
@@ -124,8 +125,8 @@ def plot_mesh(
     color : {"quality", "region"} or str
         ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
         cell tags.  Otherwise the name of a field of ``mesh`` with one number per node or cell.
-    path, clip, width
-        As for `plot_size`.
+    path, clip, limits, width
+        As for `plot_size`; regions have no ``limits``.
 
     Returns
     -------
@@ -153,6 +154,8 @@ def plot_mesh(
     scene = make_scene(
         mesh, values, label=label, clip=clip, on_nodes=on_nodes, classes=color == "region"
     )
+    if limits is not None and not scene.classes:
+        scene = replace(scene, color_range=_color_range(limits))
     return _draw(scene, path, width)
 
 
