@@ -207,7 +207,7 @@ def draw_flow(panel: Axes, result: Cycle) -> None:
     mesh, solution = result.mesh, result.solution
     mach = solution.at_nodes(euler.mach_number(solution.w))
     triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
-    colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap="turbo")
+    colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap="inferno")
     panel.tricontour(*triangles, mach, levels=[1.0], colors="black", linewidths=0.8)
     panel.figure.colorbar(colours, ax=panel, shrink=0.7, ticks=[0.4, 0.8, 1.2, 1.6, 2.0])
 
@@ -222,7 +222,7 @@ def draw_comparison(path: Path, results: dict[str, Cycle], width: int) -> None:
     """Draw angles, convergence, and the density along a line, with and without limiting."""
     figure, (angle, steps, line) = drawing(3, 1, width, shape=0.75)
     along = np.column_stack([np.linspace(0.9, 2.4, 1500), np.full(1500, 0.3)])
-    for name, colour in zip(NAMES, ("tab:red", "tab:green"), strict=True):
+    for name, colour in zip(NAMES, ("tab:orange", "tab:blue"), strict=True):
         mesh, solution = results[name].mesh, results[name].solution
         look = {"color": colour, "label": f"{name} limiting"}
         angle.hist(minimum_angles(mesh), bins=np.arange(0, 61, 2), histtype="step", **look)
