@@ -38,25 +38,30 @@ class _Cells:
 
 
 @dataclass(frozen=True)
-class _Sums(CellSums):
+class PartSums(CellSums):
     """Sums over the cells of all ranks."""
 
     part: PartitionedMesh
 
     def at_nodes(self, values: FloatArray) -> FloatArray:
+        """Return nodal sums over the cells of all ranks at each node."""
         return self.part.sum(values)
 
     def total(self, value: float) -> float:
+        """Return a sum over the cells of all ranks."""
         return float(self.part.comm.allreduce(float(value), "sum"))
 
     def largest(self, value: float) -> float:
+        """Return a maximum over the cells of all ranks."""
         return float(self.part.comm.allreduce(float(value), "max"))
 
     def agree(self, task: Callable[[], T]) -> T:
+        """Return the result of a task, or raise its error on all ranks."""
         return self.part.comm.agree(task)
 
 
-def _cells_of(part: PartitionedMesh) -> Any:
+def cells_of(part: PartitionedMesh) -> Any:
+    """Return what sums over cells need of a part, which may have no cells."""
     measures = np.empty(0) if part.mesh is None else part.mesh.measures
     return _Cells(part.cells, measures, part.n_points, part.cell_dim)
 
@@ -88,7 +93,7 @@ def predicted_elements(
     """
     check_type("part", part, PartitionedMesh)
     h = part.comm.agree(lambda: as_sizes("size", size, part.nodal_shape))
-    counted = count_elements(_cells_of(part), h, _Sums(part))
+    counted = count_elements(cells_of(part), h, PartSums(part))
     return calibration(backend, part.cell_dim) * counted
 
 
@@ -135,7 +140,7 @@ def size_from_error(
     """
     check_type("part", part, PartitionedMesh)
     return scaled_by_error(
-        _cells_of(part),
+        cells_of(part),
         indicator,
         _finishing(part, hmin, hmax, g),
         order=order,
@@ -144,7 +149,7 @@ def size_from_error(
         max_refine=max_refine,
         max_coarsen=max_coarsen,
         backend=backend,
-        sums=_Sums(part),
+        sums=PartSums(part),
     )
 
 
@@ -224,14 +229,14 @@ def size_from_hessian(
     hessian = 0.5 * (hessian + hessian.swapaxes(1, 2))
     steepest = steepest_derivatives(hessian, -float(ends[1] + ends[0]), diagonal)
     return scaled_by_derivative(
-        _cells_of(part),
+        cells_of(part),
         steepest,
         _finishing(part, hmin, hmax, g),
         norm=norm,
         tolerance=tolerance,
         target_elements=target_elements,
         backend=backend,
-        sums=_Sums(part),
+        sums=PartSums(part),
     )
 
 
