@@ -277,12 +277,13 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
 
 
 def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric:
-    """Return the metric in a file: a nodal field of matrices, or Mmg's ``.sol``.
+    """Return the metric in a file: a nodal field of matrices, or Mmg's ``.sol`` or ``.solb``.
 
     Parameters
     ----------
     path : path-like
-        A text ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
+        A ``.sol`` (text) or ``.solb`` (binary) with sizes or symmetric matrices at the nodes, or a
+        file for `read`.
     name : str, default "metric"
         The nodal field in a file for `read`, with one, four or nine components.
 
@@ -311,7 +312,7 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
     """
     file = as_path("path", path)
     try:
-        if file.suffix.lower() == ".sol":
+        if file.suffix.lower() in (".sol", ".solb"):
             check_readable(file)
             return metrics.read_sol(file)
         mesh = read(file)

@@ -16,7 +16,16 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import fort14, gmsh_names, gmsh_partitions, off, ply, stl, xdmf
+from adaptsize._formats import (
+    fort14,
+    gmsh_names,
+    gmsh_partitions,
+    gmsh_views,
+    off,
+    ply,
+    stl,
+    xdmf,
+)
 from adaptsize._formats.blocks import RawMesh, check_raw, join
 from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.quietness import quiet
@@ -200,4 +209,5 @@ _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     ".14": (fort14.read,),
     ".grd": (fort14.read,),
     ".gr3": (fort14.read,),
+    ".pos": (gmsh_views.read,),
 }
