@@ -60,6 +60,15 @@ COARSER = {
         ("elements_across=1, full", "elements_per_radian=1, elements_across=0, full"),
         ("2.0, 0.5)", "2.0, 2.0)"),
     ],
+    "docs/tutorials/flow.md": [
+        ("adapted(4000, g)", "adapted(500, g, 2)"),
+        ("hmin=0.005", "hmin=0.02"),
+        ("first_height=1e-3", "first_height=1e-2"),
+    ],
+    "docs/tutorials/photonics.md": [
+        ("a / 96, (97, 97)", "a / 24, (25, 25)"),
+        ("1.0, 12.0", "1.0, 4.0"),
+    ],
     "docs/tutorials/vessels.md": [("hmin=0.5", "hmin=1.5")],
     "docs/tutorials/seismic.md": [("per_wavelength = 5.0, 5.0", "per_wavelength = 2.0, 4.0")],
 }  # fmt: skip

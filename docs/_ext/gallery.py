@@ -32,7 +32,7 @@ SUBJECTS = {
     "Gradient limiting": [
         "plot_one_dimension", "plot_two_sources", "plot_slit", "plot_exact_maze", "plot_sources",
         "plot_grid_schemes", "plot_space_dependent_g", "plot_g_of_h", "plot_g_on_a_domain",
-        "plot_backgrounds",
+        "plot_backgrounds", "plot_great_circles",
     ],
     "Geometry: distance, curvature, feature size": [
         "plot_distance", "plot_medial_axis", "plot_curved_boundary", "plot_feature_and_curvature",

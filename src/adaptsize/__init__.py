@@ -39,6 +39,7 @@ _HOMES = {
     "BoxSource": "sizes",
     "BallSource": "sizes",
     "limit_gradient": "limiting",
+    "limit_on_sphere": "limiting",
     "Metric": "metrics",
     "MetricFunction": "metrics",
     "isotropic_metric": "metrics",

@@ -118,7 +118,7 @@ def _converted(value: Any, whole: bool, rng: np.random.Generator) -> Any:
     if isinstance(value, bool):
         return np.bool_(value)
     if isinstance(value, int):
-        return _pick([np.int64, np.int8, np.uint16, np.array, float], rng, False)(value)
+        return _pick([np.int64, np.int16, np.uint16, np.array, float], rng, False)(value)
     if isinstance(value, float):
         return _pick(_NUMBERS, rng, value.is_integer())(value)
     if inspect.isfunction(value):

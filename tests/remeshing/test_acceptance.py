@@ -74,3 +74,11 @@ def test_no_warning_within_four_tolerances_or_for_an_open_surface():
     warn_of_deviation(moved(CUBE, [0.0039, 0.0, 0.0]), CUBE, 1e-3)
     lid = (SURFACE.points[SURFACE.cells][..., 2] == 1.0).all(axis=1)
     warn_of_deviation(CUBE, SimplexMesh(SURFACE.points * 1.5, SURFACE.cells[~lid]), 1e-3)
+
+
+def test_a_body_inside_another_one_that_vanishes_is_warned_of():
+    inner = moved(SURFACE, 0.25, scale=0.5)
+    old = joined(SURFACE, inner)
+    with pytest.warns(ResolutionWarning, match=r"fills both sides .* 0.25 from the given one"):
+        warn_of_deviation(CUBE, old, 1e-3)
+    warn_of_deviation(CUBE, old, 1e-3, may_be_joined=True)

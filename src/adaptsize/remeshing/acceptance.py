@@ -64,7 +64,9 @@ def _refuse_beyond(far: float, distance: float, what: str, problem: Problem, bac
         )
 
 
-def warn_of_deviation(new: SimplexMesh, old: SimplexMesh, tolerance: float) -> None:
+def warn_of_deviation(
+    new: SimplexMesh, old: SimplexMesh, tolerance: float, *, may_be_joined: bool = False
+) -> None:
     """Warn if the boundary of a mesh is much farther from the given one than the tolerance.
 
     Only nodes are measured.  An open surface is left out: of that `warn_of_surface` warns.
@@ -74,35 +76,44 @@ def warn_of_deviation(new: SimplexMesh, old: SimplexMesh, tolerance: float) -> N
     new, old : SimplexMesh
     tolerance : float
         In the unit of the coordinates.
+    may_be_joined : bool
+        Whether parts of the old surface may be inside the mesh without a warning.
 
     Warns
     -----
     ResolutionWarning
         With the largest distance and its place.
     """
-    old_skin = skin_of(old)
+    old_skin, skin = skin_of(old), skin_of(new)
     if not old_skin.is_closed:
         return
     far = _MUCH * tolerance
-    lost, where_lost = _farthest(old_skin.points, new, far)
-    added, where_added = _farthest(skin_of(new).points, old_skin, far)
-    if max(lost, added) <= far:
+    deviations = (
+        (
+            "the mesh misses part of the domain: its boundary is",
+            *_farthest(old_skin.points, new, far),
+        ),
+        ("the boundary of the mesh is", *_farthest(skin.points, old_skin, far)),
+    )
+    what, distance, where = max(deviations, key=lambda deviation: deviation[1])
+    advice = "lower the tolerance if thin parts are lost, or use strict=True"
+    if distance == 0.0 and not may_be_joined:
+        distance, where = _farthest(old_skin.points, skin, far)
+        what = "the mesh fills both sides of a part of the surface: its boundary is"
+        advice = "a body inside another one is a cavity only if its triangles have the other side"
+    if distance == 0.0:
         return
-    if lost >= added:
-        what, where = "the mesh misses part of the domain: its boundary is", where_lost
-    else:
-        what, where = "the boundary of the mesh is", where_added
     place = ", ".join(f"{x:.4g}" for x in where)
     warnings.warn(
-        f"{what} {max(lost, added):.3g} from the given one at ({place}), where the tolerance is "
-        f"{tolerance:.3g}; lower the tolerance if thin parts are lost, or use strict=True",
+        f"{what} {distance:.3g} from the given one at ({place}), where the tolerance is "
+        f"{tolerance:.3g}; {advice}",
         ResolutionWarning,
         stacklevel=3,
     )
 
 
 def _farthest(points: FloatArray, mesh: SimplexMesh, far: float) -> tuple[float, FloatArray]:
-    """Return the point that is farthest from a mesh, and how far, or 0 if none is beyond far."""
+    """Return the distance and the place of the farthest point; 0 if none is beyond ``far``."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(mesh.points).query(points, distance_upper_bound=far)[0]
@@ -111,4 +122,4 @@ def _farthest(points: FloatArray, mesh: SimplexMesh, far: float) -> tuple[float,
         return 0.0, points[0]
     distance = mesh.locator.nearest(rest)[2]
     k = int(distance.argmax())
-    return float(distance[k]), rest[k]
+    return float(distance[k] if distance[k] > far else 0.0), rest[k]

@@ -217,8 +217,8 @@ def remesh(
         )  # fmt: skip
         ways = routes(task, backend, chosen.name, keep_facets=required_facets is not None)
         return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, timeout)
-    if task == "surface to tetrahedra":
-        warn_of_surface(repaired.mesh, tolerance * repaired.mesh.diagonal)
+    allowed = tolerance * repaired.mesh.diagonal
+    may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
     part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)
@@ -236,7 +236,7 @@ def remesh(
         else:
             new = part.restored(chosen.solve(part.problem, run), chosen.name)
     made = frame.restored(new, repaired.mesh)
-    warn_of_deviation(made, repaired.mesh, tolerance * repaired.mesh.diagonal)
+    warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     return made
 
 
