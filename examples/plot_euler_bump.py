@@ -192,7 +192,7 @@ def draw_meshes(path: Path, results: dict[str, Cycle], width: int) -> None:
         whole.triplot(*triangles, color="black", linewidth=0.18)
         title = f"{name} gradient limiting: {mesh.n_cells} triangles"
         window(whole, AROUND, title)
-        colours = zoom.tripcolor(*triangles, angles, vmin=0, vmax=60, cmap="cividis",
+        colours = zoom.tripcolor(*triangles, angles, vmin=0, vmax=60, cmap="viridis",
                                  edgecolors="black", linewidth=0.2)  # fmt: skip
         figure.colorbar(colours, ax=zoom, label="smallest angle", shrink=0.7)
         window(zoom, AT_SHOCK, f"at the shocks; worst {angles.min():.1f}°")
