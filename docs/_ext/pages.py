@@ -40,7 +40,7 @@ CONTENTS = {
     "First steps": ["install", "troubleshooting", "comparison"],
     "How to": [
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
-        "how-to/dolfinx", "how-to/export",
+        "how-to/dolfinx", "how-to/export", "bridges",
     ],
     "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
     "Examples": ["gallery/index"],
@@ -50,8 +50,8 @@ CONTENTS = {
         "adaptation", "adaptive-loops",
     ],
     "Reference": [
-        "api", FUNCTIONS, "command-line", "files", "solvers", "glossary", "promises",
-        "benchmarks", "citations",
+        "parameters", "api", FUNCTIONS, "command-line", "generators", "files", "solvers",
+        "glossary", "promises", "benchmarks", "citations",
     ],
     "Project": ["decisions/README", *COPIES.values()],
 }  # fmt: skip

@@ -53,7 +53,7 @@ class MeshRepairWarning(UserWarning):
 
 
 class OpenSurfaceWarning(UserWarning):
-    """A surface is open, or has bodies that nearly touch: what it encloses must be guessed.
+    """A surface is open, or has bodies that overlap or nearly touch: its volume must be guessed.
 
     The message says where.
     """

@@ -9,6 +9,7 @@ from adaptsize._checks import (
     as_float_array,
     as_points,
     as_sizes,
+    as_whole_number,
     check_range,
     check_type,
     describe,
@@ -47,9 +48,7 @@ def as_count(name: str, value: object) -> int | None:
     """Return a number of steps or threads, or None."""
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be an integer >= 1 or None, got {describe(value)}")
-    return int(value)
+    return as_whole_number(name, value, lower=1, upper=2**53)
 
 
 def as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:

@@ -205,7 +205,8 @@ def _by_components(
             numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
             some = Extra(extra.points[here], extra.sizes[here], numbers)
         if mesh.dim == 1:  # an interval; folds change nothing
-            found = _on_convex_nodes(component.points, own, given, some)
+            problem = Problem(component, own, *given, some).with_margin()
+            found = _on_convex_nodes(component.points, own, given, some, problem.margin)
         else:
             also = linear
             if linear is not None and nodes is not None:
@@ -281,6 +282,7 @@ def _on_convex_nodes(
     h0: FloatArray,
     given: tuple[float, bool, int, ProgressCallback],
     extra: Extra | None,
+    margin: float = 0.0,
 ) -> Found:
     """Solve for bounds at the nodes of a convex domain, given by its points or as a grid."""
     g, _, threads, report = given
@@ -294,7 +296,7 @@ def _on_convex_nodes(
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    wave = survivors_of(node_wave(places, sizes, nodes), g, False, threads, report)
+    wave = survivors_of(node_wave(places, sizes, nodes), g, False, threads, report, margin)
     exact = ExactField(g, None, False, [wave])
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
     for first, points in slabs_of(domain):
