@@ -42,7 +42,10 @@ CONTENTS = {
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
         "how-to/dolfinx", "how-to/export", "bridges",
     ],
-    "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
+    "Tutorials": [
+        "tutorials/coast", "tutorials/seismic", "tutorials/vessels", "tutorials/cad",
+        "tutorials/photonics", "tutorials/flow",
+    ],
     "Examples": ["gallery/index"],
     "Methods": [
         "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",
