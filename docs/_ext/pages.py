@@ -42,7 +42,7 @@ CONTENTS = {
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
         "how-to/dolfinx", "how-to/export", "bridges",
     ],
-    "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
+    "Tutorials": [f"tutorials/{p.stem}" for p in sorted(DOCS.glob("tutorials/*.md"))],
     "Examples": ["gallery/index"],
     "Methods": [
         "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",

@@ -8,7 +8,7 @@ from real_ranks import numbers_of_ranks, run_on_ranks
 HERE = Path(__file__).parent
 
 
-@pytest.mark.parametrize("task", ["operations", "compare", "report"])
+@pytest.mark.parametrize("task", ["operations", "compare", "report", "cycle"])
 @pytest.mark.parametrize("n_ranks", numbers_of_ranks())
 def test_on_real_ranks(task, n_ranks):
     if task == "report" and n_ranks == 1:

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeAlias, cast
 
+import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_number, check_type, describe, one_of
@@ -15,6 +16,7 @@ from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_metric_bound, metric_request
 from adaptsize.adaptation.next_sizes import (
+    DEFAULT_G,
     BoundLike,
     Request,
     SizeRequest,
@@ -22,6 +24,7 @@ from adaptsize.adaptation.next_sizes import (
     as_indicator,
     check_goal,
     decide_remeshing,
+    refuse_two_targets,
 )
 from adaptsize.adaptation.result import AdaptResult, FieldsToTransfer, result_of
 from adaptsize.adaptation.transfer import FieldTransfer
@@ -36,8 +39,8 @@ from adaptsize.typing import GradientLimit, ProgressCallback
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 _Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
 
-#: Default gradient limits.
-_G, _G_OF_METRICS = 0.25, 1.0
+#: Default gradient limit of metrics.
+_G_OF_METRICS = 1.0
 
 
 def adapt(
@@ -227,10 +230,15 @@ def adapt(
     is_metric = anisotropic is not False or as_metric_bound(h0, mesh) is not None
     if isinstance(g, str):
         one_of("g", g, ("auto",))
-        g = _G_OF_METRICS if is_metric else _G
+        g = _G_OF_METRICS if is_metric else DEFAULT_G
+    # As floats: numbers of numpy would make the search for the factor less accurate.
+    if target_elements is not None:
+        target_elements = as_number("target_elements", target_elements, lower=1.0)
+    if tolerance is not None:
+        tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
     if target_nodes is not None:
-        if target_elements is not None:
-            raise ValueError("target_elements and target_nodes exclude each other: omit one")
+        target_nodes = as_number("target_nodes", target_nodes, lower=1.0)
+        refuse_two_targets(target_elements)
         target_elements = elements_with_nodes(mesh, target_nodes, "target_nodes")
     limits: dict[str, Any] = {
         "g": g,
@@ -248,10 +256,11 @@ def adapt(
             interpolation_error=tolerance, **limits,
         )  # fmt: skip
     else:
+        eta = as_indicator(indicator, mesh)
         request = SizeRequest(
-            indicator=as_indicator(indicator, mesh),
-            h0=as_bound(cast("BoundLike | None", h0), mesh), order=order, tolerance=tolerance,
-            max_refine=max_refine, max_coarsen=max_coarsen,
+            indicator=eta, h0=as_bound(cast("BoundLike | None", h0), mesh),
+            error=None if eta is None else float(np.linalg.norm(eta)),
+            order=order, tolerance=tolerance, max_refine=max_refine, max_coarsen=max_coarsen,
             **limits,
         )  # fmt: skip
         check_goal(request)

@@ -127,6 +127,15 @@ Field = Annotated[
         help="Nodal field of the file to use as upper bounds.  [default: none]",
     ),
 ]
+MetricField = Annotated[
+    str | None,
+    typer.Option(
+        "--metric",
+        metavar="NAME",
+        help="Sizes that depend on the direction: a nodal field of matrices, or a .sol or .solb "
+        "file.  [default: none]",
+    ),
+]
 Picture = Annotated[
     Path | None,
     typer.Option(

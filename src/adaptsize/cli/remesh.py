@@ -11,6 +11,7 @@ import typer
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files, read_mesh
 from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
+from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     Across,
     Crease,
@@ -21,6 +22,7 @@ from adaptsize.cli.options import (
     Largest,
     MaxElements,
     MeshOutput,
+    MetricField,
     Mpi,
     Nodes,
     PerRadian,
@@ -66,6 +68,7 @@ def remesh(
     crease_angle: Crease = 40.0,
     source: Sources = None,
     field: Field = None,
+    metric: MetricField = None,
     target: Annotated[
         str,
         typer.Option(
@@ -119,6 +122,34 @@ def remesh(
 
     Parameters that are not given are chosen from the part, and the values are printed.
     """
+    if metric is not None:
+        return remesh_with_metric(
+            console,
+            file,
+            output,
+            metric,
+            gradient,
+            (hmin, hmax),
+            plot,
+            options={
+                "target": target,
+                "backend": backend,
+                "tolerance": tolerance,
+                "max_elements": max_elements,
+                "timeout": timeout,
+                "strict": strict,
+            },
+            refused={
+                "--elements-per-radian": elements_per_radian is not None,
+                "--elements-across": elements_across is not None,
+                "--source": bool(source),
+                "--field": field is not None,
+                "--close": close,
+                "--elements": elements is not None,
+                "--report": page is not None,
+                "--mpi": mpi or console.world is not None,
+            },
+        )
     if runs_in_parts(console, file, output, mpi=mpi):
         refused = {
             "--elements-per-radian": elements_per_radian is not None,
@@ -160,8 +191,9 @@ def remesh(
 
     _check_outputs(file, output, plot, page)
     check_installed(backend)
-    given = TOLERANCE if tolerance is None else tolerance
-    allowed = as_number("tolerance", given, lower=0.0, strict=True)
+    allowed = as_number(
+        "tolerance", TOLERANCE if tolerance is None else tolerance, lower=0.0, strict=True
+    )
     as_number("timeout", timeout, lower=0.0, strict=True)
     check_elements(elements, max_elements, nodes)
     parts = _names_of_parts(backend)

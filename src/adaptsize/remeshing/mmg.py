@@ -8,6 +8,8 @@ Observed behaviour that is handled here:
   are passed, numbered after the regions.
 * Vertices of bent edges get averaged normals, and Mmg rounds the triangles there.  Long triangles
   beside a fillet then bulge by more than the tolerance, unless the edge is passed as a ridge.
+* In the plane, required edges that continue a side at less than the ridge angle count as one smooth
+  curve with it, and Mmg rounds the side.  Nodes between them are passed as corners.
 * Between the sides of plates much thinner than the sizes it may run without end.
 * A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
   Mmg's own small sizes at curved boundaries end in jumps.
@@ -244,6 +246,7 @@ def adapt(
     groups = arrays["facet_groups"]
     mesh = getattr(mmgpy, options["class"])()
     counts = {cell_name: len(arrays["cells"]), facet_name: len(groups)}
+    required = np.isin(groups, options["required_groups"])
     ridges = arrays["ridges"]
     if len(ridges):
         counts["edges"] = len(ridges)
@@ -256,10 +259,13 @@ def adapt(
     if len(groups):
         set_facets = getattr(mesh, f"set_{facet_name}")
         set_facets(np.ascontiguousarray(arrays["facets"]), _references(groups, first_group))
-        required = np.flatnonzero(np.isin(groups, options["required_groups"]))
-        if len(required):
+        if required.any():
             set_required = getattr(mesh, f"set_required_{facet_name}")
-            set_required(required.astype(np.int32))
+            set_required(np.flatnonzero(required).astype(np.int32))
+    if options["class"] == "MmgMesh2D":
+        ends = np.intersect1d(arrays["facets"][required], arrays["facets"][~required])
+        if len(ends):
+            mesh.set_corners(ends.astype(np.int32))
     if len(ridges):
         mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))

@@ -82,8 +82,12 @@ def elements_with_nodes(mesh: SimplexMesh, nodes: float, name: str = "nodes") ->
     20002
     """
     wanted = as_number(name, nodes, lower=1.0)
-    d = mesh.cell_dim
-    facets = _n_boundary_facets(mesh) / mesh.n_cells ** ((d - 1) / d)
+    return cells_for_nodes(wanted, mesh.cell_dim, mesh.n_cells, _n_boundary_facets(mesh))
+
+
+def cells_for_nodes(wanted: float, d: int, n_cells: int, n_facets: int) -> float:
+    """Return the number of cells with so many nodes, given the numbers of the present mesh."""
+    facets = n_facets / n_cells ** ((d - 1) / d)
     # With x = cells^(1/d), wanted = a x^d + b x^(d - 1), increasing: Newton's method from above.
     a, b = _PER_CELL[d], _PER_FACET[d] * facets
     x = math.pow(wanted / a, 1.0 / d)
