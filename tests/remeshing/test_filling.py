@@ -113,7 +113,7 @@ def test_netgen_is_stopped_at_its_time_limit(run, monkeypatch):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of processor time")
 def test_processor_time_is_limited(run, monkeypatch):
-    surface, _ = refine_surface(cylinder(200), lambda x: np.full(len(x), 0.004), 1e-5)
+    surface, _ = refine_surface(cylinder(200), lambda x: np.full(len(x), 0.008), 1e-5)
     monkeypatch.setattr(netgen, "_SECONDS", 0.5)
     monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
     monkeypatch.setattr(netgen, "_PATIENCE", 1000.0)
