@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from meshes import jittered_square
 
+from adaptsize import SimplexMesh, check_mesh, remesh
 from adaptsize.errors import BackendError
 from adaptsize.remeshing.driver import _Part
 from adaptsize.remeshing.mmg import MmgBackend, run_adapt
@@ -32,3 +33,15 @@ def test_cells_with_nodes_out_of_range_are_an_error_of_mmg():
 
     with pytest.raises(BackendError, match="mmg returned cells whose nodes do not exist"):
         run_adapt({}, np.ones((3, 3)), {}, lying)
+
+
+@pytest.mark.parametrize("n_sides", [24, 60])
+def test_a_polygon_is_rounded_within_the_tolerance_only(n_sides):
+    pytest.importorskip("mmgpy")
+    angle = 2.0 * np.pi * np.arange(n_sides) / n_sides
+    points = np.vstack([[0.0, 0.0], np.column_stack([np.cos(angle), np.sin(angle)])])
+    first = np.arange(n_sides)
+    fan = np.column_stack([np.zeros(n_sides, int), 1 + first, 1 + (first + 1) % n_sides])
+    mesh = SimplexMesh(points, fan)
+    check = check_mesh(remesh(mesh, 0.2), original=mesh)
+    assert [demand.text for demand in check.demands if not demand.is_met] == []

@@ -8,8 +8,9 @@ Observed behaviour that is handled here:
   are passed, numbered after the regions.
 * Vertices of bent edges get averaged normals, and Mmg rounds the triangles there.  Long triangles
   beside a fillet then bulge by more than the tolerance, unless the edge is passed as a ridge.
-* In the plane, required edges that continue a side at less than the ridge angle count as one smooth
-  curve with it, and Mmg rounds the side.  Nodes between them are passed as corners.
+* In the plane, edges of the boundary that meet at less than the ridge angle count as one smooth
+  curve.  Nodes where it bulges by more than the tolerance, and ends of required edges, are passed
+  as corners.
 * Between the sides of plates much thinner than the sizes it may run without end.
 * A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
   Mmg's own small sizes at curved boundaries end in jumps.
@@ -263,9 +264,12 @@ def adapt(
             set_required = getattr(mesh, f"set_required_{facet_name}")
             set_required(np.flatnonzero(required).astype(np.int32))
     if options["class"] == "MmgMesh2D":
-        ends = np.intersect1d(arrays["facets"][required], arrays["facets"][~required])
-        if len(ends):
-            mesh.set_corners(ends.astype(np.int32))
+        corners = np.union1d(
+            np.intersect1d(arrays["facets"][required], arrays["facets"][~required]),
+            _nodes_to_keep(arrays, options["hausd"] / _TOLERANCE_FACTOR["MmgMesh2D"]),
+        )
+        if len(corners):
+            mesh.set_corners(corners.astype(np.int32))
     if len(ridges):
         mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
@@ -281,6 +285,27 @@ def adapt(
         settings["opnbdy"] = 1
     mesh.remesh(**settings)
     return _result(mesh, cell_name, facet_name, first_group, options["n_groups"])
+
+
+def _nodes_to_keep(
+    arrays: Mapping[str, npt.NDArray[Any]], tolerance: float
+) -> npt.NDArray[np.intp]:
+    """Return the nodes of edges in the plane at which a smooth curve would bulge too far.
+
+    A smooth curve through the ends of an edge of length l bulges by about l a / 8 if its direction
+    turns by the angle a on the way to the next edge.
+    """
+    ends = arrays["points"][arrays["facets"]]
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    nodes = arrays["facets"].ravel()
+    order = np.argsort(nodes, kind="stable")
+    first = np.flatnonzero(np.diff(nodes[order]) == 0)
+    one, other = order[first] // 2, order[first + 1] // 2
+    sine = np.abs(along[one, 0] * along[other, 1] - along[one, 1] * along[other, 0])
+    angle = sine / np.maximum(length[one] * length[other], np.finfo(float).tiny)
+    bulge = angle * np.maximum(length[one], length[other]) / 8.0
+    return np.asarray(nodes[order[first]][bulge > tolerance])
 
 
 def _references(numbers: npt.NDArray[Any], first: int) -> npt.NDArray[np.int32]:
