@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.typing import IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 
 class SplitMesh(NamedTuple):
@@ -62,6 +64,65 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     tags = None if mesh.cell_tags is None else mesh.cell_tags[owner]
     cells = np.concatenate(parts)
     return SplitMesh(SimplexMesh(points, cells, cell_tags=tags, tag_names=mesh.tag_names), where)
+
+
+def with_short_edges(
+    mesh: SimplexMesh,
+    size: Callable[[FloatArray], FloatArray],
+    share: float,
+    max_cells: float,
+) -> SimplexMesh:
+    """Return triangles with edges no longer than a share of the size, split at their middles.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles.
+    size : callable
+        Takes points, float64[n, dim], and returns sizes, float64[n].
+    share : float
+        Largest length of an edge over the size at its middle.
+    max_cells : float
+        The edges stay longer if there would be more cells.
+
+    Returns
+    -------
+    SimplexMesh
+        With the tags of cells and facets; ``mesh`` itself if nothing was split.  Data are dropped.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> with_short_edges(mesh, lambda x: np.ones(len(x)), 0.5, 1000).n_cells
+    16
+    """
+    while True:
+        long = mesh.edge_lengths > share * size(mesh.points[mesh.edges].mean(axis=1))
+        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > max_cells:
+            return mesh
+        finer = split_edges(mesh, long).mesh
+        if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+            facets, owner = _halves(mesh, long)
+            tags = mesh.facet_tags[owner]
+            finer = replace(finer, tagged_facets=facets, facet_tags=tags)
+        mesh = finer
+
+
+def _halves(
+    mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]
+) -> tuple[IntArray, npt.NDArray[np.intp]]:
+    """Return the tagged edges of a mesh of which some edges were split, and the old one of each."""
+    assert mesh.tagged_facets is not None
+    ends = np.sort(mesh.tagged_facets, axis=1).astype(np.int64) @ [mesh.n_points, 1]
+    edges = mesh.edges[chosen].astype(np.int64) @ [mesh.n_points, 1]
+    order = np.argsort(edges)
+    place = order[np.searchsorted(edges, ends, sorter=order).clip(max=len(edges) - 1)]
+    halved = edges[place] == ends
+    whole, old = np.flatnonzero(~halved), np.flatnonzero(halved)
+    middle = (mesh.n_points + place[old]).astype(np.int32)
+    a, b = mesh.tagged_facets[old].T
+    parts = [mesh.tagged_facets[whole], np.column_stack([a, middle]), np.column_stack([middle, b])]
+    return np.concatenate(parts), np.concatenate([whole, old, old])
 
 
 def _into_two(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:

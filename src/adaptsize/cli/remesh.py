@@ -192,9 +192,9 @@ def remesh(
                 progress=steps.report,
             )
 
-        def meshed(found: SizeFunction, report: SizeReport) -> SimplexMesh:
+        def meshed(old: SimplexMesh, found: SizeFunction, report: SizeReport) -> SimplexMesh:
             new: SimplexMesh = remeshing.remesh(
-                mesh,
+                old,
                 found,
                 target=target,
                 backend=backend,
@@ -211,9 +211,9 @@ def remesh(
             warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
             if elements is None:
                 found, report = sized(None)
-                new = meshed(found, report)
+                new = meshed(mesh, found, report)
             else:
-                new, found, report = reach_elements(elements, sized, meshed)
+                new, found, report = reach_elements(mesh, elements, sized, meshed)
         allowed = tolerance_of(report, tolerance)
         new = new.with_data(point_data={"h": found(new.points)})
         steps.begin("writing")
