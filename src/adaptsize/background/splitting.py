@@ -94,7 +94,7 @@ def with_short_edges(
     --------
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     >>> with_short_edges(mesh, lambda x: np.ones(len(x)), 0.5, 1000).n_cells
-    16
+    8
     """
     while True:
         long = mesh.edge_lengths > share * size(mesh.points[mesh.edges].mean(axis=1))
