@@ -71,4 +71,7 @@ class ResolutionWarning(UserWarning):
 
 
 class OutsideWarning(UserWarning):
-    """A source lies outside the domain and acts only on the closest part of it."""
+    """A source lies outside the domain, or off the surface that carries the sizes.
+
+    It acts only on the closest part of it.
+    """

@@ -1,6 +1,7 @@
 """Metrics in files: round trips, the order of entries, and damaged files."""
 
 import re
+import struct
 
 import numpy as np
 import pytest
@@ -138,6 +139,104 @@ def test_the_undamaged_file_is_read(tmp_path):
     (tmp_path / "part.sol").write_text(SOL)
     expected = [[[4, 0], [0, 9]], [[4, 1], [1, 9]]]
     assert ads.read_metric(tmp_path / "part.sol").matrices == pytest.approx(np.array(expected))
+
+
+def solb(version, order, values, *, dim=3, kinds=(3,), n=2):
+    """Return a binary .solb as libMeshb writes it: places of 8 bytes from version 3 on."""
+    place = order + ("i" if version < 3 else "q")
+    count = order + ("i" if version < 4 else "q")
+    head = struct.pack(order + "ii", 1, version)
+    dimension = struct.pack(order + "i", 3)
+    start = len(head) + 4 + struct.calcsize(place) + 4
+    data = struct.pack(count, n) + struct.pack(order + f"{1 + len(kinds)}i", len(kinds), *kinds)
+    data += np.asarray(values, order + ("f4" if version == 1 else "f8")).tobytes()
+    end = start + 4 + struct.calcsize(place) + len(data)
+    return (
+        head + dimension + struct.pack(place, start) + struct.pack(order + "i", dim)
+        + struct.pack(order + "i", 62) + struct.pack(place, end) + data
+        + struct.pack(order + "i", 54) + struct.pack(place, 0)
+    )  # fmt: skip
+
+
+VALUES = [[4, 1, 9, 0.5, 0.25, 16], [1, 0, 1, 0, 0, 1]]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
+def test_binary_solutions_are_read(tmp_path, version, order):
+    (tmp_path / "part.solb").write_bytes(solb(version, order, VALUES))
+    expected = [[[4, 1, 0.5], [1, 9, 0.25], [0.5, 0.25, 16]], np.eye(3)]
+    assert ads.read_metric(tmp_path / "part.solb").matrices == pytest.approx(np.array(expected))
+    (tmp_path / "part.solb").write_bytes(solb(version, order, [0.5, 2.0], kinds=(1,)))
+    sizes = ads.read_metric(tmp_path / "part.solb").sizes
+    assert sizes == pytest.approx(np.array([[0.5] * 3, [2.0] * 3]))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "empty"),
+        (b"MeshVersionFormatted 2", "does not begin as a binary"),
+        (solb(2, "<", VALUES)[:60], "ends after 2 of 12"),
+        (solb(2, "<", VALUES)[:16], "ends early"),
+        (solb(2, "<", VALUES)[:20], "ends early, or is damaged"),
+        (solb(5, "<", VALUES), "has version 5"),
+        (solb(2, "<", VALUES, kinds=(3, 1)), "must hold one size"),
+        (solb(2, "<", VALUES, kinds=(7,)), "types \\[7\\]"),
+        (solb(2, "<", VALUES, n=-1), "has -1 nodes"),
+        (solb(2, "<", VALUES, n=3), "ends after"),
+        (solb(2, "<", VALUES, dim=4), "in 4-D"),
+    ],
+)
+def test_damaged_binary_files_are_refused_in_one_line(tmp_path, content, message):
+    (tmp_path / "part.solb").write_bytes(content)
+    with pytest.raises(MeshFileError, match=message) as caught:
+        ads.read_metric(tmp_path / "part.solb")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_views_of_gmsh_are_read_as_meshes_with_a_field(tmp_path, kind):
+    mesh = MESHES[kind] or MESHES["tetrahedra"].boundary().mesh
+    metric = random_metric(mesh)
+    ads.write(tmp_path / "view.pos", MetricFunction(mesh, metric))
+    back = ads.read(tmp_path / "view.pos")
+    assert back.n_cells == mesh.n_cells
+    assert back.points[back.cells] == pytest.approx(mesh.points[mesh.cells])
+    found = ads.read_metric(tmp_path / "view.pos")
+    assert found.matrices[back.cells] == pytest.approx(metric.matrices[mesh.cells])
+
+
+def test_views_of_sizes_are_read(tmp_path):
+    mesh = MESHES["plane"]
+    h = 0.1 + mesh.points[:, 0]
+    ads.write(tmp_path / "view.pos", mesh, fields={"h": h})
+    back = ads.read(tmp_path / "view.pos")
+    assert back.point_data["h"] == pytest.approx(0.1 + back.points[:, 0])
+
+
+VIEW = 'View "h" {\nST(0,0,0,1,0,0,0,1,0){1,2,3};\n};\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (VIEW[:-4], "ends early, or holds something else"),
+        (VIEW[:-6], "must hold one list-based view"),
+        (VIEW + VIEW, "must hold one list-based|something else"),
+        ("$PostFormat", "must hold one list-based view"),
+        ('View "h" {};', "a view without elements"),
+        (VIEW.replace("ST(", "SQ("), "holds elements SQ"),
+        (VIEW.replace("1,2,3}", "1,2}"), "2 numbers instead of 3"),
+        (VIEW.replace("1,2,3}", "1,two,3}"), "something else than numbers"),
+        (VIEW.replace("};\n};", "};\nST(0,0\n};"), "ends early, or holds something else"),
+    ],
+)
+def test_damaged_views_are_refused_in_one_line(tmp_path, text, message):
+    (tmp_path / "view.pos").write_text(text)
+    with pytest.raises(MeshFileError, match=message) as caught:
+        ads.read(tmp_path / "view.pos")
+    assert "\n" not in str(caught.value)
 
 
 def test_formats_without_tensors_and_missing_fields_are_refused(tmp_path):

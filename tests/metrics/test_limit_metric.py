@@ -72,6 +72,19 @@ def test_equals_the_search_of_all_nodes(dim, decades):
     assert largest_ratio(found, expected) < (1e-10 if dim == 2 else 1e-6)
 
 
+def test_a_node_without_any_guess_lists_sources_in_parts():
+    # The first node of the curve has no bound, so that more sources exceed it than are listed.
+    mesh, rng = random_mesh(71, 2000, 2)
+    metric = random_metric(rng, mesh.n_points, 2, 1.0)
+    sizes = np.where(mesh.points[:, :1] + mesh.points[:, 1:] < 0.2, np.inf, metric.sizes)
+    metric = Metric(sizes, metric.directions)
+    found, info = limit_metric(mesh, metric, 20.0, full_output=True)
+    assert info.n_sources > 1500
+    corner = np.linalg.norm(mesh.points, axis=1).argsort()[:20]
+    expected = limited_by_all(mesh.points, metric, 20.0, corner)
+    assert largest_ratio(found[corner], expected) < 1e-10
+
+
 @pytest.mark.parametrize(("dim", "decades"), CASES)
 def test_nowhere_above_any_grown_metric(dim, decades):
     mesh, metric = everywhere(dim, decades)
@@ -213,6 +226,8 @@ def test_metrics_without_a_bound_in_one_direction():
     [
         ({"g": -0.1}, "g must be finite and >= 0"),
         ({"g": np.nan}, "g must be finite and >= 0"),
+        ({"g": np.full(30, 0.3)}, "g must be one number"),
+        ({"g": lambda h: 0.3}, "g must be one number"),
         ({"metric": isotropic_metric([1.0, 1.0], 2)}, "metric must have 30 nodes in 2-D"),
         ({"metric": isotropic_metric(np.full(30, np.inf), 2)}, "must have a finite size"),
         ({"metric": np.ones(30)}, "metric must be a Metric"),

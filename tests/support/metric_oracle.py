@@ -31,12 +31,15 @@ def largest_ratio(a, b):
     return np.sqrt(worst) - 1.0
 
 
-def limited_by_all(points, metric, g):
+def limited_by_all(points, metric, g, nodes=None):
     """Return the limited metric by trying all nodes at each node, without tree and survivors."""
-    n, dim = points.shape
+    bounded = np.isfinite(metric.sizes).any(axis=1)
+    sources, metric = points[bounded], metric[bounded]
+    nodes = np.arange(len(points)) if nodes is None else nodes
+    n, dim = len(nodes), points.shape[1]
     h, r = np.empty((n, dim)), np.empty((n, dim, dim))
-    for v in range(n):
-        grown = metric.sizes + g * np.linalg.norm(points - points[v], axis=1)[:, None]
+    for i, v in enumerate(nodes):
+        grown = metric.sizes + g * np.linalg.norm(sources - points[v], axis=1)[:, None]
         parts = [Metric.of(grown[v : v + 1].copy(), metric.directions[v : v + 1])]
         while True:
             present = parts[0].intersect(*parts[1:])
@@ -45,7 +48,7 @@ def limited_by_all(points, metric, g):
             if over[k] <= 1.0 + 1e-10 or len(parts) == 15:
                 break
             parts.append(Metric.of(grown[k : k + 1].copy(), metric.directions[k : k + 1]))
-        h[v], r[v] = present.sizes[0], present.directions[0]
+        h[i], r[i] = present.sizes[0], present.directions[0]
     return Metric.of(h, r)
 
 
@@ -63,7 +66,7 @@ def largest_inscribed(parts):
     def triangle(x):
         c = np.zeros((dim, dim))
         c[rows, columns] = x
-        c[np.diag_indices(dim)] = np.exp(np.diag(c))
+        c[np.diag_indices(dim)] = np.exp(np.minimum(np.diag(c), 50.0))  # trial steps are long
         return c
 
     def slack(x):

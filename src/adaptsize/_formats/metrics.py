@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._formats import solb
 from adaptsize.errors import MeshFileError
 from adaptsize.metrics import Metric, isotropic_metric
 from adaptsize.typing import FloatArray
@@ -50,36 +51,44 @@ def metric_in(values: npt.NDArray[Any], dim: int) -> Metric:
 
 
 def read_sol(path: Path) -> Metric:
-    """Return the metric in a text file for Mmg: sizes or symmetric matrices at nodes."""
-    try:
-        words = path.read_text(encoding="ascii").split()
-    except UnicodeDecodeError:
-        raise MeshFileError("is not a text file; .solb cannot be read") from None
-    try:
-        dim = int(words[words.index("Dimension") + 1])
-        start = words.index("SolAtVertices")
-        n, n_fields, kind = (int(word) for word in words[start + 1 : start + 4])
-    except (ValueError, IndexError):
-        raise MeshFileError("lacks Dimension or SolAtVertices with its counts") from None
-    if dim not in (2, 3) or n < 1 or n_fields != 1 or kind not in (_SCALAR, _SYMMETRIC):
+    """Return the metric in a file for Mmg: sizes or symmetric matrices at nodes."""
+    found = solb.read(path) if path.suffix.lower() == ".solb" else _text_of(path)
+    dim, kinds, n, values = found
+    if dim not in (2, 3) or n < 1 or len(kinds) != 1 or kinds[0] not in (_SCALAR, _SYMMETRIC):
         raise MeshFileError(
             "must hold one size (type 1) or symmetric matrix (type 3) per node in 2-D or 3-D, got "
-            f"{n} nodes in {dim}-D with {n_fields} values, the first of type {kind}"
+            f"{n} nodes in {dim}-D with {len(kinds)} values, the first of type {kinds[0]}"
         )
-    width = 1 if kind == _SCALAR else dim * (dim + 1) // 2
-    numbers = words[start + 4 : start + 4 + n * width]
-    try:
-        values = np.array(numbers, np.float64)
-    except ValueError:
-        raise MeshFileError("holds something else than numbers, or ends early") from None
+    width = 1 if kinds[0] == _SCALAR else dim * (dim + 1) // 2
+    values = values[: n * width]
     if len(values) < n * width:
         raise MeshFileError(f"ends after {len(values)} of {n * width} numbers")
-    if kind == _SCALAR:
+    if kinds[0] == _SCALAR:
         return isotropic_metric(values, dim)
     i, j = np.tril_indices(dim)
     matrices = np.empty((n, dim, dim))
     matrices[:, i, j] = matrices[:, j, i] = values.reshape(n, width)
     return Metric.from_matrices(matrices)
+
+
+def _text_of(path: Path) -> solb.Solution:
+    """Return the values in a text file."""
+    try:
+        words = path.read_text(encoding="ascii").split()
+    except UnicodeDecodeError:
+        raise MeshFileError("is not a text file; is it a .solb?") from None
+    try:
+        dim = int(words[words.index("Dimension") + 1])
+        start = words.index("SolAtVertices")
+        n, n_kinds, kind = (int(word) for word in words[start + 1 : start + 4])
+    except (ValueError, IndexError):
+        raise MeshFileError("lacks Dimension or SolAtVertices with its counts") from None
+    most = n * (1 if kind == _SCALAR else dim * (dim + 1) // 2) if dim in (2, 3) else 0
+    try:
+        values = np.array(words[start + 4 : start + 4 + max(most, 0)], np.float64)
+    except ValueError:
+        raise MeshFileError("holds something else than numbers, or ends early") from None
+    return solb.Solution(dim, [kind] * max(n_kinds, 1), n, values)
 
 
 def _padded(matrices: FloatArray) -> FloatArray:

@@ -234,31 +234,6 @@ def _fill_slacks(axes, count, joint, p):
 
 
 @lean
-def _optimise(axes, count, joint, p):
-    """Solve for P from the feasible start I / 2 (Out: p)."""
-    dim = len(axes)
-    for i in range(dim):
-        for j in range(dim):
-            p[i, j] = 0.5 if i == j else 0.0
-            for s in range(count):
-                joint.y[s, i, j] = 1.0 / count if i == j else 0.0
-    fall, n = _FALL, count * dim
-    gap = _fill_slacks(axes, count, joint, p)
-    for _ in range(_ITERATIONS):
-        if gap < _GAP:
-            break
-        step = _improve(axes, count, joint, p, fall * gap / n, True)
-        gap = _fill_slacks(axes, count, joint, p)
-        fall = _FALL if step > 0.9 else _FALL_NEAR
-    for _ in range(_CENTRE):
-        _improve(axes, count, joint, p, gap / n, True)
-        _fill_slacks(axes, count, joint, p)
-    # From a point on the path of solutions for mu, a step to mu = 0 has an error of order mu^2.
-    _improve(axes, count, joint, p, 0.0, False)
-    _fill_slacks(axes, count, joint, p)
-
-
-@lean
 def _fill_weights(axes, count, joint):
     """Fill the multipliers of the metrics (Out: weight); T_s and Y_s are given."""
     dim = len(axes)
@@ -273,8 +248,9 @@ def _fill_weights(axes, count, joint):
 
 @lean
 def _drop_inactive(axes, count, joint):
-    """Remove the metrics of small multipliers (In/Out: h, r, number); return the new count."""
+    """Remove the metrics of small multipliers (In/Out: joint); return the new count."""
     dim = len(axes)
+    _fill_weights(axes, count, joint)
     kept = 0
     for s in range(count):
         if joint.weight[s] <= _ACTIVE:
@@ -284,8 +260,42 @@ def _drop_inactive(axes, count, joint):
             joint.h[kept, j] = joint.h[s, j]
             for i in range(dim):
                 joint.r[kept, i, j] = joint.r[s, i, j]
+                joint.k[kept, i, j] = joint.k[s, i, j]
+                joint.t[kept, i, j] = joint.t[s, i, j]
+                joint.y[kept, i, j] = joint.y[s, i, j]
         kept += 1
     return kept
+
+
+@lean
+def _optimise(axes, count, joint, p):
+    """Solve for P from the feasible start I / 2 (Out: p).
+
+    Metrics that are not active are removed near the solution.  Returns the number of the others.
+    """
+    dim = len(axes)
+    for i in range(dim):
+        for j in range(dim):
+            p[i, j] = 0.5 if i == j else 0.0
+            for s in range(count):
+                joint.y[s, i, j] = 1.0 / count if i == j else 0.0
+    fall, n = _FALL, count * dim
+    gap = _fill_slacks(axes, count, joint, p)
+    for _ in range(_ITERATIONS):
+        if gap < _GAP:
+            break
+        step = _improve(axes, count, joint, p, fall * gap / n, True)
+        gap = _fill_slacks(axes, count, joint, p)
+        fall = _FALL if step > 0.9 else _FALL_NEAR
+    mu = gap / n
+    count = _drop_inactive(axes, count, joint)
+    for _ in range(_CENTRE):
+        _improve(axes, count, joint, p, mu, True)
+        _fill_slacks(axes, count, joint, p)
+    # From a point on the path of solutions for mu, a step to mu = 0 has an error of order mu^2.
+    _improve(axes, count, joint, p, 0.0, False)
+    _fill_slacks(axes, count, joint, p)
+    return count
 
 
 @lean
@@ -350,12 +360,11 @@ def intersect_several(axes, count, joint):
                     for n in range(dim):
                         total += joint.r_all[n, i] * joint.r[s, n, j]
                     joint.k[s, i, j] = total * (joint.h_all[i] / joint.h[s, j])
-        _optimise(axes, count, joint, p)
-        _fill_weights(axes, count, joint)
-        kept = _drop_inactive(axes, count, joint)
-        if kept == count:
-            _as_metric(axes, count, joint, p)
-            return count
+        left = _optimise(axes, count, joint, p)
+        kept = _drop_inactive(axes, left, joint)
+        if kept == left and kept > 2:
+            _as_metric(axes, kept, joint, p)
+            return kept
         count = kept
 
 

@@ -1,33 +1,33 @@
 r"""Gradient limiting of metrics in physical space: active sources found by a tree.
 
-A source with sizes h along the columns of R allows at the distance d the grown metric
+The limited metric at a node is the intersection of the grown metrics of all sources
+(metric_joint.py, metric_sources.py).  At each node:
 
-    M_s(d) = R diag((h + g d)^-2) R^T,
-
-and the limited metric at a node is the intersection of those of all sources (metric_joint.py).
-
-Each box of a tree over the sources has a metric that is nowhere below those of its sources.  Growth
-keeps this order, so that the box, grown by its distance, is nowhere below its grown sources.
-With the present metric P^-1 = (S S^T)^-1 of a node,
-
-    lambda_max(S^T M S)
-
-is the *excess* of M (metric_order.py): if it is at most 1 for a box, then no source in the box is
-above the present metric.  The source of largest excess is added to the intersection until no
-excess is above 1.  The result is then the intersection of all sources, since it solves the problem
-of some of them and satisfies the constraints of the others.
+1. The active sources of the node before are grown and added to the node's own bound where they
+   exceed it.  With this present metric P^-1, the sources that exceed (share P)^-1 anywhere are
+   listed, with a share slightly above 1.
+2. The source of largest excess in the list is added to the intersection until no excess is above 1.
+3. The result is exact if it is nowhere below (share P)^-1: then no source outside of the list
+   exceeds it, and an intersection of some sources that no other one exceeds is that of all.
+   Otherwise sources are listed for the result, and so on.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.metric_joint import MOST, Joint, intersect_several, new_joint, two_by_two
-from adaptsize._kernels.metric_order import excess, extremes, fill_relative, is_above
-from adaptsize._kernels.metrics import intersect_into
-from adaptsize._kernels.trees import DEPTH, LEAF
+from adaptsize._kernels.metric_joint import MOST, intersect_several, two_by_two
+from adaptsize._kernels.metric_order import extremes, fill_relative, is_above
+from adaptsize._kernels.metric_sources import (
+    MANY,
+    distance,
+    distance_to_box,
+    find_above,
+    most_excessive,
+    set_present,
+)
+from adaptsize._kernels.trees import LEAF
 
 # Excesses up to this are removed by scaling.
 _MET = 1.0 + 1e-10
@@ -38,161 +38,11 @@ _ABOVE = 1.0 + 1e-12
 # Sources that are added at one node at most.
 _ROUNDS = 100
 
-# Sizes above this count as no bound; the others are at most 1 (see physical.py).
+# The share by which sources are listed.
+_SHARE = 1.03
+
+# Sizes above this count as no bound.
 _UNBOUNDED = 1e20
-
-
-class Sources(NamedTuple):
-    """Sources along a Morton curve, and the tree over them (see trees.py)."""
-
-    x: np.ndarray
-    """float64[m, dim]: places."""
-    h: np.ndarray
-    """float64[m, dim]: sizes."""
-    r: np.ndarray
-    """float64[m, dim, dim]: directions."""
-    number: np.ndarray
-    """int32[m]: nodes."""
-    boxes: np.ndarray
-    """float64[2 * n_leaves, 2 * dim + 1]: boxes, with the least size in each."""
-    box_h: np.ndarray
-    """float64[2 * n_leaves, dim]: sizes of a metric nowhere below those in the box."""
-    box_r: np.ndarray
-    """float64[2 * n_leaves, dim, dim]: its directions."""
-
-
-class Scratch(NamedTuple):
-    """Scratch for one thread."""
-
-    joint: Joint
-    s: np.ndarray
-    """float64[dim, dim]: S, with S S^T the inverse of the present metric."""
-    n: np.ndarray
-    """float64[dim, dim]"""
-    row: np.ndarray
-    """float64[dim]"""
-    stack: np.ndarray
-    """int64[DEPTH]: boxes."""
-    bound: np.ndarray
-    """float64[DEPTH]: their excesses."""
-    recent: np.ndarray
-    """int64[MOST]: active sources of the point before, which are tried first."""
-
-
-def new_scratch(dim: int) -> Scratch:
-    """Return scratch for one thread."""
-    return Scratch(
-        new_joint(dim),
-        np.empty((dim, dim)),
-        np.empty((dim, dim)),
-        np.empty(dim),
-        np.empty(DEPTH, np.int64),
-        np.empty(DEPTH),
-        np.empty(MOST, np.int64),
-    )
-
-
-@lean_kernel
-def fill_boxes(axes, sources, k, g):
-    """Fill the metrics of the boxes (In/Out: sources); k, g: float64[dim, dim], scratch.
-
-    All boxes must have been set to metrics without a bound.
-    """
-    n_leaves, m = sources.boxes.shape[0] // 2, sources.x.shape[0]
-    for s in range(m):
-        b = n_leaves + s // LEAF
-        intersect_into(axes, sources.box_h[b], sources.box_r[b], sources.h[s], sources.r[s], k, g)
-    for b in range(2 * n_leaves - 1, 1, -1):
-        up = b // 2
-        intersect_into(
-            axes, sources.box_h[up], sources.box_r[up], sources.box_h[b], sources.box_r[b], k, g
-        )
-
-
-@lean
-def _distance_to_box(axes, boxes, b, x, v):
-    """Return the distance of point v from a box; inf if the box is empty."""
-    dim = len(axes)
-    square = 0.0
-    for d in range(dim):
-        gap = max(boxes[b, d] - x[v, d], x[v, d] - boxes[b, dim + d])
-        if gap > 0.0:
-            square += gap * gap
-    return math.sqrt(square)
-
-
-@lean
-def _distance(axes, x, v, y, w):
-    """Return the distance of two points."""
-    square = 0.0
-    for d in range(len(axes)):
-        square += (x[v, d] - y[w, d]) ** 2
-    return math.sqrt(square)
-
-
-@lean
-def _most_excessive(axes, x, v, sources, g, scratch):
-    """Return the largest excess above 1 at point v, and its source; 1 and -1 if there is none."""
-    boxes, stack, bound = sources.boxes, scratch.stack, scratch.bound
-    s, n, row, dim = scratch.s, scratch.n, scratch.row, len(axes)
-    m, n_leaves = sources.x.shape[0], boxes.shape[0] // 2
-    best, by = 1.0, np.int64(-1)
-    stack[0], bound[0], size = 1, math.inf, 1
-    while size > 0:
-        size -= 1
-        b = stack[size]
-        if bound[size] <= best:
-            continue
-        if b >= n_leaves:
-            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
-                more = g * _distance(axes, x, v, sources.x, k)
-                value = excess(axes, sources.h[k], sources.r[k], more, s, n, row, best)
-                if value > best and dim == 3:
-                    value = extremes(axes, sources.h[k], sources.r[k], more, s, n)[1]
-                if value > best:
-                    best, by = value, k
-            continue
-        near, far = 2 * b, 2 * b + 1
-        at_near = excess(
-            axes, sources.box_h[near], sources.box_r[near],
-            g * _distance_to_box(axes, boxes, near, x, v), s, n, row, best,
-        )  # fmt: skip
-        at_far = 0.0
-        if boxes[far, 0] < math.inf:
-            at_far = excess(
-                axes, sources.box_h[far], sources.box_r[far],
-                g * _distance_to_box(axes, boxes, far, x, v), s, n, row, best,
-            )  # fmt: skip
-        if at_far > at_near:
-            near, far, at_near, at_far = far, near, at_far, at_near
-        if at_far > best:
-            stack[size], bound[size] = far, at_far
-            size += 1
-        if at_near > best:
-            stack[size], bound[size] = near, at_near
-            size += 1
-    return best, by
-
-
-@lean
-def _most_excessive_of(axes, x, v, sources, some, count, g, scratch):
-    """Return the largest excess above `_MET` of some sources; 1 and -1 if there is none."""
-    best, by = _MET, np.int64(-1)
-    for i in range(count):
-        k = some[i]
-        more = g * _distance(axes, x, v, sources.x, k)
-        value = extremes(axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n)[1]
-        if value > best:
-            best, by = value, k
-    return best, by
-
-
-@lean
-def _set_present(axes, joint, s):
-    """Fill S of the present metric (Out: s)."""
-    for i in range(len(axes)):
-        for j in range(len(axes)):
-            s[i, j] = joint.r_all[i, j] * joint.h_all[j]
 
 
 @lean
@@ -210,13 +60,13 @@ def _dominating(axes, v, sources, g, scratch):
         b = stack[size]
         if b >= n_leaves:
             for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
-                more = g * _distance(axes, x, v, x, k)
+                more = g * distance(axes, x, v, x, k)
                 if extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > _ABOVE:
                     return k
             continue
         near, far = 2 * b, 2 * b + 1
-        to_near = _distance_to_box(axes, boxes, near, x, v)
-        to_far = _distance_to_box(axes, boxes, far, x, v)
+        to_near = distance_to_box(axes, boxes, near, x, v)
+        to_far = distance_to_box(axes, boxes, far, x, v)
         if to_far < to_near:
             near, far, to_near, to_far = far, near, to_far, to_near
         if to_far < math.inf:
@@ -272,6 +122,58 @@ def _is_among(joint, count, number):
     return found
 
 
+@lean
+def _intersect(axes, x, v, sources, some, n, g, count, exact, scratch):
+    """Add sources of a list that exceed the present metric (In/Out: joint of scratch).
+
+    The result is intersected two by two, or exactly.  Returns the number of metrics that determine
+    it, and the largest excess of the list that remains, at least 1.
+    """
+    joint = scratch.joint
+    rough, best = True, 1.0
+    for _ in range(_ROUNDS):
+        set_present(axes, joint.h_all, joint.r_all, scratch)
+        best, by = most_excessive(axes, x, v, sources, some, n, g, scratch)
+        if best > _MET and not _is_among(joint, count, by):
+            more = g * distance(axes, x, v, sources.x, by)
+            _add(axes, joint, count, sources.h[by], sources.r[by], more, by)
+            count += 1
+            if rough and count < MOST:
+                two_by_two(axes, count, joint)
+                continue
+        elif not exact or not rough or count <= 2:
+            break
+        rough = False
+        count = min(intersect_several(axes, count, joint), MOST - 1)
+    return count, best
+
+
+@lean
+def _limit(axes, x, v, sources, g, count, scratch):
+    """Limit the present metric by all sources (In/Out: joint of scratch).
+
+    Returns the number of metrics that determine it, and the largest excess that remains.
+    """
+    dim, joint = len(axes), scratch.joint
+    share, best = _SHARE, 1.0
+    for _ in range(_ROUNDS):
+        set_present(axes, joint.h_all, joint.r_all, scratch)
+        for j in range(dim):
+            scratch.h[j] = joint.h_all[j]
+            for i in range(dim):
+                scratch.r[i, j] = joint.r_all[i, j]
+        n = find_above(axes, x, v, sources, g, share, scratch)
+        listed = min(n, MANY)
+        count, best = _intersect(
+            axes, x, v, sources, scratch.above, listed, g, count, True, scratch
+        )
+        if n > MANY:
+            share = 1.0
+        elif extremes(axes, scratch.h, scratch.r, 0.0, scratch.s, scratch.n)[1] <= share * _MET:
+            break
+    return count, best
+
+
 @lean_kernel
 def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch):
     """Limit the metrics of points by those of sources.
@@ -301,27 +203,8 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
         two_by_two(axes, count, joint)
         if h[v, 0] > _UNBOUNDED:  # nothing to intersect
             count = np.int64(0)
-        rough, best = True, 1.0
-        for _ in range(_ROUNDS):
-            _set_present(axes, joint, scratch.s)
-            by = np.int64(-1)
-            if rough and n_recent > 0:
-                best, by = _most_excessive_of(axes, x, v, sources, recent, n_recent, g, scratch)
-                n_recent = n_recent if by >= 0 else np.int64(0)
-            if by < 0:
-                best, by = _most_excessive(axes, x, v, sources, g, scratch)
-            if best <= _MET or _is_among(joint, count, by):
-                if not rough or count <= 2:
-                    break
-            else:
-                more = g * _distance(axes, x, v, sources.x, by)
-                _add(axes, joint, count, sources.h[by], sources.r[by], more, by)
-                count += 1
-                if rough and count < MOST:
-                    two_by_two(axes, count, joint)
-                    continue
-            rough = False
-            count = min(intersect_several(axes, count, joint), MOST - 1)
+        count, best = _intersect(axes, x, v, sources, recent, n_recent, g, count, False, scratch)
+        count, best = _limit(axes, x, v, sources, g, count, scratch)
         active[v] = count
         scale = 1.0 / math.sqrt(best)
         for j in range(dim):

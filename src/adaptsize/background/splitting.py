@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.topology import unique_rows
 from adaptsize.typing import FloatArray, IntArray
 
 
@@ -17,7 +17,7 @@ class SplitMesh(NamedTuple):
     """A mesh in which some edges were split."""
 
     mesh: SimplexMesh
-    """The old nodes, then one new node per split edge; without data and facet tags."""
+    """The old nodes, then one new node per split edge; with tags, without data."""
     split_edges: npt.NDArray[np.intp]
     """New node k lies in the middle of edge ``split_edges[k]`` of the old mesh."""
 
@@ -26,7 +26,7 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     """Return triangles with a new node in the middle of each chosen edge.
 
     A triangle is split into 2, 3 or 4 triangles, depending on the number of chosen edges.
-    They keep its tag and orientation.
+    They keep its tag and orientation.  Halves of tagged edges keep the tag.
 
     Parameters
     ----------
@@ -62,8 +62,37 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
         owners.extend([rows] * len(pieces))
     owner = np.concatenate(owners)
     tags = None if mesh.cell_tags is None else mesh.cell_tags[owner]
-    cells = np.concatenate(parts)
-    return SplitMesh(SimplexMesh(points, cells, cell_tags=tags, tag_names=mesh.tag_names), where)
+    tagged, facet_tags = _halves_of_tagged(mesh, middle)
+    new_mesh = SimplexMesh(
+        points,
+        np.concatenate(parts),
+        cell_tags=tags,
+        tagged_facets=tagged,
+        facet_tags=facet_tags,
+        tag_names=mesh.tag_names,
+    )
+    return SplitMesh(new_mesh, where)
+
+
+def _halves_of_tagged(
+    mesh: SimplexMesh, middle: IntArray
+) -> tuple[IntArray | None, IntArray | None]:
+    """Return the tagged edges after splitting and their tags.
+
+    ``middle``: the new node of each edge, -1 where it is not split.
+    """
+    if mesh.tagged_facets is None or mesh.facet_tags is None:
+        return None, None
+    tagged = np.sort(mesh.tagged_facets, axis=1)
+    _, number = unique_rows(np.concatenate([mesh.edges, tagged]), mesh.n_points)
+    middle_of = np.full(int(number.max(initial=-1)) + 1, -1, np.int32)
+    middle_of[number[: len(mesh.edges)]] = middle
+    new = middle_of[number[len(mesh.edges) :]]
+    split = new >= 0
+    first = np.column_stack([tagged[:, 0], np.where(split, new, tagged[:, 1])])
+    second = np.column_stack([new, tagged[:, 1]])[split]
+    tags = mesh.facet_tags
+    return np.concatenate([first, second]), np.concatenate([tags, tags[split]])
 
 
 def with_short_edges(
@@ -100,29 +129,7 @@ def with_short_edges(
         long = mesh.edge_lengths > share * size(mesh.points[mesh.edges].mean(axis=1))
         if not long.any() or mesh.n_cells + 2 * int(long.sum()) > max_cells:
             return mesh
-        finer = split_edges(mesh, long).mesh
-        if mesh.tagged_facets is not None and mesh.facet_tags is not None:
-            facets, owner = _halves(mesh, long)
-            tags = mesh.facet_tags[owner]
-            finer = replace(finer, tagged_facets=facets, facet_tags=tags)
-        mesh = finer
-
-
-def _halves(
-    mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]
-) -> tuple[IntArray, npt.NDArray[np.intp]]:
-    """Return the tagged edges of a mesh of which some edges were split, and the old one of each."""
-    assert mesh.tagged_facets is not None
-    ends = np.sort(mesh.tagged_facets, axis=1).astype(np.int64) @ [mesh.n_points, 1]
-    edges = mesh.edges[chosen].astype(np.int64) @ [mesh.n_points, 1]
-    order = np.argsort(edges)
-    place = order[np.searchsorted(edges, ends, sorter=order).clip(max=len(edges) - 1)]
-    halved = edges[place] == ends
-    whole, old = np.flatnonzero(~halved), np.flatnonzero(halved)
-    middle = (mesh.n_points + place[old]).astype(np.int32)
-    a, b = mesh.tagged_facets[old].T
-    parts = [mesh.tagged_facets[whole], np.column_stack([a, middle]), np.column_stack([middle, b])]
-    return np.concatenate(parts), np.concatenate([whole, old, old])
+        mesh = split_edges(mesh, long).mesh
 
 
 def _into_two(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:

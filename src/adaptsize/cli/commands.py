@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from adaptsize.cli.adapt import adapt
 from adaptsize.cli.check import check
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import check_cells, check_files, nodal_field, read_mesh
 from adaptsize.cli.image import image
 from adaptsize.cli.in_parts import limit_in_parts, refuse_in_parts, runs_in_parts
-from adaptsize.cli.options import Gradient, Input, Mpi, Picture, SizesOutput
+from adaptsize.cli.metric import check_metric_options, limit_with_metric
+from adaptsize.cli.options import Gradient, Input, MetricField, Mpi, Picture, SizesOutput
 from adaptsize.cli.output import draw, print_written, write_sizes
 from adaptsize.cli.remesh import remesh
 from adaptsize.cli.size import size
@@ -79,11 +81,14 @@ def limit(
     console: Console,
     file: Input,
     output: SizesOutput,
-    field: Annotated[
-        str,
-        typer.Option("--field", metavar="NAME", help="Nodal field with the upper bounds."),
-    ],
     gradient: Gradient,
+    field: Annotated[
+        str | None,
+        typer.Option(
+            "--field", metavar="NAME", help="Nodal field with the upper bounds.  [default: none]"
+        ),
+    ] = None,
+    metric: MetricField = None,
     method: Annotated[
         str,
         typer.Option(
@@ -101,7 +106,19 @@ def limit(
     plot: Picture = None,
     mpi: Mpi = False,
 ) -> None:
-    """Limit the gradient of a nodal field.  The result is written as the field h."""
+    """Limit the gradient of a nodal field.  The result is written as the field h, or metric."""
+    if (field is None) == (metric is None):
+        raise ValueError("give either --field or --metric")
+    if metric is not None:
+        refused = {
+            "--method": method != "auto",
+            "--sources": sources is not None,
+            "--mpi": mpi or console.world is not None,
+        }
+        check_metric_options(file, metric, refused, output, plot)
+        limit_with_metric(console, file, output, metric, gradient, plot)
+        return
+    assert field is not None
     if runs_in_parts(console, file, output, mpi=mpi):
         refuse_in_parts({"--sources": sources is not None, "--plot": plot is not None})
         limit_in_parts(console, file, output, field, gradient, method)
@@ -166,6 +183,9 @@ def limit(
 
 
 app.command()(remesh)
+
+
+app.command()(adapt)
 
 
 app.command()(image)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import CartesianGrid, Octree, SimplexMesh
     from adaptsize.domain_size.report import SizeReport
+    from adaptsize.metrics import MetricFunction
 
 
 def write_mesh(path: Path, mesh: SimplexMesh) -> list[dict[str, Any]]:
@@ -107,6 +108,13 @@ def draw_causes(console: Console, path: Path | None, report: SizeReport) -> None
     from adaptsize.plot import plot_causes
 
     _draw_with(console, plot_causes, path, report)
+
+
+def draw_metric(console: Console, path: Path | None, metric: MetricFunction) -> None:
+    """Draw a metric as ellipses or ellipsoids."""
+    from adaptsize.plot import plot_metric
+
+    _draw_with(console, plot_metric, path, metric)
 
 
 def _draw_with(console: Console, plot: Callable[..., Any], path: Path | None, *what: Any) -> None:

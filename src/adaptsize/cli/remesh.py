@@ -12,6 +12,7 @@ from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files, read_mesh
 from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
 from adaptsize.cli.memory import announce_memory_of_mesh, announce_memory_of_sizes
+from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     Across,
     Crease,
@@ -22,7 +23,9 @@ from adaptsize.cli.options import (
     Largest,
     MaxElements,
     MeshOutput,
+    MetricField,
     Mpi,
+    Nodes,
     PerRadian,
     Picture,
     Report,
@@ -66,6 +69,7 @@ def remesh(
     crease_angle: Crease = 40.0,
     source: Sources = None,
     field: Field = None,
+    metric: MetricField = None,
     target: Annotated[
         str,
         typer.Option(
@@ -104,6 +108,7 @@ def remesh(
     ] = False,
     max_elements: MaxElements = None,
     elements: Elements = None,
+    nodes: Nodes = None,
     timeout: Annotated[
         float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
     ] = 3600.0,
@@ -118,6 +123,34 @@ def remesh(
 
     Parameters that are not given are chosen from the part, and the values are printed.
     """
+    if metric is not None:
+        return remesh_with_metric(
+            console,
+            file,
+            output,
+            metric,
+            gradient,
+            (hmin, hmax),
+            plot,
+            options={
+                "target": target,
+                "backend": backend,
+                "tolerance": tolerance,
+                "max_elements": max_elements,
+                "timeout": timeout,
+                "strict": strict,
+            },
+            refused={
+                "--elements-per-radian": elements_per_radian is not None,
+                "--elements-across": elements_across is not None,
+                "--source": bool(source),
+                "--field": field is not None,
+                "--close": close,
+                "--elements": elements is not None,
+                "--report": page is not None,
+                "--mpi": mpi or console.world is not None,
+            },
+        )
     if runs_in_parts(console, file, output, mpi=mpi):
         refused = {
             "--elements-per-radian": elements_per_radian is not None,
@@ -128,6 +161,7 @@ def remesh(
             "--plot": plot is not None,
             "--report": page is not None,
             "--elements": elements is not None,
+            "--nodes": nodes is not None,
             "--target triangles": target == "triangles",
             f"--backend {backend}": backend not in ("auto", "mmg"),
         }
@@ -149,7 +183,7 @@ def remesh(
         return
     from adaptsize import remeshing
     from adaptsize._checks import as_number
-    from adaptsize.domain_size.elements import reach_elements, tolerance_of
+    from adaptsize.domain_size.elements import reach_number, tolerance_of
     from adaptsize.domain_size.request import TOLERANCE, check_elements
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.remeshing.driver import check_backend
@@ -158,10 +192,11 @@ def remesh(
 
     _check_outputs(file, output, plot, page)
     check_installed(backend)
-    given = TOLERANCE if tolerance is None else tolerance
-    allowed = as_number("tolerance", given, lower=0.0, strict=True)
+    allowed = as_number(
+        "tolerance", TOLERANCE if tolerance is None else tolerance, lower=0.0, strict=True
+    )
     as_number("timeout", timeout, lower=0.0, strict=True)
-    check_elements(elements, max_elements)
+    check_elements(elements, max_elements, nodes)
     parts = _names_of_parts(backend)
     sources = [parse_source(text) for text in source or ()]
     with console.steps(5) as steps:
@@ -174,7 +209,7 @@ def remesh(
             raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
         _announce(console, output, mesh, target)
 
-        def sized(number: float | None) -> tuple[SizeFunction, SizeReport]:
+        def sized(elements: float | None, nodes: float | None) -> tuple[SizeFunction, SizeReport]:
             steps.begin("sizes")
             return size_of_mesh(
                 console,
@@ -189,7 +224,8 @@ def remesh(
                 tolerance=tolerance,
                 sources=sources,
                 max_elements=max_elements,
-                elements=number,
+                elements=elements,
+                nodes=nodes,
                 progress=steps.report,
             )
 
@@ -213,11 +249,11 @@ def remesh(
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
-            if elements is None:
-                found, report = sized(None)
+            if elements is None and nodes is None:
+                found, report = sized(None, None)
                 new = meshed(mesh, found, report)
             else:
-                new, found, report = reach_elements(mesh, elements, sized, meshed)
+                new, found, report = reach_number(mesh, elements, nodes, sized, meshed)
         allowed = tolerance_of(report, tolerance)
         new = new.with_data(point_data={"h": found(new.points)})
         steps.begin("writing")
@@ -227,7 +263,7 @@ def remesh(
         draw(console, plot, new)
         _write_page(console, page, new, found, original=mesh, size_report=report, tolerance=allowed)
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
-    _print_report(console, outcome, written)
+    _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
 
 
 def _names_of_parts(backend: str) -> dict[str, str]:
@@ -265,9 +301,21 @@ def _write_page(
         console.say(f"report: {page}")
 
 
-def _print_report(console: Console, outcome: Outcome, written: list[dict[str, Any]]) -> None:
-    """Print how good the mesh is, the time of each step, and the files."""
+def _print_report(
+    console: Console,
+    outcome: Outcome,
+    written: list[dict[str, Any]],
+    nodes: tuple[int, float] | None,
+) -> None:
+    """Print how good the mesh is, the time of each step, and the files.
+
+    ``nodes`` are the numbers of nodes made and requested.
+    """
     console.print(outcome)
+    if nodes is not None:
+        made, requested = nodes
+        off = f"{made / requested - 1.0:+.1%}"
+        console.print(f"{'nodes':10}{made}, {requested:.0f} requested ({off})")
     times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in console.times)
     console.print(f"{'time':10}{console.seconds:.1f} s: {times}")
     for text in outcome.warnings():

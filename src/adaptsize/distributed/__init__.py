@@ -1,5 +1,6 @@
 """Mesh sizes on meshes that are distributed over many processes."""
 
+from adaptsize.distributed.adaptation import adapt
 from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.communicator import Communicator, Traffic, as_communicator
 from adaptsize.distributed.files import read_parts, write_parts
@@ -8,19 +9,23 @@ from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
 from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
+from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.simulated import SimulatedCommunicator
 from adaptsize.distributed.sizes import predicted_elements, size_from_error
 from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
+    "AdaptedParts",
     "Communicator",
     "DolfinxPart",
     "InterfaceQuality",
     "PartitionedMesh",
+    "PartsReport",
     "PlexPart",
     "RemeshedParts",
     "SimulatedCommunicator",
     "Traffic",
+    "adapt",
     "as_communicator",
     "from_dmplex",
     "from_dolfinx",

@@ -53,12 +53,28 @@ def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> Reach:
     )
 
 
-def exchange_entries(comm: Communicator, wave: Wave, own: Reach, g: float) -> Wave:
-    """Return the entries of other ranks that may act on this one; one exchange."""
+def joined(first: Reach, second: Reach) -> Reach:
+    """Return the boxes of both."""
+    return Reach(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
+
+
+def exchange_rows(
+    comm: Communicator, wave: Wave, rows: FloatArray, own: Reach, g: float
+) -> FloatArray:
+    """Return the rows of other ranks whose entries may act on this one; one exchange.
+
+    ``rows``: float64[m, k], what is sent of each entry.
+    """
     reaches: list[Reach] = comm.allgather(own)
     sent = []
     for rank, reach in enumerate(reaches):
         chosen = reach.may_change(wave, g) if rank != comm.rank else np.zeros(0, np.int64)
-        sent.append(wave.table[chosen])
-    table = np.concatenate(comm.alltoallv(sent))
+        sent.append(rows[chosen])
+    received: FloatArray = np.concatenate(comm.alltoallv(sent))
+    return received
+
+
+def exchange_entries(comm: Communicator, wave: Wave, own: Reach, g: float) -> Wave:
+    """Return the entries of other ranks that may act on this one; one exchange."""
+    table = exchange_rows(comm, wave, wave.table, own, g)
     return sorted_wave(table, np.full((len(table), wave.nodes.shape[1]), -1, np.int32))

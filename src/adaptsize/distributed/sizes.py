@@ -35,25 +35,30 @@ class _Cells:
 
 
 @dataclass(frozen=True)
-class _Sums(CellSums):
+class PartSums(CellSums):
     """Sums over the cells of all ranks."""
 
     part: PartitionedMesh
 
     def at_nodes(self, values: FloatArray) -> FloatArray:
+        """Return nodal sums over the cells of all ranks at each node."""
         return self.part.sum(values)
 
     def total(self, value: float) -> float:
+        """Return a sum over the cells of all ranks."""
         return float(self.part.comm.allreduce(float(value), "sum"))
 
     def largest(self, value: float) -> float:
+        """Return a maximum over the cells of all ranks."""
         return float(self.part.comm.allreduce(float(value), "max"))
 
     def agree(self, task: Callable[[], T]) -> T:
+        """Return the result of a task, or raise its error on all ranks."""
         return self.part.comm.agree(task)
 
 
-def _cells_of(part: PartitionedMesh) -> Any:
+def cells_of(part: PartitionedMesh) -> Any:
+    """Return what sums over cells need of a part, which may have no cells."""
     measures = np.empty(0) if part.mesh is None else part.mesh.measures
     return _Cells(part.cells, measures, part.n_points, part.cell_dim)
 
@@ -85,7 +90,7 @@ def predicted_elements(
     """
     check_type("part", part, PartitionedMesh)
     h = part.comm.agree(lambda: as_sizes("size", size, part.nodal_shape))
-    counted = count_elements(_cells_of(part), h, _Sums(part))
+    counted = count_elements(cells_of(part), h, PartSums(part))
     return calibration(backend, part.cell_dim) * counted
 
 
@@ -137,7 +142,7 @@ def size_from_error(
         return clipped if g is None else limit_gradient(part, clipped, g)
 
     return scaled_by_error(
-        _cells_of(part),
+        cells_of(part),
         indicator,
         finish,
         order=order,
@@ -146,5 +151,5 @@ def size_from_error(
         max_refine=max_refine,
         max_coarsen=max_coarsen,
         backend=backend,
-        sums=_Sums(part),
+        sums=PartSums(part),
     )

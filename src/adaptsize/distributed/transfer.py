@@ -72,6 +72,9 @@ def transfer_fields(
     if (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
         raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
     nodal, by_cell = old.comm.agree(check)
+    old.comm.require_equal(
+        fields=_kinds(nodal), cell_fields=_kinds(by_cell), conservative=conservative
+    )
     boxes = _boxes(old)
     found = {name: _nodal(old, new, boxes, values) for name, values in nodal.items()}
     cells = {
@@ -90,6 +93,11 @@ def interpolate(old: PartitionedMesh, values: npt.ArrayLike, points: FloatArray)
     field, where = old.comm.agree(check)
     columns = _columns(field)
     return _restored(_ask(old, _boxes(old), where, partial(_values_at, old.mesh, columns)), field)
+
+
+def _kinds(fields: Mapping[str, npt.NDArray[Any]]) -> list[tuple[str, str, tuple[int, ...]]]:
+    """Return the names, types and shapes of fields, which decide the messages between ranks."""
+    return [(name, array.dtype.kind, array.shape[1:]) for name, array in fields.items()]
 
 
 def _columns(field: npt.NDArray[Any]) -> FloatArray:

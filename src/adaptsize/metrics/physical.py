@@ -7,15 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels import metric_limit as kernels
+from adaptsize._kernels.metric_sources import Sources, fill_tree, new_scratch
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, part_of
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 
-def sources_of(
-    points: FloatArray, h: FloatArray, r: FloatArray, nodes: IntArray
-) -> kernels.Sources:
+def sources_of(points: FloatArray, h: FloatArray, r: FloatArray, nodes: IntArray) -> Sources:
     """Return the metrics of some nodes as sources.
 
     Parameters
@@ -30,8 +29,9 @@ def sources_of(
     dim = x.shape[1]
     box_h = np.full((len(boxes), dim), np.finfo(float).max ** 0.25)
     box_r = np.broadcast_to(np.eye(dim), (len(boxes), dim, dim)).copy()
-    sources = kernels.Sources(x, h[nodes], r[nodes], nodes, boxes, box_h, box_r)
-    kernels.fill_boxes((0,) * dim, sources, *np.empty((2, dim, dim)))
+    powers = [np.empty((len(stack), dim * (dim + 1))) for stack in (x, boxes)]
+    sources = Sources(x, h[nodes], r[nodes], powers[0], nodes, boxes, box_h, box_r, powers[1])
+    fill_tree((0,) * dim, sources, *np.empty((2, dim, dim)))
     return sources
 
 
@@ -43,14 +43,14 @@ def survivors_of(
     g: float,
     threads: int,
     report: ProgressCallback,
-) -> kernels.Sources:
+) -> Sources:
     """Return the sources among the nodes that no single other one dominates."""
     sources = sources_of(points, h, r, nodes)
     dim = points.shape[1]
     by = np.empty(len(sources.number), np.int32)
 
     def task(first: int, last: int) -> None:
-        kernels.find_dominating((0,) * dim, first, last, sources, g, by, kernels.new_scratch(dim))
+        kernels.find_dominating((0,) * dim, first, last, sources, g, by, new_scratch(dim))
 
     in_chunks(task, len(by), threads, part_of(report, 0.0, 0.1))
     return sources_of(points, h, r, np.sort(sources.number[by < 0]))
@@ -101,7 +101,7 @@ def limit_in_space(
     order, places = read_only(along_curve(places)), read_only(places)
 
     def task(first: int, last: int) -> None:
-        scratch = kernels.new_scratch(len(axes))
+        scratch = new_scratch(len(axes))
         kernels.limit_metrics(
             axes, places, order, first, last, sources, g, finite, found, active, scratch
         )

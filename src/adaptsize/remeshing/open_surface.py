@@ -184,7 +184,7 @@ def near_bodies(
     return NearBodies(len(found), distance, tuple(place.tolist()))
 
 
-def warn_of_surface(surface: SimplexMesh, tolerance: float) -> None:
+def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
     """Warn of a surface whose volume a generator has to guess.
 
     Parameters
@@ -193,6 +193,11 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> None:
         Triangles in space.
     tolerance : float
         Allowed distance of the new boundary, in the unit of the coordinates.
+
+    Returns
+    -------
+    bool
+        Whether a warning says that bodies may be joined.
 
     Warns
     -----
@@ -224,6 +229,7 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> None:
             OpenSurfaceWarning,
             stacklevel=3,
         )
+    return overlapping is not None or near is not None
 
 
 def _nearest(

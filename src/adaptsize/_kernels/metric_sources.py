@@ -1,0 +1,261 @@
+r"""Sources of metrics, a tree over them, and the search for those above a present metric.
+
+A source with sizes h along the columns of R allows at the distance d the grown metric
+
+    M_s(d) = R diag((h + g d)^-2) R^T.
+
+Each box of the tree has a metric that is nowhere below those of its sources.  Growth keeps this
+order, so that the box, grown by its distance, is nowhere below its grown sources.
+
+With L = R diag(h) R^T, and P^-1 the present metric of a node, a grown metric is nowhere above it if
+
+    (L + g d)^2 - P = L^2 + 2 g d L + (g d)^2 I - P
+
+is positive semidefinite.  This needs a dozen multiplications for given L and L^2.  Rounding errors
+are relative to the largest sizes, so that the test is done with a margin.  What does not pass is
+compared by its *excess* lambda_max(S^T M S), where P = S S^T (metric_order.py).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.metric_joint import MOST, Joint, new_joint
+from adaptsize._kernels.metric_order import excess, extremes
+from adaptsize._kernels.metrics import intersect_into
+from adaptsize._kernels.trees import DEPTH, LEAF
+
+#: Most sources that `find_above` lists.
+MANY = 1024
+
+# Sizes above this are no bounds, and count as this in L: the others are at most 1 (physical.py).
+_CAP = 2.0
+
+# Rounding errors of L^2 and P, relative to their traces.
+_MARGIN = 1e-14
+
+
+class Sources(NamedTuple):
+    """Sources along a Morton curve, and the tree over them (see trees.py)."""
+
+    x: np.ndarray
+    """float64[m, dim]: places."""
+    h: np.ndarray
+    """float64[m, dim]: sizes."""
+    r: np.ndarray
+    """float64[m, dim, dim]: directions."""
+    powers: np.ndarray
+    """float64[m, dim * (dim + 1)]: upper triangles of L and of L^2."""
+    number: np.ndarray
+    """int32[m]: nodes."""
+    boxes: np.ndarray
+    """float64[2 * n_leaves, 2 * dim + 1]: boxes, with the least size in each."""
+    box_h: np.ndarray
+    """float64[2 * n_leaves, dim]: sizes of a metric nowhere below those in the box."""
+    box_r: np.ndarray
+    """float64[2 * n_leaves, dim, dim]: its directions."""
+    box_powers: np.ndarray
+    """float64[2 * n_leaves, dim * (dim + 1)]: its L and L^2."""
+
+
+class Scratch(NamedTuple):
+    """Scratch for one thread."""
+
+    joint: Joint
+    s: np.ndarray
+    """float64[dim, dim]: S, with S S^T the inverse of the present metric."""
+    p: np.ndarray
+    """float64[7]: the upper triangle of P, and at the end its trace."""
+    n: np.ndarray
+    """float64[dim, dim]"""
+    row: np.ndarray
+    """float64[dim]"""
+    h: np.ndarray
+    """float64[dim]: sizes of the metric for which sources were listed."""
+    r: np.ndarray
+    """float64[dim, dim]: its directions."""
+    stack: np.ndarray
+    """int64[DEPTH]: boxes."""
+    above: np.ndarray
+    """int64[MANY]: listed sources."""
+    recent: np.ndarray
+    """int64[MOST]: active sources of the point before, which are tried first."""
+
+
+def new_scratch(dim: int) -> Scratch:
+    """Return scratch for one thread."""
+    return Scratch(
+        joint=new_joint(dim),
+        s=np.empty((dim, dim)),
+        p=np.empty(7),
+        n=np.empty((dim, dim)),
+        row=np.empty(dim),
+        h=np.empty(dim),
+        r=np.empty((dim, dim)),
+        stack=np.empty(DEPTH, np.int64),
+        above=np.empty(MANY, np.int64),
+        recent=np.empty(MOST, np.int64),
+    )
+
+
+@lean
+def _fill_powers(axes, h, r, powers):
+    """Fill the upper triangles of L and of L^2 (Out: powers)."""
+    dim = len(axes)
+    k = 0
+    for i in range(dim):
+        for j in range(i, dim):
+            first, second = 0.0, 0.0
+            for q in range(dim):
+                size = min(h[q], _CAP)
+                first += r[i, q] * size * r[j, q]
+                second += r[i, q] * size * size * r[j, q]
+            powers[k], powers[k + dim * (dim + 1) // 2] = first, second
+            k += 1
+
+
+@lean_kernel
+def fill_tree(axes, sources, k, g):
+    """Fill the metrics of the boxes, and all powers (In/Out: sources).
+
+    All boxes must have been set to metrics without a bound.  k, g: float64[dim, dim], scratch.
+    """
+    n_leaves, m = sources.boxes.shape[0] // 2, sources.x.shape[0]
+    for s in range(m):
+        b = n_leaves + s // LEAF
+        intersect_into(axes, sources.box_h[b], sources.box_r[b], sources.h[s], sources.r[s], k, g)
+        _fill_powers(axes, sources.h[s], sources.r[s], sources.powers[s])
+    for b in range(2 * n_leaves - 1, 0, -1):
+        up = b // 2
+        if up > 0:
+            intersect_into(
+                axes, sources.box_h[up], sources.box_r[up], sources.box_h[b], sources.box_r[b], k, g
+            )
+        _fill_powers(axes, sources.box_h[b], sources.box_r[b], sources.box_powers[b])
+
+
+@lean
+def distance_to_box(axes, boxes, b, x, v):
+    """Return the distance of point v from a box; inf if the box is empty."""
+    dim = len(axes)
+    square = 0.0
+    for d in range(dim):
+        gap = max(boxes[b, d] - x[v, d], x[v, d] - boxes[b, dim + d])
+        if gap > 0.0:
+            square += gap * gap
+    return math.sqrt(square)
+
+
+@lean
+def distance(axes, x, v, y, w):
+    """Return the distance of two points."""
+    square = 0.0
+    for d in range(len(axes)):
+        square += (x[v, d] - y[w, d]) ** 2
+    return math.sqrt(square)
+
+
+@lean
+def set_present(axes, h, r, scratch):
+    """Set the present metric, to which others are compared (In/Out: s, p of scratch)."""
+    dim, s, p = len(axes), scratch.s, scratch.p
+    for i in range(dim):
+        for j in range(dim):
+            s[i, j] = r[i, j] * h[j]
+    trace, k = 0.0, 0
+    for i in range(dim):
+        for j in range(i, dim):
+            total = 0.0
+            for q in range(dim):
+                total += s[i, q] * s[j, q]
+            p[k] = total
+            k += 1
+            if i == j:
+                trace += total
+    p[6] = trace
+
+
+@lean
+def _is_definite(a, b, c, d, e, f):
+    """Return whether the matrix with the upper triangle a, b, c; d, e; f is positive definite."""
+    if not a > 0.0:
+        return False
+    over = 1.0 / a
+    d, e, f = d - b * b * over, e - b * c * over, f - c * c * over
+    return d > 0.0 and d * f > e * e
+
+
+@lean
+def is_below(axes, powers, i, more, p, share):
+    """Return whether metric i, its sizes increased, is surely nowhere above (share P)^-1."""
+    w, t, q = powers[i], 2.0 * more, more * more
+    if len(axes) == 2:
+        a, b, d = w[3] + t * w[0] + q, w[4] + t * w[1], w[5] + t * w[2] + q
+        margin = _MARGIN * (a + d + share * p[6])
+        a, b, d = a - share * p[0] - margin, b - share * p[1], d - share * p[2] - margin
+        return a > 0.0 and a * d > b * b
+    a, b, c = w[6] + t * w[0] + q, w[7] + t * w[1], w[8] + t * w[2]
+    d, e, f = w[9] + t * w[3] + q, w[10] + t * w[4], w[11] + t * w[5] + q
+    margin = _MARGIN * (a + d + f + share * p[6])
+    return _is_definite(
+        a - share * p[0] - margin, b - share * p[1], c - share * p[2],
+        d - share * p[3] - margin, e - share * p[4], f - share * p[5] - margin,
+    )  # fmt: skip
+
+
+@lean
+def find_above(axes, x, v, sources, g, share, scratch):
+    """List the sources whose grown metrics at point v are anywhere above (share P)^-1.
+
+    Their number is returned, or MANY + 1 if there are more (Out: above of scratch).
+    """
+    boxes, stack, above, p = sources.boxes, scratch.stack, scratch.above, scratch.p
+    m, n_leaves = sources.x.shape[0], boxes.shape[0] // 2
+    limit, count = 1.0 / share, 0
+    stack[0], size = 1, 1
+    while size > 0:
+        size -= 1
+        b = stack[size]
+        if b >= n_leaves:
+            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
+                more = g * distance(axes, x, v, sources.x, k)
+                if is_below(axes, sources.powers, k, more, p, share):
+                    continue
+                value = excess(
+                    axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n, scratch.row, limit
+                )
+                if value > limit:
+                    if count == MANY:
+                        return MANY + 1
+                    above[count] = k
+                    count += 1
+            continue
+        near, far = 2 * b, 2 * b + 1
+        to_near = distance_to_box(axes, boxes, near, x, v)
+        to_far = distance_to_box(axes, boxes, far, x, v)
+        if to_far < to_near:
+            near, far, to_near, to_far = far, near, to_far, to_near
+        if to_far < math.inf and not is_below(axes, sources.box_powers, far, g * to_far, p, share):
+            stack[size] = far
+            size += 1
+        if not is_below(axes, sources.box_powers, near, g * to_near, p, share):
+            stack[size] = near
+            size += 1
+    return count
+
+
+@lean
+def most_excessive(axes, x, v, sources, some, count, g, scratch):
+    """Return the largest excess above 1 of some sources, and the source; 1 and -1 if none."""
+    best, by = 1.0, np.int64(-1)
+    for i in range(count):
+        k = some[i]
+        more = g * distance(axes, x, v, sources.x, k)
+        if is_below(axes, sources.powers, k, more, scratch.p, 1.0 / best):
+            continue
+        value = extremes(axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n)[1]
+        if value > best:
+            best, by = value, k
+    return best, by

@@ -1,0 +1,99 @@
+"""``adaptsize limit`` and ``adaptsize remesh`` with a metric."""
+
+import json
+
+import numpy as np
+import pytest
+
+import adaptsize as ads
+from adaptsize.cli.entry import run
+from adaptsize.metrics import Metric, MetricFunction, limit_metric
+
+
+def call(*arguments):
+    return run([str(word) for word in arguments])
+
+
+def slanted(mesh):
+    """Return sizes of 0.1 by 0.5 at 30 degrees at the first node, and 1 elsewhere."""
+    sizes = np.ones((mesh.n_points, 2))
+    sizes[0] = 0.1, 0.5
+    c, s = np.sqrt(0.75), 0.5
+    return Metric(sizes, np.tile([[c, -s], [s, c]], (mesh.n_points, 1, 1)))
+
+
+@pytest.fixture
+def square(tmp_path):
+    mesh = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    metric = slanted(mesh)
+    fields = {"demand": metric.matrices.reshape(4, 4), "h0": np.ones(4)}
+    ads.write(tmp_path / "square.vtu", mesh, fields=fields)
+    ads.write(tmp_path / "demand.sol", MetricFunction(mesh, metric))
+    return tmp_path / "square.vtu"
+
+
+@pytest.mark.parametrize("given", ["demand", "demand.sol"])
+def test_limit_writes_the_limited_metric(capsys, square, given):
+    output = square.with_name("limited.vtu")
+    source = square.with_name(given) if given.endswith(".sol") else given
+    assert call("limit", square, "--metric", source, "-g", "0.3", "-o", output) == 0
+    printed = capsys.readouterr()
+    assert "3 of 4 nodes lowered" in printed.out
+    assert "Metric(4 nodes in 2-D, sizes 0.1 to 0.924" in printed.out
+    assert "fields demand, h0, metric, metric.lengths" in printed.out
+    mesh = ads.read(square)
+    expected = limit_metric(mesh, slanted(mesh), 0.3)
+    found = ads.read_metric(output)
+    np.testing.assert_allclose(found.matrices, expected.matrices, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["graded.sol", "graded.pos"])
+def test_limit_writes_files_for_generators(capsys, square, name):
+    output = square.with_name(name)
+    assert call("limit", square, "--metric", "demand", "-g", "0", "-o", output, "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["n_lowered"] == 3
+    assert result["metric"]["hmin"] == pytest.approx(0.1)
+    assert result["metric"]["aspect_ratio_max"] == pytest.approx(5.0)
+    assert output.stat().st_size > 0
+
+
+@pytest.mark.parametrize("name", ["fine.vtu", "fine.mesh"])
+def test_remesh_follows_the_metric(capsys, square, name):
+    output = square.with_name(name)
+    words = ["--metric", "demand", "-g", "0.5", "--hmax", "0.4", "-o", output, "--json"]
+    assert call("remesh", square, *words) == 0
+    result = json.loads(capsys.readouterr().out)
+    new = ads.read(output)
+    assert result["mesh"]["n_cells"] == new.n_cells > 20
+    assert result["metric"]["hmax"] <= 0.4 * (1.0 + 1e-9)
+    metric = ads.read_metric(output if name == "fine.vtu" else output.with_suffix(".sol"))
+    assert metric.sizes.min() == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "message"),
+    [
+        ("limit", [], "give either --field or --metric"),
+        ("limit", ["--metric", "demand", "--field", "h0"], "give either --field or --metric"),
+        ("limit", ["--metric", "none"], "has no nodal field 'none'; it has: demand, h0"),
+        ("limit", ["--metric", "missing.sol"], "missing.sol: No such file"),
+        ("limit", ["--metric", "demand", "--method", "exact"], "--metric does not go with --me"),
+        ("remesh", ["--metric", "demand", "--field", "h0"], "--metric does not go with --field"),
+        ("remesh", ["--metric", "demand", "--hmax", "-1"], "hmax must be"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(capsys, square, command, words, message):
+    gradient = ["-g", "0.3"]
+    output = square.with_name("out.vtu")
+    assert call(command, square, *words, *gradient, "-o", output) == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not output.exists()
+
+
+def test_formats_without_metrics_are_refused(capsys, square):
+    output = square.with_name("out.jig.msh")
+    assert call("limit", square, "--metric", "demand", "-g", "0.3", "-o", output) == 1
+    assert "cannot hold a metric; write .vtu, .sol or .pos" in capsys.readouterr().err
