@@ -94,7 +94,7 @@ def _has_forms(value: Any) -> bool:
     if isinstance(value, dict):
         return any(map(_has_forms, value.values()))
     if isinstance(value, np.ndarray):
-        return value.dtype.kind in "fiub"
+        return value.dtype.kind in "fiub" and value.size > 0  # an empty list has no second axis
     if isinstance(value, ads.SimplexMesh | ads.SizeFunction) or _is_source(value):
         return True
     return isinstance(value, bool | int | float) or inspect.isfunction(value)

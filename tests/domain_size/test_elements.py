@@ -43,6 +43,12 @@ def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
     assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
 
 
+@pytest.mark.parametrize("name", ["elements", "nodes"])
+def test_the_type_of_the_number_does_not_matter(name):
+    first, second = (size_function(SQUARE, **{name: number}) for number in (500, np.float32(500.0)))
+    np.testing.assert_array_equal(first.values, second.values)
+
+
 def test_nodes_need_a_domain_with_a_mesh():
     with pytest.raises(ValueError, match="nodes needs a mesh or a surface as domain"):
         size_function(disc, **BOX, nodes=100)

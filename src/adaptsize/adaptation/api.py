@@ -231,7 +231,13 @@ def adapt(
     if isinstance(g, str):
         one_of("g", g, ("auto",))
         g = _G_OF_METRICS if is_metric else DEFAULT_G
+    # As floats: numbers of numpy would make the search for the factor less accurate.
+    if target_elements is not None:
+        target_elements = as_number("target_elements", target_elements, lower=1.0)
+    if tolerance is not None:
+        tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
     if target_nodes is not None:
+        target_nodes = as_number("target_nodes", target_nodes, lower=1.0)
         refuse_two_targets(target_elements)
         target_elements = elements_with_nodes(mesh, target_nodes, "target_nodes")
     limits: dict[str, Any] = {

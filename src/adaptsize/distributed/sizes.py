@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -9,12 +10,14 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_type
+from adaptsize._checks import as_float_array, as_sizes, check_type
 from adaptsize.distributed.api import limit_gradient
+from adaptsize.distributed.ghosts import surroundings_of
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.sizes.budget import CellSums, calibration, count_elements
 from adaptsize.sizes.combine import minimum
-from adaptsize.sizes.error import scaled_by_error
+from adaptsize.sizes.error import scaled_by_derivative, scaled_by_error, steepest_derivatives
+from adaptsize.sizes.recovery import as_nodal_field, gradient_operators
 from adaptsize.typing import FloatArray, GradientLimit, IntArray
 
 T = TypeVar("T")
@@ -136,15 +139,10 @@ def size_from_error(
     `limit_gradient` if ``g`` is given.
     """
     check_type("part", part, PartitionedMesh)
-
-    def finish(h0: FloatArray) -> FloatArray:
-        clipped = minimum(h0, hmin=hmin, hmax=hmax)
-        return clipped if g is None else limit_gradient(part, clipped, g)
-
     return scaled_by_error(
         cells_of(part),
         indicator,
-        finish,
+        _finishing(part, hmin, hmax, g),
         order=order,
         tolerance=tolerance,
         target_elements=target_elements,
@@ -153,3 +151,103 @@ def size_from_error(
         backend=backend,
         sums=PartSums(part),
     )
+
+
+def size_from_hessian(
+    part: PartitionedMesh,
+    values: npt.ArrayLike,
+    *,
+    tolerance: float | None = None,
+    target_elements: float | None = None,
+    norm: float = math.inf,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    g: GradientLimit | None = None,
+    backend: str | None = None,
+) -> FloatArray:
+    """Return the size at which linear elements interpolate a field equally well; collective.
+
+    The result is that of `adaptsize.size_from_hessian` on the whole mesh, to rounding and to the
+    tolerance of the search for the scale (1e-4), in practice to rounding.
+
+    Parameters
+    ----------
+    part : PartitionedMesh
+    values : array_like of float, shape (n_local,)
+        The field at the nodes of this rank, equal at shared nodes.
+    tolerance, target_elements, norm, hmin, hmax, g, backend
+        As for `adaptsize.size_from_hessian`; the same on all ranks, except for arrays g.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_local,)
+
+    Raises
+    ------
+    ValueError
+        On all ranks, if the input of any rank is bad.
+
+    Notes
+    -----
+    Derivatives are recovered from the nodes around each node, on all ranks: four exchanges, and
+    two more when a mesh is used for the first time, for two layers of cells.  With
+    ``target_elements``, the trials are those of `size_from_error`.
+
+    Examples
+    --------
+    The field x^2 has the second derivative 2 everywhere:
+
+    >>> from adaptsize import SimplexMesh
+    >>> from scipy.spatial import Delaunay
+    >>> x = np.random.default_rng(7).random((50, 2))
+    >>> part = PartitionedMesh.from_serial(SimplexMesh(x, Delaunay(x).simplices))
+    >>> np.unique(size_from_hessian(part, x[:, 0] ** 2, tolerance=0.01).round(6))
+    array([0.1])
+    """
+    check_type("part", part, PartitionedMesh)
+
+    def check() -> FloatArray:
+        if part.mesh is None:
+            return as_float_array("values", values, (0,))
+        return as_nodal_field("values", values, part.mesh)
+
+    nodal = part.comm.agree(check)
+    around = surroundings_of(part)
+    ends = np.array([nodal.min(initial=np.inf), -nodal.max(initial=-np.inf)])
+    low, high = part.points.min(axis=0, initial=np.inf), part.points.max(axis=0, initial=-np.inf)
+    ends = part.comm.allreduce(np.concatenate([ends, low, -high]), "min")
+    diagonal = float(np.linalg.norm(-ends[2 + part.dim :] - ends[2 : 2 + part.dim]))
+    operators = [] if around.mesh is None else gradient_operators(around.mesh)
+    at_nodes = around.values(part, nodal)
+    gradient = np.zeros((part.n_points, part.dim))
+    for axis, operator in enumerate(operators):
+        gradient[:, axis] = (operator @ at_nodes)[around.own]
+    at_nodes = around.values(part, gradient)
+    hessian = np.zeros((part.n_points, part.dim, part.dim))
+    for axis, operator in enumerate(operators):
+        hessian[:, :, axis] = (operator @ at_nodes)[around.own]
+    hessian = 0.5 * (hessian + hessian.swapaxes(1, 2))
+    steepest = steepest_derivatives(hessian, -float(ends[1] + ends[0]), diagonal)
+    return scaled_by_derivative(
+        cells_of(part),
+        steepest,
+        _finishing(part, hmin, hmax, g),
+        norm=norm,
+        tolerance=tolerance,
+        target_elements=target_elements,
+        backend=backend,
+        sums=PartSums(part),
+    )
+
+
+def _finishing(
+    part: PartitionedMesh, hmin: float | None, hmax: float | None, g: GradientLimit | None
+) -> Callable[[FloatArray], FloatArray]:
+    """Return the function that clips sizes to two limits and limits their gradient; collective."""
+    part.comm.agree(lambda: minimum(np.ones(1), hmin=hmin, hmax=hmax))
+
+    def finish(h0: FloatArray) -> FloatArray:
+        clipped = minimum(h0, hmin=hmin, hmax=hmax)
+        return clipped if g is None else limit_gradient(part, clipped, g)
+
+    return finish

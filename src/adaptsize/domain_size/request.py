@@ -173,8 +173,8 @@ def as_request(
         most,
         report,
         tolerance,
-        elements,
-        nodes,
+        None if elements is None else float(elements),
+        None if nodes is None else float(nodes),
     )
     if (elements is not None or nodes is not None) and request.is_fixed:
         name = "nodes" if elements is None else "elements"
