@@ -7,10 +7,12 @@ import pytest
 from meshes import random_sphere, random_square
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
+from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.elements import reach_number
 from adaptsize.errors import ResolutionWarning
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
 
 
 def sphere():
@@ -113,7 +115,7 @@ class Generator:
         _, report = size_function(SQUARE, elements=elements, nodes=nodes, full_output=True)
         return None, report
 
-    def meshed(self, size, report):
+    def meshed(self, old, size, report):
         n = max(round(self.ratio * report.n_elements**self.power), 1)
         points = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1)])
         cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
@@ -126,7 +128,7 @@ class Generator:
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.1, 1), (1.3, 2), (0.5, 2)])
 def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, meshes):
     generator = Generator(ratio)
-    mesh, _, report = reach_number(1000, None, generator.sized, generator.meshed)
+    mesh, _, report = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
     assert mesh.n_cells == pytest.approx(1000, rel=0.15)
     assert len(generator.wanted) == meshes
     if meshes > 1:
@@ -135,7 +137,7 @@ def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, mesh
 
 def test_nodes_are_corrected_in_the_same_way():
     generator = Generator(0.8)
-    mesh, _, report = reach_number(None, 1000, generator.sized, generator.meshed)
+    mesh, _, report = reach_number(LINE, None, 1000, generator.sized, generator.meshed)
     assert mesh.n_points == pytest.approx(1000, rel=0.15)
     assert len(generator.wanted) == 2
     assert generator.wanted[0] == 1000
@@ -144,7 +146,7 @@ def test_nodes_are_corrected_in_the_same_way():
 
 def test_cells_of_a_lower_dimension_are_fewer_by_another_power():
     generator = Generator(3.0, 0.5)
-    mesh, _, _ = reach_number(200, None, generator.sized, generator.meshed)
+    mesh, _, _ = reach_number(LINE, 200, None, generator.sized, generator.meshed)
     assert mesh.n_cells == pytest.approx(200, rel=0.05)
     assert len(generator.wanted) == 2
 
@@ -153,13 +155,13 @@ def test_the_nearest_of_three_meshes_is_returned_with_a_warning():
     made = iter([2000, 500, 1300])
 
     class Stubborn(Generator):
-        def meshed(self, size, report):
+        def meshed(self, old, size, report):
             self.ratio = next(made) / report.n_elements
-            return super().meshed(size, report)
+            return super().meshed(old, size, report)
 
     generator = Stubborn(1.0)
     with pytest.warns(ResolutionWarning, match="the mesh has 1300 elements instead of 1000"):
-        mesh, _, _ = reach_number(1000, None, generator.sized, generator.meshed)
+        mesh, _, _ = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
     assert mesh.n_cells == 1300
     assert len(generator.wanted) == 3
 
@@ -170,6 +172,51 @@ def test_the_mesh_of_a_plane_domain_has_the_number():
     assert mesh.n_cells == pytest.approx(3000, rel=0.15)
     assert report.n_elements > 0
     assert size(mesh.points).min() > 0
+
+
+def grid(n):
+    """A regular grid of 2 n^2 triangles, n even, with tagged cells and sides."""
+    i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
+    a = (i[:-1, :-1] * (n + 1) + j[:-1, :-1]).ravel()
+    cells = [np.column_stack([a, a + n + 1, a + n + 2]), np.column_stack([a, a + n + 2, a + 1])]
+    left = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    return SimplexMesh(
+        np.column_stack([i.ravel(), j.ravel()]) / n,
+        np.concatenate(cells),
+        cell_tags=np.tile(np.repeat([3, 4], n * n // 2), 2),  # left and right half
+        tagged_facets=np.concatenate([left, left + n * (n + 1)]),
+        facet_tags=np.repeat([7, 8], n),
+    )
+
+
+def test_a_regular_grid_becomes_any_number_and_keeps_its_tags():
+    # From the grid itself, Mmg makes 800 or 417 triangles, and from a finer one in order 700.
+    pytest.importorskip("mmgpy")
+    mesh, _, _ = remesh_to_elements(grid(20), 550)
+    assert mesh.n_cells == pytest.approx(550, rel=0.15)
+    assert mesh.measures[mesh.cell_tags == 3].sum() == pytest.approx(0.5)
+    assert set(mesh.facet_tags) >= {7, 8}
+
+
+@pytest.mark.parametrize("share", [0.4, 1.2])
+def test_refined_triangles_keep_tags_of_cells_and_facets(share):
+    old = grid(4)
+    fine = with_short_edges(old, lambda x: 0.1 + 0.5 * x[:, 0], share, 10_000)
+    middles = fine.points[fine.edges].mean(axis=1)
+    assert (fine.edge_lengths <= share * (0.1 + 0.5 * middles[:, 0])).all()
+    assert fine.measures.sum() == pytest.approx(1.0)
+    for tag in (3, 4):
+        assert fine.measures[fine.cell_tags == tag].sum() == pytest.approx(0.5)
+    ends = fine.points[fine.tagged_facets]
+    for tag, x in ((7, 0.0), (8, 1.0)):
+        side = ends[fine.facet_tags == tag]
+        assert (side[:, :, 0] == x).all()
+        assert np.abs(np.diff(side[:, :, 1], axis=1)).sum() == pytest.approx(1.0)
+
+
+def test_triangles_are_not_refined_beyond_the_number_of_cells():
+    old = grid(4)
+    assert with_short_edges(old, lambda x: np.full(len(x), 0.1), 1.0, 60) is old
 
 
 def test_what_is_no_mesh_or_no_target_is_refused_before_the_sizes():

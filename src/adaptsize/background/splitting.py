@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import unique_rows
-from adaptsize.typing import IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 
 class SplitMesh(NamedTuple):
@@ -92,6 +93,43 @@ def _halves_of_tagged(
     second = np.column_stack([new, tagged[:, 1]])[split]
     tags = mesh.facet_tags
     return np.concatenate([first, second]), np.concatenate([tags, tags[split]])
+
+
+def with_short_edges(
+    mesh: SimplexMesh,
+    size: Callable[[FloatArray], FloatArray],
+    share: float,
+    max_cells: float,
+) -> SimplexMesh:
+    """Return triangles with edges no longer than a share of the size, split at their middles.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles.
+    size : callable
+        Takes points, float64[n, dim], and returns sizes, float64[n].
+    share : float
+        Largest length of an edge over the size at its middle.
+    max_cells : float
+        The edges stay longer if there would be more cells.
+
+    Returns
+    -------
+    SimplexMesh
+        With the tags of cells and facets; ``mesh`` itself if nothing was split.  Data are dropped.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> with_short_edges(mesh, lambda x: np.ones(len(x)), 0.5, 1000).n_cells
+    8
+    """
+    while True:
+        long = mesh.edge_lengths > share * size(mesh.points[mesh.edges].mean(axis=1))
+        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > max_cells:
+            return mesh
+        mesh = split_edges(mesh, long).mesh
 
 
 def _into_two(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files, read_mesh
 from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
+from adaptsize.cli.memory import announce_memory_of_mesh, announce_memory_of_sizes
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     Across,
@@ -206,7 +207,7 @@ def remesh(
             mesh = _accepted(console, mesh, allowed * mesh.diagonal, close=close, strict=strict)
         elif close:
             raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
-        _announce_format(console, output, mesh, target)
+        _announce(console, output, mesh, target)
 
         def sized(elements: float | None, nodes: float | None) -> tuple[SizeFunction, SizeReport]:
             steps.begin("sizes")
@@ -228,28 +229,31 @@ def remesh(
                 progress=steps.report,
             )
 
-        def meshed(found: SizeFunction, report: SizeReport) -> SimplexMesh:
-            new: SimplexMesh = remeshing.remesh(
-                mesh,
-                found,
-                target=target,
-                backend=backend,
-                g=gradient,
-                hmax=report.hmax,
-                tolerance=tolerance_of(report, tolerance),
-                timeout=timeout,
-                strict=strict,
-                progress=steps.following(lambda text: parts.get(text, text)),
+        def meshed(old: SimplexMesh, found: SizeFunction, report: SizeReport) -> SimplexMesh:
+            announce_memory_of_mesh(console, mesh, target, report.n_elements)
+            return cast(
+                "SimplexMesh",
+                remeshing.remesh(
+                    old,
+                    found,
+                    target=target,
+                    backend=backend,
+                    g=gradient,
+                    hmax=report.hmax,
+                    tolerance=tolerance_of(report, tolerance),
+                    timeout=timeout,
+                    strict=strict,
+                    progress=steps.following(lambda text: parts.get(text, text)),
+                ),
             )
-            return new
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
             if elements is None and nodes is None:
                 found, report = sized(None, None)
-                new = meshed(found, report)
+                new = meshed(mesh, found, report)
             else:
-                new, found, report = reach_number(elements, nodes, sized, meshed)
+                new, found, report = reach_number(mesh, elements, nodes, sized, meshed)
         allowed = tolerance_of(report, tolerance)
         new = new.with_data(point_data={"h": found(new.points)})
         steps.begin("writing")
@@ -366,10 +370,11 @@ def _accepted(
     return mesh
 
 
-def _announce_format(console: Console, output: Path, mesh: SimplexMesh, target: str) -> None:
-    """Say what the format of the output does not hold."""
+def _announce(console: Console, output: Path, mesh: SimplexMesh, target: str) -> None:
+    """Say how much memory the sizes need, and what the format of the output does not hold."""
     from adaptsize._formats.writers import format_of
 
+    announce_memory_of_sizes(console, mesh)
     chosen = format_of(output, None)
     if chosen.only_triangles and mesh.dim == 3 and target != "triangles":
         console.warn(

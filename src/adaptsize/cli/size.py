@@ -16,6 +16,7 @@ from adaptsize.cli.files import (
     numbers,
     read_mesh,
 )
+from adaptsize.cli.memory import announce_memory_of_sizes
 from adaptsize.cli.options import (
     MAX_ELEMENTS,
     Across,
@@ -128,6 +129,7 @@ def size(
         else:
             mesh = read_mesh(file)
             check_cells(output, mesh)
+            announce_memory_of_sizes(console, mesh)
             steps.begin("sizes")
             found, report = size_of_mesh(console, mesh, field, crease_angle=crease_angle, **options)
         steps.begin("writing")

@@ -12,6 +12,7 @@ import numpy as np
 from adaptsize._checks import as_number, check_type
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
+from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.api import size_function
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import GRADIENT_LIMIT, TOLERANCE
@@ -23,6 +24,10 @@ from adaptsize.typing import ProgressCallback
 _ACCEPTED = 0.15
 #: ... and the best of this many meshes is returned.
 _MAX_MESHES = 3
+#: Edges of a refined mesh are at most this times the size.
+_SHORT = 0.5
+#: A refined mesh has at most this many cells.
+_MAX_CELLS = 2_000_000
 
 Sized: TypeAlias = tuple[SizeFunction, SizeReport]
 
@@ -52,7 +57,7 @@ def remesh_to_elements(
 
     The sizes are those of `size_function` with this predicted number.  If the mesh has another
     number, new sizes are predicted with the ratio of the two: at most three meshes are made, and
-    the one with the nearest number is returned.
+    the one with the nearest number is returned.  A plane mesh is refined before the second one.
 
     Parameters
     ----------
@@ -114,9 +119,9 @@ def remesh_to_elements(
             **size_options,
         )
 
-    def meshed(size: SizeFunction, report: SizeReport) -> SimplexMesh:
+    def meshed(old: SimplexMesh, size: SizeFunction, report: SizeReport) -> SimplexMesh:
         return remesh(
-            mesh,
+            old,
             size,
             target=target,
             backend=backend,
@@ -128,7 +133,7 @@ def remesh_to_elements(
             progress=progress,
         )
 
-    return reach_number(elements, nodes, sized, meshed)
+    return reach_number(mesh, elements, nodes, sized, meshed)
 
 
 def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
@@ -139,38 +144,51 @@ def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
 
 
 def reach_number(
+    mesh: SimplexMesh,
     elements: float | None,
     nodes: float | None,
     sized: Callable[[float | None, float | None], Sized],
-    meshed: Callable[[SizeFunction, SizeReport], SimplexMesh],
+    meshed: Callable[[SimplexMesh, SizeFunction, SizeReport], SimplexMesh],
 ) -> MeshOfElements:
     """Return the best of up to three meshes, by their numbers of elements or nodes.
 
+    A mesh of triangles in the plane is refined if the first new mesh misses the number.  Mmg
+    leaves edges as they are within sqrt 2 of the size, so from a mesh with edges of a few lengths
+    it cannot make any number: of 800 triangles in a regular grid it makes 800 or 417, not 641.
+    From short edges it builds all new ones.  It visits them in the order of the file, so that they
+    are also numbered at random: from regular grids in order, numbers were off by up to 35 %, and
+    by up to 6 % without order.
+
     Parameters
     ----------
+    mesh : SimplexMesh
+        The given mesh.
     elements, nodes : float or None
         Wanted number of cells, or of nodes.
     sized : callable
         Returns the sizes for a predicted number of elements or nodes, and their report.
     meshed : callable
-        Returns the mesh for sizes and their report.
+        Returns the mesh from a given mesh, sizes and their report.
     """
     counts_nodes = nodes is not None
     what = "nodes" if counts_nodes else "elements"
     goal = as_number(what, nodes if counts_nodes else elements, lower=1.0)
     best: MeshOfElements | None = None
-    least, wanted = np.inf, goal
+    old, least, wanted = mesh, np.inf, goal
     for _ in range(_MAX_MESHES):
         size, report = sized(None, wanted) if counts_nodes else sized(wanted, None)
-        mesh = meshed(size, report)
-        made = mesh.n_points if counts_nodes else mesh.n_cells
+        new = meshed(old, size, report)
+        made = new.n_points if counts_nodes else new.n_cells
         off = abs(made / goal - 1.0)
         if off < least:
-            best, least = MeshOfElements(mesh, size, report), off
+            best, least = MeshOfElements(new, size, report), off
         if off <= _ACCEPTED:
             break
+        if old is mesh and mesh.dim == mesh.cell_dim == 2:
+            old = _without_order(with_short_edges(mesh, size, _SHORT, _MAX_CELLS))
+            continue  # the first mesh says little about one from this
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
-        power = mesh.dim / mesh.cell_dim
+        power = new.dim / new.cell_dim
         predicted = report.n_nodes if counts_nodes else report.n_elements
         wanted = max(predicted * math.pow(goal / made, power), 1.0)
     assert best is not None
@@ -183,3 +201,19 @@ def reach_number(
             stacklevel=3,
         )
     return best
+
+
+def _without_order(mesh: SimplexMesh) -> SimplexMesh:
+    """Return the same mesh with nodes and cells in a random order, always the same one."""
+    rng = np.random.default_rng(mesh.n_cells)
+    nodes, cells = rng.permutation(mesh.n_points), rng.permutation(mesh.n_cells)
+    number = np.argsort(nodes).astype(np.int32)
+    facets = mesh.tagged_facets
+    return SimplexMesh(
+        mesh.points[nodes],
+        number[mesh.cells[cells]],
+        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[cells],
+        tagged_facets=None if facets is None else number[facets],
+        facet_tags=mesh.facet_tags,
+        tag_names=mesh.tag_names,
+    )

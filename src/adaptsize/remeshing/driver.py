@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
@@ -20,7 +19,7 @@ from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.acceptance import warn_of_deviation
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
-from adaptsize.remeshing.first_volume import FirstVolume, first_volumes
+from adaptsize.remeshing.first_volume import FirstVolume, first_volume
 from adaptsize.remeshing.frame import Frame
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.open_surface import warn_of_surface
@@ -32,7 +31,7 @@ from adaptsize.remeshing.preparation import (
     repair_mesh,
 )
 from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Task
-from adaptsize.remeshing.registry import choose_backend
+from adaptsize.remeshing.registry import backend_named, choose_backend
 from adaptsize.remeshing.restoration import restore
 from adaptsize.remeshing.sizing import (
     Size,
@@ -44,7 +43,7 @@ from adaptsize.remeshing.strict import remesh_strictly, routes
 from adaptsize.remeshing.tensors import as_metric_at, mean_size
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-#: If cells have a smaller dihedral angle in degrees, another first volume is tried.
+#: If cells have a smaller dihedral angle in degrees, fTetWild is tried alone.
 _LEAST_ANGLE = 2.0
 
 #: Processor time, in all and per cell, after which the generator is stopped while it adapts a first
@@ -91,7 +90,9 @@ def remesh(
     backend : {"auto", "tetwild", "mmg", "gmsh"}
         The mesh generator.  "auto" selects Mmg if it is installed, otherwise fTetWild.  To fill
         a surface, Mmg starts from a first mesh by Netgen if that is installed and can fill it,
-        otherwise by fTetWild.  "auto" never selects Gmsh.
+        otherwise by fTetWild.  If it has a dihedral angle below 2 degrees, fTetWild fills the
+        surface with the same sizes, and the mesh with the larger angle is returned.  "auto" never
+        selects Gmsh.
     g : float, default 0.25
         Gradient with which nodal sizes on a surface grow into the volume.  A SizeFunction on a
         surface uses its own g, if it has one.
@@ -301,35 +302,22 @@ class _Part:
 def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, n_cells: float) -> SimplexMesh:
     """Return the tetrahedra in a surface, adapted from a first volume.
 
-    If cells are flat, a second first volume is tried, and the better mesh is returned.
+    If cells are flat, fTetWild fills the surface with the same sizes, and the mesh with the larger
+    smallest angle is returned.
     """
-    best, best_angle = None, -np.inf
-    volumes = _first_volumes(part, run)
-    while True:
-        try:
-            volume, first = next(volumes)
-            inner = part.within(volume, first, n_cells)
-            new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
-        except StopIteration:
-            break
-        except BackendError:
-            if best is None:
-                raise
-            break
-        angle = float(minimum_angles(new).min())
-        if angle > best_angle:
-            best, best_angle = new, angle
-        if angle >= _LEAST_ANGLE:
-            break
-    assert best is not None  # the last of the volumes raises if it cannot be made
-    return best
-
-
-def _first_volumes(part: _Part, run: IsolatedRunner) -> Iterator[tuple[SimplexMesh, FirstVolume]]:
-    """Yield tetrahedra in a surface, checked, and how they were made."""
     assert part.problem.size is not None
-    for first in first_volumes(part.problem, part.problem.size, run):
-        yield part.restored(first.raw, first.generator), first
+    first = first_volume(part.problem, part.problem.size, run)
+    inner = part.within(part.restored(first.raw, first.generator), first, n_cells)
+    new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
+    angle = float(minimum_angles(new).min())
+    if angle >= _LEAST_ANGLE:
+        return new
+    try:
+        raw = backend_named("tetwild").solve(part.problem, replace(run, backend="tetwild"))
+        other = part.restored(raw, "tetwild")
+    except BackendError:
+        return new
+    return other if float(minimum_angles(other).min()) > angle else new
 
 
 def _estimate(problem: Problem) -> float:

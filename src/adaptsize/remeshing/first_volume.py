@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,8 +36,8 @@ class FirstVolume:
     """Whether the surface has the requested sizes already."""
 
 
-def first_volumes(problem: Problem, size: Size, run: IsolatedRunner) -> Iterator[FirstVolume]:
-    """Yield tetrahedra in a surface, the best ones first.
+def first_volume(problem: Problem, size: Size, run: IsolatedRunner) -> FirstVolume:
+    """Return tetrahedra in a surface.
 
     Mmg adapts the surface to the sizes, and Netgen fills it, without moving a node.  If one of
     them fails, Netgen fills the given surface, with divided edges.  fTetWild fills every surface,
@@ -47,11 +46,11 @@ def first_volumes(problem: Problem, size: Size, run: IsolatedRunner) -> Iterator
     if netgen.can_fill(problem.mesh):
         found = _by_netgen(problem, size, run)
         if found is not None:
-            yield found
+            return found
     raw = backend_named("tetwild").solve(
         replace(problem, size=None), replace(run, backend="tetwild")
     )
-    yield FirstVolume(raw, "tetwild", np.empty((0, 2), np.int32))
+    return FirstVolume(raw, "tetwild", np.empty((0, 2), np.int32))
 
 
 def _by_netgen(problem: Problem, size: Size, run: IsolatedRunner) -> FirstVolume | None:
