@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: lint test test-nojit test-bounds lowest attack docs gallery examples bench dolfinx dist clean
+.PHONY: lint test test-nojit test-bounds lowest attack docs gallery examples bench bench-compare dolfinx dist clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -56,6 +56,12 @@ dolfinx:
 
 bench:
 	$(PYTHON) benchmarks/limiting.py
+
+# Paired runs of two commits, and the ratios of their times: make bench-compare OLD=v0.1.0 NEW=HEAD
+OLD ?= HEAD~1
+NEW ?= HEAD
+bench-compare:
+	$(PYTHON) benchmarks/compare.py $(OLD) $(NEW)
 
 # One pure wheel and one source distribution, checked.  Needs: pip install build twine
 dist:

@@ -24,6 +24,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx_copybutton",
     "formulas",
+    "names",
     "pages",
 ]
 exclude_patterns = ["_build", "measurements", "decisions/template.md"]
@@ -42,6 +43,7 @@ numpydoc_xref_param_type = False
 copybutton_prompt_text = "$ "  # copied commands come without it, and without their output
 
 html_theme = "furo"
+html_logo = html_favicon = "_static/logo.svg"  # by _ext/make_logo.py
 html_title = f"adaptsize {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

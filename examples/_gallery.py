@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 DATA = Path(__file__).parent.parent / "data"
 OUTPUT = Path(__file__).parent / "output"
 
+#: Colours of curves that differ for everyone (Okabe and Ito), without red beside green.
+CURVES = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#444444"]
+
 Image = npt.NDArray[np.uint8]
 
 
@@ -65,14 +68,17 @@ def node_at(mesh: SimplexMesh, place: Sequence[float]) -> int:
 def save_panels(
     path: Path, panels: Sequence[tuple[str, Image]], *, columns: int | None = None
 ) -> None:
-    """Write pictures in rows of ``columns`` (all in one row if None), each under its title."""
+    """Write pictures in rows of ``columns`` (all in one row if None), each under its title.
+
+    Several panels get the letters (a), (b), ... in front of their titles.
+    """
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
     columns = columns or len(panels)
     rows = -(-len(panels) // columns)
     width = max(image.shape[1] for _, image in panels)
-    size = max(12, width // 32)
+    size = max(12, width // 26)
     head = 3 * size  # two lines of title
     height = max(image.shape[0] for _, image in panels) + head
     sheet = Pillow.new("RGB", (columns * width, rows * height), "white")
@@ -81,7 +87,8 @@ def save_panels(
         row, column = divmod(number, columns)
         left, top = column * width, row * height
         sheet.paste(Pillow.fromarray(image), (left, top + head))
-        pen.multiline_text((left + size, top + size // 4), title, fill="black", font=font)
+        text = _lettered(title, number, len(panels))
+        pen.multiline_text((left + size, top + size // 4), text, fill="black", font=font)
     sheet.save(path)
 
 
@@ -96,9 +103,23 @@ def drawing(
 
     # Fonts are set in points: 480 pixels are 4.8 inches, and other widths are scaled.
     figure = Figure((4.8 * columns, 4.8 * shape * rows), dpi=width / 4.8, layout="constrained")
-    return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
+    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for panel in panels:
+        panel.set_prop_cycle(color=CURVES)
+    return figure, panels
 
 
 def save_drawing(path: Path, figure: Figure) -> None:
-    """Write a figure without the date, so that the same drawing is the same file."""
+    """Write a figure without the date, so that the same drawing is the same file.
+
+    Several panels get the letters (a), (b), ... in front of their titles.
+    """
+    panels = [axes for axes in figure.axes if axes.get_title()]
+    for number, axes in enumerate(panels):
+        axes.set_title(_lettered(axes.get_title(), number, len(panels)))
     figure.savefig(path, metadata={"Software": None})
+
+
+def _lettered(title: str, number: int, count: int) -> str:
+    """Return the title of a panel with its letter, if there are several."""
+    return f"({chr(ord('a') + number)}) {title}" if count > 1 and title else title

@@ -37,7 +37,7 @@ def main(output_dir: Path, *, n_cycles: int = 4, width: int = 700) -> dict[str, 
         errors.append(energy_error(points, cells, u))
         title = f"cycle {cycle}: {counts[-1]} nodes\nenergy error {errors[-1]:.4f}"
         if cycle in (0, n_cycles):
-            panels.append((title, plot_mesh(mesh, width=width)))
+            panels.append((title, plot_mesh(mesh, limits=(0.5, 1.0), width=width)))
         if cycle == n_cycles:
             break
         indicator = ads.zz_indicator(mesh, u)

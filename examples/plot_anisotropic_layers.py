@@ -162,7 +162,7 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
         aspect.set_title("aspect ratio")
         for panel in (plain, thin, aspect):
             panel.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
-        for kind, colour in zip(KINDS, ("tab:red", "tab:blue"), strict=True):
+        for kind, colour in zip(KINDS, ("tab:orange", "tab:blue"), strict=True):
             steps = loops[name, kind]
             n = [step.mesh.n_cells for step in steps]
             errors.loglog(n, [step.error for step in steps], "o-", color=colour, label=kind)

@@ -47,6 +47,8 @@ def main(output_dir: Path, *, n_cells: int = 64, width: int = 800) -> dict[str, 
         "triangles": jittered_rectangle((0, 0), (2, 1), n_cells + 1),
     }
     panels, found = [], {}
+    exact = true_size(backgrounds["triangles"].points)
+    scale = float(exact.min()), float(exact.max())
     for name, background in backgrounds.items():
         h0 = ads.size_from_sources(background, SOURCES, g=G)
         h = ads.limit_gradient(background, h0, G, method="fast-marching")
@@ -54,7 +56,7 @@ def main(output_dir: Path, *, n_cells: int = 64, width: int = 800) -> dict[str, 
         found[f"nodes, {name}"] = background.n_points
         found[f"max error, {name}"] = float(error.max())
         title = f"{name}, {background.n_points} nodes\nlargest error {error.max():.4f}"
-        panels.append((title, plot_size(background, h, width=width)))
+        panels.append((title, plot_size(background, h, limits=scale, width=width)))
     save_panels(output_dir / "backgrounds.png", panels)
     return found
 

@@ -23,12 +23,16 @@ def main(output_dir: Path, *, width: int = 800) -> dict[str, float]:
     mesh = ads.read(DATA / "curved.vtu")
     h0 = ads.size_from_curvature(mesh, elements_per_radian=PER_RADIAN)
     h, info = ads.limit_gradient(mesh, h0, G, full_output=True)
+    scale = float(h.min()), float(h.max())
     panels = [
         (
             f"from curvature, {PER_RADIAN:g} elements per radian\ngrey: no bound",
-            plot_size(mesh, h0, width=width),
+            plot_size(mesh, h0, limits=scale, width=width),
         ),
-        (f"limited, g = {G}\nh {h.min():.3f} to {h.max():.3f}", plot_size(mesh, h, width=width)),
+        (
+            f"limited, g = {G}\nh {h.min():.3f} to {h.max():.3f}",
+            plot_size(mesh, h, limits=scale, width=width),
+        ),
     ]
     found = {
         "smallest size": float(h.min()),

@@ -47,13 +47,14 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, 
         ("gradient limit g(h(x))\n0.6 for small, 0.2 for large elements",
          plot_size(mesh, g_of_h(h), label="g(h)", width=width)),
         (f"size, {SMALLEST} to {h.max():.2f}\nlargest error {np.abs(error).max():.0e}",
-         plot_size(mesh, h, width=width)),
+         plot_size(mesh, h, limits=(SMALLEST, h.max()), width=width)),
     ]  # fmt: skip
     if has_mmg():
         size = ads.SizeFunction(mesh, h)
         new = ads.remesh(mesh, size)
         found["triangles"] = new.n_cells
-        panels.append((f"mesh\n{new.n_cells} triangles", plot_size(new, size, width=width)))
+        picture = plot_size(new, size, limits=(SMALLEST, h.max()), width=width)
+        panels.append((f"mesh\n{new.n_cells} triangles", picture))
     save_panels(output_dir / "g_of_h.png", panels)
     return found
 

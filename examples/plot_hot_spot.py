@@ -194,7 +194,7 @@ def draw_stress(
 ) -> TriMesh:
     """Draw nodal values smoothly, under the triangles."""
     image = panel.tripcolor(
-        *mesh.points.T, mesh.cells, values, shading="gouraud", cmap="turbo", vmin=0, vmax=top,
+        *mesh.points.T, mesh.cells, values, shading="gouraud", cmap="inferno", vmin=0, vmax=top,
         rasterized=True,
     )  # fmt: skip
     panel.triplot(*mesh.points.T, mesh.cells, color="k", linewidth=line)

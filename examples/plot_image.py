@@ -66,7 +66,7 @@ def _draw_mask(panel: Axes, image: ads.background.Image) -> None:
 def _draw_distance(panel: Axes, grid: ads.CartesianGrid, phi: npt.NDArray[np.float64]) -> None:
     medial = ads.medial_axis(grid, phi)
     x, y = grid.axes
-    filled = panel.contourf(x, y, phi.T, levels=np.arange(-40, 41, 5), cmap="RdBu", extend="both")
+    filled = panel.contourf(x, y, phi.T, levels=np.arange(-40, 41, 5), cmap="RdBu_r", extend="both")
     panel.contour(x, y, phi.T, levels=[0.0], colors="black", linewidths=0.8)
     panel.plot(*medial.points.T, ".", color="black", markersize=0.8)
     panel.figure.colorbar(filled, ax=panel, shrink=0.7, label="pixels")

@@ -34,7 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 G, K = 0.25, 4.0
 A, B = 0.8, 0.4  # half axes
 WAYS = {"at the nodes": 0.0, "plus sign": -1.0, "corrected": 1.0}
-COLOURS = {"at the nodes": "tab:orange", "plus sign": "tab:red", "corrected": "tab:blue"}
+COLOURS = {"at the nodes": "tab:orange", "plus sign": "tab:purple", "corrected": "tab:blue"}
 
 
 def main(
@@ -125,7 +125,7 @@ def draw_sizes(panel: Axes, n: int) -> dict[str, float]:
     found = {}
     for name, h0, colour in (
         ("formula (4)", formula, "tab:purple"),
-        ("without - g phi", ads.size_from_curvature(grid, phi, g=0.0), "tab:green"),
+        ("without - g phi", ads.size_from_curvature(grid, phi, g=0.0), "tab:orange"),
         ("size_from_curvature", ads.size_from_curvature(grid, phi, g=G), "tab:blue"),
     ):
         size = ads.SizeFunction(grid, ads.limit_gradient(grid, h0, G))

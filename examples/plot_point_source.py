@@ -20,12 +20,15 @@ def main(output_dir: Path, *, at_point: float = 0.02, width: int = 700) -> dict[
     mesh = ads.read(DATA / "slit.vtu")
     size = ads.size_function(mesh, sources=ads.PointSource([3.0, 1.0], at_point), g=0.25, hmax=0.3)
     found = {"size at the point": float(size([[3.0, 1.0]])[0])}
-    panels = [("size function", plot_size(mesh, size, width=width))]
+    scale = float(size.values.min()), 0.3
+    panels = [("size function", plot_size(mesh, size, limits=scale, width=width))]
     if has_mmg():
         new = ads.remesh(mesh, size)
         found["triangles"] = new.n_cells
         found["share of edges in band"] = ads.size_conformity(new, size).share_in_band
-        panels.append((f"mesh of {new.n_cells} triangles", plot_size(new, size, width=width)))
+        panels.append(
+            (f"mesh of {new.n_cells} triangles", plot_size(new, size, limits=scale, width=width))
+        )
     save_panels(output_dir / "point_source.png", panels)
     return found
 

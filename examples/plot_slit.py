@@ -32,16 +32,20 @@ def main(output_dir: Path, *, width: int = 700) -> dict[str, float]:
         "straight through the slit": straight_sizes(mesh.points, h0),
     }
     panels, found = [], {}
+    scale = {
+        name: (float(h0[h0 < np.inf].min()), top)
+        for name, top in (("sizes", max(float(h.max()) for h in sizes.values())), ("mesh", LARGEST))
+    }
     for name, h in sizes.items():
         found[f"size across the slit, {name}"] = float(h[across])
         title = f"distances {name}\nh = {h[across]:.2f} at the top right edge of the slit"
-        panels.append((title, plot_size(mesh, h, width=width)))
+        panels.append((title, plot_size(mesh, h, limits=scale["sizes"], width=width)))
         if has_mmg():
             size = ads.SizeFunction(mesh, h).clip(hmax=LARGEST)
             new = ads.remesh(mesh, size)
             found[f"triangles, {name}"] = new.n_cells
             title = f"its mesh (sizes up to {LARGEST})\n{new.n_cells} triangles"
-            panels.append((title, plot_size(new, size, width=width)))
+            panels.append((title, plot_size(new, size, limits=scale["mesh"], width=width)))
     save_panels(output_dir / "slit.png", panels, columns=2)
     return found
 

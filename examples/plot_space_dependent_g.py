@@ -34,13 +34,14 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, 
         "mean slope on the right": float(grown[1] / paths[1]),
         "largest slope over g": info.largest_edge_slope,
     }
+    scale = SMALLEST, float(h.max())
     halves = mesh.with_data(cell_data={"gradient limit g": g})
     panels = [
         (
             "gradient limit\n0.4 left, 0.2 right",
             plot_mesh(halves, color="gradient limit g", width=width),
         ),
-        (f"size\nh {h.min():.2f} to {h.max():.2f}", plot_size(mesh, h, width=width)),
+        (f"size\nh {h.min():.2f} to {h.max():.2f}", plot_size(mesh, h, limits=scale, width=width)),
     ]
     if has_mmg():
         sizes = ads.SizeFunction(mesh, h)
@@ -48,7 +49,9 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, 
         middle = new.points[new.cells].mean(axis=1)[:, 0]
         found["triangles on the left"] = int((middle < 0.0).sum())
         found["triangles on the right"] = int((middle >= 0.0).sum())
-        panels.append((f"mesh\n{new.n_cells} triangles", plot_size(new, sizes, width=width)))
+        panels.append(
+            (f"mesh\n{new.n_cells} triangles", plot_size(new, sizes, limits=scale, width=width))
+        )
     save_panels(output_dir / "space_dependent_g.png", panels)
     return found
 

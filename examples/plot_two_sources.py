@@ -29,11 +29,19 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, 
     exact = ads.limit_gradient(mesh, h0, G, method="exact")
     panels = []
     found = {}
-    for method in ("edge-based", "fast-marching"):
-        h = ads.limit_gradient(mesh, h0, G, method=method)
-        error = h - exact
+    errors = {
+        method: ads.limit_gradient(mesh, h0, G, method=method) - exact
+        for method in ("edge-based", "fast-marching")
+    }
+    scale = (
+        min(float(error.min()) for error in errors.values()),
+        max(float(error.max()) for error in errors.values()),
+    )
+    for method, error in errors.items():
         title = f"{method}\nerror {error.min():.2f} to {error.max():.2f}, mean {error.mean():.2f}"
-        panels.append((title, plot_size(mesh, error, label="error of h", width=width)))
+        panels.append(
+            (title, plot_size(mesh, error, label="error of h", limits=scale, width=width))
+        )
         found[f"max error {method}"] = float(np.abs(error).max())
         found[f"mean error {method}"] = float(np.abs(error).mean())
     title = f"exact, formula (11)\nh {exact.min():.2f} to {exact.max():.2f}"

@@ -276,3 +276,14 @@ def test_slopes_whose_square_overflows_are_refused():
         ads.size_from_sources(SQUARE, ads.PointSource([0.4, 0.5], 0.1), g=1e300)
     with message(expected):
         ads.limit_gradient(SQUARE, np.ones(4), 1e300)
+
+
+@pytest.mark.parametrize("three", [3, 3.0, np.int8(3), np.array(3), np.float32(3.0)])
+def test_a_whole_number_may_have_any_type(three):
+    tree = ads.Octree.build([0, 0], [1, 1], lambda x, s: s[:, 0] > 0.1, max_level=three)
+    assert tree.n_leaves == 64
+    assert ads.isotropic_metric([0.5], three).dim == 3
+    grid = ads.CartesianGrid([0, 0], 1.0, (three, three))
+    assert grid.shape == (3, 3)
+    assert all(type(n) is int for n in grid.shape)
+    assert (ads.limit_gradient(grid, 0.5, 0.3, threads=three) == 0.5).all()

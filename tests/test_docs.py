@@ -53,6 +53,22 @@ COARSER = {
         ("0.5)\nb =", "4.0)\nb ="),
         ("h_shore = 1.0", "h_shore = 8.0"),
     ],
+    "docs/tutorials/cad.md": [
+        ('ads.read_cad("flange.step")', 'ads.read_cad("flange.step", elements_per_circle=12)'),
+        ("(3, 1.0)", "(3, 4.0)"),
+        ("(0.6, tags=foot)", "(3.0, tags=foot)"),
+        ("elements_across=1, full", "elements_per_radian=1, elements_across=0, full"),
+        ("2.0, 0.5)", "2.0, 2.0)"),
+    ],
+    "docs/tutorials/flow.md": [
+        ("adapted(4000, g)", "adapted(500, g, 2)"),
+        ("hmin=0.005", "hmin=0.02"),
+        ("first_height=1e-3", "first_height=1e-2"),
+    ],
+    "docs/tutorials/photonics.md": [
+        ("a / 96, (97, 97)", "a / 24, (25, 25)"),
+        ("1.0, 12.0", "1.0, 4.0"),
+    ],
     "docs/tutorials/vessels.md": [("hmin=0.5", "hmin=1.5")],
     "docs/tutorials/seismic.md": [("per_wavelength = 5.0, 5.0", "per_wavelength = 2.0, 4.0")],
 }  # fmt: skip

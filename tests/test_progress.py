@@ -1,11 +1,12 @@
 """Progress: silence, callbacks, and the bar."""
 
+import numpy as np
 import pytest
 
 from adaptsize._progress import reporting
 
 
-@pytest.mark.parametrize("progress", [None, False])
+@pytest.mark.parametrize("progress", [None, False, np.bool_(False)])
 def test_nothing_is_printed_unless_requested(progress, capfd):
     with reporting(progress) as report:
         report("working", 0.5)

@@ -44,8 +44,15 @@ def measure(points, cells):
 def test_every_block_of_the_page_stands_in_a_section_that_is_run():
     sections = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
     with_blocks = [s.split("\n", 1)[0] for s in sections if BLOCK.search(s)]
-    assert with_blocks == ["Plain arrays", "meshio and PyVista", "scikit-fem", "DOLFINx"]
-    assert PAGE.read_text(encoding="utf-8").count("```python") == 5
+    assert with_blocks == [
+        "Plain arrays",
+        "meshio and PyVista",
+        "scikit-fem",
+        "DOLFINx",
+        "MFEM",
+        "NGSolve",
+    ]
+    assert PAGE.read_text(encoding="utf-8").count("```python") == 7
 
 
 def test_objects_of_meshio_and_pyvista(monkeypatch):
@@ -111,3 +118,29 @@ def test_dolfinx():
     again = measure(geometry.x[:, :2], geometry.dofmap)
     cells = domain.topology.original_cell_index
     np.testing.assert_allclose(np.abs(again), mesh.measures[cells], rtol=1e-9)
+
+
+def test_mfem(tmp_path):
+    names = names_after("MFEM")
+    mfem, m, mesh = names["mfem"], names["m"], names["mesh"]
+    assert m.GetNE() == mesh.n_cells == pytest.approx(1000, rel=0.15)
+    # The maximum of -div grad u = 1 on the unit square is 0.07367 (Fourier series).
+    assert names["poisson"](m).max() == pytest.approx(0.07367, rel=0.01)
+    np.testing.assert_array_equal(m.GetBdrAttributeArray(), mesh.facet_tags)
+    for name in ("data/block.vtu", "data/slit.vtu"):
+        part = ads.read(PAGE.parents[1] / name)
+        ads.write(tmp_path / "part.msh", part)
+        again = mfem.Mesh(str(tmp_path / "part.msh"), 1, 1)
+        assert (again.GetNV(), again.GetNE()) == (part.n_points, part.n_cells)
+        assert set(part.facet_tags) <= set(again.GetBdrAttributeArray())
+    again.PrintVTK(str(tmp_path / "part.vtk"))
+    assert ads.read(tmp_path / "part.vtk").n_cells == part.n_cells
+
+
+def test_ngsolve():
+    names = names_after("NGSolve")
+    m, mesh = names["m"], names["mesh"]
+    assert m.ne == mesh.n_cells == pytest.approx(1000, rel=0.15)
+    assert names["values"].max() == pytest.approx(0.07367, rel=0.01)
+    tags = [e.index + 1 for e in m.Elements(names["ng"].BND)]
+    np.testing.assert_array_equal(tags, mesh.facet_tags)

@@ -32,7 +32,7 @@ SUBJECTS = {
     "Gradient limiting": [
         "plot_one_dimension", "plot_two_sources", "plot_slit", "plot_exact_maze", "plot_sources",
         "plot_grid_schemes", "plot_space_dependent_g", "plot_g_of_h", "plot_g_on_a_domain",
-        "plot_backgrounds",
+        "plot_backgrounds", "plot_great_circles",
     ],
     "Geometry: distance, curvature, feature size": [
         "plot_distance", "plot_medial_axis", "plot_curved_boundary", "plot_feature_and_curvature",
@@ -50,6 +50,12 @@ SUBJECTS = {
         "plot_euler_anisotropic",
     ],
 }  # fmt: skip
+# The code that the scripts import, folded, so that a page has all that is needed to paste.
+SHARED = [
+    "<details><summary>_gallery.py, to be saved beside the script</summary>",
+    "```{literalinclude} ../../examples/_gallery.py\n:language: python\n```",
+    "</details>",
+]
 ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md)"}
 
 
@@ -126,8 +132,9 @@ def page_of(example: Example) -> str:
         *pictures,
         example.text,
         f"[Download the script]({script}); what it shares with others is in "
-        "[_gallery.py](../../examples/_gallery.py).",
+        "[_gallery.py](../../examples/_gallery.py), which is at the end of this page.",
         "\n".join(code),
+        *SHARED,
     ]
     return "\n\n".join(parts) + "\n"
 

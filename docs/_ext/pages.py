@@ -40,9 +40,9 @@ CONTENTS = {
     "First steps": ["install", "troubleshooting", "comparison"],
     "How to": [
         "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
-        "how-to/dolfinx", "how-to/export",
+        "how-to/dolfinx", "how-to/export", "bridges",
     ],
-    "Tutorials": ["tutorials/coast", "tutorials/seismic", "tutorials/vessels"],
+    "Tutorials": [f"tutorials/{p.stem}" for p in sorted(DOCS.glob("tutorials/*.md"))],
     "Examples": ["gallery/index"],
     "Methods": [
         "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",
@@ -50,8 +50,8 @@ CONTENTS = {
         "adaptation", "adaptive-loops",
     ],
     "Reference": [
-        "api", FUNCTIONS, "command-line", "files", "solvers", "glossary", "promises",
-        "benchmarks", "citations",
+        "parameters", "api", FUNCTIONS, "command-line", "generators", "files", "solvers",
+        "glossary", "promises", "benchmarks", "citations",
     ],
     "Project": ["decisions/README", *COPIES.values()],
 }  # fmt: skip

@@ -12,7 +12,7 @@ TYPE_CHECKING = False  # typing itself is not imported, to be quick
 if TYPE_CHECKING:
     from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "SimplexMesh": "background",
@@ -39,6 +39,7 @@ _HOMES = {
     "BoxSource": "sizes",
     "BallSource": "sizes",
     "limit_gradient": "limiting",
+    "limit_on_sphere": "limiting",
     "Metric": "metrics",
     "MetricFunction": "metrics",
     "isotropic_metric": "metrics",

@@ -79,6 +79,13 @@ def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatA
     return points
 
 
+def holds_whole_numbers(array: npt.NDArray[Any]) -> bool:
+    """Return whether an array has integers or floats without a fraction only."""
+    if array.dtype.kind == "f":
+        return bool((np.isfinite(array) & (array == np.floor(array))).all())
+    return array.dtype.kind in "iu"
+
+
 def as_index_array(
     name: str, value: npt.ArrayLike, n: int, *, width: int | None = None
 ) -> IntArray:
@@ -86,8 +93,7 @@ def as_index_array(
     raw = as_plain_array(name, value)
     if raw.size == 0:
         raw = raw.astype(np.int32)
-    whole = raw.dtype.kind in "iu" or (raw.dtype.kind == "f" and bool((raw == np.floor(raw)).all()))
-    if not whole:
+    if not holds_whole_numbers(raw):
         raise ValueError(f"{name} must be integers, got {describe(value)}")
     if raw.ndim != 2 or (width is not None and raw.shape[1] != width):
         wanted = "(m, k)" if width is None else f"(m, {width})"

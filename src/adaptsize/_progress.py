@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
+
 from adaptsize._checks import describe
 from adaptsize.typing import ProgressCallback
 
@@ -17,6 +19,8 @@ def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCall
     The bar is not shown when standard error is not a terminal.  An exception in the
     callback, including KeyboardInterrupt, propagates to the caller and stops the work.
     """
+    if isinstance(progress, np.bool_):
+        progress = bool(progress)
     if progress is None or progress is False:
         yield _ignore
     elif progress is True:

@@ -53,7 +53,7 @@ class MeshRepairWarning(UserWarning):
 
 
 class OpenSurfaceWarning(UserWarning):
-    """A surface is open, or has bodies that nearly touch: what it encloses must be guessed.
+    """A surface is open, or has bodies that overlap or nearly touch: its volume must be guessed.
 
     The message says where.
     """
@@ -71,4 +71,7 @@ class ResolutionWarning(UserWarning):
 
 
 class OutsideWarning(UserWarning):
-    """A source lies outside the domain and acts only on the closest part of it."""
+    """A source lies outside the domain, or off the surface that carries the sizes.
+
+    It acts only on the closest part of it.
+    """

@@ -11,7 +11,16 @@ from typing import Any
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_path, one_of
-from adaptsize._formats import assembly, image, metrics, parts, raster, readers, writers
+from adaptsize._formats import (
+    assembly,
+    gmsh_partitions,
+    image,
+    metrics,
+    parts,
+    raster,
+    readers,
+    writers,
+)
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.whole_files import about_file, check_readable, is_special, write_whole
 from adaptsize._size_function import SizeFunction
@@ -78,6 +87,9 @@ def read(
     *STL* files have no shared nodes.  Corners are merged if their coordinates are equal, not
     if they are close.
 
+    *Partitions.*  Those in one file of Gmsh (text of version 4.1) are merged, without ghost cells.
+    `distributed.read_parts` reads one file per partition, and keeps partitions apart.
+
     *Tags.*  The first integer cell field that is not zero everywhere, among the names that
     programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``tag``,
     ``gmsh:geometrical``, ...), becomes ``cell_tags``.  Other fields stay in ``cell_data``.
@@ -105,6 +117,7 @@ def read(
         one_of("kind", kind, tuple(KINDS))
     notes: list[str] = []
     try:
+        gmsh_partitions.refuse_split(file)
         check_readable(file)
         raw = readers.load(file)
         notes.extend(raw.notes)

@@ -67,6 +67,25 @@ def test_a_missed_number_is_corrected_by_another_mesh(generator, factor):
     assert result.mesh.n_cells == pytest.approx(3000, rel=0.08)  # whole squares
 
 
+@pytest.mark.parametrize("factor", [0.5, 1.0])
+def test_nodes_are_met_in_the_same_way(generator, factor):
+    generator.factor = factor
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    result = adapt(mesh, indicator(mesh), target_nodes=3000, max_refine=20)
+    assert result.report.budget_met
+    assert result.mesh.n_points == pytest.approx(3000, rel=0.08)
+    assert result.report.n_meshes == (1 if factor == 1.0 else 2)
+    assert "requested 3000 nodes: budget met" in str(result.report)
+
+
+def test_two_budgets_are_refused(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    with pytest.raises(ValueError, match="target_elements and target_nodes exclude each other"):
+        adapt(mesh, h0=1.0, target_nodes=3000, target_elements=6000)
+    with pytest.raises(ValueError, match="target_nodes must be finite and >= 1, got 0"):
+        adapt(mesh, h0=1.0, target_nodes=0)
+
+
 def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
     # As fTetWild's at its natural length: twice as many on one side, half as many on the other.
     class Jumping(type(generator)):

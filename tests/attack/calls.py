@@ -24,7 +24,7 @@ from .subjects import Subject, subjects
 from .world import make
 
 #: Those that make meshes in child processes are called less often.
-_SLOW = {"remesh", "adapt", "mesh_image", "mesh_from_distance", "plot_size", "plot_mesh"}
+SLOW = {"remesh", "adapt", "mesh_image", "mesh_from_distance", "plot_size", "plot_mesh"}
 
 _LONGEST = 1000
 
@@ -38,7 +38,7 @@ _MAY_BE_NAN = {
 def run(rng: np.random.Generator, folder: Path) -> str:
     """Call a random subject with one or two arguments spoiled."""
     known = subjects()
-    weights = np.array([0.15 if s.name in _SLOW else 1.0 for s in known])
+    weights = np.array([0.15 if s.name in SLOW else 1.0 for s in known])
     subject = known[int(rng.choice(len(known), p=weights / weights.sum()))]
     world = make(kind_for(subject, rng), rng)
     given = {
@@ -54,7 +54,7 @@ def run(rng: np.random.Generator, folder: Path) -> str:
         fits = given.get(name, subject.parameters[name].default)
         is_near = name in given and rng.random() < 0.5
         given[name] = spoiled(fits, rng) if is_near else nonsense(rng)
-    what = f"{subject.name}({', '.join(f'{k}={_short(v)}' for k, v in given.items())})"
+    what = f"{subject.name}({', '.join(f'{k}={short(v)}' for k, v in given.items())})"
     what += f" on {world.kind}"
     try:
         outcome = _call(subject, given, world)
@@ -66,7 +66,7 @@ def run(rng: np.random.Generator, folder: Path) -> str:
 def _call(subject: Subject, given: dict[str, Any], world: Any) -> str:
     before = _digest(given)
     has_nan = any(_has_nan(value) for value in given.values())
-    arguments, options = _bound(subject, given)
+    arguments, options = bound(subject, given)
     if subject.owner:
         arguments.insert(0, owner_of(subject, world))
     try:
@@ -81,14 +81,14 @@ def _call(subject: Subject, given: dict[str, Any], world: Any) -> str:
     if _digest(given) != before:
         raise Failure("an argument was changed")
     if not has_nan and subject.name not in _MAY_BE_NAN and _has_nan(result):
-        raise Failure(f"NaN in the result {_short(result)}")
+        raise Failure(f"NaN in the result {short(result)}")
     for name, parameter in subject.parameters.items():
         if name in given and _is_wrong(str(parameter.annotation), given[name]):
-            raise Failure(f"{name}={_short(given[name])} was accepted")
+            raise Failure(f"{name}={short(given[name])} was accepted")
     return "ok"
 
 
-def _bound(subject: Subject, given: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
+def bound(subject: Subject, given: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
     """Return positional and keyword arguments as the signature wants them."""
     arguments: list[Any] = []
     options = dict(given)
@@ -183,7 +183,7 @@ def _arrays(value: Any, depth: int) -> Iterator[np.ndarray]:
             yield from _arrays(getattr(value, name, None), depth + 1)
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
     if isinstance(value, np.ndarray):
         head = " ".join(str(v) for v in value.ravel()[:4])
         return f"{value.dtype}{list(value.shape)} {head}"[:70]

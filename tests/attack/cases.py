@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 #: Of a hundred consecutive numbers, how many belong to each class.
-SHARES = {"calls": 60, "limiting": 18, "files": 20, "faults": 2}
+SHARES = {"calls": 50, "forms": 10, "limiting": 18, "files": 20, "faults": 2}
 
 #: Seconds of processor time and of wall time after which a case counts as hanging.
 LIMITS = {
     "calls": (60.0, 300.0),
+    "forms": (60.0, 300.0),
     "limiting": (60.0, 300.0),
     "files": (30.0, 120.0),
     "faults": (300.0, 2000.0),

@@ -69,7 +69,7 @@ def _check(
         raise Failure("NaN")
     if (h[active] > h0[active]).any():
         raise Failure("above the bound")
-    if h[active].min() < h0[active].min() * (1.0 - 1e-12):
+    if h[active].min() < h0[active].min() - _rounding_of_a_bound(background, h0, g):
         raise Failure("below the smallest bound")
     scale = float(np.max(g)) * background.diagonal + float(h[finite].max())
     rounding = 1e-9 * scale + 1e-14 * domain.far * float(np.max(g))
@@ -79,6 +79,17 @@ def _check(
     if np.ndim(g) == 0 and g > 0.0:
         _check_sizes(domain, h0, h, g, method, options, rounding)
     _check_order(background, h0, h, g, method, options, rng, rounding)
+
+
+def _rounding_of_a_bound(background: Any, h0: np.ndarray, g: Any) -> float:
+    """Return how far rounding may take a size below the smallest bound.
+
+    A size is a linear interpolant of at most four bounds plus g times a distance, or a closed form
+    in which they cancel.  Each of some ten operations rounds by half an epsilon of its result, and
+    results are at most the largest bound or g times the diameter.
+    """
+    largest = float(h0[np.isfinite(h0)].max()) + float(np.max(g)) * float(background.diagonal)
+    return 10.0 * float(np.finfo(float).eps) * largest
 
 
 def _check_edges(background: Any, h: np.ndarray, g: Any, rounding: float) -> None:

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,8 @@ def attack(*options, module="tests.attack"):
 
 
 @pytest.mark.parametrize(
-    ("only", "cases"), [("calls", 300), ("limiting", 400), ("files", 500), ("faults", 100)]
+    ("only", "cases"),
+    [("calls", 300), ("forms", 300), ("limiting", 400), ("files", 500), ("faults", 100)],
 )
 def test_survives_a_short_attack(only, cases, tmp_path):
     report = tmp_path / "report.jsonl"
@@ -48,6 +50,28 @@ def test_crashes_hangs_and_failures_are_reported(number, noticed, tmp_path):
     outcome = json.loads(line)
     assert outcome["seed"] == number
     assert noticed in outcome["what"]
+
+
+def test_a_result_that_depends_on_the_form_of_an_argument_is_noticed(monkeypatch, tmp_path):
+    from attack import forms
+    from attack.cases import Failure
+    from attack.subjects import Subject
+
+    def good(hmax: "float") -> np.ndarray:
+        return np.full(3, float(hmax))
+
+    def bad(hmax: "float") -> np.ndarray:
+        return np.full(3, hmax)
+
+    def outcomes(function):
+        subject = Subject("function", "", function, dict(signature(function).parameters))
+        monkeypatch.setattr(forms, "subjects", lambda: [subject])
+        for seed in range(20):
+            yield forms.run(np.random.default_rng(seed), tmp_path)
+
+    assert len(list(outcomes(good))) == 20
+    with pytest.raises(Failure, match="not float64"):
+        list(outcomes(bad))
 
 
 def test_no_case_starts_after_the_time_limit():

@@ -106,7 +106,7 @@ def test_bad_arguments_are_named():
         (([0, 1e17], 1.0, (2, 2)), {}, r"spacing must be well above the rounding .*spacing\[1\]"),
         (([0], 1e308, (9,)), {}, "spacing must keep the coordinates finite"),
         (([0, 0], 1.0, (2, 1)), {}, r"shape must be at least 2, got shape\[1\] = 1"),
-        (([0, 0], 1.0, (2.0, 2)), {}, "shape must be 1, 2 or 3 integers"),
+        (([0, 0], 1.0, (2.5, 2)), {}, "shape must be 1, 2 or 3 integers"),
         (([0, 0], 1.0, 4), {}, "shape must be 1, 2 or 3 integers, got 4"),
         (([0] * 4, 1.0, (2,) * 4), {}, "shape must be 1, 2 or 3 integers"),
         (([0, 0], 1.0, (2**16, 2**15)), {}, "shape must give at most 2147483647 nodes"),

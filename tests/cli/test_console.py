@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from adaptsize import SimplexMesh, __version__, write
+from adaptsize.cli import entry
 from adaptsize.cli import steps as steps_module
 from adaptsize.cli.console import Console
 from adaptsize.cli.entry import run
@@ -244,7 +245,7 @@ def test_the_timer_prints_the_present_step(monkeypatch):
 
 # --- help and completion ----------------------------------------------------------
 
-COMMANDS = ("info", "size", "limit", "remesh", "image", "warmup", "check")
+COMMANDS = ("info", "size", "limit", "remesh", "adapt", "image", "warmup", "check")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -337,3 +338,19 @@ def test_a_stopped_command_leaves_nothing(tmp_path, number):
     assert child.returncode == 128 + number
     assert err.splitlines()[-1] == f"adaptsize: stopped by {signal.Signals(number).name}"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_where_python_ignores_exceptions_interrupts_nevertheless(monkeypatch, capsys):
+    class Ignored:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    def command(arguments):
+        Ignored()
+        time.sleep(60)
+
+    monkeypatch.setattr(entry, "run", command)
+    with pytest.raises(SystemExit) as stop:
+        entry.main([])
+    assert stop.value.code == entry.INTERRUPTED
+    assert capsys.readouterr() == ("", "adaptsize: interrupted\n")

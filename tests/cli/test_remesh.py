@@ -266,6 +266,24 @@ def test_bodies_closer_than_the_tolerance_are_reported(capsys, tmp_path, no_gene
     assert call(*words, "--strict", "--tolerance", "1e-4") == 0
 
 
+def test_overlapping_bodies_are_named_before_the_work(capsys, tmp_path, no_generator):
+    points = np.concatenate([CORNERS, CORNERS + np.array([0.5, 0.3, 0.4])])
+    cells = np.array(SIDES + TOP)
+    write(tmp_path / "two.stl", SimplexMesh(points, np.concatenate([cells, cells + 8])))
+    words = ["remesh", tmp_path / "two.stl", "-o", tmp_path / "o.vtu"]
+    assert call(*words, "--json") == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert result["overlapping_bodies"]["pairs"] == [[1, 2]]
+    named = "bodies 1 and 2 overlap: 12 triangles cross others, by up to "
+    assert len([text for text in result["warnings"] if named in text]) == 1
+    assert "near_bodies" not in result
+    assert call(*words, "--strict") == 1
+    assert "join the bodies before meshing" in capsys.readouterr().err
+    assert call("size", tmp_path / "two.stl", "-o", tmp_path / "h.vtu") == 0
+    assert named in capsys.readouterr().err
+
+
 def test_close_is_refused_where_there_is_no_surface(capsys, tmp_path):
     assert call("remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", "--close") == 1
     assert "--close applies to surfaces that become tetrahedra" in capsys.readouterr().err

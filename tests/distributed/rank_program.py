@@ -12,7 +12,7 @@ import domains
 from meshes import jittered_cube, jittered_square, random_sphere
 
 from adaptsize import limit_gradient
-from adaptsize.distributed import PartitionedMesh, as_communicator
+from adaptsize.distributed import PartitionedMesh, adapt, as_communicator
 from adaptsize.distributed import limit_gradient as limit_parts
 
 
@@ -60,6 +60,19 @@ def report(comm):
         limit_parts(part, h0, 0.3)
 
 
+def cycle(comm):
+    """One adaptation cycle."""
+    mesh = jittered_square(8, 887)
+    part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
+    away = np.linalg.norm(part.points[part.cells].mean(axis=1), axis=1) / mesh.diagonal
+    result = adapt(part, np.exp(-5.0 * away), target_elements=500, fields={"x": part.points})
+    np.testing.assert_allclose(result.fields["x"], result.part.points, atol=1e-12)
+    assert result.remeshed
+    assert result.report.budget_met
+    assert comm.allgather(str(result)) == [str(result)] * comm.size
+
+
 ranks = as_communicator(MPI.COMM_WORLD)
-{"compare": compare, "operations": operations, "report": report}[sys.argv[2]](ranks)
+TASKS = {"compare": compare, "operations": operations, "report": report, "cycle": cycle}
+TASKS[sys.argv[2]](ranks)
 print(f"rank {ranks.rank} done", flush=True)

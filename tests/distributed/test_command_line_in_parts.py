@@ -1,64 +1,65 @@
 """``limit`` and ``remesh`` on PVTU files and on several ranks of MPI."""
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
-from shutil import which
 
 import numpy as np
 import pytest
+from real_ranks import numbers_of_ranks, run_on_ranks
 
-from adaptsize import SimplexMesh, limit_gradient, write
+from adaptsize import CartesianGrid, SimplexMesh, limit_gradient, write
 from adaptsize.cli.entry import main
 from adaptsize.cli.parallel import is_started_by_mpi
 from adaptsize.distributed import SimulatedCommunicator
 from adaptsize.distributed.files import read_parts, write_parts
 
-MPIEXEC = which("mpiexec") or str(Path(sys.executable).with_name("mpiexec"))
 FAILING = Path(__file__).with_name("failing_rank.py")
 
 
-@pytest.fixture(scope="module")
-def mesh(tmp_path_factory):
-    """Return the path of a PVTU file of two pieces, and the mesh."""
+RANKS = numbers_of_ranks()[-1]
+PIECES = 4
+
+
+def _cut_box(dim):
+    """Return a square or cube without one of its corners, and bounds at its nodes."""
+    n = 9 if dim == 2 else 5
+    box = CartesianGrid((0.0,) * dim, 1.0 / (n - 1), (n,) * dim).mesh
+    kept = box.cells[~(box.points[box.cells].mean(axis=1) > 0.5).all(axis=1)]
+    nodes, cells = np.unique(kept, return_inverse=True)
+    points = box.points[nodes]
+    h0 = np.full(len(points), 0.3)
+    h0[np.linalg.norm(points - np.eye(dim)[0], axis=1) == 0.0] = 0.05
+    return SimplexMesh(points, cells.reshape(kept.shape)), h0
+
+
+@pytest.fixture(scope="module", params=[2])
+def mesh(request, tmp_path_factory):
+    """Return the path of a PVTU file of several pieces, and the mesh."""
     folder = tmp_path_factory.mktemp("parts")
-    x, y = np.meshgrid(np.linspace(0.0, 1.0, 9), np.linspace(0.0, 1.0, 9), indexing="ij")
-    points = np.column_stack([x.ravel(), y.ravel()])
-    number = np.arange(81).reshape(9, 9)
-    a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
-    c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
-    whole = SimplexMesh(points, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
-    h0 = np.full(81, 0.3)
-    h0[0] = 0.05
+    whole, h0 = _cut_box(request.param)
     write(folder / "whole.vtu", whole, fields={"h0": h0})
     path = folder / "mesh.pvtu"
     SimulatedCommunicator.run(
-        2, lambda comm: write_parts(path, read_parts(folder / "whole.vtu", comm))
+        PIECES, lambda comm: write_parts(path, read_parts(folder / "whole.vtu", comm))
     )
     return path, whole.with_data(point_data={"h0": h0})
 
 
 def _mpi(n_ranks, *arguments, script=("-m", "adaptsize")):
-    command = [MPIEXEC, "-n", str(n_ranks), sys.executable, *script, *map(str, arguments)]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "src")}
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=120, env=environment, check=False
-    )
+    return run_on_ranks(n_ranks, *script, *arguments, timeout=120)
 
 
 def _read(path):
     return SimulatedCommunicator.run(1, lambda comm: read_parts(path, comm))[0].mesh
 
 
-@pytest.mark.parametrize("output", ["graded.pvtu", "graded.vtu"])
-def test_two_ranks_write_what_one_writes(mesh, tmp_path, output):
+@pytest.mark.parametrize(("mesh", "output"), [(2, "a.pvtu"), (3, "a.vtu")], indirect=["mesh"])
+def test_ranks_write_what_one_process_writes(mesh, tmp_path, output):
     path, whole = mesh
-    done = _mpi(2, "limit", path, "--field", "h0", "-g", 0.2, "-o", tmp_path / output)
+    done = _mpi(RANKS, "limit", path, "--field", "h0", "-g", 0.2, "-o", tmp_path / output)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert lines[0].endswith("of 81 nodes lowered, on 2 ranks")
+    assert lines[0].endswith(f"of {whole.n_points} nodes lowered, on {RANKS} ranks")
     assert len(lines) == 2  # only one rank prints
     found = _read(tmp_path / output)
     assert np.array_equal(found.points, whole.points)
@@ -85,26 +86,26 @@ def test_one_process_takes_pvtu(mesh, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("more", [(), ("--gather",)])
-def test_remeshing_on_two_ranks(mesh, tmp_path, more):
+def test_remeshing_on_several_ranks(mesh, tmp_path, more):
     output = tmp_path / "fine.pvtu"
-    done = _mpi(2, "remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", output, *more)
+    done = _mpi(RANKS, "remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", output, *more)
     assert done.returncode == 0, done.stderr
     assert "at interfaces" in done.stdout
     found = _read(output)
-    assert found.measures.sum() == pytest.approx(1.0, abs=1e-9)
+    assert found.measures.sum() == pytest.approx(0.75, abs=1e-9)
     assert found.boundary().mesh.measures.sum() == pytest.approx(4.0, abs=1e-9)
     assert np.abs(found.point_data["h"]).max() < 0.31
 
 
-@pytest.mark.parametrize("rank", [0, 1])
+@pytest.mark.parametrize("rank", range(RANKS))
 @pytest.mark.parametrize("phase", ["reading", "alone", "meshing", "writing", "bug", "killed"])
 def test_fault_on_one_rank_ends_all(mesh, tmp_path, phase, rank):
     command = ("remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", tmp_path / "a.pvtu")
-    done = _mpi(2, *command, script=(str(FAILING), phase, str(rank)))
+    done = _mpi(RANKS, *command, script=(str(FAILING), phase, str(rank)))
     assert done.returncode != 0
     errors = [line for line in done.stderr.splitlines() if "adaptsize: error" in line]
-    if phase == "killed":  # mpiexec ends the others, and says so
-        assert re.search(r"(?i)signal:? 9", done.stdout + done.stderr)
+    if phase == "killed":  # mpiexec ends the others and reports the signal
+        assert re.search(r"(?i)signal:?\s+9", done.stdout + done.stderr)
     else:
         assert done.returncode == 1
         assert errors == [f"adaptsize: error: rank {rank}: planted fault"]

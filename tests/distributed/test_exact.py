@@ -6,10 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import jittered_cube, jittered_square, random_square, slit_square, structured_square
-from partitions import KINDS, on_ranks, partition
+from partitions import (
+    BOUNDS,
+    KINDS,
+    SIZE,
+    assert_equal_to_serial,
+    bounds,
+    on_ranks,
+    partition,
+)
 
-from adaptsize import SimplexMesh, limit_gradient
-from adaptsize.distributed import api
+from adaptsize import SimplexMesh
 from adaptsize.distributed import limit_gradient as limit_parts
 
 CONVEX = {
@@ -24,43 +31,6 @@ IN_THE_PLANE = {
     "blocks": domains.blocks(10, seed=825)[0],
     "holes": domains.holes(14, 3, 6, seed=826)[0],
 }
-BOUNDS = ("two", "some", "noise", "smooth", "limited", "corner")
-SIZE = 4
-
-
-def bounds(mesh, kind, rng):
-    """Return bounds in the unit of the mesh."""
-    scale, n = mesh.diagonal, mesh.n_points
-    if kind == "smooth":
-        waves = np.sin(7.0 * mesh.points[:, 0] / scale) * np.cos(9.0 * mesh.points[:, 1] / scale)
-        return scale * (0.05 + 0.3 * waves**2)
-    h0 = scale * rng.uniform(0.01, 0.3, n)
-    if kind == "some":
-        h0[rng.random(n) < 0.8] = np.inf
-    elif kind == "corner":
-        h0[1:] = np.inf
-    elif kind in ("two", "limited"):
-        h0[rng.permutation(n)[2:]] = np.inf
-    return limit_gradient(mesh, h0, 0.3) if kind == "limited" else h0
-
-
-def assert_equal_to_serial(mesh, h0, g, rank_of, **options):
-    whole = limit_gradient(mesh, h0, g, **options)
-    results, parts = on_ranks(
-        mesh, rank_of, SIZE, lambda part: limit_parts(part, h0[part.global_ids], g, **options)
-    )
-    for h, part in zip(results, parts, strict=True):
-        expected = whole[part.global_ids]
-        wrong = np.flatnonzero(h != expected)
-        assert len(wrong) == 0, (h[wrong], expected[wrong], part.global_ids[wrong])
-
-
-@pytest.fixture
-def nothing_is_collected(monkeypatch):
-    def refuse(*args):
-        raise AssertionError("the mesh was collected on one rank")
-
-    monkeypatch.setattr(api, "_collected", refuse)
 
 
 @pytest.mark.usefixtures("nothing_is_collected")
@@ -128,22 +98,28 @@ def test_components_and_nodes_in_no_cell():
             assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, parts, SIZE, rng))
 
 
+@pytest.mark.usefixtures("nothing_is_collected")
+@pytest.mark.parametrize("kind", ["two", "some", "noise", "limited", "corner"])
+def test_segments_on_a_line(kind):
+    """Two intervals, one of them folded, and a node in no cell."""
+    rng = np.random.default_rng(853)
+    points = np.concatenate([rng.permutation(30) / 7.0, [9.0], 10.0 + rng.random(5)])[:, None]
+    order = np.argsort(points[:30, 0])
+    cells = np.concatenate([np.column_stack([order[:-1], order[1:]]), [[31, 32], [32, 33]]])
+    mesh = SimplexMesh(points, np.concatenate([cells, [[33, 34], [34, 35]]]))
+    h0 = bounds(mesh, kind, rng)
+    for parts in KINDS:
+        assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, parts, SIZE, rng))
+
+
 def test_degenerate_meshes_are_collected():
     square = structured_square(3)
     flat = SimplexMesh(square.points, np.concatenate([square.cells, [[0, 4, 8]]]))
     doubled = SimplexMesh(square.points, np.concatenate([square.cells, square.cells[:4]]))
-    line = SimplexMesh(np.linspace(0, 1, 9)[:, None], [[i, i + 1] for i in range(8)])
     rng = np.random.default_rng(860)
-    for mesh in (flat, doubled, line):
+    for mesh in (flat, doubled):
         h0 = np.where(rng.random(mesh.n_points) < 0.5, rng.uniform(0.1, 1.0, mesh.n_points), np.inf)
         assert_equal_to_serial(mesh, h0, 0.2, partition(mesh, "random", SIZE, rng))
-
-
-def test_solids_that_are_not_convex():
-    mesh = domains.wall_box(6, seed=861)[0]
-    rng = np.random.default_rng(862)
-    h0 = bounds(mesh, "two", rng)
-    assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, "strips", SIZE, rng))
 
 
 @pytest.mark.usefixtures("nothing_is_collected")

@@ -41,6 +41,47 @@ def test_partitions_of_gmsh(name, n_ranks):
     assert n_cells == {1: [162], 2: [81, 81], 3: [81, 81, 0]}[n_ranks]
 
 
+def test_one_process_merges_the_partitions_in_a_file():
+    mesh, part = read(DATA / "partitioned.msh"), read_parts(DATA / "partitioned.msh").mesh
+    for name in ("points", "cells", "cell_tags", "tagged_facets", "facet_tags"):
+        assert np.array_equal(getattr(mesh, name), getattr(part, name))
+    assert mesh.tag_names == part.tag_names
+    assert read(DATA / "split_1.msh").n_cells == 81
+
+
+def test_one_process_refers_to_read_parts_for_several_files():
+    text = r"split\.msh: .* in split_1\.msh to split_2\.msh.*read_parts"
+    with pytest.raises(MeshFileError, match=text):
+        read(DATA / "split.msh")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("4.1 0 8", "4 0 8", "must therefore be a text file of version 4.1"),
+        ("$EndPartitionedEntities", "", "is truncated"),
+        ("$EndElements", "", "is truncated"),
+    ],
+)
+def test_other_and_damaged_partitioned_files_are_one_error(tmp_path, old, new, text):
+    path = tmp_path / "a.msh"
+    path.write_text((DATA / "partitioned.msh").read_text().replace(old, new))
+    with pytest.raises(MeshFileError, match=rf"a\.msh: [^\n]*{text}"):
+        read(path)
+
+
+def test_binary_partitions_are_refused(tmp_path):
+    content = (DATA / "partitioned.msh").read_bytes()
+    begin, end = content.index(b"$Nodes"), content.index(b"$EndNodes")
+    binary = np.array([1, 0, 0, 0]).tobytes() + b"\xf0\xff"
+    content = content[:begin] + b"$Nodes\n" + binary + content[end:]
+    (tmp_path / "a.msh").write_bytes(content.replace(b"4.1 0 8", b"4.1 1 8"))
+    with pytest.raises(
+        MeshFileError, match=r"a\.msh: has partitions, and must therefore be a text"
+    ):
+        read(tmp_path / "a.msh")
+
+
 def test_damaged_partition_is_reported_by_all_ranks(tmp_path):
     text = (DATA / "split_2.msh").read_text()
     (tmp_path / "a_1.msh").write_text((DATA / "split_1.msh").read_text())

@@ -5,9 +5,10 @@ import pytest
 from meshes import jittered_cube, jittered_square
 from partitions import KINDS, on_ranks, partition
 
-from adaptsize import size_from_error
+from adaptsize import size_from_error, size_from_hessian
 from adaptsize.distributed import limit_gradient, predicted_elements
 from adaptsize.distributed import size_from_error as size_on_parts
+from adaptsize.distributed import size_from_hessian as hessian_on_parts
 from adaptsize.sizes import predicted_elements as predicted_on_whole
 
 SIZE = 4
@@ -29,6 +30,45 @@ def test_sizes_from_error_are_those_of_the_whole(name, g, goal):
         )
         for h, part in zip(results, parts, strict=True):
             np.testing.assert_allclose(h, whole[part.global_ids], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"tolerance": 0.02},
+        {"tolerance": 0.02, "norm": 2.0, "hmax": 30.0},
+        {"target_elements": 800.0, "g": 0.3, "norm": 1.0},
+    ],
+)
+@pytest.mark.parametrize("name", MESHES)
+def test_sizes_from_second_derivatives_are_those_of_the_whole(name, options):
+    mesh, rng = MESHES[name], np.random.default_rng(896)
+    x = mesh.points / 50.0
+    field = np.sin(3.0 * x[:, 0]) + x[:, 0] * x[:, 1] + np.where(x[:, 0] > 0.5, x[:, 1] ** 3, 0.0)
+    whole = size_from_hessian(mesh, field, **options)
+    for kind in KINDS if "tolerance" in options else ("random", "some empty"):
+        rank_of = partition(mesh, kind, SIZE, rng)
+        results, parts = on_ranks(
+            mesh,
+            rank_of,
+            SIZE,
+            lambda part: hessian_on_parts(part, field[part.global_ids], **options),
+        )
+        for h, part in zip(results, parts, strict=True):
+            np.testing.assert_allclose(h, whole[part.global_ids], rtol=1e-9)
+
+
+def test_linear_fields_request_nothing():
+    for mesh in MESHES.values():
+        field = mesh.points @ np.arange(1.0, 1.0 + mesh.dim)
+        for goal in ({"tolerance": 0.1}, {"target_elements": 50.0}):
+            results, _ = on_ranks(
+                mesh,
+                None,
+                SIZE,
+                lambda part, f=field, goal=goal: hessian_on_parts(part, f[part.global_ids], **goal),
+            )
+            assert all(np.isinf(h).all() for h in results)
 
 
 def test_predicted_elements_are_those_of_the_whole():
@@ -75,5 +115,8 @@ def test_bad_input_on_one_rank_is_reported_by_all():
             size_on_parts(part, eta, order=1.0, tolerance=1.0)
         with pytest.raises(ValueError, match=r"^rank 1: size must be positive"):
             predicted_elements(part, h)
+        eta, hmax = np.ones(part.n_cells), -1.0 if part.comm.rank == 1 else 1.0
+        with pytest.raises(ValueError, match=r"^rank 1: hmax must be finite and > 0"):
+            size_on_parts(part, eta, order=1.0, tolerance=1.0, hmax=hmax)
 
     on_ranks(mesh, None, SIZE, work)

@@ -78,3 +78,9 @@ def test_wrong_field_on_one_rank_is_reported_by_all():
             transfer_fields(part, part, fields={"u": u})
 
     SimulatedCommunicator.run(2, run)
+
+
+def test_conservative_that_is_no_flag_is_refused():
+    part = PartitionedMesh.from_serial(_mesh(2, 20, 31))
+    with pytest.raises(ValueError, match="conservative must be True or False, got 'no'"):
+        transfer_fields(part, part, conservative="no")

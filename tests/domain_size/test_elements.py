@@ -7,7 +7,7 @@ import pytest
 from meshes import random_sphere, random_square
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
-from adaptsize.domain_size.elements import reach_elements
+from adaptsize.domain_size.elements import reach_number
 from adaptsize.errors import ResolutionWarning
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -34,6 +34,24 @@ def test_the_predicted_number_is_the_requested_one(domain, options, factor):
     assert (report.relaxation < 1.0) == (report.n_elements > free.n_elements)
 
 
+@pytest.mark.parametrize("domain", [SQUARE, sphere()])
+def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
+    _, report = size_function(domain, nodes=7_000, full_output=True)
+    assert report.n_nodes == pytest.approx(7_000, rel=0.025)
+    assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
+
+
+@pytest.mark.parametrize("name", ["elements", "nodes"])
+def test_the_type_of_the_number_does_not_matter(name):
+    first, second = (size_function(SQUARE, **{name: number}) for number in (500, np.float32(500.0)))
+    np.testing.assert_array_equal(first.values, second.values)
+
+
+def test_nodes_need_a_domain_with_a_mesh():
+    with pytest.raises(ValueError, match="nodes needs a mesh or a surface as domain"):
+        size_function(disc, **BOX, nodes=100)
+
+
 def test_bounds_are_scaled_and_limited_again():
     # The gradient keeps its limit, where sizes multiplied by a factor would not.
     _, coarse = size_function(sphere(), elements=2_000, full_output=True)
@@ -57,6 +75,9 @@ def test_given_parameters_are_kept():
     ("options", "message"),
     [
         ({"elements": 0}, "elements must be finite and >= 1, got 0"),
+        ({"nodes": 0}, "nodes must be finite and >= 1, got 0"),
+        ({"nodes": 9, "elements": 9}, "nodes and elements exclude each other"),
+        ({"nodes": 9, "max_elements": 9}, "nodes and max_elements exclude each other"),
         ({"elements": np.inf}, "elements must be finite"),
         ({"elements": "many"}, "elements must be a number"),
         ({"elements": 1000, "max_elements": 999}, "elements must be at most max_elements = 999"),
@@ -87,9 +108,9 @@ class Generator:
     def __init__(self, ratio, power=1.0):
         self.ratio, self.power, self.wanted = ratio, power, []
 
-    def sized(self, number):
-        self.wanted.append(number)
-        _, report = size_function(SQUARE, elements=number, full_output=True)
+    def sized(self, elements, nodes):
+        self.wanted.append(elements or nodes)
+        _, report = size_function(SQUARE, elements=elements, nodes=nodes, full_output=True)
         return None, report
 
     def meshed(self, size, report):
@@ -105,16 +126,25 @@ class Generator:
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.1, 1), (1.3, 2), (0.5, 2)])
 def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, meshes):
     generator = Generator(ratio)
-    mesh, _, report = reach_elements(1000, generator.sized, generator.meshed)
+    mesh, _, report = reach_number(1000, None, generator.sized, generator.meshed)
     assert mesh.n_cells == pytest.approx(1000, rel=0.15)
     assert len(generator.wanted) == meshes
     if meshes > 1:
         assert report.n_elements == pytest.approx(1000 / ratio, rel=0.05)
 
 
+def test_nodes_are_corrected_in_the_same_way():
+    generator = Generator(0.8)
+    mesh, _, report = reach_number(None, 1000, generator.sized, generator.meshed)
+    assert mesh.n_points == pytest.approx(1000, rel=0.15)
+    assert len(generator.wanted) == 2
+    assert generator.wanted[0] == 1000
+    assert report.n_nodes < 800
+
+
 def test_cells_of_a_lower_dimension_are_fewer_by_another_power():
     generator = Generator(3.0, 0.5)
-    mesh, _, _ = reach_elements(200, generator.sized, generator.meshed)
+    mesh, _, _ = reach_number(200, None, generator.sized, generator.meshed)
     assert mesh.n_cells == pytest.approx(200, rel=0.05)
     assert len(generator.wanted) == 2
 
@@ -129,7 +159,7 @@ def test_the_nearest_of_three_meshes_is_returned_with_a_warning():
 
     generator = Stubborn(1.0)
     with pytest.warns(ResolutionWarning, match="the mesh has 1300 elements instead of 1000"):
-        mesh, _, _ = reach_elements(1000, generator.sized, generator.meshed)
+        mesh, _, _ = reach_number(1000, None, generator.sized, generator.meshed)
     assert mesh.n_cells == 1300
     assert len(generator.wanted) == 3
 
@@ -149,3 +179,7 @@ def test_what_is_no_mesh_or_no_target_is_refused_before_the_sizes():
         remesh_to_elements(SQUARE, 1000, target="hexahedra")
     with pytest.raises(ValueError, match="elements must be"):
         remesh_to_elements(SQUARE, -1)
+    with pytest.raises(ValueError, match="one of elements and nodes must be given, got both"):
+        remesh_to_elements(SQUARE, 10, nodes=10)
+    with pytest.raises(ValueError, match="one of elements and nodes must be given, got none"):
+        remesh_to_elements(SQUARE)

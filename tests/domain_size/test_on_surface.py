@@ -9,7 +9,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial import Delaunay
 
 from adaptsize import (
+    BallSource,
+    BoundarySource,
     BoxSource,
+    CurveSource,
+    PointSource,
     SimplexMesh,
     SizeFunction,
     limit_gradient,
@@ -19,7 +23,7 @@ from adaptsize import (
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.folds import folds_of
 from adaptsize.background.splitting import split_edges
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import OutsideWarning, ResolutionWarning
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -279,3 +283,65 @@ def test_integers_among_the_parameters_do_not_round_the_sizes():
     np.testing.assert_array_equal(sizes.values, same.values)
     np.testing.assert_array_equal(sizes([[0.0, 0.0, 50.0]]), same([[0.0, 0.0, 50.0]]))
     assert type(sizes.hmax) is float
+
+
+# --- tags of edges ----------------------------------------------------------------
+
+
+def test_splitting_halves_tagged_edges_and_keeps_those_that_are_not_edges_of_the_mesh():
+    mesh = SimplexMesh(
+        [[0, 0], [2, 0], [2, 2], [0, 2]],
+        [[0, 1, 2], [0, 2, 3]],
+        tagged_facets=[[1, 0], [2, 1], [1, 3]],
+        facet_tags=[7, 8, 9],
+    )
+    new = split_edges(mesh, (mesh.edges == [0, 1]).all(axis=1)).mesh
+    found = {
+        (*sorted(edge), tag) for edge, tag in zip(new.tagged_facets, new.facet_tags, strict=True)
+    }
+    assert found == {(0, 4, 7), (1, 4, 7), (1, 2, 8), (1, 3, 9)}
+
+
+def test_tagged_edges_are_not_flipped():
+    corners = [[0, 0], [4, 0], [2, 1], [2, -1]]
+    mesh = SimplexMesh(corners, [[0, 1, 2], [1, 0, 3]], tagged_facets=[[1, 0]], facet_tags=[7])
+    none = np.empty((0, 2), np.int32)
+    assert flip_edges(mesh, none).cells.tolist() == [[0, 1, 2], [1, 0, 3]]
+    plain = SimplexMesh(corners, mesh.cells, tagged_facets=[[0, 2]], facet_tags=[7])
+    flipped = flip_edges(plain, none)
+    assert flipped.cells.tolist() == [[2, 0, 3], [2, 3, 1]]
+    assert flipped.facet_tags.tolist() == [7]
+
+
+def test_a_size_along_a_tagged_edge_of_a_surface_is_kept_by_its_refinement():
+    plain = cylinder(12)
+    part = SimplexMesh(plain.points, plain.cells, tagged_facets=[[0, 12]], facet_tags=[5])
+    along = BoundarySource(0.3, tags=5)
+    size = size_function(part, sources=along, hmax=2.0, elements_per_radian=1, elements_across=0)
+    assert_allclose(size(np.linspace([1.0, 0.0, 0.0], [1.0, 0.0, 20.0], 9)), 0.3)
+
+
+# --- sources off the surface ------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        PointSource([0.0, 0.0, 10.0], 0.1),
+        CurveSource([[0, 0, 5], [0, 0, 15]], 0.1),
+        BallSource([0, 0, 10], 0.2, 0.1),
+        BoxSource([-0.1, -0.1, 9], [0.1, 0.1, 11], 0.1),
+    ],
+)
+def test_a_source_that_no_node_of_the_surface_is_near_is_reported(source):
+    kind = type(source).__name__
+    with pytest.warns(OutsideWarning, match=rf"{kind} requests the size 0\.1 at \(0, 0, .*off the"):
+        size_function(cylinder(12), sources=source, hmax=2, elements_across=0)
+
+
+def test_sources_on_the_surface_or_below_hmin_are_not_reported():
+    at_node = PointSource([1.0, 0.0, 0.0], 0.1)
+    size = size_function(cylinder(12), sources=[at_node], hmax=2, elements_across=0)
+    assert size([[1.0, 0.0, 0.0]]) == pytest.approx(0.1)
+    # hmin makes the size there, not the distance.
+    size_function(cylinder(12), sources=BallSource([0, 0, 10], 2.0, 0.1), hmin=1, hmax=1)

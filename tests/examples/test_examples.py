@@ -88,6 +88,12 @@ def test_g_of_h_solves_the_differential_equation_along_rays(run):
     assert found["largest with g = 0.2"] < found["largest size"] < found["largest with g = 0.6"]
 
 
+def test_sizes_on_a_map_are_too_large_off_the_meridian(run):
+    found = run("plot_great_circles", spacing=4.0)
+    assert found["largest ratio of sizes on the map and on the sphere"] > 5.0
+    assert found["smallest ratio"] == pytest.approx(1.0, abs=1e-9)  # no path on the map is shorter
+
+
 def test_in_one_dimension_the_grid_has_the_sizes_of_formula_11(run):
     found = run("plot_one_dimension", n_nodes=201)
     limits = ("4", "2", "1", "0.5")

@@ -34,13 +34,13 @@ def test_expanding_circle_converges():
     # u0 = r - 30 moves to r - 30 - t. A level set scheme of this kind is second order
     # where the solution is smooth: errors fall by about 4 when the edges are halved.
     error = []
-    for n_side in (26, 51):
+    for n_side in (16, 31):
         mesh = jittered_square(n_side, seed=11)
         r = np.linalg.norm(mesh.points, axis=1)
         u = _move(mesh, r - 30.0, 15.0)
         ring = (r > 20.0) & (r < 48.0)
         error.append(np.abs(u - (r - 45.0))[ring].mean())
-    assert error[1] < 0.12
+    assert error[1] < 0.15
     assert np.log2(error[0] / error[1]) > 1.5, error
 
 

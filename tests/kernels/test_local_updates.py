@@ -102,3 +102,11 @@ def test_coinciding_points_give_point_updates(g):
 def test_a_rise_whose_square_overflows_on_an_edge_without_length(sizes):
     points = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     assert minimum_on_edge(points, (0, 0), 0, 1, 2, *sizes, 0.3)[0] == 1.3
+
+
+@pytest.mark.parametrize("with_bc", [True, False])
+def test_equal_sizes_on_a_triangle_are_the_value_for_g_zero(with_bc):
+    points = np.vstack([np.ones(3), np.eye(3)])
+    value, l1, l2 = minimum_on_triangle(points, (0,) * 3, 0, 1, 2, 3, 0.2, 0.2, 0.2, 0.0, with_bc)
+    assert value == 0.2
+    assert min(l1, l2, 1.0 - l1 - l2) >= 0.0

@@ -58,6 +58,15 @@ def test_a_single_cell_is_a_mesh(dim, method):
 
 
 @pytest.mark.parametrize("method", ALL)
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_equal_bounds_of_a_cell_hold_at_its_other_node_for_g_zero(dim, method):
+    mesh = SimplexMesh(np.vstack([np.zeros(dim), np.eye(dim)]), [range(dim + 1)])
+    h0 = np.full(dim + 1, 0.2)
+    h0[0] = np.inf
+    assert limit_gradient(mesh, h0, 0.0, method=method).tolist() == [0.2] * (dim + 1)
+
+
+@pytest.mark.parametrize("method", ALL)
 def test_sizes_pass_through_cells_of_no_volume(method):
     # A chain: a flat triangle on a line, then one with two coinciding corners.
     points = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 0.0], [3.0, 0.0]]

@@ -246,3 +246,20 @@ def test_matplotlib_draws_what_is_near_over_what_is_far():
     red, green, blue = np.moveaxis(image[:, : int(0.8 * WIDTH)].astype(int), 2, 0)
     yellow, purple = red > blue + 60, blue > green + 30
     assert yellow.sum() > 1.3 * purple.sum() > 0
+
+
+# --- one scale for several pictures -----------------------------------------------
+
+
+def test_pictures_with_the_same_limits_have_the_same_colours(drawn_by):
+    mesh = structured_square(2)
+    low = plot_size(mesh, np.full(9, 1.0), limits=(1.0, 5.0), width=WIDTH)
+    high = plot_size(mesh, np.full(9, 5.0), limits=(1.0, 5.0), width=WIDTH)
+    assert is_near(low, PURPLE).mean() > 0.4
+    assert is_near(high, YELLOW).mean() > 0.4
+
+
+@pytest.mark.parametrize("limits", [(2.0, 1.0), (1.0, np.inf), (1.0, 1.0), (1.0,), "ab"])
+def test_limits_that_are_no_range_are_refused(limits):
+    with pytest.raises(ValueError, match="limits"):
+        plot_size(structured_square(2), np.ones(9), limits=limits, width=WIDTH)

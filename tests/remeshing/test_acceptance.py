@@ -5,8 +5,8 @@ import pytest
 from shapes import block
 
 from adaptsize import SimplexMesh
-from adaptsize.errors import BackendError
-from adaptsize.remeshing.acceptance import refuse_other_domain
+from adaptsize.errors import BackendError, ResolutionWarning
+from adaptsize.remeshing.acceptance import refuse_other_domain, warn_of_deviation
 from adaptsize.remeshing.driver import _Part
 
 CUBE = block(2)
@@ -58,3 +58,27 @@ def test_a_surface_inside_a_body_may_vanish_in_its_volume():
 def test_an_open_surface_may_be_closed_in_any_way_within_its_box():
     lid = (SURFACE.points[SURFACE.cells][..., 2] == 1.0).all(axis=1)
     accept(CUBE, SimplexMesh(SURFACE.points, SURFACE.cells[~lid]))
+
+
+def test_a_lost_flap_is_warned_of():
+    # A flap of .1 on a side of the cube: too small to refuse the mesh, far beyond the tolerance.
+    flap = moved(CUBE, [1.0, 0.4, 0.4], scale=0.1)
+    old = joined(CUBE, flap)
+    with pytest.warns(ResolutionWarning, match="misses part of the domain.* 0.1 from the given"):
+        warn_of_deviation(CUBE, old, 1e-3)
+    with pytest.warns(ResolutionWarning, match=r"^the boundary of the mesh is 0.1 from the given"):
+        warn_of_deviation(old, CUBE, 1e-3)
+
+
+def test_no_warning_within_four_tolerances_or_for_an_open_surface():
+    warn_of_deviation(moved(CUBE, [0.0039, 0.0, 0.0]), CUBE, 1e-3)
+    lid = (SURFACE.points[SURFACE.cells][..., 2] == 1.0).all(axis=1)
+    warn_of_deviation(CUBE, SimplexMesh(SURFACE.points * 1.5, SURFACE.cells[~lid]), 1e-3)
+
+
+def test_a_body_inside_another_one_that_vanishes_is_warned_of():
+    inner = moved(SURFACE, 0.25, scale=0.5)
+    old = joined(SURFACE, inner)
+    with pytest.warns(ResolutionWarning, match=r"fills both sides .* 0.25 from the given one"):
+        warn_of_deviation(CUBE, old, 1e-3)
+    warn_of_deviation(CUBE, old, 1e-3, may_be_joined=True)

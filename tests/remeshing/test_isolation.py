@@ -12,7 +12,7 @@ import pytest
 from fake_generators import FakeBackend
 from shapes import block
 
-from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing import register_backend, registry, remesh
 
 SUPPORT = Path(__file__).parents[1] / "support"
@@ -205,6 +205,14 @@ def test_children_of_a_crashed_generator_are_killed(fake, tmp_path):
 def test_an_unusable_mesh_is_an_error(fake, function, message):
     with pytest.raises(BackendError, match=f"fake returned.*{message}"):
         fake(function)
+
+
+def test_a_boundary_far_beyond_the_tolerance_gives_a_warning(fake):
+    # A corner of the unit cube is off by .01 sqrt 3, four times the tolerance is .02 sqrt 3.
+    assert fake("shrunk", tolerance=5e-3).n_cells == block(2).n_cells
+    place = r"from the given one at \([01], [01], [01]\)"
+    with pytest.warns(ResolutionWarning, match=f"misses part of the domain.*0.0173 {place}"):
+        fake("shrunk", tolerance=2e-3)
 
 
 def test_orientation_and_unused_nodes_are_put_right(fake):

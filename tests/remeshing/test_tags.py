@@ -81,6 +81,18 @@ def test_required_facets_stay_as_they_are():
     assert not changed <= kept
 
 
+def test_sides_beside_required_edges_stay_straight():
+    pytest.importorskip("mmgpy")
+    # The required edge from node 1 to 2 continues the side y = 0 at an angle of 11 degrees.
+    points = np.array([[0.0, 0.0], [1, 0], [2, -0.2], [2, 1], [0, 1], [1, 1]])
+    given = SimplexMesh(points, [[0, 1, 5], [0, 5, 4], [1, 2, 3], [1, 3, 5]])
+    new = remesh(given, 0.15, backend="mmg", required_facets=[[1, 2]], tolerance=0.02)
+    boundary = new.points[new.boundary().nodes]
+    side = boundary[(boundary[:, 0] <= 1.0) & (boundary[:, 1] < 0.1)]
+    assert len(side) > 5
+    assert_allclose(side[:, 1], 0.0, atol=1e-12)
+
+
 def test_a_tagged_sheet_inside_one_region_is_kept():
     pytest.importorskip("mmgpy")
     plain = two_region_block(3)

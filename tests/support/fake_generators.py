@@ -117,6 +117,13 @@ def without_first_cells(arrays, options):
     return {"points": points, "cells": cells[keep]}
 
 
+def shrunk(arrays, options):
+    """Move the boundary inwards by one percent of the extent."""
+    points = arrays["points"]
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return {"points": middle + 0.98 * (points - middle), "cells": arrays["cells"]}
+
+
 def doubled(arrays, options):
     """Return each cell twice, with nodes of its own."""
     n = len(arrays["points"])

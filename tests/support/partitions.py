@@ -2,9 +2,13 @@
 
 import numpy as np
 
+from adaptsize import limit_gradient
 from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize.distributed import limit_gradient as limit_parts
 
 KINDS = ("default", "random", "strips", "single cells", "some empty")
+BOUNDS = ("two", "some", "noise", "smooth", "limited", "corner")
+SIZE = 4
 
 
 def partition(mesh, kind, size, rng):
@@ -32,3 +36,30 @@ def on_ranks(mesh, rank_of, size, function):
 
     results = SimulatedCommunicator.run(size, work)
     return [result for result, _ in results], [part for _, part in results]
+
+
+def bounds(mesh, kind, rng):
+    """Return bounds in the unit of the mesh."""
+    scale, n = mesh.diagonal, mesh.n_points
+    if kind == "smooth":
+        waves = np.sin(7.0 * mesh.points[:, 0] / scale) * np.cos(9.0 * mesh.points[:, 1] / scale)
+        return scale * (0.05 + 0.3 * waves**2)
+    h0 = scale * rng.uniform(0.01, 0.3, n)
+    if kind == "some":
+        h0[rng.random(n) < 0.8] = np.inf
+    elif kind == "corner":
+        h0[1:] = np.inf
+    elif kind in ("two", "limited"):
+        h0[rng.permutation(n)[2:]] = np.inf
+    return limit_gradient(mesh, h0, 0.3) if kind == "limited" else h0
+
+
+def assert_equal_to_serial(mesh, h0, g, rank_of, **options):
+    whole = limit_gradient(mesh, h0, g, **options)
+    results, parts = on_ranks(
+        mesh, rank_of, SIZE, lambda part: limit_parts(part, h0[part.global_ids], g, **options)
+    )
+    for h, part in zip(results, parts, strict=True):
+        expected = whole[part.global_ids]
+        wrong = np.flatnonzero(h != expected)
+        assert len(wrong) == 0, (h[wrong], expected[wrong], part.global_ids[wrong])

@@ -45,8 +45,8 @@ def check_dolfinx(domain, measure, dim):
         assert np.array_equal(whole.points[order[0]], again.points[order[1]])
 
 
-def check_petsc(dim):
-    """Compare the parts with a DMPlex."""
+def plex_of_box(dim):
+    """Return a DMPlex and the number of its cells."""
     box = mesh.create_unit_square if dim == 2 else mesh.create_unit_cube
     serial = box(MPI.COMM_SELF, *[5, 4, 3][:dim])
     cells = np.asarray(serial.geometry.dofmaps[0], PETSc.IntType)
@@ -55,16 +55,51 @@ def check_petsc(dim):
         cells, points = cells[:0], points[:0]
     plex = PETSc.DMPlex().createFromCellList(dim, cells, points, comm=comm)
     plex.markBoundaryFaces("Face Sets", 3)
+    return plex, serial.topology.index_map(dim).size_local
+
+
+def check_petsc(dim):
+    """Compare the parts with a DMPlex."""
+    plex, n_cells = plex_of_box(dim)
     if comm.size > 1:
         plex.distribute(overlap=1)
     found = ads.from_dmplex(plex, facet_label="Face Sets")
     whole = found.part.gather()
     assert len(found.vertices) == found.part.n_points
     if comm.rank == 0:
-        assert whole.n_cells == len(cells)
+        assert whole.n_cells == n_cells
         assert abs(whole.measures.sum() - 1.0) < 1e-12
         assert len(whole.tagged_facets) == len(whole.boundary().cells)
         assert (whole.facet_tags == 3).all()
+
+
+def check_metric(dim):
+    """Pass sizes to the mesh adaptation of PETSc, as docs/how-to/dolfinx.md says."""
+    plex, _ = plex_of_box(dim)
+    if comm.size > 1:
+        plex.distribute()
+    found = ads.from_dmplex(plex)
+    h = 0.1 + 0.3 * found.part.points[:, 0]
+
+    plex.metricSetIsotropic(True)
+    space = plex.clone()
+    space.setField(0, PETSc.FE().createLagrange(dim, 1, True, 1, PETSc.DETERMINE, comm=plex.comm))
+    space.createDS()
+    indicator, section = space.createLocalVector(), space.getLocalSection()
+    offsets = [section.getOffset(vertex) for vertex in found.vertices]
+    indicator.array[offsets] = h**-2
+    metric = plex.metricCreateIsotropic(indicator)
+    plex.metricSetGradationFactor(np.exp(0.3))
+
+    assert len(metric.array) == found.part.n_points
+    assert np.array_equal(metric.array[offsets], h**-2)
+    assert abs(plex.metricGetGradationFactor() - 1.35) < 1e-3
+    for factor in (-1.0, 0.0):
+        try:
+            plex.metricSetGradationFactor(factor)
+        except PETSc.Error:
+            continue
+        raise AssertionError
 
 
 def check_all():
@@ -82,6 +117,8 @@ def check_all():
             raise AssertionError
     check_petsc(2)
     check_petsc(3)
+    check_metric(2)
+    check_metric(3)
     if comm.rank == 0:
         print("all right")
 

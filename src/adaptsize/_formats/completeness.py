@@ -12,6 +12,15 @@ from adaptsize._formats.blocks import RawMesh
 from adaptsize._formats.text import check_last_number
 from adaptsize.errors import MeshFileError
 
+_GMSH_SECTIONS = (
+    b"Entities",
+    b"PartitionedEntities",
+    b"PhysicalNames",
+    b"Nodes",
+    b"Elements",
+    b"NodeData",
+    b"ElementData",
+)
 #: Keywords of binary Medit files are numbers; this one is End.
 _MEDIT_END = 54
 
@@ -48,7 +57,7 @@ def check_counts(suffix: str, content: bytes, raw: RawMesh) -> None:
 def _check_gmsh_sections(content: bytes) -> None:
     if not re.match(rb"\s*\$(MeshFormat|Comments|NOD)\b", content[:1000]):
         raise MeshFileError("cannot be read as a mesh (no $MeshFormat at the start; is it Gmsh's?)")
-    for name in (b"Entities", b"PhysicalNames", b"Nodes", b"Elements", b"NodeData", b"ElementData"):
+    for name in _GMSH_SECTIONS:
         begun = len(re.findall(rb"^\$" + name + rb"\s*$", content, re.MULTILINE))
         if begun > content.count(b"$End" + name):
             raise MeshFileError(f"is truncated (no $End{name.decode()})")

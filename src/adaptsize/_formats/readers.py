@@ -16,7 +16,16 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import fort14, gmsh_names, gmsh_views, off, ply, stl, xdmf
+from adaptsize._formats import (
+    fort14,
+    gmsh_names,
+    gmsh_partitions,
+    gmsh_views,
+    off,
+    ply,
+    stl,
+    xdmf,
+)
 from adaptsize._formats.blocks import RawMesh, check_raw, join
 from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.quietness import quiet
@@ -98,6 +107,13 @@ def _load_with_meshio(path: Path) -> RawMesh:
     points = np.asarray(mesh.points, dtype=np.float64)
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, gmsh_names.read(path))
+
+
+def _load_gmsh(path: Path) -> RawMesh:
+    """Read a file of Gmsh; meshio does not know the sections of partitioned ones."""
+    if gmsh_partitions.is_partitioned(path):
+        return gmsh_partitions.read_blocks(path)
+    return _load_with_meshio(path)
 
 
 def _load_vtk_of_new_types(path: Path) -> RawMesh:
@@ -182,7 +198,7 @@ _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     ".vtu": (_load_vtu,),
     ".xdmf": (_load_with_meshio, xdmf.read),  # meshio needs h5py
     ".xmf": (_load_with_meshio, xdmf.read),
-    ".msh": (_load_with_meshio, _load_gmsh_without_cell_fields),
+    ".msh": (_load_gmsh, _load_gmsh_without_cell_fields),
     ".mesh": (_load_with_meshio,),
     ".meshb": (_load_with_meshio,),
     ".inp": (_load_with_meshio,),

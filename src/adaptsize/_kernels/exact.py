@@ -174,9 +174,38 @@ def fill_values(table, k, axes, x, count, g, values, share, edges, faces):
         values[i] = base + g * math.sqrt(square)
 
 
+@lean
+def fill_arcs(table, k, axes, x, count, g, radius, values):
+    """Fill the sizes that node k allows at points of a sphere, along great circles.
+
+    The angle of a chord c is 2 atan2(c, sqrt(4 R^2 - c^2)).
+    """
+    base = table[k, len(axes) * len(axes)]
+    for i in range(count):
+        square = 0.0
+        for d in range(len(axes)):
+            square += (x[d, i] - table[k, d]) ** 2
+        rest = math.sqrt(max(4.0 * radius * radius - square, 0.0))
+        values[i] = base + g * 2.0 * radius * math.atan2(math.sqrt(square), rest)
+
+
 @lean_kernel
 def lower_sizes(
-    points, axes, order, first, last, table, boxes, g, sizes, source, once, edges, faces, block
+    points,
+    axes,
+    order,
+    first,
+    last,
+    table,
+    boxes,
+    g,
+    sizes,
+    source,
+    once,
+    edges,
+    faces,
+    radius,
+    block,
 ):
     """Lower the sizes of points to the minimum that entries allow, without regard to visibility.
 
@@ -201,6 +230,9 @@ def lower_sizes(
         Whether to lower each size once only, which is enough to know that it is not kept.
     edges, faces : None or bool
         None if there are no edges (triangles) among the entries.
+    radius : None or float64
+        Radius of a sphere around 0 on which all points lie and along which distances run; there
+        are only nodes then.  Boxes are compared by chords, which are never longer.
     block : Block
     """
     x, box, h, by, values = block.x, block.box, block.h, block.by, block.values
@@ -226,7 +258,10 @@ def lower_sizes(
             for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
                 if least_allowed(table, k, axes, box, g, edges) >= worst:
                     continue
-                fill_values(table, k, axes, x, count, g, values, share, edges, faces)
+                if radius is not None:
+                    fill_arcs(table, k, axes, x, count, g, radius, values)
+                else:
+                    fill_values(table, k, axes, x, count, g, values, share, edges, faces)
                 for i in range(count):
                     if values[i] < h[i]:
                         h[i], by[i] = -math.inf if once else values[i], k

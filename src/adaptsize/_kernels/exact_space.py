@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.exact import BLOCK, SLACK, fill_values, gather
+from adaptsize._kernels.exact import BLOCK, fill_values, gather
 from adaptsize._kernels.local_updates import SPACE, WITH_BC, minimum_on_edge, minimum_on_triangle
 from adaptsize._kernels.space_bends import length_between, length_from, straighten
 from adaptsize._kernels.space_sight import AHEAD, without_hidden, without_leaving
@@ -30,6 +30,10 @@ _IN_ITEM = 1e-9
 
 # Part of the ends of an edge that belongs to its nodes.
 _END = 1e-12
+
+# Lower bounds are lowered by this share, so that rounding discards no path.  The allowed size is
+# then the minimum over the same paths, whatever the order in which they are tested.
+_SLACK = 1.0 - 1e-12
 
 
 @lean
@@ -158,7 +162,9 @@ def _lay(ways, w, m, g, faces, stars, block):
             _put_base(ways.bases, base, n, m, g, faces, block)
         for k in range(m if times == 0 and ways.skew[w] else 0):
             i = active[k]
-            longest = (block.sizes[i] - starts[i]) / g if g > 0.0 else math.inf
+            # If the base may move later, the length that is found now must not depend on the size.
+            fixed = g > 0.0 and ways.bases.counts[base] == 1
+            longest = (block.sizes[i] - starts[i]) / g if fixed else math.inf
             straighten(edges, chain, feet, block.work, n, i, longest)
     for k in range(m):
         i = active[k]
@@ -242,7 +248,7 @@ def _try_way(ways, w, count, sight, g, faces, block):
                 values[i] = -math.inf
     m = np.int64(0)
     for i in range(count):
-        if values[i] < sizes[i]:
+        if _SLACK * values[i] <= sizes[i]:
             active[m] = i
             m += 1
     if m == 0:
@@ -251,7 +257,8 @@ def _try_way(ways, w, count, sight, g, faces, block):
     wanted = np.int64(0)  # so that callees are not compiled for a literal, too
     for k in range(m):
         i = active[k]
-        if values[i] < sizes[i]:
+        # Of several paths with the same size, the first one counts, in whatever order they come.
+        if values[i] < sizes[i] or (values[i] == sizes[i] and w < block.way[i]):
             active[wanted] = i
             wanted += 1
     if wanted == 0:
@@ -299,7 +306,7 @@ def _promise(boxes, b, x, sizes, count, g):
         dy = max(ly - x[1, i], x[1, i] - hy, 0.0)
         dz = max(lz - x[2, i], x[2, i] - hz, 0.0)
         bound = value + g * math.sqrt(dx * dx + dy * dy + dz * dz)
-        found += 1 if SLACK * bound < sizes[i] else 0
+        found += 1 if _SLACK * bound <= sizes[i] else 0
     return found
 
 
@@ -324,6 +331,8 @@ def _first_tries(order, start, count, hints, recent, queue):
 @lean_kernel
 def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, field, faces, block):
     """Lower the sizes of points to the minimum over paths whose pieces are all visible.
+
+    Without hints, the path of each point is the first of those that allow the minimum.
 
     Parameters
     ----------

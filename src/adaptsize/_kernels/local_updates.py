@@ -167,16 +167,16 @@ def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
             l0 = 1.0 - l1 - l2
             if l0 >= 0.0 and l1 >= 0.0 and l2 >= 0.0:
                 return h_a + p1 * dh1 + p2 * dh2 + ratio * slack2, l1, l2
-        else:  # the sizes fall without end along -q
+        else:  # the sizes fall without end along -q; 0 for equal sizes and g = 0: any edge
             l1 = -q1
             l2 = -q2
             l0 = q1 + q2
 
     least = math.inf
     least_1 = least_2 = 0.0
-    if l2 < 0.0:
+    if l2 <= 0.0:
         least, least_1 = minimum_on_edge(points, axes, k, a, b, h_a, h_b, g)
-    if l1 < 0.0:
+    if l1 <= 0.0:
         value, t = minimum_on_edge(points, axes, k, a, c, h_a, h_c, g)
         if value < least:
             least, least_1, least_2 = value, 0.0, t

@@ -14,6 +14,9 @@ LONGEST = 12
 # Largest number of steps of Newton's method.
 _STEPS = 8
 
+# Lengths above the longest useful one by this factor are so despite rounding.
+_ABOVE = 1.0 + 1e-12
+
 
 class Edges(NamedTuple):
     """Straight reflex edges."""
@@ -93,7 +96,7 @@ def _newton_step(edges, chain, feet, work, n, i, longest):
     for level in range(1, n + 1):
         fall, t = work[0, level], work[3, level]
         least -= max(fall * (edges.length[chain[level]] - t), -fall * t)
-    if least > longest:
+    if least > longest * _ABOVE:
         return math.inf
     for level in range(1, n + 1):
         if level > 1:

@@ -35,7 +35,7 @@ class Ways(NamedTuple):
     image: np.ndarray
     """float64[w, 2]: place along the edge, and distance from it, of the base as turned."""
     offset: np.ndarray
-    """float64[w]: size at the image of the base."""
+    """float64[w]: size at the image of the base, or a lower bound if the base is not a node."""
     shade: np.ndarray
     """float64[w, 9]: three vectors.  The path acts on points x for which the product of the first
     and (x - start of the edge) is not positive, and that of one of the others is not negative."""

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeAlias, cast
 
+import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_number, check_type, describe, one_of
@@ -15,6 +16,7 @@ from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_metric_bound, metric_request
 from adaptsize.adaptation.next_sizes import (
+    DEFAULT_G,
     BoundLike,
     Request,
     SizeRequest,
@@ -22,6 +24,7 @@ from adaptsize.adaptation.next_sizes import (
     as_indicator,
     check_goal,
     decide_remeshing,
+    refuse_two_targets,
 )
 from adaptsize.adaptation.result import AdaptResult, FieldsToTransfer, result_of
 from adaptsize.adaptation.transfer import FieldTransfer
@@ -30,13 +33,14 @@ from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration
+from adaptsize.sizes.node_counts import elements_with_nodes
 from adaptsize.typing import GradientLimit, ProgressCallback
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 _Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
 
-#: Default gradient limits.
-_G, _G_OF_METRICS = 0.25, 1.0
+#: Default gradient limit of metrics.
+_G_OF_METRICS = 1.0
 
 
 def adapt(
@@ -46,6 +50,7 @@ def adapt(
     order: float = 1,
     h0: BoundLike | Metric | MetricFunction | None = None,
     target_elements: float | None = None,
+    target_nodes: float | None = None,
     tolerance: float | None = None,
     g: GradientLimit | Literal["auto"] | None = "auto",
     hmin: float | None = None,
@@ -81,7 +86,7 @@ def adapt(
         Triangles in the plane, tetrahedra, or triangles in space.
     indicator : array_like of float, shape (n_cells,), optional
         Error of each cell, >= 0.  The total error is ``sqrt(sum(indicator**2))``.  Requires
-        ``tolerance``, ``target_elements`` or both.
+        ``tolerance``, ``target_elements`` (or ``target_nodes``) or both.
     order : float, default 1
         Order of convergence: the error is proportional to this power of the size, see
         `size_from_error`.
@@ -93,6 +98,8 @@ def adapt(
     target_elements : float, optional
         Number of cells of the next mesh, >= 1, after all limits.  With ``h0`` alone, the bounds
         are scaled to meet it.  With ``tolerance`` it is an upper limit.
+    target_nodes : float, optional
+        Number of nodes instead of ``target_elements``.
     tolerance : float, optional
         Target for the total error, > 0.  The sizes are computed for 0.95 of it.
     g : float, array_like, callable, tuple, "auto" or None
@@ -173,9 +180,9 @@ def adapt(
 
     Notes
     -----
-    The number of cells is predicted from measurements with the generator.  If the mesh misses the
-    number by more than 15 % although the limits allow it, the prediction is corrected and another
-    mesh is made.  Of up to three meshes the closest is returned.
+    The number of cells (or nodes) is predicted from measurements with the generator.  If the mesh
+    misses the number by more than 15 % although the limits allow it, the prediction is corrected
+    and another mesh is made.  Of up to three meshes the closest is returned.
 
     Boundary nodes stay on the boundary of the old mesh: on straight boundaries to rounding
     (fTetWild: within ``boundary_tolerance``).  On curved boundaries Mmg rounds coarse facets off,
@@ -223,12 +230,22 @@ def adapt(
     is_metric = anisotropic is not False or as_metric_bound(h0, mesh) is not None
     if isinstance(g, str):
         one_of("g", g, ("auto",))
-        g = _G_OF_METRICS if is_metric else _G
+        g = _G_OF_METRICS if is_metric else DEFAULT_G
+    # As floats: numbers of numpy would make the search for the factor less accurate.
+    if target_elements is not None:
+        target_elements = as_number("target_elements", target_elements, lower=1.0)
+    if tolerance is not None:
+        tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    if target_nodes is not None:
+        target_nodes = as_number("target_nodes", target_nodes, lower=1.0)
+        refuse_two_targets(target_elements)
+        target_elements = elements_with_nodes(mesh, target_nodes, "target_nodes")
     limits: dict[str, Any] = {
         "g": g,
         "hmin": hmin,
         "hmax": hmax,
         "target_elements": target_elements,
+        "target_nodes": target_nodes,
     }
     request: Request
     if is_metric:
@@ -239,10 +256,11 @@ def adapt(
             interpolation_error=tolerance, **limits,
         )  # fmt: skip
     else:
+        eta = as_indicator(indicator, mesh)
         request = SizeRequest(
-            indicator=as_indicator(indicator, mesh),
-            h0=as_bound(cast("BoundLike | None", h0), mesh), order=order, tolerance=tolerance,
-            max_refine=max_refine, max_coarsen=max_coarsen,
+            indicator=eta, h0=as_bound(cast("BoundLike | None", h0), mesh),
+            error=None if eta is None else float(np.linalg.norm(eta)),
+            order=order, tolerance=tolerance, max_refine=max_refine, max_coarsen=max_coarsen,
             **limits,
         )  # fmt: skip
         check_goal(request)

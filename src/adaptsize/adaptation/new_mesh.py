@@ -1,10 +1,11 @@
-"""A mesh with given sizes, and with a requested number of elements."""
+"""A mesh with given sizes, and with a requested number of elements or nodes."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing import remesh
+
+M = TypeVar("M")
 
 #: Maximum number of meshes that are made to meet a number of elements.
 _MOST_MESHES = 3
@@ -36,24 +39,67 @@ class NewMesh:
 def make_mesh(
     mesh: SimplexMesh, sizes: NextSizes, request: Request, options: dict[str, Any]
 ) -> tuple[NextSizes, NewMesh]:
-    """Return a mesh with the sizes; repeat if it misses the requested number of elements."""
-    new = remesh(mesh, sizes.requested(mesh), **options)
-    best, n_meshes, target = (sizes, new), 1, request.target_elements
+    """Return a mesh with the sizes; repeat if it misses the requested number."""
+
+    def make(chosen: NextSizes) -> SimplexMesh:
+        new: SimplexMesh = remesh(mesh, chosen.requested(mesh), **options)
+        return new
+
+    def count(new: SimplexMesh) -> int:
+        return new.n_cells if request.target_nodes is None else new.n_points
+
+    found = meet_target(request, sizes, make, count, lambda factor: request.next(mesh, factor))
+    return found.sizes, NewMesh(found.mesh, found.n_meshes, boundary_distance(mesh, found.mesh))
+
+
+@dataclass(frozen=True)
+class BestMesh(Generic[M]):
+    """The mesh whose number of elements or nodes is closest to the request, and its sizes."""
+
+    sizes: NextSizes
+    mesh: M
+    n_meshes: int
+    """Number of meshes made."""
+
+
+def meet_target(
+    request: Request,
+    sizes: NextSizes,
+    make: Callable[[NextSizes], M],
+    count: Callable[[M], int],
+    again: Callable[[float], NextSizes],
+) -> BestMesh[M]:
+    """Make meshes, at most three, until the number of elements or nodes is the requested one.
+
+    Parameters
+    ----------
+    request : Request
+    sizes : NextSizes
+        Those of the first mesh.
+    make, count : callable
+        Return a mesh with sizes, and the number of its nodes, if that is requested, or cells.
+    again : callable
+        Return sizes, given how many cells the generator makes per predicted cell.
+    """
+    elements, nodes = request.target_elements, request.target_nodes
+    target = elements if nodes is None else nodes
+    new = make(sizes)
+    best, n_meshes = (sizes, new), 1
     requested: list[float] = []
     actual: list[float] = []
-    while target is not None and sizes.in_reach and n_meshes < _MOST_MESHES:
+    while (
+        target is not None and elements is not None and sizes.in_reach and n_meshes < _MOST_MESHES
+    ):
         requested.append(math.log(sizes.simplices))
-        actual.append(math.log(new.n_cells))
+        actual.append(math.log(count(new)))
         if abs(math.expm1(actual[-1] - math.log(target))) <= BUDGET_TOLERANCE:
             break
-        number = math.exp(_next_request(requested, actual, math.log(target)))
-        sizes = request.next(mesh, target / number)
-        new = remesh(mesh, sizes.requested(mesh), **options)
+        sizes = again(elements / math.exp(_next_request(requested, actual, math.log(target))))
+        new = make(sizes)
         n_meshes += 1
-        if abs(math.log(new.n_cells / target)) < abs(math.log(best[1].n_cells / target)):
+        if abs(math.log(count(new) / target)) < abs(math.log(count(best[1]) / target)):
             best = (sizes, new)
-    sizes, new = best
-    return sizes, NewMesh(new, n_meshes, boundary_distance(mesh, new))
+    return BestMesh(*best, n_meshes)
 
 
 def _next_request(requested: list[float], actual: list[float], target: float) -> float:

@@ -46,6 +46,7 @@ class MetricRequest:
     g: float | None
     hmin: float | None
     hmax: float | None
+    target_nodes: float | None = None
     #: The error of the present mesh is not estimated.
     error: None = None
     tolerance: None = None

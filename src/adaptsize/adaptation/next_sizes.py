@@ -16,8 +16,7 @@ from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
-from adaptsize.sizes import predicted_elements
-from adaptsize.sizes.budget import scale_to
+from adaptsize.sizes.budget import CellSums, count_elements, scale_to
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.error import scaled_by_error
 from adaptsize.typing import FloatArray, GradientLimit
@@ -25,6 +24,8 @@ from adaptsize.typing import FloatArray, GradientLimit
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
+#: Default gradient limit.
+DEFAULT_G = 0.25
 #: Sizes aim at this share of the tolerance, because meshes miss sizes by a few per cent.
 _AIM = 0.95
 #: An edge is in band if neither halving nor doubling it brings it nearer to its size.
@@ -51,15 +52,14 @@ class SizeRequest:
     hmax: float | None
     max_refine: float
     max_coarsen: float
-
-    @property
-    def error(self) -> float | None:
-        """Estimated error on the present mesh."""
-        return None if self.indicator is None else float(np.linalg.norm(self.indicator))
+    error: float | None
+    """Estimated error on the present mesh."""
+    target_nodes: float | None = None
+    """Number of nodes instead of ``target_elements``, which is then the one expected with it."""
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
-        return next_sizes(mesh, self, factor)
+        return next_sizes(mesh, self, factor, lambda h, g: limit_gradient(mesh, h, g), CellSums())
 
 
 class NextSizes(NamedTuple):
@@ -114,9 +114,30 @@ class Request(Protocol):
         """Target for the number of elements."""
         ...
 
+    @property
+    def target_nodes(self) -> float | None:
+        """Target for the number of nodes; ``target_elements`` is then the one expected with it."""
+        ...
+
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
         ...
+
+
+class Present(NamedTuple):
+    """How the present mesh compares with the next sizes."""
+
+    n_cells: int
+    weights: FloatArray
+    """float64[3]: see `edge_weights`."""
+    longest: float
+    """Largest number of pieces into which an edge is to be divided."""
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Return the shares of the next mesh that are in band, too long and too short."""
+        too_long, too_short = (self.weights[1:] / self.weights[0]).tolist()
+        return 1.0 - too_long - too_short, too_long, too_short
 
 
 class Decision(NamedTuple):
@@ -153,6 +174,12 @@ def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
     return values
 
 
+def refuse_two_targets(target_elements: float | None) -> None:
+    """Raise a ValueError if a number of elements is given besides one of nodes."""
+    if target_elements is not None:
+        raise ValueError("target_elements and target_nodes exclude each other: omit one")
+
+
 def check_goal(request: SizeRequest) -> None:
     """Raise a ValueError if the request is incomplete or contradictory."""
     if request.indicator is None and request.h0 is None:
@@ -176,8 +203,17 @@ def check_goal(request: SizeRequest) -> None:
         raise ValueError(f"g must be finite and >= 0, or None, got {describe(request.g)}")
 
 
-def next_sizes(mesh: SimplexMesh, request: SizeRequest, factor: float) -> NextSizes:
+def next_sizes(
+    mesh: SimplexMesh,
+    request: SizeRequest,
+    factor: float,
+    limit: Callable[[FloatArray, GradientLimit], FloatArray],
+    sums: CellSums,
+) -> NextSizes:
     """Return the requested sizes for a generator that makes ``factor`` cells per predicted cell.
+
+    ``limit(h, g)`` limits the gradient, and ``sums`` completes sums over cells, if there are
+    several processes.
 
     Raises
     ------
@@ -188,55 +224,43 @@ def next_sizes(mesh: SimplexMesh, request: SizeRequest, factor: float) -> NextSi
     def finished(h: FloatArray) -> FloatArray:
         bounds = [h] if request.h0 is None or request.indicator is None else [h, request.h0]
         held = minimum(*bounds, hmin=request.hmin, hmax=request.hmax)
-        if request.g is None:
-            return held
-        return limit_gradient(mesh, held, request.g)
+        return held if request.g is None else limit(held, request.g)
+
+    def count(h: FloatArray) -> float:
+        return count_elements(mesh, h, sums)
 
     def from_error(tolerance: float | None, target: float | None) -> FloatArray:
         assert request.indicator is not None
         return scaled_by_error(
             mesh, request.indicator, finished, order=request.order, tolerance=tolerance,
             target_elements=target, max_refine=request.max_refine,
-            max_coarsen=request.max_coarsen,
+            max_coarsen=request.max_coarsen, sums=sums,
         )  # fmt: skip
+
+    def from_bound(goal: float) -> FloatArray:
+        bound = request.h0
+        assert bound is not None
+        start = count(finished(bound))
+        first = (start / goal) ** (1.0 / mesh.cell_dim) if start > 0.0 else 1.0
+        return finished(scale_to(goal, lambda s: count(finished(s * bound)), first) * bound)
 
     target, capped = request.target_elements, False
     h: FloatArray | None = None
     if request.tolerance is not None:
         h = from_error(_AIM * request.tolerance, None)
-        capped = target is not None and factor * predicted_elements(mesh, h) > target
+        capped = target is not None and factor * count(h) > target
     if target is not None and (h is None or capped):
         goal = max(target / factor, 1.0)
-        if request.indicator is not None:
-            h = from_error(None, goal)
-        else:
-            h = _scaled(mesh, request, finished, goal)
+        h = from_bound(goal) if request.indicator is None else from_error(None, goal)
     elif h is None:
         assert request.h0 is not None
         h = finished(request.h0)
-    _refuse_free(mesh, h)
-    simplices = predicted_elements(mesh, h)
+    sizes = h
+    sums.agree(lambda: _refuse_free(mesh, sizes))
+    simplices = count(sizes)
     predicted = factor * simplices
     in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
-    return NextSizes(h, predicted, in_reach, capped, simplices)
-
-
-def _scaled(
-    mesh: SimplexMesh,
-    request: SizeRequest,
-    finished: Callable[[FloatArray], FloatArray],
-    goal: float,
-) -> FloatArray:
-    """Return the bounds h0 scaled to give the requested number of elements."""
-    assert request.h0 is not None
-    bound = request.h0
-    start = predicted_elements(mesh, finished(bound))
-    scale = scale_to(
-        goal,
-        lambda s: predicted_elements(mesh, finished(s * bound)),
-        (start / goal) ** (1.0 / mesh.cell_dim) if start > 0.0 else 1.0,
-    )
-    return finished(scale * bound)
+    return NextSizes(sizes, predicted, in_reach, capped, simplices)
 
 
 def _refuse_free(mesh: SimplexMesh, h: FloatArray) -> None:
@@ -257,16 +281,25 @@ def decide_remeshing(
 ) -> Decision:
     """Return whether to remesh, and why."""
     pieces = found.pieces(mesh)
-    shares = _shares(pieces, 1 if found.stretched else mesh.cell_dim)
+    weights = edge_weights(pieces, 1 if found.stretched else mesh.cell_dim)
+    present = Present(mesh.n_cells, weights, float(pieces.max()))
+    return decide(present, found, request, enough, coarsen_converged)
+
+
+def decide(
+    present: Present, found: NextSizes, request: Request, enough: float, coarsen_converged: bool
+) -> Decision:
+    """Return whether to remesh, and why, given how the present mesh compares with the sizes."""
+    shares = present.shares
     error, tolerance = request.error, request.tolerance
     within = tolerance is not None and error is not None and error <= tolerance
     if within and not coarsen_converged:
         reason = f"estimated error {error:.3g} is within the tolerance {tolerance:.3g}"
         return Decision(False, True, reason, *shares)
-    ratio = found.predicted / mesh.n_cells
+    ratio = found.predicted / present.n_cells
     same = shares[0] >= enough and abs(ratio - 1.0) <= BUDGET_TOLERANCE
     # A region that is much too coarse counts, however few cells it has.
-    same = same and pieces.max() <= _MUCH_TOO_LONG
+    same = same and present.longest <= _MUCH_TOO_LONG
     finer = tolerance is not None and not within and ratio > _MORE
     if not same or finer:
         reason = (
@@ -282,9 +315,12 @@ def decide_remeshing(
         )
         return Decision(False, False, reason, *shares)
     target = None if tolerance is not None else request.target_elements
-    met = target is None or abs(mesh.n_cells / target - 1.0) <= BUDGET_TOLERANCE
+    met = target is None or abs(present.n_cells / target - 1.0) <= BUDGET_TOLERANCE
     if not met:
-        reason += f"; the limits do not allow {target:.0f} elements"
+        goal = f"{target:.0f} elements"
+        if request.target_nodes is not None:
+            goal = f"{request.target_nodes:.0f} nodes"
+        reason += f"; the limits do not allow {goal}"
     return Decision(False, met, reason, *shares)
 
 
@@ -299,8 +335,8 @@ def _pieces(mesh: SimplexMesh, h: FloatArray) -> FloatArray:
     return np.asarray(mesh.edge_lengths / mean * growth)
 
 
-def _shares(ratio: FloatArray, power: int) -> tuple[float, float, float]:
-    """Return the shares of the next mesh that are in band, too long and too short.
+def edge_weights(ratio: FloatArray, power: int) -> FloatArray:
+    """Return the total weight of edges, and the weights of those too long and too short.
 
     An edge to be divided into r pieces is weighted by the r^d cells that replace it, or r in a
     metric, where cells are divided along one direction.  A few cells that are much too long at a
@@ -309,7 +345,4 @@ def _shares(ratio: FloatArray, power: int) -> tuple[float, float, float]:
     weight = np.maximum(ratio, 1.0) ** power
     with np.errstate(divide="ignore"):
         off = np.log(ratio)
-    total = weight.sum()
-    too_long = float(weight[off > _BAND].sum() / total)
-    too_short = float(weight[off < -_BAND].sum() / total)
-    return 1.0 - too_long - too_short, too_long, too_short
+    return np.array([weight.sum(), weight[off > _BAND].sum(), weight[off < -_BAND].sum()])

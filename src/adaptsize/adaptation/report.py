@@ -27,8 +27,8 @@ class AdaptReport:
         The mesh generator.
     n_meshes : int
         Number of meshes made: more than one if the first missed the number of elements.
-    target_elements, tolerance : float or None
-        The request.
+    target_elements, target_nodes, tolerance : float or None
+        The request.  With ``target_nodes``, ``target_elements`` is the number expected with it.
     predicted_elements : float
         Predicted number of elements for the sizes and this generator, within all limits.
     error : float or None
@@ -64,6 +64,7 @@ class AdaptReport:
     backend: str
     n_meshes: int
     target_elements: float | None
+    target_nodes: float | None
     tolerance: float | None
     predicted_elements: float
     error: float | None
@@ -83,10 +84,18 @@ class AdaptReport:
 
     @property
     def budget_met(self) -> bool | None:
-        """Whether the number of cells is within 15 % of the requested one, None without one."""
-        if self.target_elements is None:
-            return None
-        return abs(self.n_cells_after / self.target_elements - 1.0) <= BUDGET_TOLERANCE
+        """Whether the number of cells or nodes is within 15 % of the request, None without one."""
+        ratio = self._ratio
+        return None if ratio is None else abs(ratio - 1.0) <= BUDGET_TOLERANCE
+
+    @property
+    def _ratio(self) -> float | None:
+        """Number of cells or nodes over the requested one."""
+        if self.target_nodes is not None:
+            return self.n_points_after / self.target_nodes
+        if self.target_elements is not None:
+            return self.n_cells_after / self.target_elements
+        return None
 
     def __str__(self) -> str:
         """Return a few lines."""
@@ -127,11 +136,13 @@ class AdaptReport:
     def _target(self) -> str:
         if self.target_elements is None:
             return ""
+        text = f", requested {self.target_elements:.0f}"
+        if self.target_nodes is not None:
+            text = f", requested {self.target_nodes:.0f} nodes"
         if not self.n_meshes:
-            return f", requested {self.target_elements:.0f}"
-        ratio = self.n_cells_after / self.target_elements
+            return text
         met = "budget met" if self.budget_met else "budget missed"
-        return f", requested {self.target_elements:.0f}: {met}, ratio {ratio:.2f}"
+        return f"{text}: {met}, ratio {self._ratio:.2f}"
 
     def _field(self, name: str, how: str) -> str:
         text = f"field {name}: {how}"

@@ -37,7 +37,7 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
     Parameters
     ----------
     mesh : SimplexMesh
-        Triangles.  Data and facet tags are dropped; cell tags are kept.
+        Triangles.  Data are dropped; tags of cells and edges are kept, and so are tagged edges.
     kept : int32[n, 2], rows sorted
         Edges that must not be flipped, such as those along which a surface bends.  Edges
         of one cell, of three or more cells, or between cells of different tags or
@@ -55,6 +55,8 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
     >>> flip_edges(kite, np.empty((0, 2), np.int32)).cells.tolist()
     [[2, 0, 3], [2, 3, 1]]
     """
+    if mesh.tagged_facets is not None:
+        kept = np.concatenate([kept, np.sort(mesh.tagged_facets, axis=1)])
     for _ in range(_MAX_ROUNDS):
         free = (mesh.facet_cell_counts == 2) & ~are_among(mesh.edges, kept)
         quads = _independent(_flippable(mesh, free), mesh)
@@ -64,7 +66,14 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
         cells = np.array(mesh.cells)
         cells[quads.cells[:, 0]] = np.column_stack([c, p, d])
         cells[quads.cells[:, 1]] = np.column_stack([c, d, q])
-        mesh = SimplexMesh(mesh.points, cells, cell_tags=mesh.cell_tags, tag_names=mesh.tag_names)
+        mesh = SimplexMesh(
+            mesh.points,
+            cells,
+            cell_tags=mesh.cell_tags,
+            tagged_facets=mesh.tagged_facets,
+            facet_tags=mesh.facet_tags,
+            tag_names=mesh.tag_names,
+        )
     return mesh
 
 

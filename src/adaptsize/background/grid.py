@@ -18,6 +18,7 @@ from adaptsize._checks import (
     as_points,
     check_function,
     describe,
+    holds_whole_numbers,
     refuse_where,
 )
 from adaptsize._pickling import ReadOnlyState
@@ -302,7 +303,7 @@ def _locked(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 def _as_shape(value: Sequence[int]) -> tuple[int, ...]:
     raw = as_plain_array("shape", value)
-    if raw.ndim != 1 or not 1 <= len(raw) <= 3 or raw.dtype.kind not in "iu":
+    if raw.ndim != 1 or not 1 <= len(raw) <= 3 or not holds_whole_numbers(raw):
         raise ValueError(f"shape must be 1, 2 or 3 integers, got {describe(value)}")
     shape = tuple(int(n) for n in raw)
     refuse_where("shape", raw < 2, raw, "must be at least 2")

@@ -14,8 +14,8 @@ from adaptsize._checks import (
     as_flag,
     as_float_array,
     as_plain_array,
+    as_whole_number,
     check_function,
-    describe,
     refuse_where,
 )
 from adaptsize._pickling import ReadOnlyState
@@ -173,10 +173,10 @@ class Octree(ReadOnlyState):
         if root_shape is None:
             lengths = upper - lower
             root_shape = np.maximum(np.rint(lengths / lengths.min()), 1.0)
-        max_leaves = _as_int("max_leaves", max_leaves, 1)
+        max_leaves = as_whole_number("max_leaves", max_leaves, lower=1, upper=2**53)
         shape = _as_root_shape(root_shape, lower, upper)
         growth.refuse_too_many(math.prod(shape), 0, max_leaves)
-        max_level = _as_int("max_level", max_level, 0)
+        max_level = as_whole_number("max_level", max_level, lower=0, upper=2**53)
         _refuse_level("max_level", max_level, lower, upper, shape)
         refined = growth.refine(lower, upper, shape, needs_refinement, max_level, max_leaves)
         if balanced:
@@ -312,12 +312,6 @@ def _as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, Flo
     with np.errstate(over="ignore"):
         refuse_where("upper - lower", ~np.isfinite(high - low), high - low, "must be finite")
     return low, high
-
-
-def _as_int(name: str, value: Any, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"{name} must be an integer >= {least}, got {describe(value)}")
-    return int(value)
 
 
 def _as_root_shape(value: npt.ArrayLike, lower: FloatArray, upper: FloatArray) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.topology import unique_rows
 from adaptsize.typing import IntArray
 
 
@@ -15,7 +16,7 @@ class SplitMesh(NamedTuple):
     """A mesh in which some edges were split."""
 
     mesh: SimplexMesh
-    """The old nodes, then one new node per split edge; without data and facet tags."""
+    """The old nodes, then one new node per split edge; with tags, without data."""
     split_edges: npt.NDArray[np.intp]
     """New node k lies in the middle of edge ``split_edges[k]`` of the old mesh."""
 
@@ -24,7 +25,7 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     """Return triangles with a new node in the middle of each chosen edge.
 
     A triangle is split into 2, 3 or 4 triangles, depending on the number of chosen edges.
-    They keep its tag and orientation.
+    They keep its tag and orientation.  Halves of tagged edges keep the tag.
 
     Parameters
     ----------
@@ -60,8 +61,37 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
         owners.extend([rows] * len(pieces))
     owner = np.concatenate(owners)
     tags = None if mesh.cell_tags is None else mesh.cell_tags[owner]
-    cells = np.concatenate(parts)
-    return SplitMesh(SimplexMesh(points, cells, cell_tags=tags, tag_names=mesh.tag_names), where)
+    tagged, facet_tags = _halves_of_tagged(mesh, middle)
+    new_mesh = SimplexMesh(
+        points,
+        np.concatenate(parts),
+        cell_tags=tags,
+        tagged_facets=tagged,
+        facet_tags=facet_tags,
+        tag_names=mesh.tag_names,
+    )
+    return SplitMesh(new_mesh, where)
+
+
+def _halves_of_tagged(
+    mesh: SimplexMesh, middle: IntArray
+) -> tuple[IntArray | None, IntArray | None]:
+    """Return the tagged edges after splitting and their tags.
+
+    ``middle``: the new node of each edge, -1 where it is not split.
+    """
+    if mesh.tagged_facets is None or mesh.facet_tags is None:
+        return None, None
+    tagged = np.sort(mesh.tagged_facets, axis=1)
+    _, number = unique_rows(np.concatenate([mesh.edges, tagged]), mesh.n_points)
+    middle_of = np.full(int(number.max(initial=-1)) + 1, -1, np.int32)
+    middle_of[number[: len(mesh.edges)]] = middle
+    new = middle_of[number[len(mesh.edges) :]]
+    split = new >= 0
+    first = np.column_stack([tagged[:, 0], np.where(split, new, tagged[:, 1])])
+    second = np.column_stack([new, tagged[:, 1]])[split]
+    tags = mesh.facet_tags
+    return np.concatenate([first, second]), np.concatenate([tags, tags[split]])
 
 
 def _into_two(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:

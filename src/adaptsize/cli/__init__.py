@@ -1,4 +1,4 @@
-"""The command line: ``adaptsize info | size | limit | remesh | image | check``."""
+"""The command line: ``adaptsize info | size | limit | remesh | adapt | image | check``."""
 
 from adaptsize.cli.entry import main
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from adaptsize.cli.adapt import adapt
 from adaptsize.cli.check import check
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import check_cells, check_files, nodal_field, read_mesh
@@ -182,6 +183,9 @@ def limit(
 
 
 app.command()(remesh)
+
+
+app.command()(adapt)
 
 
 app.command()(image)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import os
 import signal
@@ -30,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     _open_closed_streams()
     try:
-        code = run(sys.argv[1:] if arguments is None else list(arguments))
+        with _no_interrupt_is_lost():
+            code = run(sys.argv[1:] if arguments is None else list(arguments))
     except KeyboardInterrupt:  # during the imports
         print("adaptsize: interrupted", file=sys.stderr)
         code = INTERRUPTED
@@ -43,6 +45,29 @@ def _open_closed_streams() -> None:
         if getattr(sys, stream) is None:
             mode = "r" if stream == "stdin" else "w"
             setattr(sys, stream, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+
+
+@contextlib.contextmanager
+def _no_interrupt_is_lost() -> Iterator[None]:
+    """Repeat an interrupt that comes where Python ignores exceptions.
+
+    These are the callbacks of weak references, which every import has, and ``__del__``.  Python
+    would print a traceback and continue.
+    """
+    before = sys.unraisablehook
+
+    def repeat(unraisable: sys.UnraisableHookArgs) -> None:
+        if issubclass(unraisable.exc_type, KeyboardInterrupt):
+            # Here it would be ignored again.
+            threading.Timer(0.01, _thread.interrupt_main).start()
+        else:
+            before(unraisable)
+
+    sys.unraisablehook = repeat
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def run(arguments: list[str]) -> int:

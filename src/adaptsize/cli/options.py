@@ -113,7 +113,8 @@ Sources = Annotated[
     typer.Option(
         "--source",
         metavar="SOURCE",
-        help="point:x,y,z=h, ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
+        help="point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h (segments, or a text with "
+        "one point per line), ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
         "region:tag=h; lengths in the unit of the coordinates.  In the plane, omit the z "
         "coordinates.  May be repeated.  [default: none]",
     ),
@@ -218,6 +219,14 @@ Elements = Annotated[
         metavar="NUMBER",
         help="Number of elements of the mesh, within 15 %: parameters that are not given are "
         "relaxed or tightened, and up to three meshes are made.  [default: none]",
+    ),
+]
+Nodes = Annotated[
+    float | None,
+    typer.Option(
+        "--nodes",
+        metavar="NUMBER",
+        help="Number of nodes of the mesh, instead of --elements.  [default: none]",
     ),
 ]
 PredictedElements = Annotated[

@@ -24,6 +24,7 @@ from adaptsize.cli.options import (
     MeshOutput,
     MetricField,
     Mpi,
+    Nodes,
     PerRadian,
     Picture,
     Report,
@@ -101,11 +102,12 @@ def remesh(
         typer.Option(
             "--strict",
             help="Write only a mesh that meets the demands of check; refuse open surfaces, and "
-            "bodies closer than the tolerance.",
+            "bodies that overlap or are closer than the tolerance.",
         ),
     ] = False,
     max_elements: MaxElements = None,
     elements: Elements = None,
+    nodes: Nodes = None,
     timeout: Annotated[
         float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
     ] = 3600.0,
@@ -158,6 +160,7 @@ def remesh(
             "--plot": plot is not None,
             "--report": page is not None,
             "--elements": elements is not None,
+            "--nodes": nodes is not None,
             "--target triangles": target == "triangles",
             f"--backend {backend}": backend not in ("auto", "mmg"),
         }
@@ -179,7 +182,7 @@ def remesh(
         return
     from adaptsize import remeshing
     from adaptsize._checks import as_number
-    from adaptsize.domain_size.elements import reach_elements, tolerance_of
+    from adaptsize.domain_size.elements import reach_number, tolerance_of
     from adaptsize.domain_size.request import TOLERANCE, check_elements
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.remeshing.driver import check_backend
@@ -192,7 +195,7 @@ def remesh(
         "tolerance", TOLERANCE if tolerance is None else tolerance, lower=0.0, strict=True
     )
     as_number("timeout", timeout, lower=0.0, strict=True)
-    check_elements(elements, max_elements)
+    check_elements(elements, max_elements, nodes)
     parts = _names_of_parts(backend)
     sources = [parse_source(text) for text in source or ()]
     with console.steps(5) as steps:
@@ -205,7 +208,7 @@ def remesh(
             raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
         _announce_format(console, output, mesh, target)
 
-        def sized(number: float | None) -> tuple[SizeFunction, SizeReport]:
+        def sized(elements: float | None, nodes: float | None) -> tuple[SizeFunction, SizeReport]:
             steps.begin("sizes")
             return size_of_mesh(
                 console,
@@ -220,7 +223,8 @@ def remesh(
                 tolerance=tolerance,
                 sources=sources,
                 max_elements=max_elements,
-                elements=number,
+                elements=elements,
+                nodes=nodes,
                 progress=steps.report,
             )
 
@@ -241,11 +245,11 @@ def remesh(
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
-            if elements is None:
-                found, report = sized(None)
+            if elements is None and nodes is None:
+                found, report = sized(None, None)
                 new = meshed(found, report)
             else:
-                new, found, report = reach_elements(elements, sized, meshed)
+                new, found, report = reach_number(elements, nodes, sized, meshed)
         allowed = tolerance_of(report, tolerance)
         new = new.with_data(point_data={"h": found(new.points)})
         steps.begin("writing")
@@ -255,7 +259,7 @@ def remesh(
         draw(console, plot, new)
         _write_page(console, page, new, found, original=mesh, size_report=report, tolerance=allowed)
     console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
-    _print_report(console, outcome, written)
+    _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
 
 
 def _names_of_parts(backend: str) -> dict[str, str]:
@@ -293,9 +297,21 @@ def _write_page(
         console.say(f"report: {page}")
 
 
-def _print_report(console: Console, outcome: Outcome, written: list[dict[str, Any]]) -> None:
-    """Print how good the mesh is, the time of each step, and the files."""
+def _print_report(
+    console: Console,
+    outcome: Outcome,
+    written: list[dict[str, Any]],
+    nodes: tuple[int, float] | None,
+) -> None:
+    """Print how good the mesh is, the time of each step, and the files.
+
+    ``nodes`` are the numbers of nodes made and requested.
+    """
     console.print(outcome)
+    if nodes is not None:
+        made, requested = nodes
+        off = f"{made / requested - 1.0:+.1%}"
+        console.print(f"{'nodes':10}{made}, {requested:.0f} requested ({off})")
     times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in console.times)
     console.print(f"{'time':10}{console.seconds:.1f} s: {times}")
     for text in outcome.warnings():
@@ -312,10 +328,12 @@ def _accepted(
     Raises
     ------
     ValueError
-        If the surface is open, or has bodies closer than the tolerance, and this is ``strict``.
+        If the surface is open, or has bodies that overlap or are closer than the tolerance, and
+        this is ``strict``.
     """
     from adaptsize.remeshing.hole_filling import close_holes
     from adaptsize.remeshing.open_surface import near_bodies, open_boundary
+    from adaptsize.remeshing.overlaps import overlapping_bodies
 
     holes = open_boundary(mesh, tolerance)
     if close and holes is not None:
@@ -332,7 +350,13 @@ def _accepted(
             f"the surface is open: {holes}; the mesh generator closes or drops what is "
             "not clearly enclosed; consider --close, --target triangles or --strict"
         )
-    near = near_bodies(mesh, tolerance)
+    overlapping = overlapping_bodies(mesh)
+    if overlapping is not None:
+        console.record(overlapping_bodies=vars(overlapping))
+        if strict:
+            raise ValueError(f"{overlapping}; join the bodies before meshing")
+        console.warn(f"{overlapping}; the mesh generator fills their union")
+    near = near_bodies(mesh, tolerance, overlapping=overlapping)
     if near is not None:
         console.record(near_bodies=vars(near))
         text = f"{near}, less than the tolerance of {tolerance:.3g}"

@@ -26,6 +26,7 @@ from adaptsize.cli.options import (
     Label,
     Largest,
     MaxElements,
+    Nodes,
     PerRadian,
     Picture,
     PredictedElements,
@@ -69,6 +70,7 @@ def size(
     smoothing: Smoothing = None,
     max_elements: MaxElements = None,
     elements: PredictedElements = None,
+    nodes: Nodes = None,
     plot: Picture = None,
     plot_causes: Annotated[
         Path | None,
@@ -102,7 +104,10 @@ def size(
         "--spacing": spacing,
         "--smoothing": smoothing,
     }
-    _refuse_idle(file, {"--field": field, "--elements": elements} if of_image else for_images)
+    _refuse_idle(
+        file,
+        {"--field": field, "--elements": elements, "--nodes": nodes} if of_image else for_images,
+    )
     options: dict[str, Any] = {
         "elements_per_radian": elements_per_radian,
         "elements_across": elements_across,
@@ -112,6 +117,7 @@ def size(
         "sources": [parse_source(text) for text in source or ()],
         "max_elements": max_elements,
         "elements": elements,
+        "nodes": nodes,
     }
     with console.steps(3) as steps:
         steps.begin("reading")
@@ -178,6 +184,7 @@ def as_dict(report: SizeReport) -> dict[str, Any]:
         "smallest": min(report.smallest.values()),
         "largest": report.largest,
         "n_elements": report.n_elements,
+        "n_nodes": report.n_nodes,
         "causes": causes,
     }
 
@@ -188,7 +195,7 @@ def _of_image(
     from adaptsize.domain_size.images import size_function_from_image
     from adaptsize.io import read_image
 
-    del options["elements"]  # refused before
+    del options["elements"], options["nodes"]  # refused before
     if options["smoothing"] is None:
         del options["smoothing"]
     if options["max_elements"] is None:

@@ -1,6 +1,8 @@
 """Mesh sizes on meshes that are distributed over many processes."""
 
+from adaptsize.distributed.adaptation import adapt
 from adaptsize.distributed.api import limit_gradient
+from adaptsize.distributed.boundary_sizes import size_from_curvature, size_from_feature
 from adaptsize.distributed.communicator import Communicator, Traffic, as_communicator
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
@@ -8,19 +10,23 @@ from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
 from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
+from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.simulated import SimulatedCommunicator
-from adaptsize.distributed.sizes import predicted_elements, size_from_error
+from adaptsize.distributed.sizes import predicted_elements, size_from_error, size_from_hessian
 from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
+    "AdaptedParts",
     "Communicator",
     "DolfinxPart",
     "InterfaceQuality",
     "PartitionedMesh",
+    "PartsReport",
     "PlexPart",
     "RemeshedParts",
     "SimulatedCommunicator",
     "Traffic",
+    "adapt",
     "as_communicator",
     "from_dmplex",
     "from_dolfinx",
@@ -29,7 +35,10 @@ __all__ = [
     "predicted_elements",
     "read_parts",
     "remesh",
+    "size_from_curvature",
     "size_from_error",
+    "size_from_feature",
+    "size_from_hessian",
     "to_dolfinx",
     "transfer_fields",
     "write_parts",

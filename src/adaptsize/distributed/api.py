@@ -83,13 +83,14 @@ def limit_gradient(
 
     Notes
     -----
-    The exact method takes one exchange between the ranks, besides reductions of a few numbers,
-    once the boundary of the mesh is known; the first call for a mesh finds it.  Each rank holds
-    the whole boundary, which is small compared with the mesh.  Fast marching exchanges sizes
-    between neighbours in rounds.  See docs/distributed.md.
+    In convex domains and in the plane, the exact method takes one exchange between the ranks,
+    besides reductions of a few numbers, once the boundary of the mesh is known; the first call
+    for a mesh finds it.  Each rank holds the whole boundary, which is small compared with the
+    mesh.  In solids that are not convex, sizes are also exchanged in a few rounds.  Fast marching
+    exchanges sizes between neighbours in rounds.  See docs/distributed.md.
 
-    Meshes that have cells without measure or that overlap, and segments on a line, are collected
-    on rank 0 by the exact method, and solved there.
+    Meshes that have cells without measure, or cells that overlap, are collected on rank 0 by the
+    exact method, and solved there.
 
     Examples
     --------

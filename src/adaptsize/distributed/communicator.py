@@ -7,6 +7,7 @@ import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -86,6 +87,25 @@ class Communicator(ABC):
         errors = self.allgather(None if error is None else (type(error), str(error)))
         self.raise_first(errors, error)
         return result  # type: ignore[return-value]
+
+    def require_equal(self, **arguments: Any) -> None:
+        """Raise a ValueError on all ranks if an argument is not the same on all of them.
+
+        Numbers are compared by value, other objects by their representations.
+        """
+        own = {
+            name: float(value) if isinstance(value, Real) else repr(value)
+            for name, value in arguments.items()
+        }
+        every = self.allgather(own)
+        for name in own:
+            differs = [other[name] != every[0][name] for other in every]
+            if any(differs):
+                rank = differs.index(True)
+                raise ValueError(
+                    f"{name} must be the same on all ranks, got {every[0][name]} on rank 0 and "
+                    f"{every[rank][name]} on rank {rank}"
+                )
 
     def raise_first(
         self, errors: Sequence[tuple[type[Exception], str] | None], own: Exception | None = None

@@ -17,6 +17,30 @@ _PIECES = 16
 _SLACK = 1.0 - 1e-13
 
 
+class Extent(NamedTuple):
+    """Boxes around entries, and their smallest sizes."""
+
+    low: FloatArray
+    """float64[m, dim]"""
+    high: FloatArray
+    least: FloatArray
+    """float64[m]"""
+
+    def of(self, some: IntArray) -> Extent:
+        """Return those of some entries."""
+        return Extent(self.low[some], self.high[some], self.least[some])
+
+    def may_lower(
+        self, lower: FloatArray, upper: FloatArray, largest: float, g: float
+    ) -> BoolArray:
+        """Return which entries may allow less than a size in a box."""
+        square = np.zeros(len(self.least))
+        for d in range(len(lower)):
+            gap = np.maximum(np.maximum(lower[d] - self.high[:, d], self.low[:, d] - upper[d]), 0.0)
+            square += gap * gap
+        return np.asarray(_SLACK * (self.least + g * np.sqrt(square)) < largest)
+
+
 class Reach(NamedTuple):
     """Boxes around the nodes of a rank, and the largest size in each."""
 
@@ -26,17 +50,18 @@ class Reach(NamedTuple):
     largest: FloatArray
     """float64[k]"""
 
-    def may_change(self, wave: Wave, g: float) -> BoolArray:
-        """Return which entries may allow less than the largest size in any of the boxes."""
-        low, high = wave.places.min(axis=1), wave.places.max(axis=1)
-        least = wave.sizes.min(axis=1)
-        found = np.zeros(len(least), np.bool_)
-        for lower, upper, largest in zip(*self, strict=True):
-            rest = np.flatnonzero(~found)
-            gap = np.maximum(np.maximum(lower - high[rest], low[rest] - upper), 0.0)
-            away = np.sqrt(np.einsum("ij,ij->i", gap, gap))
-            found[rest] = _SLACK * (least[rest] + g * away) < largest
-        return found
+    def may_change(self, extent: Extent, g: float) -> IntArray:
+        """Return the entries that may allow less than the largest size in any of the boxes."""
+        if len(self.largest) == 0:
+            return np.empty(0, np.int32)
+        whole = (self.lower.min(axis=0), self.upper.max(axis=0), self.largest.max())
+        rest = np.flatnonzero(extent.may_lower(*whole, g)).astype(np.int32)
+        found = [rest[:0]]
+        for box in zip(*self, strict=True):
+            chosen = extent.of(rest).may_lower(*box, g)
+            found.append(rest[chosen])
+            rest = rest[~chosen]
+        return np.sort(np.concatenate(found))
 
 
 def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> Reach:
@@ -53,12 +78,30 @@ def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> Reach:
     )
 
 
-def exchange_entries(comm: Communicator, wave: Wave, own: Reach, g: float) -> Wave:
-    """Return the entries of other ranks that may act on this one; one exchange."""
+def joined(first: Reach, second: Reach) -> Reach:
+    """Return the boxes of both."""
+    return Reach(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
+
+
+def exchange_rows(
+    comm: Communicator, wave: Wave, rows: FloatArray, own: Reach, g: float
+) -> FloatArray:
+    """Return the rows of other ranks whose entries may act on this one; one exchange.
+
+    ``rows``: float64[m, k], what is sent of each entry.
+    """
     reaches: list[Reach] = comm.allgather(own)
+    places = wave.places
+    extent = Extent(places.min(axis=1), places.max(axis=1), wave.sizes.min(axis=1))
     sent = []
     for rank, reach in enumerate(reaches):
-        chosen = reach.may_change(wave, g) if rank != comm.rank else np.zeros(0, np.int64)
-        sent.append(wave.table[chosen])
-    table = np.concatenate(comm.alltoallv(sent))
+        chosen = reach.may_change(extent, g) if rank != comm.rank else slice(0)
+        sent.append(rows[chosen])
+    received: FloatArray = np.concatenate(comm.alltoallv(sent))
+    return received
+
+
+def exchange_entries(comm: Communicator, wave: Wave, own: Reach, g: float) -> Wave:
+    """Return the entries of other ranks that may act on this one; one exchange."""
+    table = exchange_rows(comm, wave, wave.table, own, g)
     return sorted_wave(table, np.full((len(table), wave.nodes.shape[1]), -1, np.int32))

@@ -20,12 +20,13 @@ from adaptsize.distributed.entries import exchange_entries, reach_of
 from adaptsize.distributed.kinks import merge_kinks
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.pieces import Piece, components_of, piece_of
+from adaptsize.distributed.solids import find_body, solve_body
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, plane_of
 from adaptsize.limiting.exact.problem import Problem, margin_for
-from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
-from adaptsize.limiting.exact.waves import Wave
+from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight, survivors_of
+from adaptsize.limiting.exact.waves import Wave, node_wave
 from adaptsize.limiting.exact.work import along_curve, number_of_threads
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -42,15 +43,13 @@ class Given(NamedTuple):
 def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> FloatArray | None:
     """Return the limited sizes on the nodes of this rank; collective.
 
-    Returns None, on all ranks, on a line, in a solid that is not convex, and if the mesh has cells
-    without measure or cells that overlap.
+    Returns None, on all ranks, if the mesh has cells without measure or cells that overlap.
     """
-    if part.dim == 1:
-        return None
     h = h0.copy()
     for number in components_of(part).bounded(part.comm, h0):
         piece = piece_of(part, number)
-        sizes = _solve_piece(part, number, piece, h0, given)
+        solve = _solve_interval if part.dim == 1 else _solve_piece
+        sizes = solve(part, number, piece, h0, given)
         if sizes is None:
             return None
         h[piece.nodes] = sizes[: len(piece.nodes)]
@@ -82,11 +81,42 @@ def _solve_piece(
     if skeleton.convex:
         return _with_others(piece, problem, None, skeleton)
     if mesh.dim == 3:
-        return None
+        body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
+        return solve_body(part, piece, body, problem)
     plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     h = _with_others(piece, problem, plane.without_sizes(), skeleton)
     folded = not piece.is_empty and rises_too_fast(problem, h)
     return None if comm.allreduce(int(folded), "max") else h
+
+
+def _solve_interval(
+    part: PartitionedMesh, number: int, piece: Piece, h0: FloatArray, given: Given
+) -> FloatArray:
+    """Return the sizes in one component of segments on a line; one exchange."""
+    g, threads = given.g, number_of_threads(given.threads)
+    places, bound = piece.mesh.points, piece.bounds(h0)
+    order = along_curve(places)[: len(piece.ids)]
+    ends = part.once(f"_ends_{number}", lambda: _ends(piece))
+    least = piece.comm.allreduce(float(bound.min()), "min")
+    nodes = np.flatnonzero(np.isfinite(bound)).astype(np.int32)
+    wave = node_wave(places[nodes], bound[nodes], nodes)
+    margin = margin_for(least, g, ends[1] - ends[0])
+    wave = survivors_of(wave, g, False, threads, given.report, margin)
+    h, source = bound.copy(), np.full(len(bound), -1, np.int32)
+    points = Points(places, order, np.empty(0, np.int32))
+    field = ExactField(g, None, False, [wave])
+    field.lower_by_last(points, h, source, threads, given.report)
+    field.add(exchange_entries(piece.comm, wave, reach_of(places, order, h), g))
+    field.lower_by_last(points, h, source, threads, given.report)
+    return h
+
+
+def _ends(piece: Piece) -> tuple[float, float]:
+    """Return the ends of an interval; collective."""
+    own = piece.mesh.points[: len(piece.ids)]
+    ends = np.array([own.min(initial=np.inf), -own.max(initial=-np.inf)])
+    low, high = piece.comm.allreduce(ends, "min").tolist()
+    return low, -high
 
 
 def _with_others(

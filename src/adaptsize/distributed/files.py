@@ -11,10 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_path, check_type, describe
-from adaptsize.distributed import gmsh_parts, pvtu
+from adaptsize._formats import gmsh_partitions
+from adaptsize._formats.whole_files import about_file
+from adaptsize.distributed import pvtu
 from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.distributed.communicator import Communicator, as_communicator
 from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.errors import MeshFileError
 from adaptsize.io import read, write
 
 
@@ -53,7 +56,7 @@ def read_parts(path: str | os.PathLike[str], comm: Any = None) -> PartitionedMes
         )
         return from_pieces(ranks, [piece for piece in own if piece is not None])
     if suffix == ".msh":
-        names = ranks.bcast(gmsh_parts.split_files(file) if ranks.rank == 0 else [])
+        names = ranks.bcast(gmsh_partitions.split_files(file) if ranks.rank == 0 else [])
         if names:
             pieces = ranks.agree(lambda: _pieces_of(names[ranks.rank :: ranks.size]))
             return from_pieces(ranks, pieces)
@@ -61,7 +64,15 @@ def read_parts(path: str | os.PathLike[str], comm: Any = None) -> PartitionedMes
 
 
 def _pieces_of(names: list[Path]) -> list[Piece]:
-    return [gmsh_parts.read_partition(name).piece for name in names]
+    found = [_partition_in(name) for name in names]
+    return [Piece(partition.mesh, partition.numbers) for partition in found]
+
+
+def _partition_in(name: Path) -> gmsh_partitions.Partition:
+    try:
+        return gmsh_partitions.read_partition(name)
+    except MeshFileError as error:
+        raise about_file(name, error) from error
 
 
 def _from_one_file(ranks: Communicator, file: Path) -> PartitionedMesh:
@@ -70,10 +81,14 @@ def _from_one_file(ranks: Communicator, file: Path) -> PartitionedMesh:
     def load() -> tuple[Any, Any]:
         if ranks.rank > 0:
             return None, None
-        if file.suffix.lower() == ".msh" and file.is_file() and gmsh_parts.is_partitioned(file):
-            piece, parts = gmsh_parts.read_partition(file)
-            whole = from_pieces(as_communicator(None), [piece]).mesh
-            return whole, (parts % ranks.size).astype(np.int32)
+        if (
+            file.suffix.lower() == ".msh"
+            and file.is_file()
+            and gmsh_partitions.is_partitioned(file)
+        ):
+            found = _partition_in(file)
+            whole = from_pieces(as_communicator(None), [Piece(found.mesh, found.numbers)]).mesh
+            return whole, (found.parts % ranks.size).astype(np.int32)
         return read(file), None
 
     mesh, parts = ranks.agree(load)

@@ -34,11 +34,12 @@ class InterfaceQuality:
     """Of cells whose centroid is within two sizes of an interface of an earlier round."""
 
     def __str__(self) -> str:
-        """Return two lines."""
+        """Return a line for all cells, and one for those at interfaces, if there are any."""
         return "\n".join(
             f"{name:14}{q.n_cells} cells, {q.share_in_band:.1%} of the edges in the band, least "
             f"angle {q.angle_min:.1f} degrees, 1 % below {q.angle_p01:.1f}"
             for name, q in (("all cells", self.everywhere), ("at interfaces", self.at_interfaces))
+            if q.n_cells
         )
 
 

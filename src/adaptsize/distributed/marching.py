@@ -1,4 +1,4 @@
-"""Fast marching on distributed meshes: rounds of marching within a window of sizes.
+"""Marching on distributed meshes, over cells or along edges: rounds within a window of sizes.
 
 Each rank marches over its own cells.  The updates are those of the serial method, and sizes only
 decrease; whatever the order, they end at the same largest solution of the discrete equations.
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
+from adaptsize._kernels.edge_based import march_edges, sweep_edges
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.limiting.fast_marching import CHUNK, KEEP, new_heap, patience, stars_of
 from adaptsize.limiting.gradient_limit import Slope
@@ -39,28 +40,59 @@ def solve_fast_marching(
     Returns None, on all ranks, if dependencies between nodes are cyclic (see
     `adaptsize.limiting.fast_marching.solve_fast_marching`).
     """
+    return _in_rounds(part, h0, slope, _window(part, slope), report, along_edges=False)
+
+
+def solve_along_edges(
+    part: PartitionedMesh, h0: FloatArray, slope: Slope, report: ProgressCallback
+) -> Marched:
+    """Return the sizes that the edge-based scheme gives; collective.
+
+    The result equals that of `adaptsize.limiting.edge_based.solve_edge_based` bit by bit: it is
+    the minimum of the same sums over paths.  Rounds have no windows, since few nodes are lowered
+    by other ranks.
+    """
+    marched = _in_rounds(part, h0, slope, np.inf, report, along_edges=True)
+    assert marched is not None  # no dependencies are cyclic
+    return marched
+
+
+def _in_rounds(
+    part: PartitionedMesh,
+    h0: FloatArray,
+    slope: Slope,
+    window: float,
+    report: ProgressCallback,
+    *,
+    along_edges: bool,
+) -> Marched | None:
+    """March and exchange sizes until no node waits on any rank."""
     comm, n = part.comm, part.n_points
-    window = _window(part, slope)
+    sweep, march = kernels.sweep_cells, kernels.march
+    keep = KEEP
+    if along_edges:
+        sweep, march, keep = sweep_edges, march_edges, 1.0
     h, heap = h0.copy(), new_heap(n)
     given: tuple[Any, ...] = ()
     limit = (slope.values, slope.step)
     if part.mesh is not None:
         axes, candidate = (0,) * part.dim, np.empty(n)
-        kernels.sweep_cells(part.mesh.points, axes, part.mesh.cells, h, *limit, candidate)
-        kernels.queue_lowered(h, candidate, KEEP, *heap)
+        sweep(part.mesh.points, axes, part.mesh.cells, h, *limit, candidate)
+        kernels.queue_lowered(h, candidate, keep, *heap)
         given = (part.mesh.points, axes, (0,) * part.cell_dim, *stars_of(part.mesh, slope))
     known = h0.copy()  # the sizes at shared nodes that other ranks know
     accepted = rounds = 0
     while True:
         waiting = float(heap[0][0]) if heap[3][0] > 0 else np.inf
-        least = comm.allreduce(waiting, "min")
+        impatient = not along_edges and accepted > patience(n)
+        least, go_on = comm.allreduce(np.array([waiting, 0.0 if impatient else 1.0]), "min")
         if least == np.inf:
             return Marched(h, rounds)
-        if comm.allreduce(int(accepted > patience(n)), "max"):
+        if not go_on:
             return None
         count = CHUNK if part.mesh is not None else 0
         while count == CHUNK:
-            count = kernels.march(*given, h, *limit, *heap, KEEP, least + window, CHUNK)
+            count = march(*given, h, *limit, *heap, keep, least + window, CHUNK)
             accepted += count
             report("limiting the gradient", min(accepted / n, 1.0))
         _exchange(part, h, known, heap)

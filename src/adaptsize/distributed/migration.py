@@ -8,7 +8,7 @@ from adaptsize.distributed.assembly import Piece, from_pieces
 from adaptsize.distributed.communicator import split_rows
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.parts import cut_part
-from adaptsize.typing import IntArray
+from adaptsize.typing import BoolArray, IntArray
 
 # Bits per axis of keys along a Morton curve, and keys that each rank contributes to the division.
 _BITS = 20
@@ -32,21 +32,33 @@ def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
 
 
 def interface_facets(part: PartitionedMesh) -> IntArray:
-    """Return the facets that this rank shares with others, as local nodes; collective.
+    """Return the facets that this rank shares with others, as local nodes; collective."""
+    facets, is_between = _free_facets(part)
+    between: IntArray = facets[is_between]
+    return between
+
+
+def boundary_facets(part: PartitionedMesh) -> IntArray:
+    """Return the facets on the boundary of the whole mesh, as local nodes; collective."""
+    facets, is_between = _free_facets(part)
+    boundary: IntArray = facets[~is_between]
+    return boundary
+
+
+def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
+    """Return the facets with one cell on this rank, and whether other ranks have them too.
 
     Two exchanges: each candidate goes to a rank that follows from its lowest node, which counts
     the ranks that have it.
     """
-    comm, dim = part.comm, part.cell_dim
-    facets = np.empty((0, dim), np.int32)
-    if part.mesh is not None and comm.size > 1:
-        is_shared = np.zeros(part.n_points, bool)
-        is_shared[part.shared.every] = True
+    comm = part.comm
+    free = np.empty((0, part.cell_dim), np.int32)
+    is_shared = np.zeros(part.n_points, np.bool_)
+    is_shared[part.shared.every] = True
+    if part.mesh is not None:
         free = part.mesh.facets[part.mesh.facet_cell_counts == 1]
-        facets = free[is_shared[free].all(axis=1)]
-    elif comm.size > 1:
-        _ = part.shared  # collective
-    keys = np.sort(part.global_ids[facets], axis=1)
+    candidates = is_shared[free].all(axis=1)
+    keys = np.sort(part.global_ids[free[candidates]], axis=1)
     at = keys[:, 0] % comm.size
     order = np.argsort(at, kind="stable")
     asked = comm.alltoallv(split_rows(keys, at, comm.size))
@@ -58,8 +70,9 @@ def interface_facets(part: PartitionedMesh) -> IntArray:
         count = times[group.ravel()]
     found = np.empty(len(keys), np.int64)
     found[order] = np.concatenate(comm.alltoallv(split_rows(count, by, comm.size)))
-    between: IntArray = facets[found > 1]
-    return between
+    is_between = np.zeros(len(free), np.bool_)
+    is_between[candidates] = found > 1
+    return free, is_between
 
 
 def displaced(part: PartitionedMesh, layers: int) -> IntArray:

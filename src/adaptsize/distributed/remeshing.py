@@ -18,6 +18,7 @@ from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
 from adaptsize.distributed.numbering import number_nodes
 from adaptsize.distributed.transfer import interpolate
+from adaptsize.distributed.whole import diagonal_of
 from adaptsize.errors import BackendError
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -114,6 +115,7 @@ def remesh(
         return sizes, one_of("how", how, ("parts", "gather")), count, options
 
     sizes, chosen, count, options = ranks.agree(check)
+    ranks.require_equal(how=chosen, rounds=count, tolerance=tolerance)
     with reporting(progress if ranks.rank == 0 else None) as report:
         options = replace(options, progress=report)
         if chosen == "gather" or ranks.size == 1:
@@ -143,7 +145,7 @@ def _by_parts(
     part: PartitionedMesh, sizes: FloatArray, rounds: int, options: _Options
 ) -> tuple[PartitionedMesh, FloatArray]:
     """Return the mesh, and the nodes and middles of all interfaces of the rounds but the last."""
-    diagonal = _diagonal(part)
+    diagonal = diagonal_of(part)
     work, h = part, sizes
     places: list[FloatArray] = []
     for number in range(rounds):
@@ -159,15 +161,6 @@ def _by_parts(
     if max(work.comm.allgather(work.n_cells)) * work.comm.size > _IMBALANCE * work.n_global_cells:
         work = migrate(work, balanced(work))
     return work, np.concatenate(part.comm.allgather(np.concatenate(places)))
-
-
-def _diagonal(part: PartitionedMesh) -> float:
-    """Return the diagonal of the whole mesh."""
-    none = np.full(part.dim, np.inf)
-    low = none if part.mesh is None else part.points.min(axis=0)
-    high = none if part.mesh is None else -part.points.max(axis=0)
-    ends = part.comm.allreduce(np.concatenate([low, high]), "min")
-    return float(np.linalg.norm(ends[part.dim :] + ends[: part.dim]))
 
 
 def _remeshed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -9,12 +10,14 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_type
+from adaptsize._checks import as_float_array, as_sizes, check_type
 from adaptsize.distributed.api import limit_gradient
+from adaptsize.distributed.ghosts import surroundings_of
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.sizes.budget import CellSums, calibration, count_elements
 from adaptsize.sizes.combine import minimum
-from adaptsize.sizes.error import scaled_by_error
+from adaptsize.sizes.error import scaled_by_derivative, scaled_by_error, steepest_derivatives
+from adaptsize.sizes.recovery import as_nodal_field, gradient_operators
 from adaptsize.typing import FloatArray, GradientLimit, IntArray
 
 T = TypeVar("T")
@@ -35,25 +38,30 @@ class _Cells:
 
 
 @dataclass(frozen=True)
-class _Sums(CellSums):
+class PartSums(CellSums):
     """Sums over the cells of all ranks."""
 
     part: PartitionedMesh
 
     def at_nodes(self, values: FloatArray) -> FloatArray:
+        """Return nodal sums over the cells of all ranks at each node."""
         return self.part.sum(values)
 
     def total(self, value: float) -> float:
+        """Return a sum over the cells of all ranks."""
         return float(self.part.comm.allreduce(float(value), "sum"))
 
     def largest(self, value: float) -> float:
+        """Return a maximum over the cells of all ranks."""
         return float(self.part.comm.allreduce(float(value), "max"))
 
     def agree(self, task: Callable[[], T]) -> T:
+        """Return the result of a task, or raise its error on all ranks."""
         return self.part.comm.agree(task)
 
 
-def _cells_of(part: PartitionedMesh) -> Any:
+def cells_of(part: PartitionedMesh) -> Any:
+    """Return what sums over cells need of a part, which may have no cells."""
     measures = np.empty(0) if part.mesh is None else part.mesh.measures
     return _Cells(part.cells, measures, part.n_points, part.cell_dim)
 
@@ -85,7 +93,7 @@ def predicted_elements(
     """
     check_type("part", part, PartitionedMesh)
     h = part.comm.agree(lambda: as_sizes("size", size, part.nodal_shape))
-    counted = count_elements(_cells_of(part), h, _Sums(part))
+    counted = count_elements(cells_of(part), h, PartSums(part))
     return calibration(backend, part.cell_dim) * counted
 
 
@@ -131,20 +139,115 @@ def size_from_error(
     `limit_gradient` if ``g`` is given.
     """
     check_type("part", part, PartitionedMesh)
-
-    def finish(h0: FloatArray) -> FloatArray:
-        clipped = minimum(h0, hmin=hmin, hmax=hmax)
-        return clipped if g is None else limit_gradient(part, clipped, g)
-
     return scaled_by_error(
-        _cells_of(part),
+        cells_of(part),
         indicator,
-        finish,
+        _finishing(part, hmin, hmax, g),
         order=order,
         tolerance=tolerance,
         target_elements=target_elements,
         max_refine=max_refine,
         max_coarsen=max_coarsen,
         backend=backend,
+        sums=PartSums(part),
+    )
+
+
+def size_from_hessian(
+    part: PartitionedMesh,
+    values: npt.ArrayLike,
+    *,
+    tolerance: float | None = None,
+    target_elements: float | None = None,
+    norm: float = math.inf,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    g: GradientLimit | None = None,
+    backend: str | None = None,
+) -> FloatArray:
+    """Return the size at which linear elements interpolate a field equally well; collective.
+
+    The result is that of `adaptsize.size_from_hessian` on the whole mesh, to rounding and to the
+    tolerance of the search for the scale (1e-4), in practice to rounding.
+
+    Parameters
+    ----------
+    part : PartitionedMesh
+    values : array_like of float, shape (n_local,)
+        The field at the nodes of this rank, equal at shared nodes.
+    tolerance, target_elements, norm, hmin, hmax, g, backend
+        As for `adaptsize.size_from_hessian`; the same on all ranks, except for arrays g.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_local,)
+
+    Raises
+    ------
+    ValueError
+        On all ranks, if the input of any rank is bad.
+
+    Notes
+    -----
+    Derivatives are recovered from the nodes around each node, on all ranks: four exchanges, and
+    two more when a mesh is used for the first time, for two layers of cells.  With
+    ``target_elements``, the trials are those of `size_from_error`.
+
+    Examples
+    --------
+    The field x^2 has the second derivative 2 everywhere:
+
+    >>> from adaptsize import SimplexMesh
+    >>> from scipy.spatial import Delaunay
+    >>> x = np.random.default_rng(7).random((50, 2))
+    >>> part = PartitionedMesh.from_serial(SimplexMesh(x, Delaunay(x).simplices))
+    >>> np.unique(size_from_hessian(part, x[:, 0] ** 2, tolerance=0.01).round(6))
+    array([0.1])
+    """
+    check_type("part", part, PartitionedMesh)
+
+    def check() -> FloatArray:
+        if part.mesh is None:
+            return as_float_array("values", values, (0,))
+        return as_nodal_field("values", values, part.mesh)
+
+    nodal = part.comm.agree(check)
+    around = surroundings_of(part)
+    ends = np.array([nodal.min(initial=np.inf), -nodal.max(initial=-np.inf)])
+    low, high = part.points.min(axis=0, initial=np.inf), part.points.max(axis=0, initial=-np.inf)
+    ends = part.comm.allreduce(np.concatenate([ends, low, -high]), "min")
+    diagonal = float(np.linalg.norm(-ends[2 + part.dim :] - ends[2 : 2 + part.dim]))
+    operators = [] if around.mesh is None else gradient_operators(around.mesh)
+    at_nodes = around.values(part, nodal)
+    gradient = np.zeros((part.n_points, part.dim))
+    for axis, operator in enumerate(operators):
+        gradient[:, axis] = (operator @ at_nodes)[around.own]
+    at_nodes = around.values(part, gradient)
+    hessian = np.zeros((part.n_points, part.dim, part.dim))
+    for axis, operator in enumerate(operators):
+        hessian[:, :, axis] = (operator @ at_nodes)[around.own]
+    hessian = 0.5 * (hessian + hessian.swapaxes(1, 2))
+    steepest = steepest_derivatives(hessian, -float(ends[1] + ends[0]), diagonal)
+    return scaled_by_derivative(
+        _cells_of(part),
+        steepest,
+        _finishing(part, hmin, hmax, g),
+        norm=norm,
+        tolerance=tolerance,
+        target_elements=target_elements,
+        backend=backend,
         sums=_Sums(part),
     )
+
+
+def _finishing(
+    part: PartitionedMesh, hmin: float | None, hmax: float | None, g: GradientLimit | None
+) -> Callable[[FloatArray], FloatArray]:
+    """Return the function that clips sizes to two limits and limits their gradient; collective."""
+    part.comm.agree(lambda: minimum(np.ones(1), hmin=hmin, hmax=hmax))
+
+    def finish(h0: FloatArray) -> FloatArray:
+        clipped = minimum(h0, hmin=hmin, hmax=hmax)
+        return clipped if g is None else limit_gradient(part, clipped, g)
+
+    return finish

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_points, check_type
+from adaptsize._checks import as_flag, as_points, check_type
 from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
@@ -59,10 +59,10 @@ def transfer_fields(
     to the ranks whose boxes they meet: two requests, each with an answer, for each kind of value.
     """
 
-    def check() -> tuple[dict[str, Any], dict[str, Any]]:
-        return as_fields("fields", fields, old.n_points), as_fields(
-            "cell_fields", cell_fields, old.n_cells
-        )
+    def check() -> tuple[dict[str, Any], dict[str, Any], bool]:
+        nodal = as_fields("fields", fields, old.n_points)
+        by_cell = as_fields("cell_fields", cell_fields, old.n_cells)
+        return nodal, by_cell, as_flag("conservative", conservative)
 
     check_type("old", old, PartitionedMesh)
     check_type("new", new, PartitionedMesh)
@@ -71,12 +71,11 @@ def transfer_fields(
             raise ValueError(f"{name} must consist of triangles or tetrahedra, got {part!r}")
     if (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
         raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
-    nodal, by_cell = old.comm.agree(check)
+    nodal, by_cell, averaged = old.comm.agree(check)
+    old.comm.require_equal(fields=_kinds(nodal), cell_fields=_kinds(by_cell), conservative=averaged)
     boxes = _boxes(old)
     found = {name: _nodal(old, new, boxes, values) for name, values in nodal.items()}
-    cells = {
-        name: _cells(old, new, boxes, values, conservative) for name, values in by_cell.items()
-    }
+    cells = {name: _cells(old, new, boxes, values, averaged) for name, values in by_cell.items()}
     return TransferredFields(found, cells)
 
 
@@ -90,6 +89,11 @@ def interpolate(old: PartitionedMesh, values: npt.ArrayLike, points: FloatArray)
     field, where = old.comm.agree(check)
     columns = _columns(field)
     return _restored(_ask(old, _boxes(old), where, partial(_values_at, old.mesh, columns)), field)
+
+
+def _kinds(fields: Mapping[str, npt.NDArray[Any]]) -> list[tuple[str, str, tuple[int, ...]]]:
+    """Return the names, types and shapes of fields, which decide the messages between ranks."""
+    return [(name, array.dtype.kind, array.shape[1:]) for name, array in fields.items()]
 
 
 def _columns(field: npt.NDArray[Any]) -> FloatArray:

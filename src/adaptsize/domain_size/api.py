@@ -51,6 +51,7 @@ def size_function(
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float | None = ...,
     elements: float | None = ...,
+    nodes: float | None = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> SizeFunction: ...
@@ -71,6 +72,7 @@ def size_function(
     h0: npt.ArrayLike | Implicit | None = ...,
     max_elements: float | None = ...,
     elements: float | None = ...,
+    nodes: float | None = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[SizeFunction, SizeReport]: ...
@@ -90,6 +92,7 @@ def size_function(
     h0: npt.ArrayLike | Implicit | None = None,
     max_elements: float | None = None,
     elements: float | None = None,
+    nodes: float | None = None,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
@@ -152,6 +155,8 @@ def size_function(
         Predicted number of elements, instead of ``max_elements``.  The same parameters are
         relaxed or tightened until the prediction is within 2 %, if the given ones allow that.
         `remesh_to_elements` also allows for what the mesh generator makes of it.
+    nodes : float, optional
+        The same for the predicted number of nodes.  The domain must be a mesh or a surface.
     full_output : bool
         Whether to return a `SizeReport` too.
     progress : callable or bool, optional
@@ -177,8 +182,11 @@ def size_function(
     -----
     ResolutionWarning
         If the given parameters require more than ``max_elements`` elements or do not allow
-        ``elements``, or if the octree of a callable domain would need more leaves than allowed
-        for an error of 5 %.
+        ``elements`` or ``nodes``, or if the octree of a callable domain would need more leaves
+        than allowed for an error of 5 %.
+    OutsideWarning
+        If a source lies outside the domain, or off the surface that carries the sizes, so that
+        sizes there are larger than requested.
 
     Notes
     -----
@@ -221,6 +229,7 @@ def size_function(
             h0=h0,
             max_elements=max_elements,
             elements=elements,
+            nodes=nodes,
             report=report,
             tolerance=tolerance,
         )

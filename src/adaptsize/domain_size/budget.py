@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
+from adaptsize.domain_size.off_surface import warn_where_missed
 from adaptsize.domain_size.on_surface import SurfaceDomain, through_the_inside
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_inside
 from adaptsize.sizes.budget import calibration, predicted_elements
+from adaptsize.sizes.node_counts import nodes_of
 
 _MAX_ROUNDS = 8
 
@@ -39,19 +42,26 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
     """Return the size function of a domain, scaled to a number of elements.
 
     Parameters that the request leaves open are relaxed until the predicted number of elements
-    is at most about ``request.max_elements``, or changed until it is ``request.elements``.
+    is at most about ``request.max_elements``, or changed until it is ``request.elements``, or that
+    of nodes is ``request.nodes``.
 
     Warns
     -----
     ResolutionWarning
         If the parameters that the request fixes require more elements, or do not allow so many.
+    OutsideWarning
+        If a source off a surface gets larger sizes than it requests.
     """
     if request.elements is not None:
-        size, report = _with_elements(domain, request, request.elements)
+        size, report = _with_number(domain, request, request.elements, "elements")
+    elif request.nodes is not None:
+        size, report = _with_number(domain, request, request.nodes, "nodes")
     else:
         size, report = _with_fewer_elements(domain, request)
     if isinstance(domain, SurfaceDomain):
         size = through_the_inside(size)
+        hmin, _ = request.relaxed(report.relaxation).limits(domain.mesh.diagonal)
+        warn_where_missed(size, request.sources, hmin)
     return size, report
 
 
@@ -79,12 +89,12 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFun
     return size, report
 
 
-def _with_elements(
-    domain: SizedDomain, request: Request, elements: float
+def _with_number(
+    domain: SizedDomain, request: Request, wanted: float, what: Literal["elements", "nodes"]
 ) -> tuple[SizeFunction, SizeReport]:
-    """Return the size function with a predicted number of elements, or the nearest one found.
+    """Return the size function with a predicted number of elements or nodes, or the nearest found.
 
-    With all bounds in proportion to the relaxation r there are about r^-dim elements.  From the
+    With all bounds in proportion to the relaxation r there are about r^-dim of them.  From the
     second step on, the exponent is that of the two last steps.
     """
     steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
@@ -94,7 +104,7 @@ def _with_elements(
         if request.report is not None:
             request.report("size function", None)
         found = _relaxed(domain, request, relaxation)
-        steps.append((np.log(relaxation), np.log(found[1].n_elements / elements)))
+        steps.append((np.log(relaxation), np.log(_number(found[1], what) / wanted)))
         off = abs(steps[-1][1])
         if off < least:
             best, least = found, off
@@ -111,7 +121,7 @@ def _with_elements(
     assert best is not None
     if least > _FAR_OFF:
         warnings.warn(
-            f"the sizes require about {best[1].n_elements:.2g} elements instead of {elements:.6g}, "
+            f"the sizes require about {_number(best[1], what):.2g} {what} instead of {wanted:.6g}, "
             "because of the given parameters, or because curvature and narrow regions would get "
             "less than one element",
             ResolutionWarning,
@@ -120,24 +130,47 @@ def _with_elements(
     return best
 
 
+def _number(report: SizeReport, what: Literal["elements", "nodes"]) -> float:
+    """Return the predicted number of elements or nodes."""
+    if what == "elements":
+        return report.n_elements
+    if np.isnan(report.n_nodes):
+        raise ValueError("nodes needs a mesh or a surface as domain; use elements for others")
+    return report.n_nodes
+
+
 def _relaxed(
     domain: SizedDomain, request: Request, relaxation: float
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the sizes for relaxed parameters, with the predicted number of elements."""
     size, report = domain.limited(request.relaxed(relaxation))
-    number = predicted(domain, size, report)
-    return size, replace(report, n_elements=number, relaxation=relaxation)
+    cells, nodes = predicted(domain, size, report)
+    return size, replace(report, n_elements=cells, n_nodes=nodes, relaxation=relaxation)
 
 
-def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> float:
-    """Return the predicted number of elements of a mesh of the domain."""
+def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> tuple[float, float]:
+    """Return the predicted numbers of elements and nodes of a mesh of the domain.
+
+    The number of nodes is nan where that of the boundary facets is not known.
+    """
     if isinstance(domain, SurfaceDomain):
         surface = size.background
         assert isinstance(surface, SimplexMesh)
         inside = estimate_n_inside(domain.mesh, size)
-        return calibration(_GENERATOR, 3) * max(inside, predicted_elements(surface, size.values))
+        facets = predicted_elements(surface, size.values)
+        cells = calibration(_GENERATOR, 3) * max(inside, facets)
+        return cells, nodes_of(3, cells, calibration(_GENERATOR, 2) * facets)
     if isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:
-            return calibration(_GENERATOR, mesh.cell_dim) * estimate_n_cells(mesh, size)
-    return calibration(_GENERATOR, domain.dim) * report.n_elements
+            cells = calibration(_GENERATOR, mesh.cell_dim) * estimate_n_cells(mesh, size)
+            return cells, nodes_of(mesh.cell_dim, cells, _n_facets(mesh, size))
+    return calibration(_GENERATOR, domain.dim) * report.n_elements, np.nan
+
+
+def _n_facets(mesh: SimplexMesh, size: SizeFunction) -> float:
+    """Return the predicted number of boundary facets of a mesh of triangles or tetrahedra."""
+    if mesh.cell_dim == 1 or not (mesh.facet_cell_counts == 1).any():
+        return 0.0
+    boundary = mesh.boundary().mesh
+    return calibration(_GENERATOR, boundary.cell_dim) * estimate_n_cells(boundary, size)

@@ -180,7 +180,7 @@ def mesh_domain(mesh: SimplexMesh, background: AnyBackground | None) -> SizedDom
         spacing = float(np.ptp(mesh.points, axis=0).max()) / _BOXES_ALONG
         background = CartesianGrid.around(mesh.points, spacing, _BOXES_AROUND * spacing)
     if background is None and mesh.dim == 3 and mesh.cell_dim == 2:
-        return SurfaceDomain(mesh)
+        return SurfaceDomain.of(mesh)
     if background is not None and background.dim != mesh.dim:
         raise ValueError(f"background must be {mesh.dim}-D, got {background!r}")
     return MeshDomain(mesh, background)

@@ -1,4 +1,4 @@
-"""A mesh with a given number of elements."""
+"""A mesh with a given number of elements or nodes."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ class MeshOfElements(NamedTuple):
 
 def remesh_to_elements(
     mesh: SimplexMesh,
-    elements: float,
+    elements: float | None = None,
     *,
+    nodes: float | None = None,
     target: Literal["auto", "tetrahedra", "triangles"] = "auto",
     backend: str = "auto",
     tolerance: float | None = None,
@@ -47,7 +48,7 @@ def remesh_to_elements(
     progress: ProgressCallback | bool | None = None,
     **size_options: Any,
 ) -> MeshOfElements:
-    """Return a mesh of a domain with a given number of elements, within 15 %.
+    """Return a mesh of a domain with a given number of elements or nodes, within 15 %.
 
     The sizes are those of `size_function` with this predicted number.  If the mesh has another
     number, new sizes are predicted with the ratio of the two: at most three meshes are made, and
@@ -57,8 +58,10 @@ def remesh_to_elements(
     ----------
     mesh : SimplexMesh
         As in `remesh`.
-    elements : float
+    elements : float, optional
         Wanted number of cells of the new mesh, >= 1.
+    nodes : float, optional
+        Wanted number of nodes, >= 1.  Either this or ``elements``.
     target, backend, timeout, strict, progress
         As in `remesh`.
     tolerance : float, optional
@@ -91,14 +94,20 @@ def remesh_to_elements(
     >>> mesh, size, report = remesh_to_elements(square, 1000)
     >>> 850 <= mesh.n_cells <= 1150
     True
+    >>> 850 <= remesh_to_elements(square, nodes=1000).mesh.n_points <= 1150
+    True
     """
     check_type("mesh", mesh, SimplexMesh)
     check_backend(mesh, target, backend)
+    if (elements is None) == (nodes is None):
+        given = "none" if nodes is None else "both"
+        raise ValueError(f"one of elements and nodes must be given, got {given}")
 
-    def sized(number: float) -> Sized:
+    def sized(elements: float | None, nodes: float | None) -> Sized:
         return size_function(
             mesh,
-            elements=number,
+            elements=elements,
+            nodes=nodes,
             tolerance=tolerance,
             progress=progress,
             full_output=True,
@@ -119,7 +128,7 @@ def remesh_to_elements(
             progress=progress,
         )
 
-    return reach_elements(elements, sized, meshed)
+    return reach_number(elements, nodes, sized, meshed)
 
 
 def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
@@ -129,40 +138,46 @@ def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
     return max(TOLERANCE, report.tolerance) if np.isfinite(report.tolerance) else TOLERANCE
 
 
-def reach_elements(
-    elements: float,
-    sized: Callable[[float], Sized],
+def reach_number(
+    elements: float | None,
+    nodes: float | None,
+    sized: Callable[[float | None, float | None], Sized],
     meshed: Callable[[SizeFunction, SizeReport], SimplexMesh],
 ) -> MeshOfElements:
-    """Return the best of up to three meshes, by their numbers of elements.
+    """Return the best of up to three meshes, by their numbers of elements or nodes.
 
     Parameters
     ----------
-    elements : float
-        Wanted number of cells.
+    elements, nodes : float or None
+        Wanted number of cells, or of nodes.
     sized : callable
-        Returns the sizes for a predicted number of elements, and their report.
+        Returns the sizes for a predicted number of elements or nodes, and their report.
     meshed : callable
         Returns the mesh for sizes and their report.
     """
-    elements = as_number("elements", elements, lower=1.0)
+    counts_nodes = nodes is not None
+    what = "nodes" if counts_nodes else "elements"
+    goal = as_number(what, nodes if counts_nodes else elements, lower=1.0)
     best: MeshOfElements | None = None
-    least, wanted = np.inf, elements
+    least, wanted = np.inf, goal
     for _ in range(_MAX_MESHES):
-        size, report = sized(wanted)
+        size, report = sized(None, wanted) if counts_nodes else sized(wanted, None)
         mesh = meshed(size, report)
-        off = abs(mesh.n_cells / elements - 1.0)
+        made = mesh.n_points if counts_nodes else mesh.n_cells
+        off = abs(made / goal - 1.0)
         if off < least:
             best, least = MeshOfElements(mesh, size, report), off
         if off <= _ACCEPTED:
             break
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
         power = mesh.dim / mesh.cell_dim
-        wanted = max(report.n_elements * math.pow(elements / mesh.n_cells, power), 1.0)
+        predicted = report.n_nodes if counts_nodes else report.n_elements
+        wanted = max(predicted * math.pow(goal / made, power), 1.0)
     assert best is not None
     if least > _ACCEPTED:
+        made = best.mesh.n_points if counts_nodes else best.mesh.n_cells
         warnings.warn(
-            f"the mesh has {best.mesh.n_cells} elements instead of {elements:.6g}: "
+            f"the mesh has {made} {what} instead of {goal:.6g}: "
             "the mesh generator, details of the domain or the given parameters do not allow it",
             ResolutionWarning,
             stacklevel=3,

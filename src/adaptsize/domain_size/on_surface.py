@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,9 +16,13 @@ from adaptsize.background.splitting import split_edges
 from adaptsize.background.topology import are_among
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request, bound_at_nodes, limit_requested
-from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
+from adaptsize.errors import OpenSurfaceWarning
+from adaptsize.geometry.distance.orientation import oriented
+from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.medial.inscribed_spheres import InscribedSpheres, SphereFinder
+from adaptsize.remeshing.overlaps import overlapping_bodies
 from adaptsize.sizes import size_from_curvature, size_from_feature
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: The background of a surface is refined until no edge is longer than this many sizes ...
 _EDGE_OVER_SIZE = 2.0
@@ -27,6 +32,10 @@ _MAX_NODES = 400_000
 #: per node of such a surface, and a thicker solid has more than 10.  A surface with more nodes
 #: consists of slivers much narrower than the size, where no finer background is needed.
 _NODES_PER_ELEMENT = 1.0 / 10.0
+#: Distance from the surface over its diagonal at which a point is outside or in another body.
+_BESIDE = 1e-6
+#: From `SurfaceDomain.of` to the caller of `size_function`.
+_STACK_LEVEL = 5
 
 
 @dataclass
@@ -34,6 +43,21 @@ class SurfaceDomain:
     """The solid that a surface in space encloses."""
 
     mesh: SimplexMesh
+    winding: WindingNumber | None = None
+    """That of the surface if it has bodies that overlap."""
+
+    @classmethod
+    def of(cls, mesh: SimplexMesh) -> SurfaceDomain:
+        """Return the solid, and warn if bodies of the surface overlap."""
+        overlapping = overlapping_bodies(mesh)
+        if overlapping is None:
+            return cls(mesh)
+        warnings.warn(
+            f"{overlapping}; facets inside of bodies do not bound the sizes",
+            OpenSurfaceWarning,
+            stacklevel=_STACK_LEVEL,
+        )
+        return cls(mesh, WindingNumber(oriented(mesh)[0]))
 
     @property
     def dim(self) -> int:
@@ -43,11 +67,42 @@ class SurfaceDomain:
     @cached_property
     def _width(self) -> FloatArray:
         """Local feature size at the nodes, for the crease angle of the first request."""
+        if self.winding is not None:
+            return self._smallest(self._finder.at_nodes())
         return size_from_feature(self.mesh, elements_across=2.0, crease_angle=self._crease_angle)
 
     @cached_property
     def _finder(self) -> SphereFinder:
         return SphereFinder(self.mesh, crease_angle=self._crease_angle)
+
+    def _smallest(self, spheres: InscribedSpheres) -> FloatArray:
+        """Return the smallest radius of each owner, of the spheres between points of the boundary.
+
+        Where bodies overlap, facets of one are inside the other.  They are not the boundary of the
+        solid, and the spheres there become arbitrarily small where the bodies meet.
+        """
+        if self.winding is None:
+            return spheres.smallest()
+        met = np.flatnonzero(np.isfinite(spheres.radii))
+        outward = (spheres.contacts - spheres.centres)[met] / spheres.radii[met, None]
+        inner = self._are_inside(spheres.points, -spheres.normals)
+        inner[met] |= self._are_inside(spheres.contacts[met], outward)
+        return replace(spheres, radii=np.where(inner, np.inf, spheres.radii)).smallest()
+
+    def _are_inside(self, points: FloatArray, outward: FloatArray) -> BoolArray:
+        """Return whether points of a body with their normals are inside of another body."""
+        assert self.winding is not None
+        return self.winding.contains(points + _BESIDE * self.mesh.diagonal * outward)
+
+    def _without_inner(self, bound: FloatArray) -> FloatArray:
+        """Return a bound at the nodes, inf at those inside other bodies."""
+        if self.winding is None:
+            return bound
+        spheres = self._finder.at_nodes()
+        inner = self._are_inside(spheres.points, -spheres.normals)
+        outer = np.bincount(spheres.owners, ~inner, spheres.n_owners)
+        count = np.bincount(spheres.owners, minlength=spheres.n_owners)
+        return np.where((outer == 0) & (count > 0), np.inf, bound)
 
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes on a refined copy, and which cause controls them where.
@@ -63,6 +118,8 @@ class SurfaceDomain:
         if not request.is_fixed:
             max_nodes = min(max_nodes, _NODES_PER_ELEMENT * request.max_elements)
         bounds = _bounds_at_nodes(mesh, request)
+        if "curvature" in bounds:
+            bounds["curvature"] = self._without_inner(bounds["curvature"])
         folds = folds_of(mesh, np.deg2rad(request.crease_angle))
         across = across_surface(self._width, request) if request.across > 0.0 else None
         while True:
@@ -78,7 +135,7 @@ class SurfaceDomain:
             folds = folds.split(parents, mesh.n_points)
             if across is not None:
                 spheres = self._finder.near(split.mesh.points[mesh.n_points :])
-                across = np.concatenate([across, across_surface(spheres.smallest(), request)])
+                across = np.concatenate([across, across_surface(self._smallest(spheres), request)])
             mesh = split.mesh
 
 

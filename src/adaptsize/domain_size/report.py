@@ -50,6 +50,8 @@ class SizeReport:
     hmax: float
     n_elements: float
     """Predicted number of elements of a mesh with these sizes."""
+    n_nodes: float = np.nan
+    """Predicted number of nodes; nan if the domain is not given as a mesh."""
     elements_per_radian: float = 0.0
     """Elements per radian of curved boundaries; 0 if curvature is disabled."""
     elements_across: float = 0.0

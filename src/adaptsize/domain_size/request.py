@@ -47,9 +47,11 @@ class Request:
     tolerance: float | None = None
     elements: float | None = None
     """Number of elements to reach; ``max_elements`` is not less."""
+    nodes: float | None = None
+    """Number of nodes to reach."""
     relaxation: float = 1.0
     """Factor by which parameters that are not given are relaxed, for ``max_elements``; below 1
-    they are tightened, for ``elements``."""
+    they are tightened, for ``elements`` or ``nodes``."""
 
     @property
     def is_fixed(self) -> bool:
@@ -140,11 +142,12 @@ def as_request(
     h0: npt.ArrayLike | Implicit | None = None,
     max_elements: float | None = None,
     elements: float | None = None,
+    nodes: float | None = None,
     report: ProgressCallback | None = None,
     tolerance: float | None = None,
 ) -> Request:
     """Return a request after checking its values."""
-    most = check_elements(elements, max_elements)
+    most = check_elements(elements, max_elements, nodes)
     # As floats: arrays that are filled with an integer would hold integers.
     if hmin is not None:
         hmin = as_number("hmin", hmin, lower=0.0, strict=True)
@@ -170,21 +173,31 @@ def as_request(
         most,
         report,
         tolerance,
-        elements,
+        None if elements is None else float(elements),
+        None if nodes is None else float(nodes),
     )
-    if elements is not None and request.is_fixed:
+    if (elements is not None or nodes is not None) and request.is_fixed:
+        name = "nodes" if elements is None else "elements"
         raise ValueError(
-            "elements changes the parameters that are not given, but elements_per_radian, "
-            "elements_across, hmin and hmax are all given: omit one of them, or elements"
+            f"{name} changes the parameters that are not given, but elements_per_radian, "
+            f"elements_across, hmin and hmax are all given: omit one of them, or {name}"
         )
     return request
 
 
-def check_elements(elements: float | None, max_elements: float | None) -> float:
-    """Return the limit on the number of elements, after checking both numbers."""
+def check_elements(
+    elements: float | None, max_elements: float | None, nodes: float | None = None
+) -> float:
+    """Return the limit on the number of elements, after checking all numbers."""
     most = MAX_ELEMENTS
     if max_elements is not None:
         most = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
+    if nodes is not None:
+        if elements is not None or max_elements is not None:
+            other = "max_elements" if elements is None else "elements"
+            raise ValueError(f"nodes and {other} exclude each other: omit one of them")
+        as_number("nodes", nodes, lower=1.0)
+        return np.inf
     if elements is None:
         return most
     wanted = as_number("elements", elements, lower=1.0)

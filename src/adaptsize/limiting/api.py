@@ -9,26 +9,17 @@ from typing import Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    as_flag,
-    as_float_array,
-    as_number,
-    as_points,
-    as_sizes,
-    as_whole_number,
-    check_range,
-    check_type,
-    describe,
-    one_of,
-)
+from adaptsize._checks import as_flag, as_number, as_whole_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
+from adaptsize.limiting.arguments import as_bound, as_count, as_domain, as_point_bounds
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.info import LimitingInfo, Record
 from adaptsize.limiting.options import Method, refuse_idle
-from adaptsize.limiting.problem import PointBounds, Problem
+from adaptsize.limiting.periodic import as_periodicity
+from adaptsize.limiting.problem import Problem
 from adaptsize.limiting.warm_start import refuse_background, refuse_others, resume, with_start
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
@@ -50,6 +41,7 @@ def limit_gradient(
     face_sources: bool = ...,
     threads: int | None = ...,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
+    periodic: npt.ArrayLike | None = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
 ) -> FloatArray: ...
@@ -68,6 +60,7 @@ def limit_gradient(
     face_sources: bool = ...,
     threads: int | None = ...,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
+    periodic: npt.ArrayLike | None = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
 ) -> tuple[FloatArray, LimitingInfo]: ...
@@ -85,6 +78,7 @@ def limit_gradient(
     face_sources: bool = True,
     threads: int | None = None,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    periodic: npt.ArrayLike | None = None,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray | tuple[FloatArray, LimitingInfo]:
@@ -160,6 +154,11 @@ def limit_gradient(
     point_sources : tuple of (array_like, array_like), optional
         Option of the exact method: points of shape (k, dim) and the bounds there, of shape
         (k,).  The points need not be nodes.  Points outside the domain have no effect.
+    periodic : array_like of float, shape (k, dim), optional
+        Option of the exact method and of fast marching of first order: translations by which
+        the domain is repeated, such as ``[[a, 0], [0, b]]``.  The result is that on the domain
+        with all of its images.  Nodes on opposite sides must come in pairs; both get the same
+        size.  See the notes.
     full_output : bool, optional
         Whether to return a `LimitingInfo` too.  Its attributes are computed on first access.
     progress : callable or bool, optional
@@ -210,6 +209,10 @@ def limit_gradient(
     result is an upper bound; no size is too small.  ``info.n_proved`` counts the nodes with a
     proof, and ``info.largest_gap`` bounds the error at the others.
 
+    *Periodic domains.*  Sizes propagate through a side of the cell to its opposite one.  Where
+    cell and images make up a convex domain, the exact method adds the images of the sources,
+    and the result is exact to rounding.  Elsewhere fast marching identifies the nodes.
+
     *Warm start.*  With ``initial``, the exact method returns the same sizes as without it, bit
     for bit.  The Hamilton-Jacobi iteration starts from the earlier sizes.  All other methods
     and cases are solved from scratch.  The arrays given to the earlier call may have been
@@ -251,14 +254,14 @@ def limit_gradient(
            [0.25 , 0.312, 0.435],
            [0.4  , 0.435, 0.4  ]])
     """
-    domain = _domain(background)
+    domain = as_domain(background)
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
     method = one_of("method", method, ("auto", *schemes.METHODS))
     full_output = as_flag("full_output", full_output)
-    bound = _as_bound("h0", h0, background)
+    bound = as_bound("h0", h0, background)
     if full_output and np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept for comparison in the next call
-    extra = None if point_sources is None else _as_point_bounds(point_sources, background.dim)
+    extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
     if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
@@ -267,7 +270,7 @@ def limit_gradient(
         raise ValueError(f"floor must be 'hopf-lax' or None, got {describe(floor)}")
     face_sources = as_flag("face_sources", face_sources)
     tol = as_number("tol", tol, lower=0.0, strict=True)
-    max_iter, threads = _as_count("max_iter", max_iter), _as_count("threads", threads)
+    max_iter, threads = as_count("max_iter", max_iter), as_count("threads", threads)
     given = {
         "order": order != 1,
         "floor": floor is None,
@@ -277,8 +280,11 @@ def limit_gradient(
         "face_sources": not face_sources,
         "threads": threads is not None,
         "point_sources": extra is not None,
+        "periodic": periodic is not None,
     }
     refuse_idle(method, schemes.METHODS, given)
+    cell = None if periodic is None else as_periodicity(domain, periodic, initial, order)
+    bound = bound if cell is None else cell.least(bound)
     record = None if earlier is None else earlier.record
     # A record of another background is refused below, when all else is known.
     if record is not None and record.bound.shape != bound.shape:
@@ -289,7 +295,7 @@ def limit_gradient(
     )
     if extra is not None and transform is not None:
         extra = extra._replace(sizes=transform.forward(extra.sizes))
-    start = None if guess is None else _as_bound("initial", guess, background)
+    start = None if guess is None else as_bound("initial", guess, background)
     with reporting(progress) as report:
         problem = Problem(
             h0=_forward(bound, transform, record),
@@ -305,6 +311,7 @@ def limit_gradient(
             point_sources=extra,
             residual=full_output,
             report=report,
+            periodicity=cell,
         )
         if method == "auto":
             method = schemes.choose_method(domain, problem)
@@ -352,48 +359,6 @@ def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | N
     changed = u != record.solution.h
     h[changed] = transform.backward(u[changed])
     return h
-
-
-def _domain(
-    background: SimplexMesh | CartesianGrid | Octree,
-) -> SimplexMesh | CartesianGrid:
-    """Return the mesh or grid that the schemes run on; refuse coordinates out of range."""
-    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
-    if isinstance(background, CartesianGrid):
-        check_range("background", np.stack([background.lower, background.upper]))
-    else:
-        check_range("background", background.points)
-    return background.mesh if isinstance(background, Octree) else background
-
-
-def _as_bound(
-    name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
-) -> FloatArray:
-    """Return checked nodal sizes, inf at inactive nodes; one number is used for all nodes."""
-    given = as_float_array(name, sizes)
-    if given.ndim == 0:
-        given = np.full(background.nodal_shape, as_sizes(name, given, ()))
-    if isinstance(background, CartesianGrid) and background.active is not None:
-        given = as_float_array(name, given, background.shape)
-        given = np.where(background.active, given, np.inf)
-    return as_sizes(name, given, background.nodal_shape)
-
-
-def _as_count(name: str, value: object) -> int | None:
-    """Return a number of steps or threads, or None."""
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be an integer >= 1 or None, got {describe(value)}")
-    return int(value)
-
-
-def _as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:
-    """Return checked bounds at points."""
-    if not isinstance(given, tuple) or len(given) != 2:
-        raise ValueError(f"point_sources must be a tuple (points, sizes), got {describe(given)}")
-    points = as_points("point_sources[0]", given[0], dim)
-    return PointBounds(points, as_sizes("point_sources[1]", given[1], (len(points),)))
 
 
 def _silent(text: str, share: float | None) -> None:

@@ -104,17 +104,19 @@ def march_until_converged(
     h = h0.copy()
     candidate = np.empty(n)
     heap = new_heap(n)
+    # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
+    along_edges = march is march_edges
+    keep = 1.0 if along_edges else KEEP
     sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
-    kernels.queue_lowered(h, candidate, KEEP, *heap)
+    kernels.queue_lowered(h, candidate, keep, *heap)
 
     accepted, unfinished = 0, ""
     stars = None
     if heap[3][0] > 0:
         stars = stars_of(mesh, slope)
         geometry = (mesh.points, axes, (0,) * mesh.cell_dim, *stars)
-        # Along edges every node is accepted once, in order.
-        most = None if march is march_edges else patience(n)
-        accepted = accept_all(march, geometry, h, slope, heap, most, report)
+        most = None if along_edges else patience(n)
+        accepted = accept_all(march, geometry, h, slope, heap, most, report, keep)
         if heap[3][0] > 0:
             # Only small changes are missing now.  First give every node a finite size.
             march_edges(*geometry, h, *limit, *heap, KEEP, np.inf, 1 << 62)
@@ -147,6 +149,7 @@ def accept_all(
     heap: tuple[Any, ...],
     most: int | None,
     report: ProgressCallback,
+    keep: float = KEEP,
 ) -> int:
     """March (In/Out: h, heap) until the heap is empty or ``most`` nodes were accepted.
 
@@ -154,7 +157,7 @@ def accept_all(
     """
     accepted = 0
     while heap[3][0] > 0 and (most is None or accepted < most):
-        accepted += march(*geometry, h, slope.values, slope.step, *heap, KEEP, np.inf, CHUNK)
+        accepted += march(*geometry, h, slope.values, slope.step, *heap, keep, np.inf, CHUNK)
         report("limiting the gradient", min(accepted / len(h), 1.0))
     return accepted
 

@@ -9,7 +9,9 @@ import numpy as np
 
 from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact import solve_exact
+from adaptsize.limiting.exact.images import with_images
 from adaptsize.limiting.fast_marching_grid import solve_grid_marching
+from adaptsize.limiting.periodic import in_rounds
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray
 
@@ -23,7 +25,8 @@ METHODS = ("exact", "fast-marching", "hamilton-jacobi", "edge-based")
 
 def choose_method(grid: CartesianGrid, problem: Problem) -> str:
     """Return the method for ``method="auto"``: the most accurate scheme that applies."""
-    if problem.slope.step or problem.order == 2:
+    cell = problem.periodicity
+    if problem.slope.step or problem.order == 2 or not (cell is None or cell.is_convex):
         return "fast-marching"
     return "exact"
 
@@ -35,11 +38,17 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
     if method == "hamilton-jacobi":
         return _iterate(grid, problem)
     if method == "fast-marching":
-        order = problem.order
-        return solve_grid_marching(grid, h0, slope, order=order, residual=residual, report=report)
+
+        def march(bound: FloatArray) -> Solution:
+            order = problem.order
+            return solve_grid_marching(
+                grid, bound, slope, order=order, residual=residual, report=report
+            )
+
+        return in_rounds(march, problem)
     if method == "edge-based":
         return solve_grid_edges(grid, h0, slope, residual=residual, report=report)
-    return solve_exact(
+    solution = solve_exact(
         grid,
         h0,
         slope,
@@ -48,6 +57,7 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
         point_sources=problem.point_sources,
         report=report,
     )
+    return with_images(solution, problem)
 
 
 def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:

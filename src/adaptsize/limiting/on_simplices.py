@@ -10,7 +10,9 @@ from adaptsize._kernels.edge_based import largest_edge_slope
 from adaptsize._kernels.simplex import fill_gradient_norms
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact import solve_exact
+from adaptsize.limiting.exact.images import with_images
 from adaptsize.limiting.fast_marching import solve_fast_marching
+from adaptsize.limiting.periodic import in_rounds
 from adaptsize.limiting.solution import Solution
 from adaptsize.typing import FloatArray
 
@@ -34,6 +36,8 @@ _DIRECT = {
 def choose_method(mesh: SimplexMesh, problem: Problem) -> str:
     """Return the method for ``method="auto"``: the exact one where it applies."""
     is_flat = mesh.cell_dim == mesh.dim
+    cell = problem.periodicity
+    is_flat = is_flat and (cell is None or cell.is_convex)
     return "exact" if is_flat and not problem.slope.step else "fast-marching"
 
 
@@ -44,7 +48,7 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
     h0, slope = problem.h0, problem.slope
     residual, report = problem.residual, problem.report
     if method == "exact":
-        return solve_exact(
+        solution = solve_exact(
             mesh,
             h0,
             slope,
@@ -53,7 +57,11 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
             point_sources=problem.point_sources,
             report=report,
         )
-    return _DIRECT[method](mesh, h0, slope, residual=residual, report=report)
+        return with_images(solution, problem)
+    scheme = _DIRECT[method]
+    return in_rounds(
+        lambda bound: scheme(mesh, bound, slope, residual=residual, report=report), problem
+    )
 
 
 def _iterate(mesh: SimplexMesh, problem: Problem) -> Solution:

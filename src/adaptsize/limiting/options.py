@@ -17,8 +17,8 @@ Method: TypeAlias = Literal[
 #: The options of each method.
 #: Every method accepts a `LimitingInfo` as ``initial``; only those listed here accept an array.
 _OPTIONS: dict[str, frozenset[str]] = {
-    "exact": frozenset({"face_sources", "threads", "point_sources"}),
-    "fast-marching": frozenset({"order"}),
+    "exact": frozenset({"face_sources", "threads", "point_sources", "periodic"}),
+    "fast-marching": frozenset({"order", "periodic"}),
     "positive-coefficient": frozenset({"initial", "tol", "max_iter", "floor"}),
     "hamilton-jacobi": frozenset({"order", "initial", "tol", "max_iter"}),
     "edge-based": frozenset(),

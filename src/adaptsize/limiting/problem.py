@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.periodic import Periodicity
 from adaptsize.typing import FloatArray, ProgressCallback
 
 
@@ -36,3 +37,4 @@ class Problem:
     residual: bool
     """Whether to compute the residual."""
     report: ProgressCallback
+    periodicity: Periodicity | None = None

@@ -61,6 +61,8 @@ def refuse_others(
     same = then is now or (then is not None and now is not None and then.is_same_limit(now))
     if not (same and _equal(before.slope.values, problem.slope.values)):
         raise ValueError("initial must come from a call with the same g, got a different g")
+    if before.periodicity is not None:
+        raise ValueError("initial must not come from a call with periodic")
     for name in ("order", "face_sources", "floor"):
         then, now = getattr(before, name), getattr(problem, name)
         if then != now:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_sizes, describe
+from adaptsize._checks import as_float_array, as_sizes, as_whole_number
 from adaptsize.metrics.metric import Metric
 
 
@@ -30,7 +30,6 @@ def isotropic_metric(h: npt.ArrayLike, dim: int) -> Metric:
     """
     size = as_float_array("h", h).ravel()
     size = as_sizes("h", size, size.shape)
-    if not isinstance(dim, int | np.integer) or dim not in (1, 2, 3):
-        raise ValueError(f"dim must be 1, 2 or 3, got {describe(dim)}")
+    dim = as_whole_number("dim", dim, lower=1, upper=3)
     shape = (len(size), dim, dim)
     return Metric.of(np.repeat(size[:, None], dim, axis=1), np.broadcast_to(np.eye(dim), shape))

@@ -37,6 +37,7 @@ def plot_size(
     path: str | os.PathLike[str] | None = None,
     clip: str | None = "auto",
     label: str = "mesh size h",
+    limits: tuple[float, float] | None = None,
     width: int = 1600,
 ) -> Image:
     """Draw nodal sizes on a mesh, grid or octree, off-screen.
@@ -61,6 +62,9 @@ def plot_size(
         the section is long.
     label : str
         Title of the colour bar.
+    limits : tuple of float, optional
+        Lowest and highest value of the colour bar, for pictures to be compared.  By default those
+        of the sizes.
     width : int
         Width of the picture in pixels, 64 to 10000.  The height follows from the mesh.
 
@@ -98,7 +102,10 @@ def plot_size(
     background: object = mesh
     if isinstance(mesh, SizeFunction):
         background, size = mesh.background, mesh if size is None else size
-    return _draw(_scene_of_sizes(background, size, label, clip), path, width)
+    scene = replace(
+        _scene_of_sizes(background, size, label, clip), color_range=_color_range(limits)
+    )
+    return _draw(scene, path, width)
 
 
 def plot_mesh(
@@ -107,6 +114,7 @@ def plot_mesh(
     color: str = "quality",
     path: str | os.PathLike[str] | None = None,
     clip: str | None = "auto",
+    limits: tuple[float, float] | None = None,
     width: int = 1600,
 ) -> Image:
     """Draw a mesh coloured by the quality or the region of its cells, off-screen.
@@ -117,8 +125,8 @@ def plot_mesh(
     color : {"quality", "region"} or str
         ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
         cell tags.  Otherwise the name of a field of ``mesh`` with one number per node or cell.
-    path, clip, width
-        As for `plot_size`.
+    path, clip, limits, width
+        As for `plot_size`; regions have no ``limits``.
 
     Returns
     -------
@@ -146,6 +154,8 @@ def plot_mesh(
     scene = make_scene(
         mesh, values, label=label, clip=clip, on_nodes=on_nodes, classes=color == "region"
     )
+    if limits is not None and not scene.classes:
+        scene = replace(scene, color_range=_color_range(limits))
     return _draw(scene, path, width)
 
 
@@ -274,6 +284,16 @@ def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bo
     if values.ndim != 1:
         raise ValueError(f"color must name a field of numbers, got {color!r} {values.shape}")
     return values, on_nodes
+
+
+def _color_range(limits: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Return checked ends of the colour bar."""
+    if limits is None:
+        return None
+    low, high = as_float_array("limits", limits, (2,)).tolist()
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise ValueError(f"limits must be finite and in ascending order, got {limits!r}")
+    return low, high
 
 
 def _scene_of_sizes(

@@ -46,6 +46,8 @@ class Scene:
         names, edges are not drawn.
     plain : bool
         Whether edges are not drawn.
+    color_range : tuple of float, optional
+        The values at the ends of the colour bar, by default the lowest and the highest.
     """
 
     points: FloatArray
@@ -57,6 +59,7 @@ class Scene:
     flat: bool
     class_names: tuple[str, ...] | None = None
     plain: bool = False
+    color_range: tuple[float, float] | None = None
 
     @property
     def axes(self) -> FloatArray:
@@ -76,7 +79,9 @@ class Scene:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lowest and highest finite value; 0 and 1 where there is none."""
+        """Ends of the colour bar: the lowest and highest finite value; 0 and 1 without any."""
+        if self.color_range is not None:
+            return self.color_range
         shown = self.values[np.isfinite(self.values)]
         return (float(shown.min()), float(shown.max())) if len(shown) else (0.0, 1.0)
 

@@ -18,7 +18,7 @@ from adaptsize.plot.scene import CLASS_COLORS, Scene
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 _PROBE_SECONDS = 60.0
 #: Share of the picture's width for the mesh.  The rest is for the colour bar.
-_MESH_SHARE = 0.82
+_MESH_SHARE = 0.8
 _MARGIN = 1.06
 #: With more classes than this, the colour bar has no names.
 _MAX_NAMES = 24
@@ -124,8 +124,16 @@ def _appearance(scene: Scene, width: int) -> dict[str, Any]:
         "interpolate_before_map": True,
         **(_class_colors(scene) if scene.classes else _range_colors(scene)),
         "show_scalar_bar": bool(np.isfinite(scene.values).any()),
-        "scalar_bar_args": _bar(scene, max(8, round(0.016 * width))),
+        "scalar_bar_args": _bar(scene, _text_size(width)),
     }
+
+
+def _text_size(width: int) -> int:
+    """Return the height of letters in pixels, relatively larger in small pictures.
+
+    Those stand side by side, scaled down to the width of a page.
+    """
+    return max(8, round(14 + 0.008 * width)) if width >= 400 else max(8, round(0.043 * width))
 
 
 def _range_colors(scene: Scene) -> dict[str, Any]:
@@ -151,7 +159,7 @@ def _bar(scene: Scene, text: int) -> dict[str, Any]:
         "vertical": True,
         "fmt": "%.3g",
         "n_labels": 0 if scene.classes else 5,
-        "position_x": 0.86 if scene.class_names is None else 0.92,  # names are left of it
+        "position_x": 0.84 if scene.class_names is None else 0.92,  # names are left of it
         "position_y": 0.15,
         "width": 0.1 if scene.class_names is None else 0.07,
         "height": 0.7,

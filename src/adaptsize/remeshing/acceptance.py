@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import BackendError
+from adaptsize.errors import BackendError, ResolutionWarning
 from adaptsize.quality.boundary import skin_of
 from adaptsize.remeshing.protocol import Problem
 from adaptsize.typing import FloatArray
@@ -16,6 +18,9 @@ from adaptsize.typing import FloatArray
 #: A boundary farther away than this, over the diagonal, is another one.  Coarse sizes and cut
 #: corners give less.
 _FAR = 0.05
+#: Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by fTetWild
+#: reaches 4 times the tolerance, everything else less.
+_MUCH = 4.0
 #: Allowed change of the volume or area of a mesh.
 _CHANGE = 0.25
 
@@ -38,8 +43,8 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
     if not old_skin.is_closed:
         return
     # An inner part of a surface may end up inside the volume, hence not the boundary of new.
-    lost = _farthest(old_skin.points, new, far)
-    added = _farthest(skin_of(new).points, old_skin, far)
+    lost = _farthest(old_skin.points, new, far)[0]
+    added = _farthest(skin_of(new).points, old_skin, far)[0]
     _refuse_beyond(far, max(lost, added), "boundary", problem, backend)
     if old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)
@@ -59,10 +64,62 @@ def _refuse_beyond(far: float, distance: float, what: str, problem: Problem, bac
         )
 
 
-def _farthest(points: FloatArray, mesh: SimplexMesh, far: float) -> float:
-    """Return the largest distance of points from a mesh, or less than ``far``."""
+def warn_of_deviation(
+    new: SimplexMesh, old: SimplexMesh, tolerance: float, *, may_be_joined: bool = False
+) -> None:
+    """Warn if the boundary of a mesh is much farther from the given one than the tolerance.
+
+    Only nodes are measured.  An open surface is left out: of that `warn_of_surface` warns.
+
+    Parameters
+    ----------
+    new, old : SimplexMesh
+    tolerance : float
+        In the unit of the coordinates.
+    may_be_joined : bool
+        Whether parts of the old surface may be inside the mesh without a warning.
+
+    Warns
+    -----
+    ResolutionWarning
+        With the largest distance and its place.
+    """
+    old_skin, skin = skin_of(old), skin_of(new)
+    if not old_skin.is_closed:
+        return
+    far = _MUCH * tolerance
+    deviations = (
+        (
+            "the mesh misses part of the domain: its boundary is",
+            *_farthest(old_skin.points, new, far),
+        ),
+        ("the boundary of the mesh is", *_farthest(skin.points, old_skin, far)),
+    )
+    what, distance, where = max(deviations, key=lambda deviation: deviation[1])
+    advice = "lower the tolerance if thin parts are lost, or use strict=True"
+    if distance == 0.0 and not may_be_joined:
+        distance, where = _farthest(old_skin.points, skin, far)
+        what = "the mesh fills both sides of a part of the surface: its boundary is"
+        advice = "a body inside another one is a cavity only if its triangles have the other side"
+    if distance == 0.0:
+        return
+    place = ", ".join(f"{x:.4g}" for x in where)
+    warnings.warn(
+        f"{what} {distance:.3g} from the given one at ({place}), where the tolerance is "
+        f"{tolerance:.3g}; {advice}",
+        ResolutionWarning,
+        stacklevel=3,
+    )
+
+
+def _farthest(points: FloatArray, mesh: SimplexMesh, far: float) -> tuple[float, FloatArray]:
+    """Return the distance and the place of the farthest point; 0 if none is beyond ``far``."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(mesh.points).query(points, distance_upper_bound=far)[0]
     rest = points[~np.isfinite(near)]  # few, unless cells are large
-    return float(mesh.locator.nearest(rest)[2].max()) if len(rest) else 0.0
+    if not len(rest):
+        return 0.0, points[0]
+    distance = mesh.locator.nearest(rest)[2]
+    k = int(distance.argmax())
+    return float(distance[k] if distance[k] > far else 0.0), rest[k]

@@ -18,6 +18,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality import minimum_angles
+from adaptsize.remeshing.acceptance import warn_of_deviation
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.first_volume import FirstVolume, first_volumes
 from adaptsize.remeshing.frame import Frame
@@ -142,12 +143,13 @@ def remesh(
     MeshRepairWarning
         If points of a surface were merged or triangles dropped.
     OpenSurfaceWarning
-        If a surface to be filled is open, or has bodies that are closer to each other than the
-        tolerance: what it encloses is then decided by the generator.  See `close_holes`.
+        If a surface to be filled is open, or has bodies that overlap or are closer to each other
+        than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
     ResolutionWarning
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if Mmg
-        fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills
-        it with.
+        If the boundary of the mesh is farther from the given one than 4 times the tolerance: thin
+        parts may be lost.  If ``strict`` and the first mesh did not meet the demands, with what was
+        tried.  Also if Mmg fails or takes too long inside a surface: the tetrahedra are then those
+        that Netgen fills it with.
 
     Notes
     -----
@@ -215,8 +217,8 @@ def remesh(
         )  # fmt: skip
         ways = routes(task, backend, chosen.name, keep_facets=required_facets is not None)
         return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, timeout)
-    if task == "surface to tetrahedra":
-        warn_of_surface(repaired.mesh, tolerance * repaired.mesh.diagonal)
+    allowed = tolerance * repaired.mesh.diagonal
+    may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
     part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)
@@ -224,15 +226,18 @@ def remesh(
     part = part.with_size(own_size, known)
     if metric is not None:
         part = replace(part, problem=replace(part.problem, metric=frame.metric(metric)))
-    refuse_too_many(_estimate(part.problem), limit)
+    n_cells = _estimate(part.problem)
+    refuse_too_many(n_cells, limit)
     with reporting(progress) as report:
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
-            new = _filled(part, chosen, run, limit)
+            new = _filled(part, chosen, run, n_cells)
         else:
             new = part.restored(chosen.solve(part.problem, run), chosen.name)
-    return frame.restored(new, repaired.mesh)
+    made = frame.restored(new, repaired.mesh)
+    warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
+    return made
 
 
 def check_backend(mesh: SimplexMesh, target: Target = "auto", backend: str = "auto") -> None:
@@ -275,14 +280,12 @@ class _Part:
     def with_size(self, size: Size | None, known: FloatArray) -> _Part:
         return replace(self, problem=replace(self.problem, size=size, size_nodes=known))
 
-    def within(self, volume: SimplexMesh, first: FirstVolume, limit: float) -> _Part:
-        """Return the problem to adapt tetrahedra that fill this surface, to at most so many."""
+    def within(self, volume: SimplexMesh, first: FirstVolume, n_cells: float) -> _Part:
+        """Return the problem to adapt tetrahedra that fill this surface, to about so many."""
         old = self.problem
         part = _Part.of("tetrahedra", volume, None, old.tolerance / volume.diagonal)
         part = part.with_size(old.size, old.size_nodes)
-        estimate = _estimate(part.problem)
-        refuse_too_many(estimate, limit)
-        number = max(volume.n_cells, estimate)
+        number = max(volume.n_cells, n_cells)
         changed = replace(
             part.problem,
             ridges=first.ridges,
@@ -295,7 +298,7 @@ class _Part:
         return restore(raw, self.problem, self.facets, self.region_tags, backend)
 
 
-def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, limit: float) -> SimplexMesh:
+def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, n_cells: float) -> SimplexMesh:
     """Return the tetrahedra in a surface, adapted from a first volume.
 
     If cells are flat, a second first volume is tried, and the better mesh is returned.
@@ -305,7 +308,7 @@ def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, limit: float) -> 
     while True:
         try:
             volume, first = next(volumes)
-            inner = part.within(volume, first, limit)
+            inner = part.within(volume, first, n_cells)
             new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
         except StopIteration:
             break

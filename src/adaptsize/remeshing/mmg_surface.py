@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError
-from adaptsize.remeshing.mmg import GOOD_SHARE, RIDGE_ANGLE, obedience, run_adapt
+from adaptsize.remeshing.mmg import GOOD_SHARE, RIDGE_ANGLE, band_and_median, run_adapt
 from adaptsize.remeshing.preparation import number_regions
 from adaptsize.remeshing.protocol import Runner
 from adaptsize.remeshing.sizing import Size
@@ -68,7 +68,7 @@ def adapt_surface(
         made = run_adapt(made, sizes, options, run, "adapting the surface with Mmg")
         if len(made["cells"]) == 0:
             raise BackendError("mmg returned an empty surface")
-        share, median = obedience(size, made)
+        share, median = band_and_median(size, made)
         if share >= GOOD_SHARE:
             break
         limit = _LARGEST_SURFACE_FACTOR

@@ -1,4 +1,4 @@
-"""Surfaces that do not enclose a volume clearly: open ones, and bodies that nearly touch."""
+"""Surfaces that do not enclose a volume clearly: open ones, bodies that overlap or nearly touch."""
 
 from __future__ import annotations
 
@@ -16,6 +16,11 @@ from adaptsize.remeshing.hole_filling import (
     boundary_loops,
     fill_loop,
     merged_surface,
+)
+from adaptsize.remeshing.overlaps import (
+    OverlappingBodies,
+    bodies_with_near_boxes,
+    overlapping_bodies,
 )
 from adaptsize.typing import FloatArray
 
@@ -119,7 +124,9 @@ def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | N
     return OpenBoundary(n_edges + n_loose, n_loops, n_loose, length, tuple(place.tolist()))
 
 
-def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
+def near_bodies(
+    surface: SimplexMesh, within: float, *, overlapping: OverlappingBodies | None = None
+) -> NearBodies | None:
     """Return the components of a surface that are closer than a distance, or None.
 
     Parameters
@@ -128,6 +135,8 @@ def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
         Triangles in space.  Coincident points count as one.
     within : float
         Distance in the unit of the coordinates.
+    overlapping : OverlappingBodies or None
+        Pairs to leave out, from `overlapping_bodies` of the same surface.
 
     Warns
     -----
@@ -137,7 +146,7 @@ def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
     Notes
     -----
     The distance is measured at the nodes, the midpoints of the edges and the centroids, so
-    components that cross each other between these points may be missed.
+    components that cross each other between these points may be missed: see `overlapping_bodies`.
 
     Examples
     --------
@@ -158,12 +167,11 @@ def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
         )
     if not 1 < count <= _MOST_BODIES:
         return None
-    corners = mesh.points[mesh.cells]
-    low, high = np.full((2, count, 3), np.inf)
-    np.minimum.at(low, body, corners.min(axis=1))
-    np.minimum.at(high, body, -corners.max(axis=1))
+    known = () if overlapping is None else overlapping.pairs
+    pairs = bodies_with_near_boxes(mesh, body, within)
+    pairs = [(a, b) for a, b in pairs if (a + 1, b + 1) not in known]
     found: list[tuple[float, FloatArray]] = []
-    for a, b in _near_boxes(low, -high, within)[:_MOST_PAIRS]:
+    for a, b in pairs[:_MOST_PAIRS]:
         best = min(
             (_nearest(mesh, body == one, body == other, within) for one, other in ((a, b), (b, a))),
             key=lambda candidate: candidate[0],
@@ -176,7 +184,7 @@ def near_bodies(surface: SimplexMesh, within: float) -> NearBodies | None:
     return NearBodies(len(found), distance, tuple(place.tolist()))
 
 
-def warn_of_surface(surface: SimplexMesh, tolerance: float) -> None:
+def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
     """Warn of a surface whose volume a generator has to guess.
 
     Parameters
@@ -186,10 +194,16 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> None:
     tolerance : float
         Allowed distance of the new boundary, in the unit of the coordinates.
 
+    Returns
+    -------
+    bool
+        Whether a warning says that bodies may be joined.
+
     Warns
     -----
     OpenSurfaceWarning
-        If the surface is open, or has bodies that are closer to each other than the tolerance.
+        If the surface is open, or has bodies that overlap or are closer to each other than the
+        tolerance.
     """
     holes = open_boundary(surface, tolerance)
     if holes is not None:
@@ -199,7 +213,15 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> None:
             OpenSurfaceWarning,
             stacklevel=3,
         )
-    near = near_bodies(surface, tolerance)
+    overlapping = overlapping_bodies(surface)
+    if overlapping is not None:
+        warnings.warn(
+            f"{overlapping}; the generator fills their union; join the bodies before meshing to "
+            "keep what is intended",
+            OpenSurfaceWarning,
+            stacklevel=3,
+        )
+    near = near_bodies(surface, tolerance, overlapping=overlapping)
     if near is not None:
         warnings.warn(
             f"{near}, less than the tolerance of {tolerance:.3g}: they may be joined; "
@@ -207,15 +229,7 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> None:
             OpenSurfaceWarning,
             stacklevel=3,
         )
-
-
-def _near_boxes(low: FloatArray, high: FloatArray, within: float) -> list[tuple[int, int]]:
-    """Return the pairs of boxes closer than a distance, the closest first."""
-    pairs: list[tuple[float, int, int]] = []
-    for a in range(len(low) - 1):
-        gap = np.maximum(low[a + 1 :] - high[a], low[a] - high[a + 1 :]).max(axis=1)
-        pairs += [(float(gap[k]), a, a + 1 + int(k)) for k in np.flatnonzero(gap <= within)]
-    return [(a, b) for _, a, b in sorted(pairs)]
+    return overlapping is not None or near is not None
 
 
 def _nearest(

@@ -5,6 +5,7 @@ from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
 from adaptsize.sizes.from_sources import size_from_sources
+from adaptsize.sizes.node_counts import predicted_nodes
 from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
 from adaptsize.sizes.sources import (
     BallSource,
@@ -25,6 +26,7 @@ __all__ = [
     "RegionSource",
     "Source",
     "predicted_elements",
+    "predicted_nodes",
     "recovered_gradient",
     "recovered_hessian",
     "size_from_curvature",

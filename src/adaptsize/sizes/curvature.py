@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_angle, as_number, as_slope, check_type, describe
+from adaptsize._checks import as_angle, as_number, as_slope, as_whole_number, check_type, describe
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
@@ -215,7 +215,7 @@ def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) 
 
 
 def _refuse_smoothing(line: SimplexMesh, smoothing: int) -> None:
-    if not isinstance(smoothing, int | np.integer) or smoothing != 0:
+    if as_whole_number("smoothing", smoothing, lower=0, upper=2**53) != 0:
         raise ValueError(
             f"smoothing must be 0 for segments (curvature is not averaged), got {smoothing!r} "
             f"for {line!r}"

@@ -16,7 +16,6 @@ from adaptsize.sizes.budget import (
     as_goal,
     calibration,
     count_elements,
-    predicted_elements,
     present_sizes,
     scale_to,
 )
@@ -277,18 +276,52 @@ def size_from_hessian(
     array([0.1])
     """
     nodal = as_nodal_field("values", values, mesh)
-    q = as_number("norm", norm, lower=1.0, allow_inf=True)
-    goal, wanted = as_goal(tolerance, target_elements)
-    steepest = np.abs(np.linalg.eigvalsh(recovered_hessian(mesh, nodal))).max(axis=1)
+    hessian = recovered_hessian(mesh, nodal)
+    steepest = steepest_derivatives(hessian, float(np.ptp(nodal)), mesh.diagonal)
+    return scaled_by_derivative(
+        mesh, steepest, _finishing(mesh, hmin, hmax, g), norm=norm, tolerance=tolerance,
+        target_elements=target_elements, backend=backend,
+    )  # fmt: skip
+
+
+def steepest_derivatives(hessian: FloatArray, rise: float, diagonal: float) -> FloatArray:
+    """Return the largest modulus of a second derivative at each node, 0 where it is rounding.
+
+    ``rise`` is the difference of the largest and the least value of the field, ``diagonal`` that
+    of the whole mesh.
+    """
+    steepest = np.abs(np.linalg.eigvalsh(hessian)).max(axis=1, initial=0.0)
     # Smaller values are rounding errors of values and coordinates.
-    noise = 1e-9 * float(np.ptp(nodal)) / mesh.diagonal**2
+    noise = 1e-9 * rise / diagonal**2
     steepest[steepest <= noise] = 0.0
-    d = mesh.dim
+    return np.asarray(steepest)
+
+
+def scaled_by_derivative(
+    mesh: SimplexMesh,
+    steepest: FloatArray,
+    finish: Finish,
+    *,
+    norm: float,
+    tolerance: float | None,
+    target_elements: float | None,
+    backend: str | None = None,
+    sums: CellSums = CellSums(),  # noqa: B008 - it has no state
+) -> FloatArray:
+    """Return the sizes of `size_from_hessian`, with limits by a function.
+
+    ``sums`` completes sums over cells if there are several processes.
+    """
+
+    def check() -> tuple[float, str, float, float]:
+        q = as_number("norm", norm, lower=1.0, allow_inf=True)
+        return q, *as_goal(tolerance, target_elements), calibration(backend, mesh.cell_dim)
+
+    q, goal, wanted, factor = sums.agree(check)
+    d = mesh.cell_dim
     exponent = 0.5 if math.isinf(q) else q / (2.0 * q + d)
     with np.errstate(divide="ignore"):
         shape = steepest**-exponent
-
-    finish = _finishing(mesh, hmin, hmax, g)
 
     def sizes(scale: float) -> FloatArray:
         return finish(scale * shape)
@@ -296,17 +329,18 @@ def size_from_hessian(
     if goal == "tolerance":
         share = 1.0
         if not math.isinf(q):
-            share = float((_nodal_measures(mesh) * steepest ** (exponent * d)).sum()) ** (1.0 / q)
+            own = float((_nodal_measures(mesh) * steepest ** (exponent * d)).sum())
+            share = sums.total(own) ** (1.0 / q)
         return sizes(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
-    if not (steepest > 0.0).any():
+    largest = sums.largest(float(shape[np.isfinite(shape)].max(initial=0.0)))
+    if largest == 0.0:  # the field is linear
         return sizes(1.0)
     # A feasible initial value: cells with an inf node count only after limiting.
-    largest = shape[np.isfinite(shape)].max()
-    once = predicted_elements(mesh, np.minimum(shape, largest))
+    once = count_elements(mesh, np.minimum(shape, largest), sums)
     return sizes(
         scale_to(
             wanted,
-            lambda s: predicted_elements(mesh, sizes(s), backend=backend),
+            lambda s: factor * count_elements(mesh, sizes(s), sums),
             (once / wanted) ** (1.0 / d),
         )
     )

@@ -16,14 +16,14 @@ from adaptsize.geometry.medial.axis import distance_on, medial_axis
 from adaptsize.geometry.medial.feature_size import feature_size, feature_size_with
 from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
 from adaptsize.sizes.combine import minimum
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 Method: TypeAlias = Literal["auto", "spheres", "medial-axis"]
 METHODS = get_args(Method)
 
 _CREASE_ANGLE = 40.0
 # Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
-_SMALLEST_SHARE = 1e-6
+SMALLEST_SHARE = 1e-6
 # Share of the diagonal within which meshers with an envelope, such as fTetWild, keep the boundary.
 _TOLERANCE_SHARE = 1e-3
 
@@ -151,7 +151,7 @@ def size_from_feature(
         if by_medial_axis:
             lfs = _by_medial_axis(background, boundary, **options, report=report)
             is_grid = isinstance(background, CartesianGrid)
-            smallest = 0.0 if is_grid else _SMALLEST_SHARE * background.diagonal
+            smallest = 0.0 if is_grid else SMALLEST_SHARE * background.diagonal
         else:
             if boundary is None:
                 lfs, source = _at_own_nodes(background, options, report)
@@ -159,7 +159,7 @@ def size_from_feature(
                 assert isinstance(boundary, SimplexMesh)
                 source = boundary
                 lfs = _near_boundary(background, boundary, tolerance, options, report)
-            smallest = _SMALLEST_SHARE * source.diagonal
+            smallest = SMALLEST_SHARE * source.diagonal
     h0 = np.maximum(2.0 * lfs / across, smallest)
     return minimum(h0.reshape(background.nodal_shape), hmin=hmin, hmax=hmax)
 
@@ -200,14 +200,43 @@ def _at_own_nodes(
     if background.cell_dim < background.dim:
         return SphereFinder(background, **options).at_nodes(report).smallest(), background
     boundary = background.boundary()
-    finder = SphereFinder(boundary.mesh, **options)
-    lfs = np.full(background.n_points, np.inf)
-    lfs[background.cells] = 0.0
-    lfs[boundary.nodes] = np.inf
-    inner = np.flatnonzero(lfs == 0.0)
-    lfs[inner] = finder.near(background.points[inner], report).smallest()
-    lfs[boundary.nodes] = finder.at_nodes(report).smallest()
-    return lfs, boundary.mesh
+    row = np.full(background.n_points, -1, np.int32)
+    row[boundary.nodes] = np.arange(len(boundary.nodes))
+    used = np.zeros(background.n_points, np.bool_)
+    used[background.cells] = True
+    return radii_in(boundary.mesh, background.points, row, used, options, report), boundary.mesh
+
+
+def radii_in(
+    boundary: SimplexMesh,
+    points: FloatArray,
+    row: IntArray,
+    used: BoolArray,
+    options: dict[str, float],
+    report: ProgressCallback,
+) -> FloatArray:
+    """Return the radius of the sphere at each node of a domain, inf at nodes in no cell.
+
+    Parameters
+    ----------
+    boundary : SimplexMesh
+        That of the domain.
+    points : float64[n, dim]
+        Nodes of the domain.
+    row : int32[n]
+        The node of ``boundary`` at each of them, -1 inside.
+    used : bool[n]
+        Whether each is in a cell.
+    options : dict
+        Angles, as for `SphereFinder`.
+    report : callable
+    """
+    finder = SphereFinder(boundary, **options)
+    lfs = np.full(len(points), np.inf)
+    inner, at_boundary = np.flatnonzero(used & (row < 0)), np.flatnonzero(row >= 0)
+    lfs[inner] = finder.near(points[inner], report).smallest()
+    lfs[at_boundary] = finder.at_nodes(report).smallest()[row[at_boundary]]
+    return lfs
 
 
 def _near_boundary(

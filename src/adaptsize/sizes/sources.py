@@ -100,7 +100,7 @@ class CurveSource:
     def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
         curve = _as_curve(self.curve, mesh.dim)
-        size = _sizes_per_row(self.size, curve.n_points)
+        size = self.rows(mesh.dim)[1]
         if isinstance(mesh, CartesianGrid):
             _on_grid.lower_along(mesh, curve, size, g, h0)
             return
@@ -115,6 +115,11 @@ class CurveSource:
         nodes = np.unique(mesh.cells[cells])
         at_nearest, distances = curve.locator.interpolate(size, mesh.points[nodes])
         np.minimum.at(h0, nodes, at_nearest + g * distances)
+
+    def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
+        """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
+        curve = _as_curve(self.curve, dim)
+        return curve.points, _sizes_per_row(self.size, curve.n_points)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,6 @@ Where the place that a size comes from is seen the result is exact, elsewhere at
 a path that exists.  Walls and corridors have exact lengths, jagged parts of a cube bounds.
 """
 
-from itertools import permutations
-
 import domains
 import numpy as np
 import pytest
@@ -13,6 +11,7 @@ from exact_oracle import edge_sizes, fine_graph_sizes, straight_sizes
 from geodesics import _bent_in_rectangle, prism_sizes, window_sizes
 from meshes import jittered_cube
 from numpy.testing import assert_allclose
+from solids_of_cubes import solid_of_cubes
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
@@ -104,25 +103,6 @@ def test_sizes_behind_a_window_are_nearly_exact(seed):
 
 
 # --- solids of cubes -------------------------------------------------------------------------
-
-
-def solid_of_cubes(keep, shape, seed):
-    """Tetrahedra of the unit cubes in a box whose middles are kept, inner nodes moved."""
-    corner = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 3)
-    corner = corner[keep(corner + 0.5)]
-    number = np.arange(np.prod(np.add(shape, 1))).reshape(np.add(shape, 1))
-    cells = []
-    for way in permutations(range(3)):
-        steps = np.concatenate(
-            [np.zeros((1, 3), int), np.cumsum(np.eye(3, dtype=int)[list(way)], 0)]
-        )
-        cells.append(np.column_stack([number[tuple((corner + step).T)] for step in steps]))
-    used, cells = np.unique(np.concatenate(cells), return_inverse=True)
-    points = np.argwhere(number >= 0)[used].astype(float)
-    mesh = SimplexMesh(points, cells.reshape(-1, 4))
-    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.boundary().nodes)
-    points[inner] += np.random.default_rng(seed).uniform(-0.15, 0.15, (len(inner), 3))
-    return SimplexMesh(points, mesh.cells)
 
 
 @pytest.mark.parametrize("n_sources", [1, 5, 25])

@@ -115,7 +115,7 @@ def solve_exact(
             return _on_active(background, h0, given, point_sources)
         if not face_sources or background.dim == 1 or not _meet(h0):
             found = _on_convex_nodes(background, h0.ravel(), given, extra)
-            return _as_solution(h0, [Part(None, found)])
+            return as_solution(h0, [Part(None, found)])
         return _on_grid_mesh(background, h0, given, extra)
     if background.cell_dim != background.dim:
         raise ValueError(
@@ -127,7 +127,7 @@ def solve_exact(
     convex = is_convex(background.points, boundary)
     if not (all_used and (convex or _is_connected(background))):
         return _by_components(background, h0, given, extra)
-    return _as_solution(h0, [Part(None, solve_on_mesh(problem, boundary, convex))])
+    return as_solution(h0, [Part(None, solve_on_mesh(problem, boundary, convex))])
 
 
 def _prepared(problem: Problem) -> tuple[Problem, FlatBoundary, bool]:
@@ -167,7 +167,7 @@ def solve_exact_again(
         return None
     given = (slope.number("exact"), face_sources, number_of_threads(threads), report)
     found = solve_again(Problem(background, h0, *given), earlier.parts[0].found)
-    return None if found is None else _as_solution(h0, [Part(None, found)])
+    return None if found is None else as_solution(h0, [Part(None, found)])
 
 
 def _inside(
@@ -205,7 +205,8 @@ def _by_components(
             numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
             some = Extra(extra.points[here], extra.sizes[here], numbers)
         if mesh.dim == 1:  # an interval; folds change nothing
-            found = _on_convex_nodes(component.points, own, given, some)
+            problem = Problem(component, own, *given, some).with_margin()
+            found = _on_convex_nodes(component.points, own, given, some, problem.margin)
         else:
             also = linear
             if linear is not None and nodes is not None:
@@ -217,10 +218,10 @@ def _by_components(
             convex = is_convex(component.points, boundary)
             found = solve_on_mesh(Problem(component, own, *given, some, also), boundary, convex)
         parts.append(Part(nodes, found))
-    return _as_solution(h0, parts)
+    return as_solution(h0, parts)
 
 
-def _as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
+def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     """Return the solution composed of those of the components; elsewhere bounds are kept."""
     flat = h0.ravel().copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
@@ -281,6 +282,7 @@ def _on_convex_nodes(
     h0: FloatArray,
     given: tuple[float, bool, int, ProgressCallback],
     extra: Extra | None,
+    margin: float = 0.0,
 ) -> Found:
     """Solve for bounds at the nodes of a convex domain, given by its points or as a grid."""
     g, _, threads, report = given
@@ -294,17 +296,17 @@ def _on_convex_nodes(
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    wave = survivors_of(node_wave(places, sizes, nodes), g, False, threads, report)
+    wave = survivors_of(node_wave(places, sizes, nodes), g, False, threads, report, margin)
     exact = ExactField(g, None, False, [wave])
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
-    for first, points in _slabs(domain):
+    for first, points in slabs_of(domain):
         last = first + len(points.places)
         part = part_of(report, 0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
         exact.lower_by_last(points, h[first:last], source[first:last], threads, part)
     return Found(h, source, exact)
 
 
-def _slabs(domain: FloatArray | CartesianGrid) -> Iterator[tuple[int, Points]]:
+def slabs_of(domain: FloatArray | CartesianGrid) -> Iterator[tuple[int, Points]]:
     """Yield the nodes in blocks: all nodes of a line, a million at a time of a grid."""
     none = np.empty(0, np.int32)
     if not isinstance(domain, CartesianGrid):
@@ -363,7 +365,7 @@ def _on_active(
     slope = Slope(np.array([g]))
     if grid.n_cells == 0:  # no whole box
         found = solve_grid_edges(grid, h0, slope, residual=False, report=report)
-        return _as_solution(found.h, [])
+        return as_solution(found.h, [])
     mesh = grid.mesh
     solution = _on_grid_mesh(grid, h0, given, _inside(mesh, point_sources))
     h, parts, n_later = solution.h, solution.parts, 0

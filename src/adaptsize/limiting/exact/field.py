@@ -47,6 +47,8 @@ class ExactField:
     waves: list[Wave] = field(default_factory=list)
     network: Network | None = None
     """Paths over reflex edges, in a solid that is not convex."""
+    radius: float | None = None
+    """Radius of a sphere around 0 along which distances run; all entries are nodes then."""
 
     def add(self, wave: Wave) -> None:
         """Add entries."""
@@ -131,7 +133,7 @@ class ExactField:
             given = (places, (0,) * dim, order, first, last, *entries, self.g, sizes, found)
             if sight is None:
                 faces = edges if dim == 3 else None
-                kernels.lower_sizes(*given, once, edges, faces, block)
+                kernels.lower_sizes(*given, once, edges, faces, self.radius, block)
             else:
                 rays = plane.new_rays()
                 plane.lower_seen(*given, edges, on_wall, sight, block, rays)

@@ -139,6 +139,7 @@ class Network:
         ways, edges, points = self.ways, self.knots.edges, self.sight.stars.points
         straight = ways.edge[parent] < 0
         away = np.linalg.norm(points[source] - field.last[source], axis=1)
+        away += 2.0 * self._extent(ways.base[parent], field.last[source])
         offset = np.where(straight, field.sizes[source] - self.g * away, ways.offset[parent])
         along, normals = edges.along[edge], edges.normals[edge]
         volume = np.einsum(
@@ -188,6 +189,17 @@ class Network:
             np.concatenate([ways.shade, shade[ok]]),
             np.concatenate([ways.skew, skew[ok]]),
         )
+
+    def _extent(self, base: IntArray, foot: FloatArray) -> FloatArray:
+        """Return the largest distance of a point in each base, where a path starts, to a vertex.
+
+        On an edge or face, other points of the path start elsewhere.  By the triangle inequality,
+        sizes are above those from ``foot`` less g times twice this distance.
+        """
+        bases = self.ways.bases
+        away = bases.table[base, :9].reshape(-1, 3, 3) - foot[:, None]
+        extent: FloatArray = np.linalg.norm(away, axis=2).max(axis=1)
+        return np.where(bases.counts[base] > 1, extent, 0.0)
 
     def _turned(self, way: IntArray, x: FloatArray) -> FloatArray:
         """Return the bases of paths, rotated about their last edges to opposite points x."""

@@ -136,43 +136,47 @@ def _node_sources(
 
 def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
     """Solve in a solid that is not convex."""
-    from adaptsize.limiting.exact.space import solve_in_space
-    from adaptsize.limiting.exact.space_sight import build_sight
+    from adaptsize.limiting.exact.space import (
+        Entries,
+        solid_of,
+        solve_in_space,
+        spread_along_edges,
+    )
 
     mesh, h0, g = problem.mesh, problem.h0, problem.g
     nodes, steep = candidates_of(problem)
-    sight = build_sight(mesh, boundary)
+    solid = solid_of(mesh, boundary)
     linear = steep is not None and problem.face_sources
     field = ExactField(g, None, linear, [_at_nodes(problem, nodes)])
     lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
-    points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
+    points = Points(mesh.points, solid.nodes, np.empty(0, np.int32))
     field.lower_by_last(points, lower, source, problem.threads, problem.report)
     if linear and steep is not None:
         wave = sources_on_cells(problem, steep, lower, source, field, None, boundary, in_space=True)
         if wave is not None:
             field.add(wave)
             field.lower_by_last(points, lower, source, problem.threads, problem.report)
-    waves = field.waves
-    table = np.concatenate([wave.table for wave in waves])
-    named = np.concatenate([wave.nodes for wave in waves])
+    named = np.concatenate([wave.nodes for wave in field.waves])
+    order = np.lexsort(named.T[::-1]).astype(np.int32)
+    place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
+    place[order], place[-1] = np.arange(len(order)), -1
     named[named >= mesh.n_points] = -1  # a point source is not a node and has no cells
+    table = np.concatenate([wave.table for wave in field.waves])[order]
     result = solve_in_space(
-        mesh,
+        solid,
         h0,
         g,
-        table,
-        named,
+        Entries(table, named[order]),
         lower,
-        source,
-        boundary,
+        place[source],
+        spread_along_edges(mesh, g, problem.report),
         problem.report,
-        sight=sight,
         threads=problem.threads,
     )
     field.network = result.network
     return Found(
         result.h,
-        result.entry,
+        np.append(order, np.int32(-1))[result.entry],
         field,
         result.bend,
         result.proved,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypedDict
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypedDict
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from adaptsize._kernels.space_paths import Field
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.network import Network, key_of, network_of
-from adaptsize.limiting.exact.reflex_edges import find_knots
+from adaptsize.limiting.exact.reflex_edges import Knots, find_knots
 from adaptsize.limiting.exact.space_sight import build_sight
 from adaptsize.limiting.exact.work import along_curve
 from adaptsize.limiting.gradient_limit import Slope
@@ -39,6 +40,29 @@ class _Options(TypedDict):
     report: ProgressCallback
 
 
+class Solid(NamedTuple):
+    """A solid, its reflex edges, and the nodes at which sizes are computed."""
+
+    points: FloatArray
+    """float64[n, 3]: the nodes; on one of many processes, its own and those at the boundary."""
+    nodes: IntArray
+    """int32[k]: the nodes to solve along a Morton curve; nodes of reflex edges are among them."""
+    sight: Sight
+    knots: Knots
+
+
+class Entries(NamedTuple):
+    """The sources, in lexicographic order of their nodes.
+
+    The first of several sources that allow the same size counts, so that their order matters.
+    """
+
+    table: FloatArray
+    """float64[m, 12] (see exact.py)"""
+    nodes: IntArray
+    """int32[m, 3]: their nodes, padded with -1; points between the nodes have none."""
+
+
 class SpaceResult(NamedTuple):
     """Limited sizes in a solid."""
 
@@ -58,61 +82,93 @@ class SpaceResult(NamedTuple):
     """Whether sizes along reflex edges converged within the largest number of iterations."""
 
 
+#: Lowers sizes (float64[n]) that exceed a neighbour by more than g allows along the edge between.
+Spread: TypeAlias = Callable[[FloatArray], FloatArray]
+
+
+def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None = None) -> Solid:
+    """Return a solid with all nodes of a mesh, or some of them, to solve.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Has all cells with a node on the boundary, others do not matter.
+    boundary : FlatBoundary
+    nodes : int32[k], optional
+        Nodes to solve besides those of reflex edges; by default all.
+    """
+    sight = build_sight(mesh, boundary)
+    knots = find_knots(mesh.points, boundary, sight.walls.slack)
+    if nodes is None:
+        return Solid(mesh.points, along_curve(mesh.points), sight, knots)
+    nodes = np.union1d(nodes, knots.nodes).astype(np.int32)
+    order = along_curve(np.ascontiguousarray(mesh.points[nodes]))
+    return Solid(mesh.points, nodes[order], sight, knots)
+
+
+def spread_along_edges(mesh: SimplexMesh, g: float, report: ProgressCallback) -> Spread:
+    """Return the function that lowers sizes along the edges of a mesh."""
+    slope = Slope(np.array([g]))
+    return lambda h: solve_edge_based(mesh, h, slope, residual=False, report=report).h
+
+
 def solve_in_space(
-    mesh: SimplexMesh,
+    solid: Solid,
     h0: FloatArray,
     g: float,
-    table: FloatArray,
-    nodes: IntArray,
+    entries: Entries,
     lower: FloatArray,
     nearest: IntArray,
-    boundary: FlatBoundary,
+    spread: Spread,
     report: ProgressCallback,
     *,
-    sight: Sight | None = None,
     threads: int = 1,
 ) -> SpaceResult:
     """Return the limited sizes in a solid that is not convex.
 
     Parameters
     ----------
-    mesh : SimplexMesh
-        Tetrahedra.
+    solid : Solid
     h0 : float64[n]
     g : float
-    table : float64[m, 12]
-        Survivors, as entries (see exact.py).
-    nodes : int32[m, 3]
-        Nodes of each entry, padded with -1.
+    entries : Entries
     lower, nearest : float64[n], int32[n]
         The smallest size that the entries allow, without regard to visibility, and the entry.
-    boundary : FlatBoundary
+    spread : callable
     report : callable
-    sight : Sight, optional
-        Visibility data, if already built.
     threads : int, optional
+
+    Notes
+    -----
+    Sizes do not depend on the order in which nodes and paths are tested, bit for bit.  Where
+    several sources allow nearly the same size at a node, it suffices that one of them is visible;
+    the size is ``lower`` whichever is found first.  At nodes of reflex edges it matters which
+    source it is, and the first one counts.
     """
-    n = mesh.n_points
-    sight = build_sight(mesh, boundary) if sight is None else sight
-    network = network_of(
-        table, nodes, g, sight, find_knots(mesh.points, boundary, sight.walls.slack)
-    )
+    n, nodes, knots = len(solid.points), solid.nodes, solid.knots.nodes
+    network = network_of(*entries, g, solid.sight, solid.knots)
     everyone = np.arange(n, dtype=np.int32)
     with_: _Options = {"threads": threads, "report": report}
-    field = Field(lower + _EQUAL * np.abs(lower), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
-    order = along_curve(mesh.points)
+    nearly = lower + _EQUAL * np.abs(lower)
+    field = Field(nearly.copy(), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
     none = network.choice(np.empty(0, np.int32))
-    network.lower(mesh.points, everyone, order, none, field, hints=nearest, **with_)
+    is_knot = np.isin(nodes, knots)
+    others = nodes[~is_knot]
+    network.lower(solid.points, everyone, others, none, field, hints=nearest, **with_)
+    hidden = nodes[is_knot | ((field.way < 0) & (h0 > lower))[nodes]]
+    network.lower(solid.points, everyone, hidden, network.sources(), field, **with_)
     proved = (field.way >= 0) | (h0 <= lower)
-    upper = _spread(mesh, np.where(proved, lower, h0), g, report)
+    upper = spread(np.where(proved, lower, h0))
     proved |= np.isinf(upper)  # not reached by any source
     # Keep paths as short as those along edges of the mesh: they may continue over other edges.
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), upper + _TIE * np.abs(upper))
-    hidden = order[~proved[order]]
+    hidden = nodes[~proved[nodes]]
     finished = True
     if len(hidden):
         finished = _solve_hidden(network, field, hidden, everyone, with_)
-    return _result(mesh, network, field, upper, lower, finished, report)
+    sizes = np.maximum(np.minimum(field.sizes, upper), lower)
+    h = spread(np.where(sizes <= nearly, lower, sizes))
+    return _result(network, field, sizes, h, lower, finished)
 
 
 def _solve_hidden(
@@ -156,27 +212,19 @@ def _in_use(network: Network, field: Field) -> IntArray:
     return np.concatenate([straight, bent[used]])
 
 
-def _spread(mesh: SimplexMesh, h: FloatArray, g: float, report: ProgressCallback) -> FloatArray:
-    """Return sizes lowered so that none exceeds a neighbour by more than g allows."""
-    return solve_edge_based(mesh, h, Slope(np.array([g])), residual=False, report=report).h
-
-
 def _result(
-    mesh: SimplexMesh,
     network: Network,
     field: Field,
-    upper: FloatArray,
+    sizes: FloatArray,
+    h: FloatArray,
     lower: FloatArray,
     finished: bool,
-    report: ProgressCallback,
 ) -> SpaceResult:
-    """Return sizes that satisfy the limit g along all edges, and their sources."""
+    """Return sizes h, which satisfy the limit g along all edges, and the sources of ``sizes``."""
     ways = network.ways
-    sizes = np.maximum(np.minimum(field.sizes, upper), lower)
-    h = _spread(mesh, sizes, network.g, report)
     m = network.n_sources
     base = np.where(field.way >= 0, ways.base[field.way], -1)
-    base[h < sizes - _TIE * np.abs(sizes)] = -1
+    base[h < sizes * (1.0 - _TIE)] = -1
     bend = np.where((ways.edge[field.way] >= 0)[:, None], field.last, np.nan)
     entry = np.where(base < m, base, -1)
     proved = h <= lower + _EQUAL * np.abs(lower)

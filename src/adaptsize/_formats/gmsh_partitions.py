@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -9,13 +10,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._formats.blocks import RawMesh
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.assembly import Piece
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray, IntArray
 
 # Nodes of the elements of Gmsh by their types: points, segments, triangles, tetrahedra.
 _NODES = {15: 1, 1: 2, 2: 3, 4: 4}
+
+# Names of blocks of cells by their dimensions.
+_BLOCKS = {0: "vertex", 1: "line", 2: "triangle", 3: "tetra"}
 
 Entity = tuple[int, int]
 Ids = npt.NDArray[np.int64]
@@ -24,7 +28,9 @@ Ids = npt.NDArray[np.int64]
 class Partition(NamedTuple):
     """The content of a file."""
 
-    piece: Piece
+    mesh: SimplexMesh
+    numbers: Ids
+    """int64[n_points]: the numbers of the nodes in the file, and in those of other partitions."""
     parts: IntArray
     """int32[n_cells]: the partition of each cell, from 0."""
 
@@ -46,6 +52,16 @@ def split_files(path: Path) -> list[Path]:
         found.append(file)
 
 
+def refuse_split(path: Path) -> None:
+    """Raise a MeshFileError if there is no such file, but one for each of its partitions."""
+    found = [] if path.exists() or path.suffix.lower() != ".msh" else split_files(path)
+    if found:
+        raise MeshFileError(
+            f"does not exist, but its partitions are in {found[0].name} to {found[-1].name}, "
+            "which adaptsize.distributed.read_parts reads"
+        )
+
+
 def is_partitioned(path: Path) -> bool:
     """Return whether a file of Gmsh has partitions."""
     with open(path, "rb") as file:
@@ -53,25 +69,38 @@ def is_partitioned(path: Path) -> bool:
 
 
 def read_partition(path: Path) -> Partition:
-    """Return the cells of a file without its ghost cells; nodes keep the numbers of Gmsh.
+    """Return the cells of a file without its ghost cells.
 
     Raises
     ------
     MeshFileError
-        If it is not a text file of version 4.1 with partitions of simplices.
+        If it is not a text file of version 4.1 with partitions of simplices.  The message does not
+        have the path.
     """
     try:
-        sections = _sections(path.read_text())
-        head = sections["MeshFormat"][0].split()
-        if head[:2] != ["4.1", "0"]:
-            raise MeshFileError("must be a text file of version 4.1 (Mesh.Binary = 0)")
-        return _partition(sections)
+        content = path.read_bytes()
+        if not re.match(rb"\s*\$MeshFormat\s+4\.1\s+0\s", content):
+            raise MeshFileError(
+                "has partitions, and must therefore be a text file of version 4.1 (Mesh.Binary = 0)"
+            )
+        return _partition(_sections(content.decode()))
     except KeyError as error:
-        raise MeshFileError(f"{path}: has no section ${error.args[0]}") from error
-    except MeshFileError as error:
-        raise MeshFileError(f"{path}: {error}") from error
+        raise MeshFileError(f"has no section ${error.args[0]}") from error
+    except MeshFileError:
+        raise
     except (ValueError, IndexError, OSError) as error:
-        raise MeshFileError(f"{path}: cannot be read as a partitioned mesh ({error})") from error
+        raise MeshFileError(f"cannot be read as a partitioned mesh ({error})") from error
+
+
+def read_blocks(path: Path) -> RawMesh:
+    """Return the cells of all partitions in a file, and the tagged facets, as blocks."""
+    mesh = read_partition(path).mesh
+    blocks = [(_BLOCKS[mesh.cell_dim], mesh.cells)]
+    tags = [np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags]
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        blocks.append((_BLOCKS[mesh.cell_dim - 1], mesh.tagged_facets))
+        tags.append(mesh.facet_tags)
+    return RawMesh(mesh.points, blocks, {}, {"gmsh:physical": tags}, dict(mesh.tag_names))
 
 
 def _sections(text: str) -> dict[str, list[str]]:
@@ -124,7 +153,7 @@ def _partition(sections: dict[str, list[str]]) -> Partition:
         tag_names=_names(sections.get("PhysicalNames", ["0"])),
         **tagged,
     )
-    return Partition(Piece(mesh, used), np.concatenate([part for _, _, part in cells]))
+    return Partition(mesh, used, np.concatenate([part for _, _, part in cells]))
 
 
 def _entities(lines: list[str]) -> _Entities:

@@ -1,0 +1,89 @@
+"""Sizes on the sphere: along great circles, or along the lines of a map.
+
+Three places need elements of 20 km: Hilo, Longyearbyen at 78 degrees north, and McMurdo at 78
+degrees south.  From there the sizes grow by 0.2 per length, up to 800 km.  Nodes are at every
+degree of longitude and latitude.
+
+Above, `limit_on_sphere` measures distances along great circles.  Sizes continue across the 180th
+meridian, and around a pole the lines of equal size widen on the map, since its upper and lower
+edges are single points.  Below, `limit_gradient` takes the map for a plane in which a degree is
+111 km everywhere.  It overestimates distances near the poles and across the meridian: the size is
+right on the meridian of each place, and too large elsewhere, by a factor of up to 10.
+
+| nodes of a global grid | places | processor time |
+|---:|---:|---:|
+| 1 038 961 | 12 | 0.4 s |
+| 1 038 961 | 10 199 | 0.5 s |
+| 1 038 961 | all | 2.2 s |
+
+    python examples/plot_great_circles.py [DIRECTORY]
+"""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from _gallery import drawing, run, save_drawing
+
+import adaptsize as ads
+
+FloatArray = npt.NDArray[np.float64]
+
+PLACES = {"Hilo": (-155, 20), "Longyearbyen": (16, 78), "McMurdo": (167, -78)}
+LEAST, MOST, G = 20.0, 800.0, 0.2  # km
+RADIUS = 6371.0
+
+
+def main(output_dir: Path, *, spacing: float = 1.0, width: int = 900) -> dict[str, float]:
+    counts = (round(360 / spacing) + 1, round(180 / spacing) + 1)
+    grid = ads.CartesianGrid((-180.0, -90.0), spacing, counts)
+    h0 = np.full(grid.shape, MOST)
+    for place in PLACES.values():
+        nearest = np.rint((place - grid.origin) / grid.spacing).astype(int)
+        h0[tuple(nearest)] = LEAST
+    h = ads.limit_on_sphere(grid, h0, G, radius=RADIUS)
+    degree = np.deg2rad(RADIUS)  # in km
+    on_map = ads.limit_gradient(grid, h0, G * degree, face_sources=False)
+    draw(output_dir / "great_circles.png", grid, h, on_map, width)
+    return {
+        "largest ratio of sizes on the map and on the sphere": float((on_map / h).max()),
+        "smallest ratio": float((on_map / h).min()),
+    }
+
+
+def draw(
+    path: Path, grid: ads.CartesianGrid, h: FloatArray, on_map: FloatArray, width: int
+) -> None:
+    """Draw both fields with one scale."""
+    levels = [20, 50, 100, 200, 300, 400, 500, 600, 700, 800]
+    x, y = (np.unique(grid.points[:, d]) for d in (0, 1))
+    figure, axes = drawing(1, 2, width, shape=0.5)
+    for ax, sizes, title in (
+        (axes[0], h, "(a) along great circles"),
+        (axes[1], on_map, "(b) along straight lines on the map"),
+    ):
+        filled = ax.contourf(x, y, sizes.T, levels, cmap="viridis")
+        ax.contour(x, y, sizes.T, levels, colors="k", linewidths=0.4)
+        for name, place in PLACES.items():
+            left = place[0] > 100
+            ax.plot(*place, ".", color="w", markersize=4)
+            ax.annotate(
+                name,
+                place,
+                xytext=(-5 if left else 5, 0),
+                textcoords="offset points",
+                ha="right" if left else "left",
+                va="center",
+                fontsize=7,
+                bbox={"facecolor": "w", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+            )
+        ax.set_title(title, fontsize=10)
+        ax.set_ylabel("latitude, degrees")
+        ax.set(aspect=1.0, xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
+    axes[1].set_xlabel("longitude, degrees")
+    figure.colorbar(filled, ax=axes, label="size h, km", shrink=0.7)
+    save_drawing(path, figure)
+
+
+if __name__ == "__main__":
+    run(main)

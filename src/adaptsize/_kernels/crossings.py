@@ -1,0 +1,198 @@
+"""Triangles of a surface that cross each other.
+
+Two triangles cross if each has corners on both sides of the plane of the other, farther from it
+than a slack, and the segments in which they meet the line common to both planes overlap by more
+than the slack [1]_.  Triangles that touch each other, or lie in one plane, do not cross.
+
+References
+----------
+.. [1] T. Moeller, "A fast triangle-triangle intersection test", Journal of Graphics Tools 2
+   (1997) 25-30.
+"""
+
+import math
+
+from adaptsize._kernels.compiling import lean, lean_kernel
+
+#: Rows of scratch: the normals of two triangles, the distances of the corners of each from the
+#: plane of the other, the ends of the two segments, the place, and positions along the common line.
+WORK = 10
+
+
+@lean
+def _set_normal(points, cells, t, row, work):
+    """Set a row of scratch to the unit normal of a triangle, and return whether it has one."""
+    a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+    length2 = 0.0
+    for d in range(3):
+        e, f = (d + 1) % 3, (d + 2) % 3
+        work[row, d] = (points[b, e] - points[a, e]) * (points[c, f] - points[a, f]) - (
+            points[b, f] - points[a, f]
+        ) * (points[c, e] - points[a, e])
+        length2 += work[row, d] * work[row, d]
+    if not length2 > 0.0:
+        return False
+    for d in range(3):
+        work[row, d] /= math.sqrt(length2)
+    return True
+
+
+@lean
+def _penetration(points, cells, one, plane, other, slack, row, work):
+    """Return how far triangle ``one`` reaches to both sides of the plane of ``other``.
+
+    ``row`` of the scratch is set to the distances of its corners from that plane, 0 within the
+    slack.
+    """
+    low, high = 0.0, 0.0
+    a = cells[other, 0]
+    for v in range(3):
+        i = cells[one, v]
+        away = 0.0
+        for d in range(3):
+            away += work[plane, d] * (points[i, d] - points[a, d])
+        if abs(away) <= slack:
+            away = 0.0
+        work[row, v] = away
+        low = min(low, away)
+        high = max(high, away)
+    return min(high, -low)
+
+
+@lean
+def _set_segment(points, cells, t, row, ends, work):
+    """Set two rows of scratch, from ``ends`` on, to the segment of a triangle in a plane.
+
+    The distances of its corners from the plane, in ``row``, have both signs.
+    """
+    count = 0
+    for v in range(3):
+        w = (v + 1) % 3
+        i, j = cells[t, v], cells[t, w]
+        from_i, from_j = work[row, v], work[row, w]
+        if from_i == 0.0:
+            share = 0.0
+        elif (from_i > 0.0) != (from_j > 0.0) and from_j != 0.0:
+            share = from_i / (from_i - from_j)
+        else:
+            continue
+        if count < 2:
+            for d in range(3):
+                work[ends + count, d] = points[i, d] + share * (points[j, d] - points[i, d])
+            count += 1
+
+
+@lean
+def _depth(points, cells, s, t, slack, work):
+    """Return how deeply two triangles cross, 0 if they do not; row 8 of the scratch is the place.
+
+    The depth is the least distance that a corner reaches beyond the other plane, and at most the
+    length of the common segment.
+    """
+    depth = _penetration(points, cells, t, 0, s, slack, 2, work)
+    if depth == 0.0 or not _set_normal(points, cells, t, 1, work):
+        return 0.0
+    depth = min(depth, _penetration(points, cells, s, 1, t, slack, 3, work))
+    if depth == 0.0:
+        return 0.0
+    _set_segment(points, cells, t, 2, 4, work)
+    _set_segment(points, cells, s, 3, 6, work)
+    # The line that both planes have in common.
+    l0 = work[0, 1] * work[1, 2] - work[0, 2] * work[1, 1]
+    l1 = work[0, 2] * work[1, 0] - work[0, 0] * work[1, 2]
+    l2 = work[0, 0] * work[1, 1] - work[0, 1] * work[1, 0]
+    length = math.sqrt(l0 * l0 + l1 * l1 + l2 * l2)
+    if not length > 0.0:
+        return 0.0
+    for k in range(4):
+        along = 0.0
+        along += l0 * (work[4 + k, 0] - work[4, 0])
+        along += l1 * (work[4 + k, 1] - work[4, 1])
+        along += l2 * (work[4 + k, 2] - work[4, 2])
+        work[9, k] = along / length
+    begin = max(min(work[9, 0], work[9, 1]), min(work[9, 2], work[9, 3]))
+    end = min(max(work[9, 0], work[9, 1]), max(work[9, 2], work[9, 3]))
+    if end - begin <= slack:
+        return 0.0
+    middle = 0.5 * (begin + end) / length
+    work[8, 0] = work[4, 0] + middle * l0
+    work[8, 1] = work[4, 1] + middle * l1
+    work[8, 2] = work[4, 2] + middle * l2
+    return min(depth, end - begin)
+
+
+@lean
+def _common_nodes(cells, s, t):
+    """Return the number of nodes that two triangles have in common."""
+    count = 0
+    for k in range(9):
+        if cells[s, k // 3] == cells[t, k % 3]:
+            count += 1
+    return count
+
+
+@lean_kernel
+def find_crossings(
+    points, cells, boxes, slack, first, last, depths, partners, places, stack, work
+):  # fmt: skip
+    """Find the triangles that cross others, and for each the deepest crossing.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+        Different numbers are different points.
+    cells : int32[m, 3]
+        In the order of a tree of boxes.
+    boxes : float64[2 * n_leaves, 6]
+        From `adaptsize._kernels.interpolate.fill_boxes`.
+    slack : float64
+        Crossings that are less deep count as contacts.
+    first, last : int
+        Only pairs of which the first triangle is one of ``first:last`` are examined.
+    depths : float64[m]
+        In/Out: depth of the deepest crossing, 0 where there is none.
+    partners : int32[m]
+        Out: triangle of that crossing; in the order of the tree.
+    places : float64[m, 3]
+        Out: where that is.
+    stack : int64[64]
+        Scratch.
+    work : float64[WORK, 4]
+        Scratch.
+    """
+    m = cells.shape[0]
+    n_leaves = boxes.shape[0] // 2
+    for s in range(first, last):
+        if not _set_normal(points, cells, s, 0, work):
+            continue
+        a, b, c = cells[s, 0], cells[s, 1], cells[s, 2]
+        stack[0] = 1
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            apart = False
+            for d in range(3):
+                low = min(points[a, d], points[b, d], points[c, d])
+                high = max(points[a, d], points[b, d], points[c, d])
+                apart = apart or boxes[node, d] > high or boxes[node, 3 + d] < low
+            if apart:
+                continue
+            if node < n_leaves:
+                stack[top] = 2 * node
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            begin = (node - n_leaves) * m // n_leaves
+            end = (node - n_leaves + 1) * m // n_leaves
+            for t in range(max(begin, s + 1), end):
+                if _common_nodes(cells, s, t) > 1:
+                    continue
+                depth = _depth(points, cells, s, t, slack, work)
+                for k in range(2):
+                    own, other = (s, t) if k == 0 else (t, s)
+                    if depth > depths[own]:
+                        depths[own] = depth
+                        partners[own] = other
+                        for d in range(3):
+                            places[own, d] = work[8, d]

@@ -1,0 +1,202 @@
+"""The exact method in distributed solids that are not convex.
+
+All ranks have the boundary, the cells at it, and the reflex edges, and compute the sizes at the
+nodes of these edges alike.  For its other nodes each rank does what a single process does.  See
+docs/distributed.md.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize.background import SimplexMesh
+from adaptsize.distributed.boundary import Skeleton
+from adaptsize.distributed.entries import Reach, exchange_rows, joined, reach_of
+from adaptsize.distributed.marching import solve_along_edges
+from adaptsize.distributed.mesh import Ids, PartitionedMesh
+from adaptsize.distributed.pieces import Piece
+from adaptsize.geometry.boundary import FlatBoundary
+from adaptsize.limiting.edge_based import solve_edge_based
+from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
+from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.problem import Problem
+from adaptsize.limiting.exact.space import Entries, Solid, Spread, solid_of, solve_in_space
+from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
+from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+# Columns of a table of entries; those with the global numbers of their nodes follow.
+_COLUMNS = 12
+
+# Share by which sizes may exceed those along edges before they are discarded, or more.
+_ABOVE = 1.0 + 1e-9
+
+
+class Body(NamedTuple):
+    """A solid on one rank: its own nodes, and those of the cells at the boundary of the whole."""
+
+    ids: Ids
+    """int64[n]: global numbers, ascending."""
+    own: IntArray
+    """int32[m]: the nodes of the piece of this rank; empty on a rank without cells."""
+    boundary: FlatBoundary
+    solid: Solid
+
+    def rows(self, ids: Ids) -> IntArray:
+        """Return the numbers of the nodes of entries, padded with -1.
+
+        At a node of the boundary all cells are known.  So either all nodes of an entry are known,
+        or none is on the boundary; then they do not matter, and -1 is returned for all.
+        """
+        at = np.minimum(np.searchsorted(self.ids, ids), len(self.ids) - 1)
+        known = (self.ids[at] == ids) | (ids < 0)
+        return np.where(known.all(axis=1)[:, None] & (ids >= 0), at, -1).astype(np.int32)
+
+
+def find_body(piece: Piece, skeleton: Skeleton) -> Body:
+    """Return the boundary with the cells at it, and the reflex edges; collective."""
+    everywhere = np.arange(len(skeleton.ids), dtype=np.int32)
+    wider, near = skeleton.with_cells(piece, everywhere)
+    ids = np.union1d(wider.ids, piece.ids)
+    at, own = (np.searchsorted(ids, some).astype(np.int32) for some in (wider.ids, piece.ids))
+    points = np.empty((len(ids), 3))
+    points[at] = near.points
+    points[own] = piece.mesh.points[: len(own)]
+    boundary = wider.boundary._replace(facets=at[wider.boundary.facets])
+    mesh = SimplexMesh(points, at[near.cells])
+    return Body(ids, own, boundary, solid_of(mesh, boundary, own))
+
+
+def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -> FloatArray:
+    """Return the limited sizes at the nodes of a piece; collective."""
+    g, solid = problem.g, body.solid
+    h0, reach = _bounds(piece, body, problem)
+    lower, source = h0.copy(), np.full(len(h0), -1, np.int32)
+    points = Points(solid.points, solid.nodes, np.empty(0, np.int32))
+    nodes, steep = _candidates(part, piece, problem)
+    linear = steep is not None and problem.face_sources
+    field = ExactField(g, None, linear)
+
+    def lower_by(wave: Wave) -> FloatArray:
+        """Lower sizes by the sources of all ranks, and return these."""
+        rows = _with_others(piece, wave, reach, g)
+        numbers = np.full((len(rows), 3), -1, np.int32)
+        numbers[:, 0] = np.arange(len(rows))
+        added = sorted_wave(rows[:, :_COLUMNS], numbers)
+        found = np.full(len(source), -1, np.int32)
+        by_last = ExactField(g, None, linear, [added])
+        by_last.lower_by_last(points, lower, found, problem.threads, problem.report)
+        lowered = found >= 0
+        source[lowered] = added.nodes[found[lowered], 0] + field.n_entries
+        field.add(added)
+        return rows
+
+    mesh = piece.mesh
+    rows = lower_by(node_wave(mesh.points[nodes], problem.h0[nodes], nodes))
+    if linear and steep is not None:
+        h = lower[body.own] if len(body.own) else problem.h0
+        on_cells = sources_on_cells(
+            problem, steep, h, source, field, None, body.boundary, in_space=True
+        )
+        if on_cells is None:
+            on_cells = node_wave(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
+        rows = np.concatenate([rows, lower_by(on_cells)])
+    order, place = _in_order(rows[:, _COLUMNS:])
+    rows = rows[order]
+    found = solve_in_space(
+        solid,
+        h0,
+        g,
+        Entries(rows[:, :_COLUMNS].copy(), body.rows(rows[:, _COLUMNS:].astype(np.int64))),
+        lower,
+        np.append(place, np.int32(-1))[source],
+        _spread(part, piece, body, problem),
+        problem.report,
+        threads=problem.threads,
+    )
+    return found.h[body.own]
+
+
+def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Reach]:
+    """Return the bounds at the nodes of the body, and what sources must undercut to matter.
+
+    The latter are sizes that grow along the edges of the own cells, at the own nodes and at the
+    nodes of reflex edges.
+    """
+    mesh, knots = piece.mesh, body.solid.knots.nodes
+    both = np.full((2, len(body.ids)), np.inf)
+    order = np.empty(0, np.int32)
+    if not piece.is_empty:
+        slope = Slope(np.array([problem.g]))
+        alone = solve_edge_based(mesh, problem.h0, slope, residual=False, report=problem.report)
+        both[0, body.own], both[1, body.own] = problem.h0, alone.h
+        assert problem.order is not None
+        order = problem.order
+    both[:, knots] = piece.comm.allreduce(both[:, knots], "min")
+    largest = _ABOVE * both[1]
+    along = np.arange(len(knots), dtype=np.int32)
+    return both[0], joined(
+        reach_of(mesh.points, order, largest[body.own]),
+        reach_of(body.solid.points[knots], along, largest[knots]),
+    )
+
+
+def _candidates(
+    part: PartitionedMesh, piece: Piece, problem: Problem
+) -> tuple[IntArray, BoolArray | None]:
+    """Return the nodes that may be sources as `candidates_of` on the whole mesh; one exchange."""
+    mesh = piece.mesh
+    nodes, steep = candidates_of(problem)
+    if steep is None:
+        return nodes, None
+    # A node counts if it does in the cells of some rank, and is not dominated in those of any.
+    state = np.zeros(mesh.n_points, np.int8)
+    state[mesh.cells[steep]] = 2
+    state[~np.isfinite(problem.h0)] = 0
+    state[nodes] = 1
+    in_part = np.zeros(part.n_points, np.int8)
+    in_part[piece.nodes] = state[: len(piece.nodes)]
+    merged = part.shared.merge(piece.comm, in_part, np.maximum)[piece.nodes]
+    return np.flatnonzero(merged == 1).astype(np.int32), steep
+
+
+def _with_others(piece: Piece, wave: Wave, reach: Reach, g: float) -> FloatArray:
+    """Return own entries, and those of other ranks that may act here; one exchange.
+
+    Each row holds the table of an entry and the global numbers of its nodes, and is unique.
+    """
+    ids = np.append(piece.ids, -1)[wave.nodes]
+    own = np.column_stack([wave.table, ids.astype(np.float64)])
+    rows = np.concatenate([own, exchange_rows(piece.comm, wave, own, reach, g)])
+    order, _ = _in_order(rows[:, _COLUMNS:])
+    rows = rows[order]
+    new = np.ones(len(rows), np.bool_)
+    new[1:] = (rows[1:, _COLUMNS:] != rows[:-1, _COLUMNS:]).any(axis=1)
+    unique: FloatArray = rows[new]
+    return unique
+
+
+def _in_order(ids: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the lexicographic order of rows, and the place of each row in it."""
+    order = np.lexsort(ids.T[::-1]).astype(np.int32)
+    place = np.empty(len(order), np.int32)
+    place[order] = np.arange(len(order))
+    return order, place
+
+
+def _spread(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -> Spread:
+    """Return the collective function that lowers sizes along the edges of the whole mesh."""
+    knots, slope = body.solid.knots.nodes, Slope(np.array([problem.g]))
+
+    def spread(h: FloatArray) -> FloatArray:
+        in_part = np.full(part.n_points, np.inf)
+        in_part[piece.nodes] = h[body.own]
+        lowered = h.copy()
+        spread_out = solve_along_edges(part, in_part, slope, problem.report).h
+        lowered[body.own] = spread_out[piece.nodes]
+        lowered[knots] = piece.comm.allreduce(lowered[knots], "min")
+        return lowered
+
+    return spread

@@ -1,0 +1,96 @@
+"""``adaptsize adapt``: the next mesh from an indicator or a solution in a file."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import jittered_square
+
+from adaptsize import adapt, read, write
+from adaptsize.cli.entry import run
+from adaptsize.sizes import zz_indicator
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+def call(*arguments):
+    return run([str(word) for word in arguments])
+
+
+@pytest.fixture
+def solved(tmp_path):
+    """A file with a solution u, an indicator eta and a cell field k."""
+    mesh = jittered_square(10, 2711, half_width=1.0)
+    u = np.exp(-20.0 * (mesh.points**2).sum(axis=1))
+    data = {"eta": zz_indicator(mesh, u), "k": np.arange(mesh.n_cells) % 3}
+    write(tmp_path / "solved.vtu", mesh.with_data(point_data={"u": u}, cell_data=data))
+    return tmp_path / "solved.vtu"
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        (["--elements", "900"], {"target_elements": 900.0}),
+        (["--nodes", "500", "--hmin", "0.02"], {"target_nodes": 500.0, "hmin": 0.02}),
+        (["--tolerance", "0.3", "-g", "0.2", "--order", "2"], {"tolerance": 0.3, "order": 2.0}),
+    ],
+)
+def test_adapt_is_read_and_adapt(capsys, solved, words, options):
+    pytest.importorskip("mmgpy")
+    output = solved.with_name("next.vtu")
+    assert call("adapt", solved, "-o", output, "--field", "eta", *words, "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    mesh = read(solved)
+    options = {"g": 0.2 if "-g" in words else 0.25, **options}
+    expected = adapt(mesh, mesh.cell_data["eta"], fields=mesh.point_data, **options)
+    written = read(output)
+    np.testing.assert_array_equal(written.points, expected.mesh.points)
+    np.testing.assert_array_equal(written.point_data["u"], expected.fields["u"])
+    np.testing.assert_allclose(written.point_data["h"], expected.size(written.points))
+    assert set(written.cell_data) == {"k"}
+    assert result["remeshed"] is True
+    assert result["mesh"]["n_cells"] == written.n_cells
+    assert result["error"] == pytest.approx(np.linalg.norm(mesh.cell_data["eta"]))
+
+
+def test_a_solution_is_estimated_and_a_mesh_with_the_sizes_is_kept(capsys, solved):
+    pytest.importorskip("mmgpy")
+    first, output = solved.with_name("first.vtu"), solved.with_name("next.vtu")
+    for name, field in ((first, "eta"), (output, "u")):
+        assert call("adapt", solved, "-o", name, "--field", field, "--elements", 900) == 0
+    np.testing.assert_array_equal(read(first).points, read(output).points)
+    capsys.readouterr()
+    # The error is within this tolerance already.
+    words = ["--field", "u", "--tolerance", "100", "--json"]
+    assert call("adapt", solved, "-o", output, *words) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["remeshed"], result["converged"]) == (False, True)
+    np.testing.assert_array_equal(read(output).points, read(solved).points)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--field", "u"], "adapt needs --elements, --nodes or --tolerance"),
+        (["--field", "v", "--nodes", 9], "the mesh has no field 'v'; it has: eta, k, u"),
+        (["--field", "u", "--nodes", 9, "--elements", 9], "exclude each other"),
+        (["--field", "u", "--nodes", 0], "target_nodes must be finite and >= 1, got 0"),
+        (["--field", "eta", "--nodes", 9, "--order", 0], "order must be finite and > 0"),
+    ],
+)
+def test_what_does_not_fit_is_refused(capsys, solved, words, message):
+    assert call("adapt", solved, "-o", solved.with_name("next.vtu"), *words) == 1
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("\n") == 1
+    assert not solved.with_name("next.vtu").exists()
+
+
+def test_a_name_of_two_fields_is_refused(capsys, solved):
+    mesh = read(solved)
+    mesh = mesh.with_data(cell_data={"u": mesh.cell_data["eta"]})
+    write(solved, mesh)
+    words = ["--field", "u", "--nodes", 9]
+    assert call("adapt", solved, "-o", solved.with_name("next.vtu"), *words) == 1
+    assert "'u' is a nodal field and a cell field" in capsys.readouterr().err

@@ -1,0 +1,70 @@
+"""``--source curve:...``: points in the argument, texts and meshes of segments."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adaptsize import CurveSource, SimplexMesh, read, size_function, write
+from adaptsize.cli.entry import run
+from adaptsize.cli.sources import parse_source
+
+DATA = Path(__file__).parents[2] / "data"
+POINTS = np.array([[0.5, 0.5], [1.5, 0.5], [1.5, 1.0]])
+
+
+@pytest.fixture
+def curves(tmp_path):
+    """The same polyline in all its forms."""
+    (tmp_path / "a=1.txt").write_text("# x y\n0.5 0.5\n\n1.5, 0.5 # bend\n1.5\t1.0\n")
+    (tmp_path / "a.csv").write_text("0.5,0.5\n1.5,0.5\n1.5,1\n")
+    write(tmp_path / "a.vtu", SimplexMesh(POINTS, [[0, 1], [1, 2]]))
+    files = [tmp_path / name for name in ("a=1.txt", "a.csv", "a.vtu")]
+    return ["curve:0.5,0.5:1.5,0.5:1.5,1=0.02", *(f"curve:{file}=0.02" for file in files)]
+
+
+def test_points_and_files_give_the_same_curve(curves):
+    for text in curves:
+        source = parse_source(text)
+        assert source.size == 0.02
+        np.testing.assert_array_equal(getattr(source.curve, "points", source.curve), POINTS)
+
+
+def test_sizes_follow_the_curve_as_in_python(tmp_path, curves):
+    output = tmp_path / "h.vtu"
+    words = ["-o", str(output), "--hmax", "0.5", "-K", "0", "--elements-across", "0"]
+    assert run(["size", str(DATA / "slit.vtu"), "--source", curves[1], *words]) == 0
+    mesh = read(DATA / "slit.vtu")
+    size = size_function(
+        mesh,
+        sources=CurveSource(POINTS, 0.02),
+        hmax=0.5,
+        elements_per_radian=0,
+        elements_across=0,
+    )
+    np.testing.assert_allclose(read(output).point_data["h"], size.values, rtol=1e-9)
+    curve = SimplexMesh(POINTS, [[0, 1], [1, 2]])
+    assert size.values.min() < 0.03
+    assert curve.locator.nearest(mesh.points[size.values < 0.03])[2].max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("curve:0,0=0.1", "at least 2 points of 2 or 3 coordinates, got 1 points of 2"),
+        ("curve:0,0:1,0,0=0.1", "got 2 points of 2 or 3 coordinates"),
+        ("curve:0,0:1,0=fine", "--source must be one of"),
+        ("curve:0,0:1,0=-1", "size must be positive"),
+        ("curve:no-such.txt=1", "no-such.txt: No such file"),
+        ("curve:no-such.vtu=1", "no-such.vtu: No such file"),
+    ],
+)
+def test_bad_curves_are_refused(text, message):
+    with pytest.raises(ValueError, match=message):
+        parse_source(text)
+
+
+def test_a_line_that_is_no_point_is_named(tmp_path):
+    (tmp_path / "c.txt").write_text("0 0\n1 zero\n")
+    with pytest.raises(ValueError, match=r"c.txt: line '1 zero' must have"):
+        parse_source(f"curve:{tmp_path / 'c.txt'}=1")

@@ -1,0 +1,244 @@
+"""One adaptation cycle of a distributed mesh: requests and decisions are those of one process."""
+
+import numpy as np
+import pytest
+from meshes import jittered_cube, jittered_square
+from partitions import KINDS, on_ranks, partition
+
+import adaptsize as ads
+from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize.adaptation.next_sizes import NextSizes, Present, edge_weights
+from adaptsize.distributed import adapt
+from adaptsize.distributed.whole import boundary_distance, compare_with, lost_tags
+from adaptsize.errors import ResolutionWarning
+
+
+def _indicator(mesh, rows=slice(None)):
+    x = mesh.points[mesh.cells[rows]].mean(axis=1)
+    return np.exp(-6.0 * np.linalg.norm(x - mesh.points.min(axis=0), axis=1) / mesh.diagonal)
+
+
+def _no_mesh(*args, **options):
+    raise AssertionError("no mesh is to be made")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("mesh", [jittered_square(9, 71), jittered_cube(4, 72)])
+def test_mesh_is_compared_with_sizes_as_in_one_process(mesh, kind):
+    rng = np.random.default_rng(73)
+    h = mesh.diagonal * rng.uniform(0.02, 0.2, mesh.n_points)
+    sizes = NextSizes(h, 1.0, False, False, 1.0)
+    pieces = sizes.pieces(mesh)
+    expected = Present(mesh.n_cells, edge_weights(pieces, mesh.cell_dim), pieces.max())
+
+    def compare(part):
+        return compare_with(part, NextSizes(h[part.global_ids], 1.0, False, False, 1.0))
+
+    found, _ = on_ranks(mesh, partition(mesh, kind, 4, rng), 4, compare)
+    for own in found:
+        assert own.n_cells == expected.n_cells
+        np.testing.assert_allclose(own.weights, expected.weights, rtol=1e-12)
+        assert own.longest == expected.longest
+
+
+@pytest.mark.parametrize("kind", ["random", "some empty"])
+def test_sizes_from_bounds_are_those_of_one_process(kind, monkeypatch):
+    monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
+    mesh = jittered_square(9, 74)
+    rng = np.random.default_rng(75)
+    # About the sizes that the mesh has, so that it is kept.
+    h0 = np.sqrt(mesh.measures.mean() * 4.0 / 3.0**0.5) * rng.uniform(0.95, 1.1, mesh.n_points)
+    options = {"g": 0.05, "hmin": 0.01, "enough": 0.0}
+    whole = ads.adapt(mesh, h0=h0, **options, backend="mmg")
+
+    def run(part):
+        result = adapt(part, h0=h0[part.global_ids], **options)
+        return result, part.gather_nodal(result.size)
+
+    found, _ = on_ranks(mesh, partition(mesh, kind, 4, rng), 4, run)
+    assert (whole.size.values < h0).any()
+    assert np.array_equal(found[0][1], whole.size.values)
+    for result, _ in found:
+        report = result.report
+        assert report.share_in_band == pytest.approx(whole.report.share_in_band, rel=1e-12)
+        assert not result.remeshed
+        assert result.reason == whole.reason
+        assert report.predicted_elements == pytest.approx(whole.report.predicted_elements)
+
+
+@pytest.mark.parametrize(
+    ("dim", "n", "target", "how"), [(2, 9, 400, "parts"), (3, 5, 2000, "gather")]
+)
+def test_new_mesh_fields_and_report(dim, n, target, how):
+    box = CartesianGrid((0.0,) * dim, 1.0 / (n - 1), (n,) * dim).mesh
+    below = box.points[box.cells].mean(axis=1)[:, 1] < 0.5
+    mesh = SimplexMesh(box.points, box.cells, cell_tags=1 + below)
+    eta, slope = _indicator(mesh), np.arange(1.0, dim + 1)
+
+    def run(part):
+        result = adapt(
+            part, eta[part.cell_ids], target_elements=target, how=how,
+            fields={"u": part.points @ slope}, cell_fields={"c": eta[part.cell_ids]},
+        )  # fmt: skip
+        new = result.part
+        np.testing.assert_allclose(result.fields["u"], new.points @ slope, atol=1e-12)
+        measures = np.zeros(0) if new.mesh is None else new.mesh.measures
+        integral = new.comm.allreduce(float(measures @ result.cell_fields["c"]), "sum")
+        return result, integral, new.gather()
+
+    results, _ = on_ranks(mesh, None, 3, run)
+    whole = ads.adapt(mesh, eta, target_elements=target, backend="mmg")
+    result, integral, new = results[0]
+    report = result.report
+    assert all(other.report == report for other, _, _ in results)
+    assert result.remeshed
+    assert not result.converged
+    assert result.reason == whole.reason
+    assert report.budget_met
+    assert new.n_cells == report.n_cells_after
+    assert report.predicted_elements == pytest.approx(target, rel=1e-3)
+    assert report.error == pytest.approx(np.linalg.norm(eta), rel=1e-12)
+    assert integral == pytest.approx(mesh.measures @ eta, rel=1e-12)
+    assert report.measure_after == pytest.approx(1.0, abs=1e-12)
+    assert report.boundary_distance < 1e-12
+    assert report.lost_tags == ()
+    assert new.measures[new.cell_tags == 2].sum() == pytest.approx(0.5, abs=1e-9)
+    text = str(result)
+    assert f"{mesh.n_cells} cells -> {new.n_cells} cells" in text
+    assert f"requested {target}" in text
+
+
+def test_number_of_nodes_is_met():
+    mesh = jittered_square(9, 83)
+    eta = _indicator(mesh)
+
+    def run(part):
+        return adapt(part, eta[part.cell_ids], target_nodes=300, how="gather")
+
+    report = on_ranks(mesh, None, 2, run)[0][0].report
+    whole = ads.adapt(mesh, eta, target_nodes=300, backend="mmg").report
+    assert report.target_elements == pytest.approx(whole.target_elements, rel=1e-12)
+    assert report.budget_met
+    assert report.n_points_after == pytest.approx(300, rel=0.15)
+    assert "requested 300 nodes" in str(report)
+
+
+def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
+    monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
+    mesh = jittered_square(6, 76)
+    eta = _indicator(mesh)
+    u = np.arange(mesh.n_points)
+
+    def run(part):
+        error = np.linalg.norm(eta)
+        values = u[part.global_ids]
+        result = adapt(part, eta[part.cell_ids], tolerance=1.01 * error, fields={"u": values})
+        assert result.part is part
+        assert np.array_equal(result.fields["u"], values)
+        return result
+
+    for result in on_ranks(mesh, None, 2, run)[0]:
+        assert result.converged
+        assert not result.remeshed
+        assert "within the tolerance" in str(result)
+
+
+def test_bounds_by_function_and_ranks_without_cells(monkeypatch):
+    monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
+    mesh = jittered_square(6, 77)
+
+    def h0(points):
+        return np.full(len(points) if len(points) else 1 / 0, 0.2 * mesh.diagonal)
+
+    def run(part):
+        return adapt(part, h0=h0, target_elements=mesh.n_cells, enough=0.0)
+
+    results, parts = on_ranks(mesh, np.zeros(mesh.n_cells, int), 2, run)
+    assert parts[1].n_points == 0
+    assert results[1].reason == results[0].reason
+
+
+def test_lost_tags_and_moved_boundaries_are_found():
+    disc = jittered_square(8, 78)
+    moved = SimplexMesh(1.1 * disc.points, disc.cells, cell_tags=np.ones(disc.n_cells, int))
+    old = SimplexMesh(disc.points, disc.cells, cell_tags=1 + np.arange(disc.n_cells) % 2)
+
+    def run(part):
+        rank_of = np.arange(disc.n_cells) % 3
+        new = ads.distributed.PartitionedMesh.from_serial(moved, rank_of, part.comm)
+        return lost_tags(part, new), boundary_distance(part, new), boundary_distance(part, part)
+
+    low, high = disc.points.min(axis=0), disc.points.max(axis=0)
+    outside = np.maximum(np.maximum(low - moved.points, moved.points - high), 0.0)
+    expected = np.linalg.norm(outside, axis=1).max()
+    for lost, distance, none in on_ranks(old, None, 3, run)[0]:
+        assert lost == ("cell tag 2",)
+        assert distance == pytest.approx(expected, rel=1e-12)
+        assert none == 0.0
+
+
+def test_rank_0_warns(monkeypatch):
+    mesh = jittered_square(5, 79)
+    monkeypatch.setattr("adaptsize.distributed.adaptation.lost_tags", lambda *a: ("cell tag 5",))
+    monkeypatch.setattr("adaptsize.distributed.adaptation.boundary_distance", lambda *a: 9e9)
+    with (
+        pytest.warns(ResolutionWarning, match="has lost cell tag 5"),
+        pytest.warns(ResolutionWarning, match="farther from the old one") as caught,
+    ):
+        on_ranks(mesh, None, 2, lambda part: adapt(part, h0=0.1 * mesh.diagonal, how="gather"))
+    assert len(caught) == 2  # both, once each
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (lambda rank: {"order": 1 + rank}, "order must be the same on all ranks, got 1.0 on rank"),
+        (lambda rank: {"target_elements": 100.0 + rank}, "target_elements must be the same"),
+        (lambda rank: {"target_nodes": 100}, "exclude each other"),
+        (
+            lambda rank: {"target_elements": None, "target_nodes": 100 + rank},
+            "target_nodes must be",
+        ),
+        (lambda rank: {"target_elements": None, "target_nodes": 0}, "target_nodes must be"),
+        (lambda rank: {"enough": 0.5 + rank}, "enough must be the same"),
+        (lambda rank: {"g": None if rank else 0.2}, "g must be the same"),
+        (lambda rank: {"how": ("parts", "gather")[rank]}, "how must be the same"),
+        (lambda rank: {"rounds": 1 + rank}, "rounds must be the same"),
+        (lambda rank: {"fields": [{}, {"u": np.ones(0)}][rank]}, "rank 1: fields"),
+        (lambda rank: {"indicator": None}, "indicator or h0 must be given"),
+        (lambda rank: {"indicator": None, "h0": 0.1, "tolerance": 1.0}, "needs an indicator"),
+        (lambda rank: {"g": "large"}, "g must be one of 'auto'"),
+        (lambda rank: {"hmin": -1.0}, "hmin must be"),
+        (lambda rank: {"max_refine": 0.5}, "max_refine must be"),
+        (lambda rank: {"conservative": "no"}, "conservative must be"),
+    ],
+)
+def test_bad_arguments_are_reported_by_all_ranks(options, text):
+    mesh = jittered_square(5, 80)
+    eta = _indicator(mesh)
+
+    def run(part):
+        given = {"indicator": eta[part.cell_ids], "target_elements": 300}
+        with pytest.raises(ValueError, match=text):
+            adapt(part, **{**given, **options(part.comm.rank)})
+
+    on_ranks(mesh, None, 2, run)
+
+
+def test_metrics_are_refused():
+    mesh = jittered_square(5, 81)
+    metric = ads.metrics.isotropic_metric(np.ones(mesh.n_points), 2)
+    with pytest.raises(ValueError, match="h0 must be sizes on several ranks, got a metric"):
+        adapt(ads.distributed.PartitionedMesh.from_serial(mesh), h0=metric)
+
+
+def test_fields_must_be_the_same_on_all_ranks():
+    mesh = jittered_square(5, 82)
+
+    def run(part):
+        values = np.ones(part.n_points)
+        names = {"u": values} if part.comm.rank else {"u": values, "v": values}
+        with pytest.raises(ValueError, match=r"^fields must be the same on all ranks"):
+            ads.distributed.transfer_fields(part, part, fields=names)
+
+    on_ranks(mesh, None, 2, run)

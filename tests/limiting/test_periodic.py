@@ -1,0 +1,246 @@
+"""`limit_gradient(periodic=)`: the same sizes as on the domain surrounded by its images."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from meshes import structured_square
+from numpy.testing import assert_allclose
+
+from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
+
+G = 0.3
+SQUARE = np.eye(2)
+
+
+def unit_square(n):
+    mesh = structured_square(n, half_width=0.5)
+    return SimplexMesh(mesh.points + 0.5, mesh.cells)
+
+
+def unit_cube(n, seed):
+    mesh = CartesianGrid([0, 0, 0], 1.0 / n, (n + 1,) * 3).mesh
+    inside = ((mesh.points > 1e-9) & (mesh.points < 1 - 1e-9)).all(axis=1)
+    move = np.random.default_rng(seed).uniform(-0.1, 0.1, mesh.points.shape) / n
+    return SimplexMesh(mesh.points + np.where(inside[:, None], move, 0.0), mesh.cells)
+
+
+def tiled(mesh, vectors, reach=1):
+    """The mesh and its images as one mesh, the cell first; and the node of the cell for each."""
+    shifts = [np.array(s) @ vectors for s in product(range(-reach, reach + 1), repeat=len(vectors))]
+    shifts.sort(key=lambda shift: float(np.linalg.norm(shift)))
+    points = np.concatenate([mesh.points + shift for shift in shifts])
+    cells = np.concatenate([mesh.cells + k * mesh.n_points for k in range(len(shifts))])
+    _, first, number = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), int)
+    rank[np.argsort(first)] = np.arange(len(first))
+    new = rank[number.ravel()]
+    merged = SimplexMesh(points[np.sort(first)], new[cells])
+    return merged, new.reshape(len(shifts), mesh.n_points)
+
+
+def on_tiles(mesh, vectors, h0, g=G, **options):
+    """Slow twin: the sizes in the cell, computed on all tiles; exact to two translations."""
+    big, numbers = tiled(mesh, vectors, reach=2 if mesh.dim == 2 else 1)
+    bound = np.full(big.n_points, np.inf)
+    for of_tile in numbers:
+        np.minimum.at(bound, of_tile, h0)
+    if np.ndim(g):
+        g = np.tile(g, len(numbers))
+    return limit_gradient(big, bound, g, **options)[numbers[0]]
+
+
+def sparse_bounds(n, seed, share=0.03):
+    rng = np.random.default_rng(seed)
+    h0 = np.where(rng.random(n) < share, rng.uniform(0.01, 0.1, n), np.inf)
+    h0[rng.integers(n)] = 0.02
+    return h0
+
+
+def hexagon(n):
+    """A regular hexagon of side 1, as 6 n^2 triangles, and two vectors of its lattice."""
+    corners = np.array([[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi / 3])
+    points, cells = [], []
+    for k in range(6):
+        a, b = corners[k], corners[(k + 1) % 6]
+        index = {}
+        for i, j in product(range(n + 1), repeat=2):
+            if i + j <= n:
+                index[i, j] = len(points)
+                points.append((i * a + j * b) / n)
+        for i, j in product(range(n), repeat=2):
+            if i + j < n:
+                cells.append([index[i, j], index[i + 1, j], index[i, j + 1]])
+            if i + j < n - 1:
+                cells.append([index[i + 1, j], index[i + 1, j + 1], index[i, j + 1]])
+    points = np.array(points)
+    _, first, number = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+    vectors = np.array([corners[0] + corners[1], corners[1] + corners[2]])
+    return SimplexMesh(points[first], number.ravel()[np.array(cells)]), vectors
+
+
+PLANE = {
+    "square": (unit_square(8), SQUARE),
+    "one direction": (unit_square(8), SQUARE[:1]),
+    "other direction": (unit_square(8), -SQUARE[1:]),
+    "hexagon": hexagon(4),
+    "sheared": (
+        SimplexMesh(unit_square(6).points @ [[1, 0], [0.5, 1]], unit_square(6).cells),
+        np.array([[1.0, 0.0], [0.5, 1.0]]),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", PLANE)
+@pytest.mark.parametrize("method", ["exact", "fast-marching"])
+@pytest.mark.parametrize("seed", [8101, 8102])
+def test_sizes_are_those_among_all_images(case, method, seed):
+    mesh, vectors = PLANE[case]
+    h0 = sparse_bounds(mesh.n_points, seed)
+    h = limit_gradient(mesh, h0, G, method=method, periodic=vectors)
+    assert_allclose(h, on_tiles(mesh, vectors, h0, method=method), rtol=1e-12)
+    assert (h < limit_gradient(mesh, h0, G, method=method) - 1e-9).any()
+
+
+@pytest.mark.parametrize("face_sources", [True, False])
+def test_bounds_inside_cells_have_images_too(face_sources):
+    mesh = unit_square(7)
+    # Steep along a side, so that its edges and faces are sources.
+    h0 = 0.05 + 0.9 * np.abs(mesh.points[:, 0] - 0.1) + 0.2 * mesh.points[:, 1]
+    options = {"face_sources": face_sources, "method": "exact"}
+    h = limit_gradient(mesh, h0, G, periodic=SQUARE, **options)
+    assert_allclose(h, on_tiles(mesh, SQUARE, h0, **options), rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["exact", "fast-marching"])
+@pytest.mark.parametrize("k", [1, 3])
+def test_in_space(method, k):
+    mesh = unit_cube(3, 8103)
+    vectors = np.eye(3)[:k]
+    h0 = sparse_bounds(mesh.n_points, 8104)
+    h = limit_gradient(mesh, h0, G, method=method, periodic=vectors)
+    assert_allclose(h, on_tiles(mesh, vectors, h0, method=method), rtol=1e-12)
+
+
+def test_a_limit_that_jumps_between_cells_marches_through_the_sides():
+    mesh = unit_square(8)
+    g = np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.5, 0.1, 0.5)
+    h0 = sparse_bounds(mesh.n_points, 8105)
+    h = limit_gradient(mesh, h0, g, periodic=SQUARE)
+    assert_allclose(h, on_tiles(mesh, SQUARE, h0, g), rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["exact", "fast-marching"])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_on_a_grid(method, dim):
+    grid = CartesianGrid(np.zeros(dim), 0.25, (5,) * dim)
+    h0 = sparse_bounds(5**dim, 8106).reshape(grid.shape)
+    vectors = np.eye(dim)
+    h = limit_gradient(grid, h0, G, method=method, periodic=vectors)
+    wide = CartesianGrid(np.full(dim, -1.0), 0.25, (13,) * dim)
+    bound = np.full(wide.shape, np.inf)
+    for shift in product((0, 4, 8), repeat=dim):
+        part = bound[tuple(slice(s, s + 5) for s in shift)]
+        np.minimum(part, h0, out=part)
+    expected = limit_gradient(wide, bound, G, method=method)[(slice(4, 9),) * dim]
+    assert_allclose(h, expected, rtol=1e-12)
+
+
+def test_a_hole_is_gone_around_through_the_sides():
+    full = unit_square(9)
+    middle = full.points[full.cells].mean(axis=1)
+    kept = ~(np.abs(middle - 0.5) < 0.2).all(axis=1)
+    used, cells = np.unique(full.cells[kept], return_inverse=True)
+    mesh = SimplexMesh(full.points[used], cells.reshape(-1, 3))
+    h0 = sparse_bounds(mesh.n_points, 8107)
+    h = limit_gradient(mesh, h0, G, periodic=SQUARE)
+    expected = on_tiles(mesh, SQUARE, h0, method="fast-marching")
+    assert_allclose(h, expected, rtol=1e-12)
+    with pytest.raises(ValueError, match=r"method='exact' needs a convex cell"):
+        limit_gradient(mesh, h0, G, periodic=SQUARE, method="exact")
+
+
+def test_one_point_on_a_circle():
+    # A closed line of length 1: the distance is that of the shorter way around.
+    x = np.linspace(0.0, 1.0, 21)[:, None]
+    mesh = SimplexMesh(x, np.column_stack([np.arange(20), np.arange(1, 21)]))
+    h0 = np.full(21, np.inf)
+    h0[4] = 0.1
+    away = np.abs(x[:, 0] - 0.2)
+    expected = 0.1 + G * np.minimum(away, 1.0 - away)
+    assert_allclose(limit_gradient(mesh, h0, G, periodic=[[1]]), expected, rtol=1e-14)
+
+
+def test_paired_nodes_get_equal_sizes_and_the_smaller_bound():
+    mesh = unit_square(5)
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[np.argmin(np.linalg.norm(mesh.points - (0.0, 0.4), axis=1))] = 0.07
+    h = limit_gradient(mesh, h0, G, periodic=SQUARE)
+    for axis in (0, 1):
+        sides = [np.flatnonzero(mesh.points[:, axis] == end) for end in (0.0, 1.0)]
+        low, high = (s[np.argsort(mesh.points[s, 1 - axis])] for s in sides)
+        assert h[low].tolist() == h[high].tolist()
+    assert h.min() == 0.07
+    assert np.count_nonzero(h == 0.07) == 2
+
+
+def test_sizes_between_nodes_know_the_images():
+    mesh = unit_square(6)
+    h0 = sparse_bounds(mesh.n_points, 8108)
+    h, info = limit_gradient(mesh, h0, G, periodic=SQUARE, full_output=True)
+    size = SizeFunction(mesh, h, sources=info.sources)
+    big, numbers = tiled(mesh, SQUARE, reach=2)
+    bound = np.full(big.n_points, np.inf)
+    for of_tile in numbers:
+        np.minimum.at(bound, of_tile, h0)
+    among, of_all = limit_gradient(big, bound, G, full_output=True)
+    x = np.random.default_rng(8109).random((50, 2))
+    expected = SizeFunction(big, among, sources=of_all.sources)(x)
+    assert_allclose(size(x), expected, rtol=1e-12)
+    assert set(info.sources.roots()) <= set(np.flatnonzero(np.isfinite(h0)))
+
+
+def test_g_of_h_and_point_sources_are_periodic_too():
+    grid = CartesianGrid([0, 0], 0.1, (11, 11))
+    free = np.full(grid.shape, np.inf)
+    at = ([[0.03, 0.5]], [0.05])
+    h = limit_gradient(grid, free, G, point_sources=at, periodic=SQUARE)
+    dx = np.abs(grid.points[:, 0] - 0.03)
+    away = np.hypot(np.minimum(dx, 1 - dx), np.abs(grid.points[:, 1] - 0.5))
+    assert_allclose(h.ravel(), 0.05 + G * away, rtol=1e-13)
+    of_h = limit_gradient(grid, free, lambda h: 2.0 * h, point_sources=at, periodic=SQUARE)
+    assert_allclose(of_h.ravel(), 0.05 * np.exp(2.0 * away), rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("vectors", "message"),
+    [
+        (
+            [1.0, 0.0],
+            r"periodic must hold 1 to 2 translations, of shape \(k, 2\), got shape \(2,\)",
+        ),
+        (np.ones((3, 2)), r"must hold 1 to 2 translations"),
+        ([[np.nan, 1.0]], r"periodic must be finite"),
+        ([[1.0, 0.0], [2.0, 0.0]], r"linearly independent"),
+        ([[1.5, 0.0]], r"periodic\[0\] = \[1.5, 0.0\] maps no node"),
+        ([[0.5, 0.0]], r"overlaps its image"),
+        ([[0.9, 0.0]], r"moved by \[0\.9, 0\.0\] lies in the domain, where there is no node"),
+    ],
+)
+def test_translations_that_do_not_fit_are_refused(vectors, message):
+    mesh = unit_square(4)
+    for background in (mesh, CartesianGrid([0, 0], 0.25, (5, 5))):
+        with pytest.raises(ValueError, match=message):
+            limit_gradient(background, 1.0, G, periodic=vectors)
+
+
+def test_other_options_are_refused():
+    grid = CartesianGrid([0, 0], 0.25, (5, 5))
+    h, info = limit_gradient(grid, 1.0, G, periodic=SQUARE, full_output=True)
+    for options in ({"initial": info}, {"order": 2}):
+        with pytest.raises(ValueError, match="periodic cannot be combined"):
+            limit_gradient(grid, h, G, periodic=SQUARE, **options)
+    with pytest.raises(ValueError, match="initial must not come from a call with periodic"):
+        limit_gradient(grid, h, G, initial=info)
+    with pytest.raises(ValueError, match="periodic is for method='exact' or 'fast-marching'"):
+        limit_gradient(grid, h, G, method="edge-based", periodic=SQUARE)

@@ -1,0 +1,44 @@
+"""The paper: its length, its references, and that its numbers are those of the pages."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "paper" / "paper.md").read_text(encoding="utf-8")
+
+
+def test_every_reference_is_cited_and_every_citation_has_one():
+    cited = set(re.findall(r"@(\w+)", TEXT))
+    entries = re.findall(r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text(), re.MULTILINE)
+    assert sorted(cited) == sorted(entries)
+
+
+def test_the_length_is_that_of_the_journal():
+    body = TEXT.split("---", 2)[2]
+    assert 250 <= len(body.split()) <= 1000
+
+
+def test_the_numbers_are_those_of_the_documentation():
+    pages = {
+        name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+        for name in ("comparison", "exact-limiting")
+    }
+    row = "| | 10 201 | 0 | 0.20 | 1.35 | 1.35 | (exact) |"
+    assert row in pages["comparison"]
+    assert "| 0 | 1.6 % | 10.6 % | 10.6 % | 91 % |" in pages["comparison"]
+    rows = [
+        "| two sources, triangles | 640 000 | 153 | 534 |",
+        "| maze | 159 334 | 355 | 406 |",
+        "| smooth bounds at all nodes, triangles | 159 853 | 913 | 728 |",
+        "| 100 holes of 24 corners | 158 990 | 2 057 | 434 |",
+    ]
+    assert all(row in pages["exact-limiting"] for row in rows)
+    words = " ".join(TEXT.split())
+    for number in ("1.35", "0.20", "10.6 %", "1.6 %", "91 %", "153 ns", "534 ns", "355 ns",
+                   "406 ns", "913 ns", "728 ns", "2 057 ns", "434 ns"):  # fmt: skip
+        assert number in words
+
+
+def test_pictures_exist():
+    for link in re.findall(r"\]\(([^)]+\.png)\)", TEXT):
+        assert (ROOT / "paper" / link).is_file()

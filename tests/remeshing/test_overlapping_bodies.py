@@ -1,0 +1,176 @@
+"""Bodies that overlap are found and named; bodies that only touch are not."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh, size_function
+from adaptsize.errors import OpenSurfaceWarning
+from adaptsize.remeshing import near_bodies, overlapping_bodies
+from adaptsize.remeshing.open_surface import warn_of_surface
+
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+CUBE = np.array([
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+])  # fmt: skip
+
+
+def boxes(*bounds, at=0.0):
+    """Boxes from lower to upper corners, one body each."""
+    points = [lower + CORNERS * np.subtract(upper, lower) for lower, upper in bounds]
+    cells = [CUBE + 8 * k for k in range(len(bounds))]
+    return SimplexMesh(np.concatenate(points) + at, np.concatenate(cells))
+
+
+UNIT = ((0, 0, 0), (1, 1, 1))
+CROSSING = ((0.5, 0.3, 0.4), (1.6, 1.2, 1.3))
+SHIFTED = ((0.5, 0, 0), (1.5, 1, 1))
+
+
+# --- triangles --------------------------------------------------------------------
+
+
+def crosses(one, other):
+    """Whether two triangles in general position cross: an edge of one pierces the other."""
+    for edges, (a, b, c) in ((one, other), (other, one)):
+        for p, q in combinations(edges, 2):
+            matrix = np.column_stack([p - q, b - a, c - a])
+            t, u, v = np.linalg.solve(matrix, p - a)
+            if 0.0 < t < 1.0 and min(u, v, 1.0 - u - v) > 0.0:
+                return True
+    return False
+
+
+def test_random_triangles_cross_where_an_edge_pierces_the_other():
+    rng = np.random.default_rng(4711)
+    corners = rng.random((30, 3, 3))
+    found = overlapping_bodies(SimplexMesh(corners.reshape(-1, 3), np.arange(90).reshape(-1, 3)))
+    expected = [
+        (a + 1, b + 1) for a, b in combinations(range(30), 2) if crosses(corners[a], corners[b])
+    ]
+    assert found.n_crossing == len(np.unique(expected))
+    # For each triangle, the pair of its deepest crossing.
+    assert set(found.pairs) <= set(expected)
+    assert {a for pair in found.pairs for a in pair} == set(np.unique(expected))
+    assert len(expected) > 15
+
+
+def test_triangles_at_a_common_node_may_cross():
+    fan = [[0, 0, 0], [2, -1, 0], [2, 1, 0], [2, 0, -1], [2, 0, 1]]
+    found = overlapping_bodies(SimplexMesh(fan, [[0, 1, 2], [0, 3, 4]]))
+    text = "the surface intersects itself: 2 triangles cross others, by up to 1 at (1, 0, 0)"
+    assert str(found) == text
+    beside = [[0, 0, 0], [2, -1, 0], [2, 1, 0], [-2, 0, -1], [-2, 0, 1]]
+    assert overlapping_bodies(SimplexMesh(beside, [[0, 1, 2], [0, 3, 4]])) is None
+
+
+# --- bodies -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_crossing_bodies_are_named_with_the_deepest_place(scale):
+    mesh = boxes(UNIT, CROSSING, ((5, 0, 0), (6, 1, 1)))
+    found = overlapping_bodies(SimplexMesh(scale * mesh.points, mesh.cells))
+    assert (found.pairs, found.n_bodies, found.n_crossing) == (((1, 2),), 3, 12)
+    # The common part is 0.5 x 0.7 x 0.6.  Common segments end at diagonals of facets, too.
+    assert 0.3 <= found.depth / scale <= 0.5
+    bodies = [SimplexMesh(mesh.points, mesh.cells[rows]) for rows in (slice(12), slice(12, 24))]
+    for body in bodies:
+        assert body.locator.nearest([np.array(found.place) / scale])[2][0] < 1e-12
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        ((1, 0, 0), (2, 1, 1)),  # the same facet
+        ((1, 0.3, 0.2), (2, 1.4, 1.1)),  # a part of a facet
+        ((1, 1, 0), (2, 2, 1)),  # an edge
+        ((1, 1, 1), (2, 2, 2)),  # a node
+        ((1.2, 0.3, 0.2), (2, 1.4, 1.1)),  # nothing
+        ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7)),  # one inside the other
+        ((1 - 5e-7, 0.3, 0.2), (2, 1.4, 1.1)),  # deeper by rounding
+    ],
+)
+def test_bodies_that_touch_do_not_overlap(other):
+    assert overlapping_bodies(boxes(UNIT, other)) is None
+
+
+def test_bodies_with_facets_in_common_planes_overlap_without_crossing_triangles():
+    found = overlapping_bodies(boxes(UNIT, SHIFTED))
+    assert (found.pairs, found.n_crossing) == (((1, 2),), 0)
+    # Centroids of triangles, e.g. of the facet x = 1 of the first box, in the second one.
+    assert found.depth == pytest.approx(1.0 / 3.0)
+    assert str(found).startswith("bodies 1 and 2 overlap, by up to 0.333 at (")
+
+
+def test_many_pairs_are_counted_and_few_are_named():
+    chain = [((0.75 * k, 0.01 * k, 0.02 * k), (0.75 * k + 1, 1, 1)) for k in range(6)]
+    found = overlapping_bodies(boxes(*chain))
+    assert found.pairs == ((1, 2), (2, 3), (3, 4), (4, 5), (5, 6))
+    assert str(found).startswith("bodies 1 and 2, 2 and 3, 3 and 4, 2 more overlap: ")
+
+
+def test_bodies_that_overlap_are_not_called_near_as_well():
+    mesh = boxes(UNIT, CROSSING, ((1.001, 2, 0), (2, 3, 1)), ((0, 2, 0), (1, 3, 1)))
+    overlapping = overlapping_bodies(mesh)
+    assert near_bodies(mesh, 0.01).n_pairs == 2
+    assert near_bodies(mesh, 0.01, overlapping=overlapping).n_pairs == 1
+    with pytest.warns(OpenSurfaceWarning) as record:
+        warn_of_surface(mesh, 0.01)
+    assert [str(warning.message).split(":")[0] for warning in record] == [
+        "bodies 1 and 2 overlap",
+        "1 pair of bodies is only 0.001 apart at (1.001, 2, 0), less than the tolerance of 0.01",
+    ]
+
+
+# --- sizes ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("other", [CROSSING, ((0.4, 0.4, -0.5), (0.6, 0.6, 1.5)), SHIFTED])
+def test_sizes_do_not_fall_to_hmin_where_bodies_overlap(other):
+    mesh = boxes(UNIT, other)
+    with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap.*facets inside of bodies"):
+        _, report = size_function(mesh, full_output=True, hmax=0.06)
+    alone = size_function(boxes(other), full_output=True, hmax=0.06)[1]
+    assert min(report.smallest.values()) >= 0.99 * min(alone.smallest.values())
+    assert report.smallest["hmin"] == np.inf
+
+
+def ball(centre, radius, n=12):
+    """A ball of revolution with n by 2 n faces."""
+    polar = np.linspace(0.0, np.pi, n + 1)[1:-1, None]
+    around = np.linspace(0.0, 2.0 * np.pi, 2 * n, endpoint=False)
+    ring = np.sin(polar) * np.stack([np.cos(around), np.sin(around)])[:, None]
+    rest = np.stack([ring[0], ring[1], np.cos(polar) + 0.0 * around], axis=-1).reshape(-1, 3)
+    points = np.concatenate([rest, [[0, 0, 1], [0, 0, -1]]])
+    k, m = np.arange(2 * n), 2 * n
+    cells = [np.column_stack([np.full(m, len(rest)), k, (k + 1) % m])]
+    for row in range(n - 2):
+        a, b = row * m + k, row * m + (k + 1) % m
+        cells += [np.column_stack([a, a + m, b]), np.column_stack([b, a + m, b + m])]
+    last = (n - 2) * m
+    cells.append(np.column_stack([np.full(m, len(rest) + 1), last + (k + 1) % m, last + k]))
+    return np.array(centre) + radius * points, np.concatenate(cells)
+
+
+def test_curved_bodies_that_overlap_have_the_sizes_of_each_alone():
+    # Facets of one ball inside the other are seen from its inner side near the common curve.
+    (one, cells), (two, others) = ball((0, 0, 0), 1.0), ball((1.2, 0.1, 0.05), 0.8)
+    both = SimplexMesh(np.concatenate([one, two]), np.concatenate([cells, others + len(one)]))
+    with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
+        _, report = size_function(both, full_output=True)
+    alone = size_function(SimplexMesh(two, others), tolerance=1.2e-3, full_output=True)[1]
+    assert report.smallest["hmin"] == np.inf
+    assert min(report.smallest.values()) > 0.7 * min(alone.smallest.values())
+
+
+def test_facets_inside_of_another_body_have_no_curvature_that_counts():
+    pin, cells = ball((0.5, 0.5, 1.0), 0.1)
+    pin[pin[:, 2] > 1.0, 2] = 1.0 + 1e-3  # nothing of it stands out but a lid
+    mesh = SimplexMesh(np.concatenate([CORNERS, pin]), np.concatenate([CUBE, cells + 8]))
+    with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
+        size = size_function(mesh, elements_across=0.0, tolerance=1.0)
+    lowest = pin[pin[:, 2].argmin()]
+    assert size(lowest[None])[0] > 0.03 > 0.1 / 4.0
