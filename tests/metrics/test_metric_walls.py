@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from domains import l_shape, maze, round_holes, slit_square, star_holes
-from geodesics import distances
+from geodesics import area, distances
 from metric_oracle import largest_ratio, limited_by_all, random_metric
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -25,9 +25,10 @@ def metric_on(mesh, decades=1.0, share=1.0):
 @pytest.mark.parametrize("share", [1.0, 0.2])
 @pytest.mark.parametrize("name", DOMAINS)
 def test_equals_the_search_of_all_nodes_along_paths_in_the_domain(name, share):
-    mesh, rings = DOMAINS[name](300)  # finer than the islands
+    mesh, rings = DOMAINS[name](600)
+    assert mesh.measures.sum() == pytest.approx(area(rings))  # coarse meshes cut the corners off
     metric = metric_on(mesh, share=share)
-    nodes = np.arange(0, mesh.n_points, 7)
+    nodes = np.arange(0, mesh.n_points, 17)
 
     def distances_to(v):
         return distances(rings, mesh.points[v], mesh.points)
@@ -38,7 +39,7 @@ def test_equals_the_search_of_all_nodes_along_paths_in_the_domain(name, share):
 
 
 def test_one_source_keeps_its_directions_around_corners():
-    mesh, rings = maze(400)
+    mesh, rings = maze(600)
     sizes = np.full((mesh.n_points, 2), np.inf)
     first = np.linalg.norm(mesh.points + 50.0, axis=1).argmin()
     sizes[first] = 0.1, 5.0
