@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse.csgraph import shortest_path
 
 from adaptsize._kernels.metric_sight import View, fill_seen, new_view
-from adaptsize._kernels.metric_sources import Sources, fill_entering, new_scratch
+from adaptsize._kernels.metric_sources import Scratch, Sources, fill_entering, new_scratch
 from adaptsize._kernels.sight import Sight
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
@@ -75,7 +76,7 @@ def around_corners(points: FloatArray, sources: Sources, g: float, walls: Walls)
     between = np.linalg.norm(points[corners, None] - points[None, corners], axis=2)
     # Zeros would count as no edge: corners at one place are apart by less than rounding.
     between = shortest_path(np.where(seen, np.maximum(between, 1e-300), 0.0), directed=False)
-    here: list[tuple[IntArray, FloatArray]] = [_entering(points, sources, g, int(c), view, scratch)
+    here: list[tuple[npt.NDArray[np.int64], FloatArray]] = [_entering(points, sources, g, int(c), view, scratch)
                                                for c in corners]  # fmt: skip
     h, r, nodes = [], [], []
     for i in range(n):
@@ -95,8 +96,8 @@ def around_corners(points: FloatArray, sources: Sources, g: float, walls: Walls)
 
 
 def _entering(
-    points: FloatArray, sources: Sources, g: float, corner: int, view: View, scratch: object
-) -> tuple[IntArray, FloatArray]:
+    points: FloatArray, sources: Sources, g: float, corner: int, view: View, scratch: Scratch
+) -> tuple[npt.NDArray[np.int64], FloatArray]:
     """Return sources that a corner sees, without those dominated there, and their distances."""
     distance = np.linalg.norm(sources.x - points[corner], axis=1)
     order = np.argsort(sources.h.max(axis=1) + g * distance, kind="stable")
@@ -112,7 +113,7 @@ def _entering(
     return np.empty(0, np.int64), np.empty(0)
 
 
-def undominated(h: FloatArray, r: FloatArray) -> IntArray:
+def undominated(h: FloatArray, r: FloatArray) -> npt.NDArray[np.int64]:
     """Return the metrics at one place that are nowhere above another one, which is kept."""
     left = np.argsort(np.log(h).sum(axis=1), kind="stable")
     kept = []
