@@ -76,8 +76,7 @@ def around_corners(points: FloatArray, sources: Sources, g: float, walls: Walls)
     between = np.linalg.norm(points[corners, None] - points[None, corners], axis=2)
     # Zeros would count as no edge: corners at one place are apart by less than rounding.
     between = shortest_path(np.where(seen, np.maximum(between, 1e-300), 0.0), directed=False)
-    here: list[tuple[npt.NDArray[np.int64], FloatArray]] = [_entering(points, sources, g, int(c), view, scratch)
-                                               for c in corners]  # fmt: skip
+    here = [_entering(points, sources, g, int(c), view, scratch) for c in corners]
     h, r, nodes = [], [], []
     for i in range(n):
         reached = [j for j in range(n) if np.isfinite(between[i, j]) and len(here[j][0])]
