@@ -207,7 +207,7 @@ def draw_flow(panel: Axes, result: Cycle) -> None:
     mesh, solution = result.mesh, result.solution
     mach = solution.at_nodes(euler.mach_number(solution.w))
     triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
-    colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap="inferno")
+    colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap="viridis")
     panel.tricontour(*triangles, mach, levels=[1.0], colors="black", linewidths=0.8)
     panel.figure.colorbar(colours, ax=panel, shrink=0.7, ticks=[0.4, 0.8, 1.2, 1.6, 2.0])
 

@@ -229,14 +229,14 @@ def size_from_hessian(
     hessian = 0.5 * (hessian + hessian.swapaxes(1, 2))
     steepest = steepest_derivatives(hessian, -float(ends[1] + ends[0]), diagonal)
     return scaled_by_derivative(
-        _cells_of(part),
+        cells_of(part),
         steepest,
         _finishing(part, hmin, hmax, g),
         norm=norm,
         tolerance=tolerance,
         target_elements=target_elements,
         backend=backend,
-        sums=_Sums(part),
+        sums=PartSums(part),
     )
 
 
