@@ -31,16 +31,21 @@ def largest_ratio(a, b):
     return np.sqrt(worst) - 1.0
 
 
-def limited_by_all(points, metric, g, nodes=None):
-    """Return the limited metric by trying all nodes at each node, without tree and survivors."""
+def limited_by_all(points, metric, g, nodes=None, distances_to=None):
+    """Return the limited metric by trying all nodes at each node, without tree and survivors.
+
+    ``distances_to(v)`` returns the distances of all points from point v, by default straight ones.
+    """
     bounded = np.isfinite(metric.sizes).any(axis=1)
-    sources, metric = points[bounded], metric[bounded]
+    metric = metric[bounded]
     nodes = np.arange(len(points)) if nodes is None else nodes
     n, dim = len(nodes), points.shape[1]
     h, r = np.empty((n, dim)), np.empty((n, dim, dim))
     for i, v in enumerate(nodes):
-        grown = metric.sizes + g * np.linalg.norm(sources - points[v], axis=1)[:, None]
-        parts = [Metric.of(grown[v : v + 1].copy(), metric.directions[v : v + 1])]
+        lengths = distances_to(v) if distances_to else np.linalg.norm(points - points[v], axis=1)
+        grown = metric.sizes + g * lengths[bounded, None]
+        k = int(np.argmin(grown.max(axis=1)))
+        parts = [Metric.of(grown[k : k + 1].copy(), metric.directions[k : k + 1])]
         while True:
             present = parts[0].intersect(*parts[1:])
             over = excess(present, grown, metric.directions)

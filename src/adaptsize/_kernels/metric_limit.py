@@ -19,6 +19,7 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metric_joint import MOST, intersect_several, two_by_two
 from adaptsize._kernels.metric_order import extremes, fill_relative, is_above
+from adaptsize._kernels.metric_sight import sees
 from adaptsize._kernels.metric_sources import (
     MANY,
     distance,
@@ -46,7 +47,7 @@ _UNBOUNDED = 1e20
 
 
 @lean
-def _dominating(axes, v, sources, g, scratch):
+def _dominating(axes, v, sources, g, scratch, view):
     """Return a source whose grown metric is above that of source v, -1 if there is none."""
     boxes, stack, x = sources.boxes, scratch.stack, sources.x
     s, n, row, dim = scratch.s, scratch.n, scratch.row, len(axes)
@@ -61,7 +62,9 @@ def _dominating(axes, v, sources, g, scratch):
         if b >= n_leaves:
             for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
                 more = g * distance(axes, x, v, x, k)
-                if extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > _ABOVE:
+                if extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > _ABOVE and (
+                    view is None or sees(view, x, k, sources.number[k], x, v, sources.number[v])
+                ):
                     return k
             continue
         near, far = 2 * b, 2 * b + 1
@@ -82,7 +85,7 @@ def _dominating(axes, v, sources, g, scratch):
 
 
 @lean_kernel
-def find_dominating(axes, first, last, sources, g, by, scratch):
+def find_dominating(axes, first, last, sources, g, by, scratch, view):
     """Find for each source another one whose grown metric is above its own.
 
     The growth of the one then stays above that of the other everywhere, so that only sources for
@@ -98,9 +101,11 @@ def find_dominating(axes, first, last, sources, g, by, scratch):
     by : int32[m]
         Out: the other source, -1 if there is none.
     scratch : Scratch
+    view : View or None
+        A plane domain in which paths are in the domain; straight lines without.
     """
     for v in range(first, last):
-        by[v] = _dominating(axes, v, sources, g, scratch)
+        by[v] = _dominating(axes, v, sources, g, scratch, view)
 
 
 @lean
@@ -149,7 +154,7 @@ def _intersect(axes, x, v, sources, some, n, g, count, exact, scratch):
 
 
 @lean
-def _limit(axes, x, v, sources, g, count, scratch):
+def _limit(axes, x, v, sources, g, count, scratch, view):
     """Limit the present metric by all sources (In/Out: joint of scratch).
 
     Returns the number of metrics that determine it, and the largest excess that remains.
@@ -162,7 +167,7 @@ def _limit(axes, x, v, sources, g, count, scratch):
             scratch.h[j] = joint.h_all[j]
             for i in range(dim):
                 scratch.r[i, j] = joint.r_all[i, j]
-        n = find_above(axes, x, v, sources, g, share, scratch)
+        n = find_above(axes, x, v, sources, g, share, scratch, scratch.above, view)
         listed = min(n, MANY)
         count, best = _intersect(
             axes, x, v, sources, scratch.above, listed, g, count, True, scratch
@@ -174,8 +179,20 @@ def _limit(axes, x, v, sources, g, count, scratch):
     return count, best
 
 
+@lean
+def _without_hidden(x, v, sources, some, count, view):
+    """Remove sources that point v does not see (In/Out: some); return the number of the others."""
+    left = 0
+    for i in range(count):
+        k = some[i]
+        if sees(view, sources.x, k, sources.number[k], x, v, v):
+            some[left] = k
+            left += 1
+    return left
+
+
 @lean_kernel
-def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch):
+def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch, view):
     """Limit the metrics of points by those of sources.
 
     Parameters
@@ -193,6 +210,8 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
     active : int32[n]
         Out: number of sources whose grown metrics determine the result.
     scratch : Scratch
+    view : View or None
+        As in `find_dominating`.
     """
     dim, joint, recent = len(axes), scratch.joint, scratch.recent
     n_recent = np.int64(0)
@@ -203,8 +222,10 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
         two_by_two(axes, count, joint)
         if h[v, 0] > _UNBOUNDED:  # nothing to intersect
             count = np.int64(0)
+        if view is not None:
+            n_recent = _without_hidden(x, v, sources, recent, n_recent, view)
         count, best = _intersect(axes, x, v, sources, recent, n_recent, g, count, False, scratch)
-        count, best = _limit(axes, x, v, sources, g, count, scratch)
+        count, best = _limit(axes, x, v, sources, g, count, scratch, view)
         active[v] = count
         scale = 1.0 / math.sqrt(best)
         for j in range(dim):

@@ -24,6 +24,7 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metric_joint import MOST, Joint, new_joint
 from adaptsize._kernels.metric_order import excess, extremes
+from adaptsize._kernels.metric_sight import sees
 from adaptsize._kernels.metrics import intersect_into
 from adaptsize._kernels.trees import DEPTH, LEAF
 
@@ -49,7 +50,7 @@ class Sources(NamedTuple):
     powers: np.ndarray
     """float64[m, dim * (dim + 1)]: upper triangles of L and of L^2."""
     number: np.ndarray
-    """int32[m]: nodes."""
+    """int32[m]: nodes; for what comes around a corner, the corner."""
     boxes: np.ndarray
     """float64[2 * n_leaves, 2 * dim + 1]: boxes, with the least size in each."""
     box_h: np.ndarray
@@ -206,12 +207,13 @@ def is_below(axes, powers, i, more, p, share):
 
 
 @lean
-def find_above(axes, x, v, sources, g, share, scratch):
+def find_above(axes, x, v, sources, g, share, scratch, above, view):
     """List the sources whose grown metrics at point v are anywhere above (share P)^-1.
 
-    Their number is returned, or MANY + 1 if there are more (Out: above of scratch).
+    Only those that point v sees, unless ``view`` is None.  Their number is returned, or one more
+    than the length of the list if there are more (Out: above).
     """
-    boxes, stack, above, p = sources.boxes, scratch.stack, scratch.above, scratch.p
+    boxes, stack, p, most = sources.boxes, scratch.stack, scratch.p, above.shape[0]
     m, n_leaves = sources.x.shape[0], boxes.shape[0] // 2
     limit, count = 1.0 / share, 0
     stack[0], size = 1, 1
@@ -226,11 +228,14 @@ def find_above(axes, x, v, sources, g, share, scratch):
                 value = excess(
                     axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n, scratch.row, limit
                 )
-                if value > limit:
-                    if count == MANY:
-                        return MANY + 1
-                    above[count] = k
-                    count += 1
+                if not value > limit:
+                    continue
+                if view is not None and not sees(view, sources.x, k, sources.number[k], x, v, v):
+                    continue
+                if count == most:
+                    return most + 1
+                above[count] = k
+                count += 1
             continue
         near, far = 2 * b, 2 * b + 1
         to_near = distance_to_box(axes, boxes, near, x, v)
@@ -259,3 +264,36 @@ def most_excessive(axes, x, v, sources, some, count, g, scratch):
         if value > best:
             best, by = value, k
     return best, by
+
+
+@lean_kernel
+def fill_entering(axes, x, nodes, sources, g, guesses, counts, entering, scratch, view):
+    """Find the sources that nodes see and that none of their guesses dominates there.
+
+    Parameters
+    ----------
+    axes, x, sources, g, scratch, view
+        As in `metric_limit.limit_metrics`.
+    nodes : int32[c]
+    guesses : int64[c, k]
+        Sources to try, of which the first one that is seen is used.
+    counts : int64[c]
+        Out: number of sources; -1 if no guess is seen.
+    entering : int64[c, m]
+        Out: the sources.
+    """
+    joint = scratch.joint
+    for i in range(nodes.shape[0]):
+        v = nodes[i]
+        counts[i] = -1
+        for j in range(guesses.shape[1]):
+            k = guesses[i, j]
+            if not sees(view, sources.x, k, sources.number[k], x, v, v):
+                continue
+            more = g * distance(axes, x, v, sources.x, k)
+            for d in range(len(axes)):
+                joint.h_all[d] = sources.h[k, d] + more
+            set_present(axes, joint.h_all, sources.r[k], scratch)
+            found = find_above(axes, x, v, sources, g, 1.0, scratch, entering[i, 1:], view)
+            entering[i, 0], counts[i] = k, found + 1
+            break

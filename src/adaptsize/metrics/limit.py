@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, overload
+from typing import Literal, TypeGuard, overload
 
 import numpy as np
 
@@ -78,7 +78,7 @@ def limit_metric(
     at x: all of its sizes grow with the slope g, and its directions stay [1]_.  The result at x
     is the intersection of these for all nodes y, that is the metric with the least density
     :math:`\sqrt{\det M}` of all that are nowhere below any of them.  For isotropic metrics it is
-    the result of `limit_gradient` in a convex domain, with bounds at the nodes.
+    the result of `limit_gradient` with bounds at the nodes, in the plane and in convex domains.
 
     Parameters
     ----------
@@ -100,7 +100,8 @@ def limit_metric(
     -------
     limited : Metric
         In no direction is a size larger than in ``metric``, or than any grown metric of a node.
-        Without a bound at inactive nodes of a grid only.
+        Without a bound only at inactive nodes of a grid, and in the plane in components without
+        any bound.
     info : MetricLimitingInfo
         Returned only with ``full_output``.
 
@@ -112,9 +113,11 @@ def limit_metric(
 
     Notes
     -----
-    *Distance.*  :math:`|x - y|` is the distance along a straight line, also across holes, slits
-    and the space between two sheets of a surface, where it is shorter than a path in the domain.
-    There sizes may be smaller than necessary, but never too large.
+    *Distance.*  On triangles in the plane, :math:`|x - y|` is the length of the shortest path in
+    the domain, around holes and slits.  The directions of a metric stay the same around a corner.
+    On other backgrounds it is the distance along a straight line, also across slits of solids
+    and grids and the space between two sheets of a surface, where it is shorter than a path in the
+    domain.  There sizes may be smaller than necessary, but never too large.
 
     *Order.*  The intersection of three metrics or more is computed for all of them at once, so
     that the result does not depend on the numbering of the nodes.  The usual intersection of two
@@ -173,7 +176,13 @@ def limit_metric(
         raise ValueError("metric must have a finite size at one node at least, got inf everywhere")
     with reporting(progress) as report:
         found = limit_in_space(
-            points, sizes, metric.directions, slope, number_of_threads(threads), report
+            points,
+            sizes,
+            metric.directions,
+            slope,
+            number_of_threads(threads),
+            report,
+            background if _is_plane(background) else None,
         )
     h = _on_active(background, found.h)
     limited = Metric.of(h, found.r)
@@ -181,6 +190,10 @@ def limit_metric(
         return limited
     kept = (limited.density <= metric.density * (1.0 + _KEPT)) & np.isfinite(sizes).any(axis=1)
     return limited, MetricLimitingInfo(found.active, kept, found.n_sources)
+
+
+def _is_plane(background: SimplexMesh | CartesianGrid | Octree) -> TypeGuard[SimplexMesh]:
+    return isinstance(background, SimplexMesh) and background.cell_dim == background.dim == 2
 
 
 def _on_active(background: SimplexMesh | CartesianGrid | Octree, sizes: FloatArray) -> FloatArray:
