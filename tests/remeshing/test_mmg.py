@@ -35,13 +35,13 @@ def test_cells_with_nodes_out_of_range_are_an_error_of_mmg():
         run_adapt({}, np.ones((3, 3)), {}, lying)
 
 
-@pytest.mark.parametrize("n_sides", [24, 60])
-def test_a_polygon_is_rounded_within_the_tolerance_only(n_sides):
+@pytest.mark.parametrize(("n_sides", "size"), [(24, 0.2), (60, 0.2), (120, 0.3)])
+def test_a_polygon_is_rounded_within_the_tolerance_only(n_sides, size):
     pytest.importorskip("mmgpy")
     angle = 2.0 * np.pi * np.arange(n_sides) / n_sides
     points = np.vstack([[0.0, 0.0], np.column_stack([np.cos(angle), np.sin(angle)])])
     first = np.arange(n_sides)
     fan = np.column_stack([np.zeros(n_sides, int), 1 + first, 1 + (first + 1) % n_sides])
     mesh = SimplexMesh(points, fan)
-    check = check_mesh(remesh(mesh, 0.2), original=mesh)
+    check = check_mesh(remesh(mesh, size), original=mesh)
     assert [demand.text for demand in check.demands if not demand.is_met] == []

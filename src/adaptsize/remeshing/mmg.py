@@ -50,9 +50,9 @@ _ENTITIES = {
 RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 
 #: Mmg's ``hausd`` over the tolerance.  In space, on closed parts with sizes for the same tolerance,
-#: the measured distance was .2 to 1.1 times ``hausd``.  Mmg reduces larger sizes.  In the plane it
-#: was .3 times ``hausd``; a smaller value rounds coarse polylines farther.
-_TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 2.0, "MmgMeshS": 1.0}
+#: the measured distance was .2 to 1.1 times ``hausd``.  Mmg reduces larger sizes.  In the plane,
+#: with sizes that are too large for the tolerance, it was up to 4 times ``hausd`` on circles.
+_TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 0.5, "MmgMeshS": 1.0}
 #: Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
 _OWN_GRADIENT = 0.25
 #: Upper limit of the gradation passed to Mmg.  A larger one has no effect.
