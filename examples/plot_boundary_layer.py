@@ -78,7 +78,7 @@ def main(output_dir: Path, *, first: float = FIRST, width: int = 520) -> dict[st
             distance, normals, first_height=first, growth=GROWTH, tangential=length
         )
 
-    mesh = ads.remesh(first_mesh(), metric, tolerance=1e-3 * first)
+    mesh = ads.remesh(first_mesh(), metric, tolerance=3e-3 * first)
     draw(output_dir / "boundary_layer.png", mesh, wall, first, width)
     return summary(mesh, wall, metric(mesh.points), first)
 

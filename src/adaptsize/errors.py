@@ -70,6 +70,10 @@ class ResolutionWarning(UserWarning):
     """
 
 
+class BoundaryWarning(ResolutionWarning):
+    """The boundary of a new mesh is much farther from the given one than the tolerance."""
+
+
 class OutsideWarning(UserWarning):
     """A source lies outside the domain, or off the surface that carries the sizes.
 

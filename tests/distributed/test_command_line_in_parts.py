@@ -90,7 +90,7 @@ def test_remeshing_on_several_ranks(mesh, tmp_path, more):
     output = tmp_path / "fine.pvtu"
     done = _mpi(RANKS, "remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", output, *more)
     assert done.returncode == 0, done.stderr
-    assert "at interfaces" in done.stdout
+    assert ("at interfaces" in done.stdout) == (not more)
     found = _read(output)
     assert found.measures.sum() == pytest.approx(0.75, abs=1e-9)
     assert found.boundary().mesh.measures.sum() == pytest.approx(4.0, abs=1e-9)

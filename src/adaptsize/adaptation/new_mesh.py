@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
@@ -13,6 +14,7 @@ from adaptsize.adaptation.boundary_moves import BoundaryMoves, ProjectionLike, m
 from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance
 from adaptsize.background import SimplexMesh
+from adaptsize.errors import BoundaryWarning
 from adaptsize.remeshing import remesh
 
 M = TypeVar("M")
@@ -42,7 +44,9 @@ def make_mesh(
     """Return a mesh with the sizes; repeat if it misses the requested number."""
 
     def make(chosen: NextSizes) -> SimplexMesh:
-        new: SimplexMesh = remesh(mesh, chosen.requested(mesh), **options)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BoundaryWarning)  # the caller measures the distance
+            new: SimplexMesh = remesh(mesh, chosen.requested(mesh), **options)
         return new
 
     def count(new: SimplexMesh) -> int:

@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import BackendError, ResolutionWarning
+from adaptsize.errors import BackendError, BoundaryWarning
 from adaptsize.quality.boundary import skin_of
 from adaptsize.remeshing.protocol import Problem
 from adaptsize.typing import FloatArray
@@ -81,7 +81,7 @@ def warn_of_deviation(
 
     Warns
     -----
-    ResolutionWarning
+    BoundaryWarning
         With the largest distance and its place.
     """
     old_skin, skin = skin_of(old), skin_of(new)
@@ -107,7 +107,7 @@ def warn_of_deviation(
     warnings.warn(
         f"{what} {distance:.3g} from the given one at ({place}), where the tolerance is "
         f"{tolerance:.3g}; {advice}",
-        ResolutionWarning,
+        BoundaryWarning,
         stacklevel=3,
     )
 

@@ -146,10 +146,11 @@ def remesh(
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
-    ResolutionWarning
+    BoundaryWarning
         If the boundary of the mesh is farther from the given one than 4 times the tolerance: thin
-        parts may be lost.  If ``strict`` and the first mesh did not meet the demands, with what was
-        tried.  Also if Mmg fails or takes too long inside a surface: the tetrahedra are then those
+        parts may be lost.
+    ResolutionWarning
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if Mmg fails or takes too long inside a surface: the tetrahedra are then those
         that Netgen fills it with.
 
     Notes
