@@ -150,8 +150,9 @@ def remesh(
         If the boundary of the mesh is farther from the given one than 4 times the tolerance: thin
         parts may be lost.
     ResolutionWarning
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if Mmg fails or takes too long inside a surface: the tetrahedra are then those
-        that Netgen fills it with.
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if
+        Mmg fails or takes too long inside a surface: the tetrahedra are then those that Netgen
+        fills it with.
 
     Notes
     -----
