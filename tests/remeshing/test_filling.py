@@ -241,7 +241,7 @@ def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
     monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
     monkeypatch.setattr(driver, "_SECONDS", 0.0)
     monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-5)
-    with pytest.warns(ResolutionWarning, match="SIGXCPU"):
+    with pytest.warns(ResolutionWarning, match="limit of processor time"):
         new = remesh(cylinder(16), 0.025)
     assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
 
@@ -363,6 +363,18 @@ def test_a_failure_of_ftetwild_leaves_the_mesh_with_flat_cells(monkeypatch):
     assert_allclose(remesh(cube(), 0.3).measures.sum(), 1.0)
     monkeypatch.setattr(netgen, "find_spec", lambda name: None)
     with pytest.raises(BackendError, match="tetwild failed"):
+        remesh(cube(), 0.3)
+
+
+def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):
+    def failing(self, problem, run):
+        raise BackendError("mmg failed")
+
+    monkeypatch.setattr(MmgBackend, "solve", failing)
+    assert_allclose(remesh(cube(), 0.3).measures.sum(), 1.0, rtol=1e-2)
+    assert first_volumes == ["netgen", "tetwild"]
+    monkeypatch.setattr(driver, "backend_named", lambda name: MmgBackend())
+    with pytest.raises(BackendError, match="mmg failed"):
         remesh(cube(), 0.3)
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_flag, as_number, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import BackendError
+from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.acceptance import warn_of_deviation
@@ -305,21 +305,30 @@ def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, n_cells: float) -
     """Return the tetrahedra in a surface, adapted from a first volume.
 
     If cells are flat, fTetWild fills the surface with the same sizes, and the mesh with the larger
-    smallest angle is returned.
+    smallest angle is returned.  It also does if the generator fails on the first volume.
     """
     assert part.problem.size is not None
     first = first_volume(part.problem, part.problem.size, run)
     inner = part.within(part.restored(first.raw, first.generator), first, n_cells)
-    new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
-    angle = float(minimum_angles(new).min())
+    new, angle, failure = None, -np.inf, None
+    try:
+        new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
+        angle = float(minimum_angles(new).min())
+    except BackendTimeoutError:
+        raise
+    except BackendError as error:
+        failure = error
     if angle >= _LEAST_ANGLE:
+        assert new is not None
         return new
     try:
         raw = backend_named("tetwild").solve(part.problem, replace(run, backend="tetwild"))
         other = part.restored(raw, "tetwild")
-    except BackendError:
+    except BackendError as error:
+        if new is None:
+            raise failure or error from None
         return new
-    return other if float(minimum_angles(other).min()) > angle else new
+    return other if new is None or float(minimum_angles(other).min()) > angle else new
 
 
 def _estimate(problem: Problem) -> float:

@@ -143,6 +143,8 @@ class IsolatedRunner:
             reason = error.read_text(encoding="utf-8")
         elif -code == getattr(signal, "SIGKILL", None):
             reason = "it was killed from outside (SIGKILL), perhaps because memory ran out"
+        elif -code == getattr(signal, "SIGXCPU", None):
+            reason = "it was stopped at its limit of processor time (SIGXCPU)"
         elif code < 0:
             reason = f"crashed ({_signal_name(-code)})"
         else:
