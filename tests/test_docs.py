@@ -66,6 +66,7 @@ COARSER = {
         ("adapted(4000, g)", "adapted(500, g, 2)"),
         ("hmin=0.005", "hmin=0.02"),
         ("first_height=1e-3", "first_height=1e-2"),
+        ("< 1e-3) &", "< 1e-2) &"),
     ],
     "docs/tutorials/photonics.md": [
         ("a / 96, (97, 97)", "a / 24, (25, 25)"),

@@ -50,8 +50,8 @@ RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 
 #: Mmg's ``hausd`` over the tolerance.  In space, on closed parts with sizes for the same tolerance,
 #: the measured distance was .2 to 1.1 times ``hausd``.  Mmg reduces larger sizes.  In the plane,
-#: with sizes too large for the tolerance, it was up to 1.5 times ``hausd`` on circles; with a factor
-#: of 1.6 it was up to 7 times, and with .7 a notch of coarse arcs was rounded farther.
+#: with sizes too large for the tolerance, it was up to 1.5 times ``hausd`` on circles.  With a
+#: factor of 1.6 it was up to 7 times, and with .7 a notch of coarse arcs was rounded farther.
 _TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 1.3, "MmgMeshS": 1.0}
 #: Nodes in the plane are kept if a smooth curve would bulge by more than this share of the
 #: tolerance.
