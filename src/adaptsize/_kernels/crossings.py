@@ -1,5 +1,7 @@
 """Triangles of a surface that cross each other.
 
+Rows of the scratch are passed as int64, since each literal would be compiled separately.
+
 Two triangles cross if each has corners on both sides of the plane of the other, farther from it
 than a slack, and the segments in which they meet the line common to both planes overlap by more
 than the slack [1]_.  Triangles that touch each other, or lie in one plane, do not cross.
@@ -11,6 +13,8 @@ References
 """
 
 import math
+
+import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 
@@ -89,14 +93,14 @@ def _depth(points, cells, s, t, slack, work):
     The depth is the least distance that a corner reaches beyond the other plane, and at most the
     length of the common segment.
     """
-    depth = _penetration(points, cells, t, 0, s, slack, 2, work)
-    if depth == 0.0 or not _set_normal(points, cells, t, 1, work):
+    depth = _penetration(points, cells, t, np.int64(0), s, slack, np.int64(2), work)
+    if depth == 0.0 or not _set_normal(points, cells, t, np.int64(1), work):
         return 0.0
-    depth = min(depth, _penetration(points, cells, s, 1, t, slack, 3, work))
+    depth = min(depth, _penetration(points, cells, s, np.int64(1), t, slack, np.int64(3), work))
     if depth == 0.0:
         return 0.0
-    _set_segment(points, cells, t, 2, 4, work)
-    _set_segment(points, cells, s, 3, 6, work)
+    _set_segment(points, cells, t, np.int64(2), np.int64(4), work)
+    _set_segment(points, cells, s, np.int64(3), np.int64(6), work)
     # The line that both planes have in common.
     l0 = work[0, 1] * work[1, 2] - work[0, 2] * work[1, 1]
     l1 = work[0, 2] * work[1, 0] - work[0, 0] * work[1, 2]
@@ -163,7 +167,7 @@ def find_crossings(
     m = cells.shape[0]
     n_leaves = boxes.shape[0] // 2
     for s in range(first, last):
-        if not _set_normal(points, cells, s, 0, work):
+        if not _set_normal(points, cells, s, np.int64(0), work):
             continue
         a, b, c = cells[s, 0], cells[s, 1], cells[s, 2]
         stack[0] = 1
