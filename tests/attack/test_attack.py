@@ -23,7 +23,7 @@ def attack(*options, module="tests.attack"):
 
 @pytest.mark.parametrize(
     ("only", "cases"),
-    [("calls", 300), ("forms", 300), ("limiting", 400), ("files", 500), ("faults", 100)],
+    [("calls", 100), ("forms", 60), ("limiting", 150), ("files", 300), ("faults", 50)],
 )
 def test_survives_a_short_attack(only, cases, tmp_path):
     report = tmp_path / "report.jsonl"

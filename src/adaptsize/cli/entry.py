@@ -11,7 +11,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from adaptsize.cli.console import Console
@@ -59,7 +59,7 @@ def _no_interrupt_is_lost() -> Iterator[None]:
     def repeat(unraisable: sys.UnraisableHookArgs) -> None:
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
             # Here it would be ignored again.
-            threading.Timer(0.01, _thread.interrupt_main).start()
+            threading.Timer(0.01, _interrupt).start()
         else:
             before(unraisable)
 
@@ -68,6 +68,14 @@ def _no_interrupt_is_lost() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = before
+
+
+def _interrupt() -> None:
+    """Interrupt the main thread, also while it waits where the system can do that."""
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:
+        signal.pthread_kill(cast("int", threading.main_thread().ident), signal.SIGINT)
 
 
 def run(arguments: list[str]) -> int:
