@@ -84,3 +84,13 @@ def test_conservative_that_is_no_flag_is_refused():
     part = PartitionedMesh.from_serial(_mesh(2, 20, 31))
     with pytest.raises(ValueError, match="conservative must be True or False, got 'no'"):
         transfer_fields(part, part, conservative="no")
+
+
+def test_whole_numbers_are_interpolated_as_floats():
+    part = PartitionedMesh.from_serial(_mesh(2, 10, 9227))
+    values = np.arange(part.n_points)
+    found = interpolate(part, values, [[0.3, 0.4], [0.5, 0.6]])
+    np.testing.assert_array_equal(
+        found, interpolate(part, values.astype(float), [[0.3, 0.4], [0.5, 0.6]])
+    )
+    assert found.dtype == np.float64

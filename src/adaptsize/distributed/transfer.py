@@ -84,7 +84,10 @@ def interpolate(old: PartitionedMesh, values: npt.ArrayLike, points: FloatArray)
     check_type("old", old, PartitionedMesh)
 
     def check() -> tuple[npt.NDArray[Any], FloatArray]:
-        return as_field("values", values, old.n_points), as_points("points", points, old.dim)
+        field = as_field("values", values, old.n_points)
+        if field.dtype.kind in "biu":
+            field = field.astype(np.float64)
+        return field, as_points("points", points, old.dim)
 
     field, where = old.comm.agree(check)
     columns = _columns(field)
