@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes import block, two_region_rectangle
 
-from adaptsize import Metric, MetricFunction, isotropic_metric
+from adaptsize import Metric, MetricFunction, SimplexMesh, isotropic_metric
 from adaptsize.plot import plot_metric
 from adaptsize.plot.ellipsoids import scene_of_metric
 
@@ -55,3 +55,9 @@ def test_bad_arguments_are_refused():
         plot_metric(mesh, metric[:2])
     with pytest.raises(ValueError, match="n_glyphs must be"):
         plot_metric(mesh, metric, n_glyphs=0)
+
+
+def test_some_glyph_is_drawn_where_no_node_is_near_the_cut():
+    mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    scene = scene_of_metric(mesh, isotropic_metric(np.full(4, 0.1), 3), 10_000, "y")
+    assert len(scene.points) > 0

@@ -232,3 +232,8 @@ def test_points_far_from_the_origin_and_few_nodes():
     assert_allclose(recovered_gradient(mesh, [0.0, 2.0, 3.0]), [[2.0, 3.0]] * 3, atol=1e-8)
     square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     assert_allclose(recovered_gradient(square, [0.0, 2.0, 5.0, 3.0]), [[2.0, 3.0]] * 4, atol=1e-9)
+
+
+def test_nodes_that_coincide_have_no_derivatives():
+    point = SimplexMesh(np.zeros((4, 3)), [[0, 1, 2, 3]])
+    assert np.isinf(size_from_hessian(point, [1.0, 2.0, 0.0, 3.0], tolerance=0.1)).all()

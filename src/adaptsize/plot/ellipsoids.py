@@ -32,7 +32,8 @@ def scene_of_metric(mesh: SimplexMesh, metric: Metric, n_glyphs: int, clip: str 
         axis = "xyz".index(clip_axis(clip, 3, extents, solid=True) or "y")
         spacing = _spacing(np.delete(extents, axis), n_glyphs)
         middle = points[:, axis].min() + 0.5 * extents[axis]
-        near = np.abs(points[:, axis] - middle) <= 0.5 * spacing
+        away = np.abs(points[:, axis] - middle)
+        near = away <= max(0.5 * spacing, away.min())  # at least one node
         used, points = used[near], points[near]
     else:
         extents = np.sort(np.ptp(points, axis=0))[::-1]

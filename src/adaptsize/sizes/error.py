@@ -291,8 +291,8 @@ def steepest_derivatives(hessian: FloatArray, rise: float, diagonal: float) -> F
     of the whole mesh.
     """
     steepest = np.abs(np.linalg.eigvalsh(hessian)).max(axis=1, initial=0.0)
-    # Smaller values are rounding errors of values and coordinates.
-    noise = 1e-9 * rise / diagonal**2
+    # Smaller values are rounding errors of values and coordinates.  If all nodes coincide, all are.
+    noise = 1e-9 * rise / diagonal**2 if diagonal > 0.0 else np.inf
     steepest[steepest <= noise] = 0.0
     return np.asarray(steepest)
 
