@@ -216,6 +216,7 @@ def test_the_report_prints_what_matters():
         ({"lower": [0.0]}, "lower must have shape"),
         ({"upper": [1.2, -2.0]}, r"upper must be above lower, got upper\[1\] = -2"),
         ({"upper": [1.2, np.nan]}, "upper"),
+        ({"upper": [1.2, 1e155]}, "lower and upper must have coordinates of"),
         ({"fixed_points": [[0.0, 0.0], [1.1, 0.0]]}, r"fixed_points\[1\]"),
         ({"fixed_points": [[0.0, 0.0], [0.0, 0.0]]}, "distinct"),
         ({"fixed_points": [[0.0, 0.0, 0.0]]}, "fixed_points must have shape"),

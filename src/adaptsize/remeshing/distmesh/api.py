@@ -14,6 +14,7 @@ from adaptsize._checks import (
     as_number,
     as_points,
     as_whole_number,
+    check_range,
     refuse_where,
 )
 from adaptsize._progress import reporting
@@ -246,6 +247,7 @@ def _as_domain(distance: Field, lower: npt.ArrayLike, upper: npt.ArrayLike) -> I
     high = as_float_array("upper", upper, low.shape)
     refuse_where("lower", ~np.isfinite(low), low, "must be finite")
     refuse_where("upper", ~(np.isfinite(high) & (high > low)), high, "must be above lower")
+    check_range("lower and upper", np.stack([low, high]))
     return examine(ImplicitDomain(distance, low, high))
 
 
