@@ -30,6 +30,10 @@ WRONG = {
     "a path that is an array": (lambda: ads.read_image(SEVERAL), "path must be the path of a file"),
     "a path to write to": (lambda: ads.write(None, SQUARE), "path must be the path of a file"),
     "is_image_file": (lambda: ads.io.is_image_file(1), "path must be the path of a file, got 1"),
+    "a long path": (
+        lambda: ads.write("x" * 5000, SQUARE),
+        "path must be the path of a file, got str 'xxx",
+    ),
     "a null character": (lambda: ads.read("\0"), "name of a file"),
     "a surrogate": (lambda: ads.read_size("\ud800"), "name of a file"),
     "fields that are a number": (
@@ -71,6 +75,11 @@ WRONG = {
     "a method that is a list": (
         lambda: ads.limit_gradient(SQUARE, H0, 0.3, method=["exact"]),
         "method must be one of",
+    ),
+    "ragged sizes": (lambda: quality.size_conformity(SQUARE, RAGGED), "size must be"),
+    "ragged bounds": (
+        lambda: ads.adapt(SQUARE, h0=RAGGED),
+        "h0 must be",
     ),
     "a ragged number": (lambda: SIZE.clip(hmin=RAGGED), "hmin must be a number, got [[1.0], [1.0"),
     "a number that is too large": (

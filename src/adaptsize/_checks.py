@@ -196,7 +196,8 @@ def as_flag(name: str, value: Any) -> bool:
 
 def as_path(name: str, value: Any) -> Path:
     """Return the path of a file."""
-    if not isinstance(value, str | os.PathLike):
+    # No system has longer paths, and its own message would repeat all of it.
+    if not isinstance(value, str | os.PathLike) or len(os.fspath(value)) > 4096:
         raise ValueError(f"{name} must be the path of a file, got {describe(value)}")
     return Path(value)
 

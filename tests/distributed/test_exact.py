@@ -145,6 +145,8 @@ def test_limit_that_depends_on_the_size():
         ({"method": "slow"}, "^rank 2: method must be"),
         ({"method": "fast-marching"}, "^method must be the same on all ranks"),
         ({"face_sources": 3}, "^rank 2: face_sources must be"),
+        ({"threads": 0}, "^rank 2: threads must be"),
+        ({"g": [[0.3], [0.3, 0.3]]}, "^rank 2: g must"),
         ({"h0": np.inf}, None),
     ],
 )

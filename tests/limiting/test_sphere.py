@@ -90,6 +90,7 @@ def test_threads_and_types_do_not_matter_and_inactive_nodes_have_no_effect():
         ([[0.0, 0.0, 0.0]], 1.0, {}, r"lon_lat must have shape \(n, 2\)"),
         ([[0.0, 0.0]], np.inf, {}, "h0 must be finite at one node at least"),
         ([[0.0, 0.0]], [-1.0], {}, "h0"),
+        ([[0.0, 0.0]], [[1.0], [1.0, 2.0]], {}, "h0 must be"),
         ([[0.0, 0.0]], 1.0, {"g": -1.0}, "g must be"),
         ([[0.0, 0.0]], 1.0, {"radius": 0.0}, "radius must be"),
     ],

@@ -228,6 +228,7 @@ def test_metrics_without_a_bound_in_one_direction():
         ({"g": np.nan}, "g must be finite and >= 0"),
         ({"g": np.full(30, 0.3)}, "g must be one number"),
         ({"g": lambda h: 0.3}, "g must be one number"),
+        ({"g": [[0.3], [0.3, 0.3]]}, "g must be"),
         ({"metric": isotropic_metric([1.0, 1.0], 2)}, "metric must have 30 nodes in 2-D"),
         ({"metric": isotropic_metric(np.full(30, np.inf), 2)}, "must have a finite size"),
         ({"metric": np.ones(30)}, "metric must be a Metric"),

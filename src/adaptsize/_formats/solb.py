@@ -8,7 +8,7 @@ on and counts from version 4.  Numbers have 4 bytes in version 1 and 8 in others
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,8 @@ class _Content:
 
     def __init__(self, content: bytes) -> None:
         self.content, self.at = content, 0
-        self.order = "<" if content[:4] == (1).to_bytes(4, "little") else ">"
+        is_little = content[:4] == (1).to_bytes(4, "little")
+        self.order: Literal["little", "big"] = "little" if is_little else "big"
         if self.integer() != 1:
             raise MeshFileError("does not begin as a binary .solb")
 
@@ -44,8 +45,7 @@ class _Content:
         if len(part) < n_bytes:
             raise MeshFileError("ends early")
         self.at += n_bytes
-        order = "little" if self.order == "<" else "big"
-        return int.from_bytes(part, order, signed=True)  # type: ignore[arg-type]
+        return int.from_bytes(part, self.order, signed=True)
 
 
 def read(path: Path) -> Solution:
@@ -75,7 +75,7 @@ def read(path: Path) -> Solution:
     widths = {1: 1, 2: dim, 3: dim * (dim + 1) // 2}
     if dim not in (2, 3) or n < 1 or not set(kinds) <= set(widths):
         raise MeshFileError(f"has {n} nodes in {dim}-D with values of the types {kinds}")
-    kind = np.dtype(content.order + ("f4" if version == 1 else "f8"))
+    kind = np.dtype("f4" if version == 1 else "f8").newbyteorder(content.order)
     count = min(
         n * sum(widths[k] for k in kinds), (len(content.content) - content.at) // kind.itemsize
     )

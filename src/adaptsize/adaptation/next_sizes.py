@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, describe, refuse_where
+from adaptsize._checks import as_float_array, as_number, as_plain_array, describe, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import SimplexMesh
@@ -166,7 +166,7 @@ def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
         return None
     if callable(h0):
         values = as_float_array("h0(points)", h0(mesh.points), mesh.nodal_shape)
-    elif np.ndim(h0) == 0:
+    elif as_plain_array("h0", h0).ndim == 0:
         values = np.full(mesh.nodal_shape, as_number("h0", h0, lower=0.0, strict=True))
     else:
         values = as_float_array("h0", h0, mesh.nodal_shape)

@@ -12,6 +12,7 @@ from adaptsize.cli.output import contents, draw_metric, print_written
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
+    from adaptsize.cli.files import Content
     from adaptsize.metrics import Metric, MetricFunction
 
 _FILES = (".sol", ".solb")
@@ -38,11 +39,8 @@ def check_metric_options(
     if not format_of(output, None).holds_metrics:
         raise ValueError(f"{output.name} cannot hold a metric; write .vtu, .sol or .pos")
     other = Path(metric) if Path(metric).suffix.lower() in _FILES else None
-    content = "mesh" if beside(output) is not None else "sizes"
-    check_files(
-        [file, other],
-        {"--output": (output, content), "--plot": (plot, "picture")},  # type: ignore[dict-item]
-    )
+    content: Content = "mesh" if beside(output) is not None else "sizes"
+    check_files([file, other], {"--output": (output, content), "--plot": (plot, "picture")})
 
 
 def read_with_metric(

@@ -11,6 +11,7 @@ from adaptsize import limiting
 from adaptsize._checks import (
     as_flag,
     as_float_array,
+    as_plain_array,
     as_sizes,
     check_range,
     check_type,
@@ -20,6 +21,7 @@ from adaptsize._progress import reporting
 from adaptsize.distributed.exact import Given, solve_exact
 from adaptsize.distributed.marching import solve_fast_marching
 from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.limiting.arguments import as_count
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
 from adaptsize.limiting.on_simplices import METHODS
 from adaptsize.limiting.options import refuse_idle
@@ -107,7 +109,9 @@ def limit_gradient(
     """
     check_type("part", part, PartitionedMesh)
     comm = part.comm
-    bound, slope, limit, own = comm.agree(lambda: _checked(part, h0, g, method, face_sources))
+    bound, slope, limit, own = comm.agree(
+        lambda: _checked(part, h0, g, method, face_sources, threads)
+    )
     every: list[_Limit] = comm.allgather(own)
     least = min(limit.least for limit in every)
     if least == np.inf:
@@ -146,11 +150,17 @@ def limit_gradient(
 
 
 def _checked(
-    part: PartitionedMesh, h0: npt.ArrayLike, g: Any, method: str, face_sources: bool
+    part: PartitionedMesh,
+    h0: npt.ArrayLike,
+    g: Any,
+    method: str,
+    face_sources: bool,
+    threads: int | None,
 ) -> tuple[FloatArray, Slope, GradientOfSize | None, _Limit]:
     """Return the checked bounds, slopes, g(h) if there is one, and facts about them."""
     one_of("method", method, _METHODS)
     refuse_idle(method, METHODS, {"face_sources": not as_flag("face_sources", face_sources)})
+    as_count("threads", threads)
     check_range("part", part.points)
     given = as_float_array("h0", h0)
     if given.ndim == 0:
@@ -162,7 +172,7 @@ def _checked(
     elif callable(g):
         in_space, limit = 1.0, g
     slope = Slope(np.array([1.0]))
-    is_array = np.ndim(in_space) > 0
+    is_array = as_plain_array("g", in_space).ndim > 0
     if part.mesh is not None:
         slope = resolve(part.mesh, in_space, bound)[0]
     number = float(slope.values[0]) if part.mesh is not None and not is_array else None

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_points, as_sizes, as_slope, refuse_where
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_points,
+    as_sizes,
+    as_slope,
+    refuse_where,
+)
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.waves import node_wave
@@ -86,7 +93,10 @@ def limit_on_sphere(
     array([1.0000e+00, 4.5500e+01, 2.0025e+03])
     """
     where, shape, active = _nodes(lon_lat)
-    bound = as_sizes("h0", np.broadcast_to(h0, shape) if np.ndim(h0) == 0 else h0, shape).copy()
+    given = as_float_array("h0", h0)
+    bound = as_sizes(
+        "h0", np.broadcast_to(given, shape) if given.ndim == 0 else given, shape
+    ).copy()
     if active is not None:
         bound[~active] = np.inf
     if bound.min() == np.inf:

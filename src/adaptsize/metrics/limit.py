@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize._checks import (
     as_flag,
+    as_plain_array,
     as_slope,
     as_whole_number,
     check_range,
@@ -162,9 +163,9 @@ def limit_metric(
             f"got {metric!r}"
         )
     check_range("background", points)
-    if callable(g) or np.ndim(g) > 0:
+    if callable(g) or as_plain_array("g", g).ndim > 0:
         raise ValueError(
-            "g must be one number, as metrics grow along straight lines by one gradient limit, "
+            "g must be one number, as metrics grow along shortest paths by one gradient limit, "
             f"got {describe(g)}"
         )
     slope = as_slope("g", g)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_range, check_type, refuse_where
+from adaptsize._checks import as_plain_array, as_sizes, check_range, check_type, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.metrics import Metric, MetricFunction
@@ -266,7 +266,7 @@ def _size_at_midpoints(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     if callable(size):
         midpoints = 0.5 * (mesh.points[i] + mesh.points[j])
         return as_sizes("size(midpoints)", size(midpoints), (len(i),))
-    if np.ndim(size) == 0:
+    if as_plain_array("size", size).ndim == 0:
         return np.full(len(i), as_sizes("size", size, ())[()])
     nodal = as_sizes("size", size, (mesh.n_points,))
     return np.asarray(0.5 * (nodal[i] + nodal[j]))
