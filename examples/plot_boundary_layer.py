@@ -211,7 +211,7 @@ def draw(path: Path, mesh: ads.SimplexMesh, wall: Wall, first: float, width: int
     at = np.geomspace(first, AWAY, 200)
     plot.loglog(at, first + (GROWTH - 1.0) * (at - first), color="black", linewidth=1.0,
                 label=f"{first:g} + {GROWTH - 1.0:.1f} d")  # fmt: skip
-    plot.set(xlabel="d, plus the first height", ylabel="height of triangles")
+    plot.set(xlabel="d, plus the first height", title="height of triangles")
     plot.legend()
     bins = np.geomspace(first / 3.0, AWAY, 22)
     index = np.digitize(distance, bins)
@@ -222,7 +222,7 @@ def draw(path: Path, mesh: ads.SimplexMesh, wall: Wall, first: float, width: int
     ratio.fill_between(places, low, high, alpha=0.3, label="5 to 95 %")
     ratio.plot(places, median, label="median")
     ratio.set(xscale="log", xlabel="distance from the wall", ylim=(0.0, 2.0),
-              ylabel="height / requested height")  # fmt: skip
+              title="height / requested height")  # fmt: skip
     ratio.legend()
     save_drawing(path, figure)
 

@@ -159,7 +159,7 @@ def draw(path: Path, results: dict[str, bump.Cycle], width: int) -> None:
         bump.window(zoom, bump.AT_SHOCK, "at the shocks")
         bump.draw_flow(flow, result)
         bump.window(flow, bump.AROUND, f"Mach number; {result.solution.steps} steps")
-        line.plot(*density_along(result), color="tab:blue", linewidth=1.0)
+        line.plot(*density_along(result), linewidth=1.0)
         thick = shock_thickness(result)
         line.set(title=f"density at y = 0.3; shock {thick:.3f} thick", xlabel="x")
     save_drawing(path, figure)

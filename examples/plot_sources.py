@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 G = 0.3
 PLACE, SIZE = (5.5, 2.5), 0.05
 CAUSES = ("arc of radius 1.5", "arc of radius 0.5", "arc of radius 4", f"h = {SIZE} at one node")
-COLOURS = ("#88ccee", "#ddcc77", "#99cc99", "#cc6677")
+COLOURS = ("#88ccee", "#ddcc77", "#99cc99", "#c994c7")
 
 
 def main(output_dir: Path, *, width: int = 640) -> dict[str, float]:
