@@ -107,11 +107,11 @@ def draw_difference(
 ) -> None:
     """Draw what interpolation adds along the line."""
     panel.axhline(0.0, color="0.7", linewidth=0.8)
-    panel.axvline(place, color=COLOURS[-1], linewidth=0.8, label="the place")
+    panel.axvline(place, color=COLOURS[-1], linewidth=0.8, label="the node with h = 0.05")
     panel.plot(y, difference, "k", linewidth=1)
     panel.legend(fontsize="small")
     title = "interpolated size less size from the sources"
-    panel.set(xlabel="y along the broken line", title=title)
+    panel.set(xlabel="y along the dashed line of (a)", title=title)
 
 
 if __name__ == "__main__":
