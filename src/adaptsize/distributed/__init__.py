@@ -13,6 +13,7 @@ from adaptsize.distributed.remeshing import RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.simulated import SimulatedCommunicator
 from adaptsize.distributed.sizes import predicted_elements, size_from_error, size_from_hessian
+from adaptsize.distributed.source_sizes import size_from_sources
 from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "size_from_error",
     "size_from_feature",
     "size_from_hessian",
+    "size_from_sources",
     "to_dolfinx",
     "transfer_fields",
     "write_parts",
