@@ -7,6 +7,7 @@ from adaptsize.distributed.communicator import Communicator, Traffic, as_communi
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
 from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
+from adaptsize.distributed.info import PartsLimitingInfo
 from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
@@ -22,6 +23,7 @@ __all__ = [
     "DolfinxPart",
     "InterfaceQuality",
     "PartitionedMesh",
+    "PartsLimitingInfo",
     "PartsReport",
     "PlexPart",
     "RemeshedParts",

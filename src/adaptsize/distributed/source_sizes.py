@@ -143,7 +143,7 @@ class _MeshOfParts(SourceMesh):
     def __init__(self, part: PartitionedMesh) -> None:
         super().__init__(part.mesh, (part.dim, part.cell_dim))
         self._part = part
-        self._diagonal = part.once("_diagonal", lambda: diagonal_of(part))
+        self._diagonal = diagonal_of(part)
         self.speaks = part.comm.rank == 0
 
     @property

@@ -107,7 +107,8 @@ def as_source_mesh(mesh: SimplexMesh | SourceMesh) -> SourceMesh:
 def cell_inside(mesh: SourceMesh, point: FloatArray) -> IntArray:
     """Return the cells that contain a point."""
     at = mesh.touched(point[None])
-    return at.cells[at.distances[at.which] == 0.0]
+    cells: IntArray = at.cells[at.distances[at.which] == 0.0]
+    return cells
 
 
 def cells_along(
