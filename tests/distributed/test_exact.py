@@ -15,6 +15,7 @@ from partitions import (
     on_ranks,
     partition,
 )
+from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh
 from adaptsize.distributed import limit_gradient as limit_parts
@@ -120,6 +121,18 @@ def test_degenerate_meshes_are_collected():
     for mesh in (flat, doubled):
         h0 = np.where(rng.random(mesh.n_points) < 0.5, rng.uniform(0.1, 1.0, mesh.n_points), np.inf)
         assert_equal_to_serial(mesh, h0, 0.2, partition(mesh, "random", SIZE, rng))
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e-13, 1e-11])
+def test_cells_of_nearly_no_measure(shift):
+    """A Delaunay mesh of a lattice: a fifth of its cells are flat, or nearly so between parts."""
+    rng = np.random.default_rng(861)
+    lattice = np.stack(np.meshgrid(*[np.arange(5.0)] * 3), axis=-1).reshape(-1, 3)
+    points = lattice + shift * rng.uniform(-1.0, 1.0, lattice.shape)
+    mesh = SimplexMesh(points, Delaunay(points).simplices)
+    h0 = bounds(mesh, "noise", rng)
+    for kind in ("random", "strips"):
+        assert_equal_to_serial(mesh, h0, 0.3, partition(mesh, kind, SIZE, rng))
 
 
 @pytest.mark.usefixtures("nothing_is_collected")
