@@ -145,17 +145,21 @@ def test_marching_and_collected_meshes():
         )
 
 
-def test_points_need_no_exchange():
+def test_points_are_not_exchanged_and_figures_take_ten_reductions():
     mesh, rng = FLAT["square"], np.random.default_rng(822)
     h0, points = np.full(mesh.n_points, np.inf), between_nodes(mesh, rng)
 
     def work(part):
-        limit_parts(part, h0[part.global_ids], 0.3, point_sources=points)
-        before = part.comm.traffic.exchanges, part.comm.traffic.bytes_sent
-        limit_parts(part, h0[part.global_ids], 0.3, point_sources=points, full_output=True)
-        return part.comm.traffic.exchanges - before[0], part.comm.traffic.bytes_sent - before[1]
+        traffic, counts = part.comm.traffic, []
+        for full in (False, False, True):
+            before = traffic.exchanges, traffic.bytes_sent, traffic.reductions
+            given = {"point_sources": points, "full_output": full}
+            limit_parts(part, h0[part.global_ids], 0.3, **given)
+            after = traffic.exchanges, traffic.bytes_sent, traffic.reductions
+            counts.append(np.subtract(after, before))
+        return [*counts[2][:2].tolist(), int(counts[2][2] - counts[1][2])]
 
-    assert on_ranks(mesh, None, SIZE, work)[0] == [(1, 0)] * SIZE
+    assert on_ranks(mesh, None, SIZE, work)[0] == [[1, 0, 10]] * SIZE
 
 
 @given(data=st.data())

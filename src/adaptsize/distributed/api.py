@@ -109,7 +109,7 @@ def limit_gradient(
     point_sources : tuple of (array_like, array_like), optional
         As for `adaptsize.limit_gradient`; the same on all ranks.
     full_output : bool, optional
-        Whether to return a `PartsLimitingInfo` too, for about 20 more reductions.
+        Whether to return a `PartsLimitingInfo` too, for ten more reductions.
     progress : callable or bool, optional
         Progress of this rank.
 
