@@ -230,7 +230,7 @@ def _checked(
         given = np.full(part.n_points, float(given))
     bound = as_sizes("h0", given, part.nodal_shape)
     in_space, limit = g, None
-    if isinstance(g, tuple) and len(g) == 2 and callable(g[1]):
+    if isinstance(g, tuple | list) and len(g) == 2 and callable(g[1]):
         in_space, limit = g
     elif callable(g):
         in_space, limit = 1.0, g
