@@ -69,6 +69,11 @@ def test_limiting_brings_no_part_of_scipy_that_is_slow():
     _modules_after(code)
 
 
+def test_child_processes_of_generators_bring_no_kernels():
+    code = "from adaptsize.remeshing import _worker, gmsh, mmg, netgen, tetwild"
+    assert not _modules_after(code) & {"numba", "scipy"}
+
+
 def test_every_public_name_is_listed_and_resolves():
     for name in adaptsize.__all__:
         assert getattr(adaptsize, name) is getattr(adaptsize, name)
