@@ -242,7 +242,7 @@ def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
     monkeypatch.setattr(driver, "_SECONDS", 0.0)
     monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-5)
     with pytest.warns(ResolutionWarning, match="limit of processor time"):
-        new = remesh(cylinder(16), 0.025)
+        new = remesh(cylinder(16), 0.035)
     assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
 
 
@@ -344,11 +344,11 @@ def first_volumes(monkeypatch):
 
 
 def test_flat_cells_are_a_reason_to_try_ftetwild_alone(first_volumes, monkeypatch):
-    good = remesh(cube(), 0.3)
+    good = remesh(cube(), 0.3, tolerance=5e-3)
     assert first_volumes == ["netgen", "mmg"]
     first_volumes.clear()
     monkeypatch.setattr(driver, "_LEAST_ANGLE", 80.0)
-    better = remesh(cube(), 0.3)
+    better = remesh(cube(), 0.3, tolerance=5e-3)
     assert first_volumes == ["netgen", "mmg", "tetwild"]
     assert minimum_angles(better).min() >= minimum_angles(good).min()
 
@@ -360,10 +360,10 @@ def test_a_failure_of_ftetwild_leaves_the_mesh_with_flat_cells(monkeypatch):
     monkeypatch.setattr(first_volume, "backend_named", failing)
     monkeypatch.setattr(driver, "backend_named", failing)
     monkeypatch.setattr(driver, "_LEAST_ANGLE", 80.0)
-    assert_allclose(remesh(cube(), 0.3).measures.sum(), 1.0)
+    assert_allclose(remesh(cube(), 0.3, tolerance=5e-3).measures.sum(), 1.0)
     monkeypatch.setattr(netgen, "find_spec", lambda name: None)
     with pytest.raises(BackendError, match="tetwild failed"):
-        remesh(cube(), 0.3)
+        remesh(cube(), 0.3, tolerance=5e-3)
 
 
 def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):
@@ -371,11 +371,11 @@ def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):
         raise BackendError("mmg failed")
 
     monkeypatch.setattr(MmgBackend, "solve", failing)
-    assert_allclose(remesh(cube(), 0.3).measures.sum(), 1.0, rtol=1e-2)
+    assert_allclose(remesh(cube(), 0.3, tolerance=5e-3).measures.sum(), 1.0, rtol=1e-2)
     assert first_volumes == ["netgen", "tetwild"]
     monkeypatch.setattr(driver, "backend_named", lambda name: MmgBackend())
     with pytest.raises(BackendError, match="mmg failed"):
-        remesh(cube(), 0.3)
+        remesh(cube(), 0.3, tolerance=5e-3)
 
 
 def test_default_sizes_and_mesh_keep_the_tolerance():
