@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from shapes import joined
 
 from adaptsize import SimplexMesh, remesh, size_conformity, size_function
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
@@ -28,11 +29,6 @@ CUBE_CELLS = np.array([
 
 def cube(shift=0.0):
     return SimplexMesh(CUBE + shift, CUBE_CELLS)
-
-
-def both(one, other):
-    points = np.concatenate([one.points, other.points])
-    return SimplexMesh(points, np.concatenate([one.cells, other.cells + one.n_points]))
 
 
 def cylinder(n, radius=0.2, height=1.0):
@@ -88,13 +84,13 @@ def test_netgen_keeps_the_surface_exactly(run):
 def test_netgen_fills_a_shell_and_two_bodies(run):
     outer = SimplexMesh(3.0 * CUBE - 1.0, CUBE_CELLS)
     cavity = SimplexMesh(CUBE, CUBE_CELLS[:, ::-1])
-    assert netgen.fill(both(outer, cavity), run) is not None
-    assert netgen.fill(both(cube(), cube([2.0, 0.0, 0.0])), run) is not None
+    assert netgen.fill(joined(outer, cavity), run) is not None
+    assert netgen.fill(joined(cube(), cube([2.0, 0.0, 0.0])), run) is not None
 
 
 def test_surfaces_that_netgen_must_not_fill(run):
     assert netgen.fill(SimplexMesh(CUBE, CUBE_CELLS[1:]), run) is None  # open
-    assert netgen.fill(both(cube(), cube([0.5, 0.3, 0.4])), run) is None  # intersecting
+    assert netgen.fill(joined(cube(), cube([0.5, 0.3, 0.4])), run) is None  # intersecting
     turned = CUBE_CELLS.copy()
     turned[0] = turned[0, ::-1]
     assert netgen.fill(SimplexMesh(CUBE, turned), run) is None  # not oriented
@@ -409,6 +405,6 @@ def test_ftetwild_takes_over_where_netgen_fails(monkeypatch):
         first_volume, "backend_named", lambda n: called.append(n) or backend_named(n)
     )
     with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
-        new = remesh(both(cube(), cube([0.5, 0.3, 0.4])), 0.3)
+        new = remesh(joined(cube(), cube([0.5, 0.3, 0.4])), 0.3)
     assert called == ["tetwild"]
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
