@@ -4,14 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from command_line import call
 
 import adaptsize as ads
-from adaptsize.cli.entry import run
 from adaptsize.metrics import Metric, MetricFunction, limit_metric
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
 
 
 def slanted(mesh):

@@ -89,7 +89,7 @@ class SimplexLocator:
         # Scaling by a power of two is exact; it keeps squares of lengths in range.
         largest = float(np.abs(mesh.points[nodes]).max())
         self._scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
-        points = _in_space(mesh.points[nodes] * self._scale)
+        points = in_space(mesh.points[nodes] * self._scale)
         self._lower = points.min(axis=0)
         width = float((points.max(axis=0) - self._lower).max())
         self._width = width if width > 0.0 else 1.0
@@ -120,7 +120,7 @@ class SimplexLocator:
 
     def along_curve(self, points: FloatArray) -> npt.NDArray[np.int64]:
         """Return an order of points along a space-filling curve."""
-        return self._along_curve(_in_space(points * self._scale))
+        return self._along_curve(in_space(points * self._scale))
 
     def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return for each point the cell that contains it, or else the closest cell.
@@ -149,7 +149,7 @@ class SimplexLocator:
             If ``points`` has another shape or a coordinate is not finite.
         """
         queries = as_points("points", points, self._dim) * self._scale
-        queries = _in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
+        queries = in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
         n = len(queries)
         found = np.empty(n, np.int32)
         weights = np.empty((n, self._cells.shape[1]))
@@ -214,7 +214,7 @@ class SimplexLocator:
         return np.argsort(codes, kind="stable")
 
 
-def _in_space(points: FloatArray) -> FloatArray:
+def in_space(points: FloatArray) -> FloatArray:
     """Return points padded with zero coordinates, float64[n, 3]."""
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points
