@@ -262,7 +262,7 @@ def limit_gradient(
     if full_output and np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept for comparison in the next call
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
-    if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
+    if bound.min() == np.inf and (extra is None or extra.sizes.min(initial=np.inf) == np.inf):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
     order = as_whole_number("order", order, lower=1, upper=2)
