@@ -90,7 +90,7 @@ class SimplexLocator:
         # Scaling by a power of two is exact; it keeps squares of lengths in range.
         largest = float(np.abs(mesh.points[nodes]).max())
         self._scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
-        points = _in_space(mesh.points[nodes] * self._scale)
+        points = in_space(mesh.points[nodes] * self._scale)
         self._lower = points.min(axis=0)
         width = float((points.max(axis=0) - self._lower).max())
         self._width = width if width > 0.0 else 1.0
@@ -121,7 +121,7 @@ class SimplexLocator:
 
     def along_curve(self, points: FloatArray) -> npt.NDArray[np.int64]:
         """Return an order of points along a space-filling curve."""
-        return self._along_curve(_in_space(points * self._scale))
+        return self._along_curve(in_space(points * self._scale))
 
     def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return for each point the cell that contains it, or else the closest cell.
@@ -253,7 +253,7 @@ class SimplexLocator:
     def _queries(self, points: npt.ArrayLike) -> FloatArray:
         """Return checked points, scaled and padded like those of the mesh."""
         queries = as_points("points", points, self._dim) * self._scale
-        return _in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
+        return in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
 
     def _along_curve(self, places: FloatArray) -> npt.NDArray[np.int64]:
         """Return the order of places along a Morton curve through the mesh."""
@@ -262,7 +262,7 @@ class SimplexLocator:
         return np.argsort(codes, kind="stable")
 
 
-def _in_space(points: FloatArray) -> FloatArray:
+def in_space(points: FloatArray) -> FloatArray:
     """Return points padded with zero coordinates, float64[n, 3]."""
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points
