@@ -39,7 +39,7 @@ attack:
 
 # Warnings are errors; nothing is fetched.
 docs:
-	$(PYTHON) -m sphinx -W --keep-going docs docs/_build
+	$(PYTHON) -m sphinx -j auto -W --keep-going docs docs/_build
 
 # Run the examples and put their pictures into docs/figures.
 gallery:

@@ -38,7 +38,7 @@ COARSER = {
     "docs/index.md": [(FIRST, ""), ("range(6)", "range(2)"), ("1000 *", "150 *")],
     "docs/how-to/stl.md": [(FIRST, f"{FIRST} --hmax 6"), ("-o size.vtu", "-o size.vtu --hmax 6")],
     "docs/how-to/vtk.md": [
-        ("region:2=1.0", "region:2=5.0"),
+        ("region:2=1 ", "region:2=5 "),
         ("30,10,10,2=0.5", "30,10,10,2=4.0"),
         ("--hmax 4", "--hmax 8"),
         ("RegionSource(2, 1.0)", "RegionSource(2, 5.0)"),

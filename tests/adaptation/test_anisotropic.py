@@ -7,7 +7,8 @@ import pytest
 from shapes import block, two_region_rectangle
 
 from adaptsize import Metric, SizeFunction, adapt, isotropic_metric
-from adaptsize.metrics import MetricFunction, implied_metric
+from adaptsize.metrics import MetricFunction, implied_metric, limit_metric
+from adaptsize.metrics.limit import GRADIENT_LIMIT
 
 pytest.importorskip("mmgpy")
 
@@ -97,6 +98,18 @@ def test_a_mesh_that_has_the_metric_is_returned():
     assert not again.remeshed
     assert again.converged
     assert again.mesh is first.mesh
+
+
+def test_the_gradient_limit_may_be_any_number_and_has_the_default_of_metrics():
+    metric = isotropic_metric(np.where(MESH.points[:, 0] < 0.5, 0.05, 0.6), 2)
+    limited = [
+        adapt(MESH, h0=metric, enough=0.0, **g).metric.metric.sizes
+        for g in ({"g": 1}, {"g": np.int64(1)}, {"g": np.float32(1.0)}, {})
+    ]
+    for sizes in limited[1:]:
+        np.testing.assert_array_equal(sizes, limited[0])
+    expected = limit_metric(MESH, metric, GRADIENT_LIMIT).sizes
+    np.testing.assert_array_equal(limited[3], expected)
 
 
 def test_a_metric_is_scaled_to_the_number_of_elements():

@@ -242,6 +242,15 @@ def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
     assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
 
 
+def test_a_mesh_that_would_take_too_long_is_given_up(monkeypatch):
+    pytest.importorskip("resource", reason="the system has no limit of processor time")
+    monkeypatch.setattr(driver, "_LONGEST", 0.0)
+    monkeypatch.setattr(driver, "_LONGEST_PER_CELL", 1e-6)
+    square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    with pytest.raises(BackendError, match=r"limit of processor time .* too large for the tol"):
+        remesh(square, 0.002)
+
+
 def fail(*_):
     raise BackendError("mmg failed")
 

@@ -77,11 +77,11 @@ def size_function_from_image(
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
-    """Return the size function of the objects in an image [1]_.
+    """Return the size function of the objects in an image.
 
-    The mask is smoothed, and its signed distance is computed.  The distance gives the curvature
-    of the boundary and the local feature size.  The smaller of the two sizes is limited on the
-    grid of the pixels: exactly in 2-D, and by fast marching of second order in 3-D.
+    As in [1]_, the mask is smoothed, and its signed distance is computed.  The distance gives the
+    curvature of the boundary and the local feature size.  The smaller of the two sizes is limited
+    on the grid of the pixels: exactly in 2-D, and by fast marching of second order in 3-D.
 
     Parameters
     ----------

@@ -359,11 +359,11 @@ class Metric(ReadOnlyState):
         return Metric.of(h, r)
 
     def interpolate(self, indices: npt.ArrayLike, weights: npt.ArrayLike) -> Metric:
-        r"""Return the log-Euclidean mean of the metrics of some nodes [1]_.
+        r"""Return the log-Euclidean mean of the metrics of some nodes.
 
         .. math:: M = \exp \sum_j w_j \log M_j
 
-        The determinant is interpolated geometrically.
+        The determinant is interpolated geometrically [1]_.
 
         Parameters
         ----------
