@@ -1,4 +1,4 @@
-"""The site: names become links, numbers stay whole, layout is checked, the logo is of its script."""
+"""The site: names become links, numbers stay whole, the layout is checked; and the logo."""
 
 import importlib
 import shutil

@@ -13,8 +13,8 @@ NAME = re.compile(r"^   ([A-Za-z_.]+)$", re.MULTILINE)
 HEAD = """\
 # Functions and their parameters
 
-All public functions, generated from their signatures. Parameters after `*` are passed by name; parameters
-without a default are required. The links lead to the explanations.
+All public functions, generated from their signatures. Parameters after `*` are passed by name;
+parameters without a default are required. The links lead to the explanations.
 """
 
 
