@@ -46,19 +46,37 @@ def measure_layer():
 
 
 def measure_gradation():
-    """Print elements for an error of 1e-3 with different gradient limits."""
+    """Print elements for an error of 1e-3 with different gradient limits, and the last meshes."""
     for name, field in (("S", layers.curved_layer), ("X", layers.crossing_layers)):
-        for g in (None, 1.0, 0.5, 0.25):
+        for g in (None, 2.0, 1.0, 0.5, 0.25):
             mesh, steps = SQUARE, []
             for count in (750, 1500, 3000, 6000):
                 for _ in range(3):
                     fields = {"u": field(mesh.points)}
-                    mesh = ads.adapt(
+                    result = ads.adapt(
                         mesh, anisotropic="u", fields=fields, target_elements=count, hmax=0.25,
                         g=g, enough=1.1,
-                    ).mesh  # fmt: skip
+                    )  # fmt: skip
+                    mesh = result.mesh
                 steps.append(layers.Step(mesh, layers.interpolation_error(mesh, field), None))
-            print(f"| {name} | {g} | {layers.number_for(steps, 1e-3):.0f} |", flush=True)
+            after, angle = result.report.after, np.quantile(largest_angles(mesh), 0.99)
+            print(
+                f"| {name} | {g} | {layers.number_for(steps, 1e-3):.0f} | "
+                f"{after.share_in_band:.2f} | {after.metric.quality_mean:.2f} | {angle:.0f} |",
+                flush=True,
+            )
+
+
+def largest_angles(mesh):
+    """Return the largest angle of each triangle, in degrees."""
+    lengths = np.sort(
+        np.linalg.norm(
+            mesh.points[mesh.cells] - mesh.points[np.roll(mesh.cells, 1, axis=1)], axis=-1
+        ),
+        axis=1,
+    )
+    a, b, c = lengths.T
+    return np.degrees(np.arccos(np.clip((a * a + b * b - c * c) / (2.0 * a * b), -1.0, 1.0)))
 
 
 def measure_counts():

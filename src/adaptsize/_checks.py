@@ -79,6 +79,13 @@ def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatA
     return points
 
 
+def as_near_points(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
+    """Return coordinates as `as_points` does, if squares of their differences are in range."""
+    points = as_points(name, value, dim)
+    refuse_where(name, np.abs(points) > 1e150, points, "must be at most 1e150 in size")
+    return points
+
+
 def holds_whole_numbers(array: npt.NDArray[Any]) -> bool:
     """Return whether an array has integers or floats without a fraction only."""
     if array.dtype.kind == "f":

@@ -161,7 +161,7 @@ def size_function(
     full_output : bool
         Whether to return a `SizeReport` too.
     progress : callable or bool, optional
-        Called with a text and the share done.  True shows a progress bar on a terminal.
+        Called with a text and the fraction completed.  True shows a progress bar on a terminal.
 
     Returns
     -------

@@ -191,13 +191,13 @@ def mesh_image(
     image, spacing, label, threshold, smoothing
         As in `size_function_from_image`.
     size : SizeFunction, optional
-        Requested sizes, for instance those of `size_function_from_image` after a look at them.
+        Requested sizes, for instance those of `size_function_from_image` that you have inspected.
     elements_per_radian, elements_across, g, hmin, hmax, sources, max_elements
         As in `size_function_from_image`.  Refused with ``size``.
     seed : int
         Seed of the random initial points.
     progress : callable or bool, optional
-        Called with a text and the share done.  True shows a progress bar on a terminal.
+        Called with a text and the fraction completed.  True shows a progress bar on a terminal.
 
     Returns
     -------
