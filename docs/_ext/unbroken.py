@@ -14,10 +14,12 @@ LETTER = re.compile(r"[^\W\d_]")
 #: Browsers break a line after a hyphen.
 OPTION = re.compile(r"-\S*(?: \S+)?")
 LONGEST_OPTION = 24
+#: A cell with more characters gets room for several words in a line.
+LONG_TEXT = 25
 
 
 def keep_together(app: Sphinx, doctree: nodes.document) -> None:
-    """Put no-break spaces into numbers, and classes on options and on cells without letters."""
+    """Put no-break spaces into numbers, and classes on options and on the cells of tables."""
     for text in list(doctree.findall(nodes.Text)):
         if isinstance(text.parent, nodes.literal | nodes.literal_block | nodes.math):
             continue
@@ -28,8 +30,11 @@ def keep_together(app: Sphinx, doctree: nodes.document) -> None:
         if OPTION.fullmatch(text) and len(text) <= LONGEST_OPTION:
             literal["classes"].append("option")
     for entry in doctree.findall(nodes.entry):
-        if not LETTER.search(entry.astext()):
+        text = entry.astext()
+        if not LETTER.search(text):
             entry["classes"].append("number")
+        elif len(text) > LONG_TEXT:
+            entry["classes"].append("words")
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
