@@ -54,6 +54,8 @@ class Step(NamedTuple):
     mesh: ads.SimplexMesh
     error: float
     metric: ads.MetricFunction | None
+    in_band: float
+    """Share of the edges with lengths within sqrt 2 of the request."""
 
 
 def main(
@@ -117,7 +119,8 @@ def loop(
                 )  # fmt: skip
                 result = ads.adapt(mesh, h0=h, g=None, enough=1.1)
             mesh = result.mesh
-        steps.append(Step(mesh, interpolation_error(mesh, field), result.metric))
+        in_band = result.report.after.share_in_band
+        steps.append(Step(mesh, interpolation_error(mesh, field), result.metric, in_band))
     return steps
 
 
@@ -173,7 +176,7 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             errors.loglog(n, [step.error for step in steps], "o-", color=colour, label=kind)
         n = np.array([1e3, 2e4])
         errors.loglog(n, 2.0 / n, color="black", linewidth=0.7, label="2 / N")
-        errors.set(xlabel="triangles", title="error of interpolation, L2")
+        errors.set(xlabel="triangles", ylabel="error", title="error of interpolation, L2")
         errors.legend()
     save_drawing(path, figure)
 
