@@ -7,11 +7,11 @@ from 200 to 12 800.  Measured, with the power of the number of unknowns over the
 | | unknowns | energy error | power | smallest angle | iterations |
 |---|---:|---:|---:|---:|---:|
 | P1, uniform | 2945 | 0.0496 | -0.31 | 45 | 147 |
-| P1, limited | 5996 | 0.0100 | -0.51 | 22.5 | 263 |
-| P1, not limited | 6066 | 0.0099 | -0.51 | 24.6 | 267 |
+| P1, limited | 6034 | 0.0099 | -0.51 | 21.6 | 263 |
+| P1, not limited | 6019 | 0.0099 | -0.51 | 17.5 | 268 |
 | P2, uniform | 12033 | 0.0197 | -0.33 | 45 | 337 |
-| P2, limited | 24684 | 0.00014 | -1.08 | 19.7 | 611 |
-| P2, not limited | 24736 | 0.00013 | -1.06 | 26.8 | 611 |
+| P2, limited | 24641 | 0.00014 | -1.15 | 24.4 | 591 |
+| P2, not limited | 24601 | 0.00013 | -1.06 | 25.5 | 604 |
 
 The optimal powers are -1/2 and -1.  There is one adaptation cycle per number for P1, and two for
 P2.  The angle is the smallest of all meshes of the loop.  Iterations are those of conjugate
@@ -19,9 +19,9 @@ gradients with diagonal preconditioning, to 1e-10.
 
 In this loop limiting has no effect, because sizes that equidistribute the error are already
 smooth.  It has an effect where sizes jump.  Below, the triangles with half of the error of a
-uniform mesh are to be 16 times smaller at once.  Without limiting, the new mesh has angles of 8
-degrees (radius ratio 0.05).  With limiting it has 24 degrees (0.63) and, with 14 % more triangles,
-a 15 % smaller error.
+uniform mesh are to be 16 times smaller at once.  Without limiting, the new mesh has angles of 5
+degrees (radius ratio 0.02).  With limiting it has 24 degrees (0.63) and, with 14 % more triangles,
+an 18 % smaller error.
 
     python examples/plot_lshape.py [DIRECTORY]
 """
