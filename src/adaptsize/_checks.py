@@ -135,6 +135,19 @@ def as_number(
     return number
 
 
+def as_limits(
+    hmin: float | None, hmax: float | None, *, allow_inf: bool = False
+) -> tuple[float, float]:
+    """Return the smallest and the largest size, 0 and inf where they are not given."""
+    lower = 0.0 if hmin is None else as_number("hmin", hmin, lower=0.0, strict=True)
+    upper = np.inf
+    if hmax is not None:
+        upper = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=allow_inf)
+    if lower > upper:
+        raise ValueError(f"hmin must be at most hmax = {upper:g}, got {lower:g}")
+    return lower, upper
+
+
 def as_slope(name: str, value: Any) -> float:
     """Return a gradient of sizes: >= 0, with a square in the range of float64."""
     slope = as_number(name, value, lower=0.0)

@@ -66,9 +66,9 @@ def size_from_sources(
     What is sent: for each point, and for each sample of a curve or of the edges of a box, its
     distance from the part of each rank, as one number in a reduction; for samples a second one, the
     length of the cells there; at the end the sizes at shared nodes (one exchange).  The number of
-    reductions is one for points and balls; it is two for each halving of the longest segment of a
-    curve until pieces are shorter than the cells.  `BoundarySource` without tags compares the
-    facets between parts (two exchanges).
+    reductions is one for points and balls; for curves it is two, and two more for each halving of
+    the longest segment until pieces are shorter than the cells.  `BoundarySource` without tags
+    compares the facets between parts (two exchanges).
 
     Examples
     --------

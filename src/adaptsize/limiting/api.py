@@ -153,7 +153,8 @@ def limit_gradient(
         (``numba.set_num_threads``).  The result does not depend on it, bit for bit.
     point_sources : tuple of (array_like, array_like), optional
         Option of the exact method: points of shape (k, dim) and the bounds there, of shape
-        (k,).  The points need not be nodes.  Points outside the domain have no effect.
+        (k,).  The points need not be nodes.  Points outside the domain have no effect.  A point
+        where components of the domain touch acts in all of them.
     periodic : array_like of float, shape (k, dim), optional
         Option of the exact method and of fast marching of first order: translations by which
         the domain is repeated, such as ``[[a, 0], [0, b]]``.  The result is that on the domain
