@@ -50,10 +50,11 @@ def main(
     *,
     numbers: tuple[int, int] = (12000, 3500),
     n_cycles: int = 4,
+    n_first: int = 4000,
     width: int = 560,
 ) -> dict[str, float | str]:
     """Adapt in so many cycles from the same first mesh, with ``numbers`` of triangles."""
-    first = bump.solve(bump.mesh_for(bump.first_size(4000)), tolerance=10.0 * bump.TOLERANCE)
+    first = bump.solve(bump.mesh_for(bump.first_size(n_first)), tolerance=10.0 * bump.TOLERANCE)
     results, found = {}, {}
     for name, number in zip(NAMES, numbers, strict=True):
         result = first

@@ -35,8 +35,8 @@ def interpolation_error(mesh, field, n=6):
 
 
 @cache
-def loop(*, anisotropic, n_cycles=4, target=1500):
-    mesh = MESH
+def loop(*, anisotropic, n_cycles=4, target=1500, start=MESH):
+    mesh = start
     for _ in range(n_cycles):
         fields = {"u": layer(mesh.points)}
         if anisotropic:
@@ -60,8 +60,8 @@ def test_anisotropic_cells_have_a_much_smaller_error():
 
 
 def test_the_error_falls_with_the_number_of_cells():
-    fine = loop(anisotropic=True, n_cycles=5, target=6000).mesh
     coarse = loop(anisotropic=True).mesh
+    fine = loop(anisotropic=True, n_cycles=2, target=5000, start=coarse).mesh
     ratio = interpolation_error(coarse, layer) / interpolation_error(fine, layer)
     order = np.log(ratio) / np.log(fine.n_cells / coarse.n_cells)
     assert order > 0.9  # 1 in theory; here more, because aspect ratios still grow
@@ -155,16 +155,14 @@ def test_two_fields_give_the_intersection():
 
 
 def test_tetrahedra_are_stretched_too():
-    mesh = block(6)
-    for _ in range(2):
-        u = np.tanh(10.0 * (mesh.points[:, 0] - 0.45))
-        result = adapt(
-            mesh, anisotropic=True, fields={"u": u}, target_elements=1500, hmax=0.4, max_aspect=8.0
-        )
-        mesh = result.mesh
+    mesh = block(5)
+    u = np.tanh(10.0 * (mesh.points[:, 0] - 0.45))
+    result = adapt(
+        mesh, anisotropic=True, fields={"u": u}, target_elements=1000, hmax=0.4, max_aspect=8.0
+    )
     # At most three meshes are made to meet the number.
-    assert result.report.n_cells_after == pytest.approx(1500, rel=0.2)
-    assert implied_metric(mesh).aspect_ratio.max() > 6.0
+    assert result.report.n_cells_after == pytest.approx(1000, rel=0.25)
+    assert implied_metric(result.mesh).aspect_ratio.max() > 6.0
 
 
 @pytest.mark.parametrize(

@@ -4,15 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from command_line import call
 
 import adaptsize as ads
-from adaptsize.cli.entry import run
 from adaptsize.metrics import Metric, MetricFunction, limit_metric
 from adaptsize.metrics.limit import GRADIENT_LIMIT
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
 
 
 def slanted(mesh):

@@ -145,8 +145,8 @@ def adapt(
     timeout : float or None
         Seconds after which a generator is stopped.  None disables the limit.
     progress : callable, bool or None
-        Called with a text and the share done or None.  True shows a progress bar.  An exception
-        in it, or Ctrl-C, stops the work.
+        Called with a text and the fraction completed or None.  True shows a progress bar.  An
+        exception in it, or Ctrl-C, stops the work.
 
     Returns
     -------
