@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, jittered_rectangle, run, save_drawing, save_panels
+from _gallery import CURVES, drawing, jittered_rectangle, run, save_drawing, save_panels
 
 import adaptsize as ads
 from adaptsize.metrics import implied_metric
@@ -46,8 +46,6 @@ KINDS = ("isotropic", "anisotropic")
 NUMBERS = {"isotropic": (3000, 6000, 12000, 24000), "anisotropic": (750, 1500, 3000, 6000)}
 #: Largest size, and the error to reach.
 HMAX, GOAL = 0.25, 1e-3
-#: Ticks of the colour bars.
-RATIOS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
 class Step(NamedTuple):
@@ -78,12 +76,13 @@ def main(
         last = implied_metric(loops[name, "anisotropic"][-1].mesh)
         found[f"{name}: largest aspect ratio"] = float(last.aspect_ratio.max())
     draw(output_dir / "anisotropic_layers.png", loops, width)
+    metrics = {name: loops[name, "anisotropic"][1].metric for name in ("S-shaped", "crossing")}
+    scale = min(float(m.metric.sizes.min()) for m in metrics.values() if m), HMAX
     ellipses = [
-        (f"metric of the {name} layers" if name == "crossing" else f"metric of the {name} layer",
-         plot_metric(step.metric, n_glyphs=500, width=width))
-        for name in ("S-shaped", "crossing")
-        for step in [loops[name, "anisotropic"][1]]
-        if step.metric is not None
+        (f"metric of the {name} layer{'s' * (name == 'crossing')}",
+         plot_metric(metric, n_glyphs=500, limits=scale, width=width))
+        for name, metric in metrics.items()
+        if metric is not None
     ]  # fmt: skip
     save_panels(output_dir / "anisotropic_layers_metric.png", ellipses)
     return found
@@ -152,7 +151,10 @@ def order(steps: Sequence[Step]) -> float:
 
 def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> None:
     """Draw meshes of about the same size, aspect ratios, and errors."""
+    from matplotlib.colors import LogNorm
+
     figure, panels = drawing(4, 2, width, shape=0.95)
+    scale = LogNorm(1.0, 100.0)
     for row, name in enumerate(("S-shaped", "crossing")):
         plain, thin, aspect, errors = panels[4 * row : 4 * row + 4]
         for panel, kind, place in ((plain, "isotropic", 0), (thin, "anisotropic", -2)):
@@ -162,17 +164,16 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             panel.set_title(f"{kind}: {mesh.n_cells} triangles, error {error:.1e}")
         mesh = loops[name, "anisotropic"][-2].mesh
         ratio = implied_metric(mesh).aspect_ratio
-        colours = aspect.tripcolor(*_triangles(mesh), ratio, cmap="viridis", norm="log")
-        bar = figure.colorbar(colours, ax=aspect, shrink=0.8)
-        bar.set_ticks(ratios := [t for t in RATIOS if t < ratio.max()], labels=map(str, ratios))
-        bar.minorticks_off()
+        colours = aspect.tripcolor(*_triangles(mesh), ratio, cmap="viridis", norm=scale)
+        bar = figure.colorbar(colours, ax=aspect, shrink=0.8, format="%g", extend="max")
+        bar.set_ticks([1, 2, 5, 10, 20, 50, 100], minor=False)
         aspect.set_title("aspect ratio")
         for panel in (plain, thin, aspect):
             panel.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
-        for kind in KINDS:
+        for kind, colour in zip(KINDS, CURVES[1::-1], strict=True):
             steps = loops[name, kind]
             n = [step.mesh.n_cells for step in steps]
-            errors.loglog(n, [step.error for step in steps], "o-", label=kind)
+            errors.loglog(n, [step.error for step in steps], "o-", color=colour, label=kind)
         n = np.array([1e3, 2e4])
         errors.loglog(n, 2.0 / n, color="black", linewidth=0.7, label="2 / N")
         errors.set(xlabel="triangles", title="error of interpolation, L2")

@@ -45,7 +45,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import _euler as euler
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import CURVES, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
@@ -222,7 +222,7 @@ def draw_comparison(path: Path, results: dict[str, Cycle], width: int) -> None:
     """Draw angles, convergence, and the density along a line, with and without limiting."""
     figure, (angle, steps, line) = drawing(3, 1, width, shape=0.75)
     along = np.column_stack([np.linspace(0.9, 2.4, 1500), np.full(1500, 0.3)])
-    for name, colour in zip(NAMES, ("tab:orange", "tab:blue"), strict=True):
+    for name, colour in zip(NAMES, CURVES[1::-1], strict=True):
         mesh, solution = results[name].mesh, results[name].solution
         look = {"color": colour, "label": f"{name} limiting"}
         angle.hist(minimum_angles(mesh), bins=np.arange(0, 61, 2), histtype="step", **look)

@@ -7,7 +7,7 @@ straight line, the bound of 0.05 would allow 0.73 there.
 A shortest path bends at reflex corners of the walls only.  A corner serves the points in its wedge,
 between the direction in which the path arrives and the wall behind which it turns.  The size at a
 point is the least that is allowed by the survivors and corners that the point sees.  One line of
-sight per point is enough, however many bends the path has.  The dotted red lines lead from one
+sight per point is enough, however many bends the path has.  The dotted purple lines lead from one
 point to the survivors that it does not see.
 
 The colours show which survivor controls which part.  The white lines are lines of equal size.
@@ -51,7 +51,7 @@ BOUNDS = {
 COLOURS = ("#a6cee3", "#fdd49e", "#b2df8a", "#f4b6c2")
 WEDGE = 0.8  # radius of the wedges in the picture
 PLACES = ((5.6, 6.4), (7.4, 6.2), (7.2, 3.6), (11.4, 0.8), (9.2, 6.4), (5.4, 0.5))
-YELLOW, RED = "#ffef8a", "#b30000"
+YELLOW, DARK = "#ffef8a", "#542788"
 
 
 def main(output_dir: Path, *, spacing: float = 0.05, width: int = 1440) -> dict[str, float]:
@@ -129,7 +129,7 @@ def draw_wedge(panel: Axes, mesh: ads.SimplexMesh, corner: int, before: int) -> 
     angle = ahead + np.linspace(0.0, turn, 60)
     arc = mesh.points[corner] + WEDGE * np.column_stack([np.cos(angle), np.sin(angle)])
     fan = np.vstack([mesh.points[corner], arc])
-    panel.add_patch(Polygon(fan, facecolor=YELLOW, edgecolor=RED, linewidth=0.6))
+    panel.add_patch(Polygon(fan, facecolor=YELLOW, edgecolor=DARK, linewidth=0.6))
 
 
 def draw_hidden(panel: Axes, place: tuple[float, float], others: FloatArray) -> None:
@@ -138,8 +138,8 @@ def draw_hidden(panel: Axes, place: tuple[float, float], others: FloatArray) -> 
         shares = [hit(np.array(place), other, wall) for wall in WALLS]
         if min(shares) < 1.0:
             end = place + min(shares) * (other - place)
-            panel.plot(*np.transpose([place, end]), color=RED, linestyle=":", linewidth=0.8)
-            panel.plot(*end, "x", color=RED, markersize=3.5, markeredgewidth=0.9)
+            panel.plot(*np.transpose([place, end]), color=DARK, linestyle=":", linewidth=0.8)
+            panel.plot(*end, "x", color=DARK, markersize=3.5, markeredgewidth=0.9)
 
 
 def hit(a: FloatArray, b: FloatArray, wall: FloatArray) -> float:
@@ -173,10 +173,10 @@ def add_legend(panel: Axes) -> None:
     handles = [
         Line2D([], [], color="#1f3b73", label="survivor, with its bound", **circle),
         Line2D([], [], color="white", label="bound that another undercuts", **circle),
-        Patch(facecolor=YELLOW, edgecolor=RED, label="corner that serves its wedge"),
+        Patch(facecolor=YELLOW, edgecolor=DARK, label="corner that serves its wedge"),
         Line2D([], [], color="black", linewidth=0.9, marker=".", label="shortest path to a point"),
         Line2D(
-            [], [], color=RED, linestyle=":", marker="x", markersize=4, label="survivor not seen"
+            [], [], color=DARK, linestyle=":", marker="x", markersize=4, label="survivor not seen"
         ),
         Patch(color="0.35", label="wall"),
     ]

@@ -112,7 +112,7 @@ def draw_spheres(panel: Axes, boundary: ads.SimplexMesh, step: float) -> int:
     circles.set_facecolor("none")
     panel.add_collection(circles)
     panel.figure.colorbar(circles, ax=panel, label="radius", shrink=0.7, orientation="horizontal")
-    panel.plot(*spheres.centres.T, ".", color="tab:red", markersize=1.5)
+    panel.plot(*spheres.centres.T, ".", color="black", markersize=1.5)
     draw_boundary(panel, boundary)
     return len(wide)
 

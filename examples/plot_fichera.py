@@ -177,10 +177,13 @@ def draw(path: Path, loops: dict[str, list[Cycle]], width: int) -> None:
     figure, panels = drawing(2, 2, width, shape=0.85)
     draw_errors(panels[0], loops)
     shown = {name: cycles[min(3, len(cycles) - 1)].mesh for name, cycles in loops.items()}
+    sizes = {name: edges_at_nodes(mesh) for name, mesh in shown.items()}
+    scale = min(h.min() for h in sizes.values()), max(h.max() for h in sizes.values())
     for panel, name, clip in zip(
         panels[1:], ("Mmg", "Mmg", "fTetWild"), (None, "x", "x"), strict=True
     ):
-        panel.imshow(plot_size(shown[name], edges_at_nodes(shown[name]), clip=clip, width=width))
+        image = plot_size(shown[name], sizes[name], clip=clip, limits=scale, width=width)
+        panel.imshow(image)
         where = "from outside" if clip is None else "behind x = 0"
         panel.set_title(f"{name}, {shown[name].n_cells} tetrahedra, {where}")
         panel.axis("off")

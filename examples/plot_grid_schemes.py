@@ -46,7 +46,7 @@ def main(output_dir: Path, *, n_cells: int = 100, width: int = 480) -> dict[str,
     for title, h, panel in zip(titles, fields, panels, strict=False):
         filled = panel.contourf(*grid.axes, h.T, levels, cmap="viridis", extend="max")
         panel.contour(*grid.axes, h.T, levels, colors="black", linewidths=0.5)
-        panel.plot([-10, 10], [0, 0], "r.", markersize=4)
+        panel.plot([-10, 10], [0, 0], "w.", markersize=4)
         panel.set(title=title, xlabel="x", ylabel="y", aspect="equal")
     figure.colorbar(filled, ax=panels, label="mesh size h", shrink=0.6)
     save_drawing(output_dir / "grid_schemes.png", figure)

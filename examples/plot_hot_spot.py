@@ -10,11 +10,11 @@ Measured:
 | edges at the hot spot | triangles | highest stress in MPa |
 |---:|---:|---:|
 | 1.8 mm, the file | 1018 | 282 |
-| 0.6 mm | 1568 | 324 |
-| 0.3 mm | 2352 | 348 |
-| 0.15 mm | 3792 | 343 |
+| 0.6 mm | 1573 | 345 |
+| 0.3 mm | 2205 | 338 |
+| 0.15 mm | 4028 | 341 |
 
-Uniform meshes with edges of 0.15 mm have 595 000.  The smallest angle is 31 degrees.  Areas of
+Uniform meshes with edges of 0.15 mm have 595 000.  The smallest angle is 26 degrees.  Areas of
 the materials are those of before, but for the round hole (0.02 %).
 
 The first cycle is also run on the command line, from a file with the bounds h0 as a nodal field:

@@ -48,7 +48,7 @@ def main(output_dir: Path, *, width: int = 640) -> dict[str, float]:
         leaves.set(array=colours, cmap="viridis", norm=LogNorm(0.004, 0.1))
         panel.add_collection(leaves)
         for centre, radius in ((0.0, 1.0), (-RADIUS - HALF, RADIUS), (RADIUS + HALF, RADIUS)):
-            panel.plot(centre + radius * np.cos(t), radius * np.sin(t), "tab:red", linewidth=0.8)
+            panel.plot(centre + radius * np.cos(t), radius * np.sin(t), "black", linewidth=1.6)
         panel.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x")
         panel.figure.colorbar(leaves, ax=panel, label="mesh size h", shrink=0.8,
                               ticks=[0.004, 0.01, 0.03, 0.1], format="%g")  # fmt: skip

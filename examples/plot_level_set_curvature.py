@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import CURVES, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.geometry import level_set_curvature, signed_distance
@@ -34,7 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 G, K = 0.25, 4.0
 A, B = 0.8, 0.4  # half axes
 WAYS = {"at the nodes": 0.0, "plus sign": -1.0, "corrected": 1.0}
-COLOURS = {"at the nodes": "tab:orange", "plus sign": "tab:purple", "corrected": "tab:blue"}
+COLOURS = {"at the nodes": CURVES[1], "plus sign": CURVES[3], "corrected": CURVES[0]}
 
 
 def main(
@@ -124,9 +124,9 @@ def draw_sizes(panel: Axes, n: int) -> dict[str, float]:
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     found = {}
     for name, h0, colour in (
-        ("formula (4)", formula, "tab:purple"),
-        ("without - g phi", ads.size_from_curvature(grid, phi, g=0.0), "tab:orange"),
-        ("size_from_curvature", ads.size_from_curvature(grid, phi, g=G), "tab:blue"),
+        ("formula (4)", formula, CURVES[3]),
+        ("without - g phi", ads.size_from_curvature(grid, phi, g=0.0), CURVES[1]),
+        ("size_from_curvature", ads.size_from_curvature(grid, phi, g=G), CURVES[0]),
     ):
         size = ads.SizeFunction(grid, ads.limit_gradient(grid, h0, G))
         for place, depth, style in (("on the boundary", 0.0, "-"), ("inside", 4.0, "--")):

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import CURVES, drawing, run, save_drawing
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import cg
 from skfem import (
@@ -249,7 +249,7 @@ def draw(
 
 def draw_errors(panel: Axes, loops: dict[int, dict[str, list[Cycle]]]) -> None:
     """Draw the error over the unknowns, and the slopes of theory."""
-    for order, colour in ((1, "#4477aa"), (2, "#cc3311")):
+    for order, colour in enumerate(CURVES[:2], start=1):
         styles = {"uniform": "s--", "limited": "o-", "not limited": "x:"}
         for name, cycles in loops[order].items():
             x, y = [t.unknowns for t in cycles], [t.error for t in cycles]

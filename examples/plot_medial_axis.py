@@ -116,7 +116,14 @@ def draw(
     mesh = panel.pcolormesh(*grid.axes, shown.T, cmap="viridis", vmin=0.0, shading="nearest")
     panel.figure.colorbar(mesh, ax=panel, label="local feature size", shrink=0.85)
     panel.contour(*grid.axes, phi.T, [0.0], colors="black", linewidths=1.0)
-    panel.plot(*medial.points.T, ".", color="red", markersize=2.5)
+    panel.plot(
+        *medial.points.T,
+        ".",
+        color="black",
+        markersize=4,
+        markeredgecolor="white",
+        markeredgewidth=0.4,
+    )
     panel.set(aspect="equal", xlim=(-1.13, 1.13), ylim=(-1.13, 1.13), xticks=[-1, 0, 1],
               yticks=[-1, 0, 1])  # fmt: skip
 

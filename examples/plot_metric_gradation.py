@@ -72,12 +72,14 @@ def draw(
     import matplotlib.pyplot as plt
 
     figure, (before, after) = plt.subplots(2, 1, figsize=(8.0, 7.6), layout="constrained")
-    before.set_title(f"requested: two points, no bound elsewhere (drawn at {SCALE:g} of the size)")
+    before.set_title(
+        f"(a) requested: two points, no bound elsewhere (drawn at {SCALE:g} of the size)"
+    )
     some = np.array([node_at(mesh, place) for place in POINTS])
-    ellipses(before, mesh.points[some], bound[some], "C3")
+    ellipses(before, mesh.points[some], bound[some], 2.0)
     before.plot(*mesh.points[some].T, "k.", markersize=3)
 
-    after.set_title(f"limited with g = {G:g}; left of the dashed line both points are active")
+    after.set_title(f"(b) limited with g = {G:g}; left of the dashed line both points are active")
     filled = after.tripcolor(
         *mesh.points.T, mesh.cells, limited.aspect_ratio, shading="gouraud", cmap="YlGnBu",
         norm=mpl.colors.LogNorm(1.0, limited.aspect_ratio.max()),
@@ -86,8 +88,8 @@ def draw(
     x, y = np.meshgrid(np.linspace(0.15, 2.85, 10), np.linspace(0.12, 1.28, 5))
     chosen = {node_at(mesh, place) for place in zip(x.ravel(), y.ravel(), strict=True)}
     grid = np.array(sorted(chosen))
-    ellipses(after, mesh.points[grid], limited[grid], "k")
-    ellipses(after, mesh.points[some], limited[some], "C3")
+    ellipses(after, mesh.points[grid], limited[grid], 0.8)
+    ellipses(after, mesh.points[some], limited[some], 2.0)
     after.tricontour(
         *mesh.points.T, mesh.cells, (active == 2).astype(float), [0.5], colors="k",
         linestyles="--", linewidths=0.8,
@@ -98,14 +100,14 @@ def draw(
     plt.close(figure)
 
 
-def ellipses(axes: Axes, centres: npt.NDArray[np.float64], metric: Metric, colour: str) -> None:
+def ellipses(axes: Axes, centres: npt.NDArray[np.float64], metric: Metric, width: float) -> None:
     """Draw the ellipse of the metric of each point."""
     from matplotlib.patches import Ellipse
 
     for centre, size, directions in zip(centres, metric.sizes, metric.directions, strict=True):
         angle = np.rad2deg(np.arctan2(directions[1, 0], directions[0, 0]))
         axes.add_patch(
-            Ellipse(centre, *(2.0 * SCALE * size), angle=angle, fill=False, color=colour, lw=1.0)
+            Ellipse(centre, *(2.0 * SCALE * size), angle=angle, fill=False, color="k", lw=width)
         )
 
 

@@ -3,8 +3,8 @@
 The octree of Figure 1 of Persson's paper.  Left: refined at the boundary of a plate
 with two holes, by its signed distance.  The number of leaves is proportional to the length of the
 boundary, not to the area.  Middle: a size of a quarter of the radius is prescribed at the
-holes (red) and limited on that tree, whose leaves need not be balanced.  Right: a tree refined to
-these sizes, in which no leaf is larger than the size in it.
+holes (thick lines) and limited on that tree, whose leaves need not be balanced.  Right: a tree
+refined to these sizes, in which no leaf is larger than the size in it.
 
     python examples/plot_octree.py [DIRECTORY]
 """
@@ -92,7 +92,7 @@ def draw(panel: Axes, tree: ads.Octree, h: npt.NDArray[np.float64] | None) -> No
     for centre, radius in HOLES:
         t = np.linspace(0.0, 2.0 * np.pi, 181)
         circle = np.array(centre)[:, None] + radius * np.stack([np.cos(t), np.sin(t)])
-        panel.plot(*circle, color="tab:red", linewidth=0.8)
+        panel.plot(*circle, color="black", linewidth=1.6)
     panel.set(xlim=(0, 2), ylim=(0, 1), aspect="equal", xlabel="x", ylabel="y")
 
 

@@ -116,8 +116,15 @@ def draw_plane(path: Path, plane: Problem, mesh: ads.SimplexMesh, width: int) ->
     """Draw medial axis and feature size, size, and mesh."""
     figure, panels = drawing(3, 1, width, shape=0.8)
     shade(panels[0], plane, plane.feature, "local feature size")
-    panels[0].plot(*plane.medial.points.T, ".", color="tab:red", markersize=2)
-    panels[0].set_title("medial axis (red), feature size")
+    panels[0].plot(
+        *plane.medial.points.T,
+        ".",
+        color="black",
+        markersize=3.5,
+        markeredgecolor="white",
+        markeredgewidth=0.4,
+    )
+    panels[0].set_title("medial axis, feature size")
     shade(panels[1], plane, plane.size.values, "mesh size h")
     panels[1].set_title(f"mesh size h, g = {G}")
     panels[2].triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.4)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 G = 0.3
 PLACE, SIZE = (5.5, 2.5), 0.05
 CAUSES = ("arc of radius 1.5", "arc of radius 0.5", "arc of radius 4", f"h = {SIZE} at one node")
-COLOURS = ("#88ccee", "#ddcc77", "#99cc99", "#cc6677")
+COLOURS = ("#88ccee", "#ddcc77", "#99cc99", "#c994c7")
 
 
 def main(output_dir: Path, *, width: int = 640) -> dict[str, float]:
@@ -107,11 +107,11 @@ def draw_difference(
 ) -> None:
     """Draw what interpolation adds along the line."""
     panel.axhline(0.0, color="0.7", linewidth=0.8)
-    panel.axvline(place, color=COLOURS[-1], linewidth=0.8, label="the place")
+    panel.axvline(place, color=COLOURS[-1], linewidth=0.8, label="the node with h = 0.05")
     panel.plot(y, difference, "k", linewidth=1)
     panel.legend(fontsize="small")
     title = "interpolated size less size from the sources"
-    panel.set(xlabel="y along the broken line", title=title)
+    panel.set(xlabel="y along the dashed line of (a)", title=title)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 import adaptsize as ads
 from adaptsize.geometry import inscribed_spheres, level_set_curvature, surface_curvature
@@ -476,6 +476,8 @@ def draw(name: str, panels: list[Panel]) -> None:
                 color="grey", fontsize=8, ha="right", va="bottom",
             )  # fmt: skip
         axis.set(title=panel.title, xlabel="spacing, or mean length of edges", ylabel=panel.ylabel)
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter("{x:g}")
         axis.xaxis.set_minor_formatter(NullFormatter())
         axis.legend(
             fontsize=8, title="order on the finest three", title_fontsize=8,

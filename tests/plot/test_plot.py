@@ -259,6 +259,14 @@ def test_pictures_with_the_same_limits_have_the_same_colours(drawn_by):
     assert is_near(high, YELLOW).mean() > 0.4
 
 
+def test_equal_sizes_have_equal_colours_on_all_sides(drawn_by):
+    solid = jittered_cube(3, 20060111)
+    picture = plot_size(solid, np.full(27, 5.0), limits=(1.0, 5.0), clip=None, width=WIDTH)
+    mesh = picture[:, : int(0.75 * WIDTH)]
+    shown = ~is_near(mesh, (255, 255, 255))
+    assert (is_near(mesh, YELLOW) & shown).sum() > 0.7 * shown.sum()
+
+
 @pytest.mark.parametrize("limits", [(2.0, 1.0), (1.0, np.inf), (1.0, 1.0), (1.0,), "ab"])
 def test_limits_that_are_no_range_are_refused(limits):
     with pytest.raises(ValueError, match="limits"):

@@ -61,3 +61,13 @@ def test_some_glyph_is_drawn_where_no_node_is_near_the_cut():
     mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
     scene = scene_of_metric(mesh, isotropic_metric(np.full(4, 0.1), 3), 10_000, "y")
     assert len(scene.points) > 0
+
+
+def test_metrics_with_the_same_limits_have_the_same_colours():
+    mesh = two_region_rectangle(4)
+    colours = []
+    for size in (0.1, 0.2):
+        metric = isotropic_metric(np.full(mesh.n_points, size), 2)
+        picture = plot_metric(mesh, metric, limits=(0.1, 0.2), width=200)[:, :150]
+        colours.append(picture[picture.min(axis=2) < 200].mean(axis=0))
+    assert colours[0][0] + 100 < colours[1][0]  # purple, yellow

@@ -95,7 +95,7 @@ def plot_size(
     --------
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> plot_size(mesh, [0.1, 0.3, 0.5, 0.3], width=320).shape  # doctest: +SKIP
-    (252, 320, 3)
+    (243, 320, 3)
     """
     _check_output(path, width)
     check_type("label", label, str)
@@ -219,6 +219,7 @@ def plot_metric(
     path: str | os.PathLike[str] | None = None,
     n_glyphs: int = 400,
     clip: str | None = "auto",
+    limits: tuple[float, float] | None = None,
     width: int = 1600,
 ) -> Image:
     """Draw a metric as ellipses (in space: ellipsoids), off-screen.
@@ -231,7 +232,7 @@ def plot_metric(
     mesh : SimplexMesh or MetricFunction
     metric : Metric, optional
         At the nodes of the mesh; not with a MetricFunction.
-    path, clip, width
+    path, clip, limits, width
         As for `plot_size`.  Of tetrahedra, the nodes near the plane through the middle are shown.
     n_glyphs : int
         About this number of glyphs, at nodes that are about evenly distributed.
@@ -266,7 +267,8 @@ def plot_metric(
         raise ValueError(f"mesh must be in 2-D or 3-D, got {mesh!r}")
     _check_output(path, width)
     number = as_number("n_glyphs", n_glyphs, lower=1.0)
-    return _draw(scene_of_metric(mesh, metric, int(number), clip), path, width)
+    scene = scene_of_metric(mesh, metric, int(number), clip)
+    return _draw(replace(scene, color_range=_color_range(limits)), path, width)
 
 
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:
@@ -344,7 +346,7 @@ def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
 def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Image:
     low, high = scene.frame
     across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
-    height = int(np.clip(width * 0.8 * up / across, 0.4 * width, 0.9 * width))
+    height = int(np.clip(width * 0.76 * up / across, 0.4 * width, 0.9 * width))
     if with_vtk.is_possible():
         image = with_vtk.draw(scene, width, height)
     elif find_spec("matplotlib") is not None:

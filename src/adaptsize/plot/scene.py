@@ -104,6 +104,11 @@ class Scene:
         return not self.classes and low > 0.0 and high > _LINEAR_RANGE * low
 
     @property
+    def is_shaded(self) -> bool:
+        """Whether cells are lit: not those with quantities, whose colours could not be read."""
+        return not self.flat and (self.classes or self.plain)
+
+    @property
     def shows_edges(self) -> bool:
         """Whether edges are to be drawn, and long enough in the picture."""
         if self.plain or self.class_names is not None:

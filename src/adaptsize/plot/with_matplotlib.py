@@ -78,8 +78,8 @@ def _color_map(scene: Scene) -> ScalarMappable:
 
 
 def _brightness(scene: Scene, corners: FloatArray) -> FloatArray:
-    """Return the brightness of each cell from its angle to the viewer; 1 in the plane."""
-    if scene.flat or corners.shape[1] < 3:
+    """Return the brightness of each cell: if shaded, from its angle to the viewer."""
+    if not scene.is_shaded or corners.shape[1] < 3:
         return np.ones(len(corners))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)

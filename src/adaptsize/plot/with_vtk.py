@@ -18,8 +18,10 @@ from adaptsize.plot.scene import CLASS_COLORS, Scene
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 _PROBE_SECONDS = 60.0
 #: Share of the picture's width for the mesh.  The rest is for the colour bar.
-_MESH_SHARE = 0.8
+_MESH_SHARE = 0.76
 _MARGIN = 1.06
+#: Edges between triangles that form a larger angle than this, in degrees, are drawn thicker.
+_SHARP = 30.0
 #: With more classes than this, the colour bar has no names.
 _MAX_NAMES = 24
 
@@ -104,6 +106,11 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
         try:
             plotter.set_background("white")
             plotter.add_mesh(drawn, scalars=values, **_appearance(scene, width))
+            if not (scene.flat or scene.is_shaded or lines):
+                # Without shading, these show the shape.
+                edges = drawn.extract_feature_edges(_SHARP, clear_data=True)
+                if edges.n_cells:
+                    plotter.add_mesh(edges, color="#202020", line_width=width / 800, lighting=False)
             _place_camera(plotter.camera, scene, width / height)
             plotter.enable_anti_aliasing("ssaa")
             image = plotter.screenshot(return_img=True)
@@ -119,7 +126,7 @@ def _appearance(scene: Scene, width: int) -> dict[str, Any]:
         "show_edges": scene.shows_edges,
         "edge_color": "#202020",
         "line_width": max(0.5, width / 1600),
-        "lighting": not scene.flat,
+        "lighting": scene.is_shaded,
         "ambient": 0.25,
         "interpolate_before_map": True,
         **(_class_colors(scene) if scene.classes else _range_colors(scene)),
@@ -133,7 +140,7 @@ def _text_size(width: int) -> int:
 
     Those stand side by side, scaled down to the width of a page.
     """
-    return max(8, round(14 + 0.008 * width)) if width >= 400 else max(8, round(0.043 * width))
+    return max(8, round(0.036 * width if width < 560 else 17.4 + 0.005 * width))
 
 
 def _range_colors(scene: Scene) -> dict[str, Any]:
@@ -157,11 +164,11 @@ def _bar(scene: Scene, text: int) -> dict[str, Any]:
     return {
         "title": scene.label + "\n",  # the empty line separates it from the first number
         "vertical": True,
-        "fmt": "%.3g",
+        "fmt": " %.3g",
         "n_labels": 0 if scene.classes else 5,
-        "position_x": 0.84 if scene.class_names is None else 0.92,  # names are left of it
+        "position_x": 0.815 if scene.class_names is None else 0.92,  # names are left of it
         "position_y": 0.15,
-        "width": 0.1 if scene.class_names is None else 0.07,
+        "width": 0.07,
         "height": 0.7,
         "title_font_size": text,
         "label_font_size": text,
