@@ -22,6 +22,7 @@ PLAIN_CASES ?= 1500
 
 # Kernels with checks of array bounds.  A cache of its own: numba does not distinguish them.
 test-bounds: export NUMBA_BOUNDSCHECK = 1
+test-bounds: export ADAPTSIZE_PROBLEMS = 300
 test-bounds: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
 test-bounds:
 	$(PYTHON) -m pytest -n 2 tests/kernels tests/limiting/exact tests/adaptation/test_transfer.py \
@@ -38,7 +39,7 @@ attack:
 
 # Warnings are errors; nothing is fetched.
 docs:
-	$(PYTHON) -m sphinx -W --keep-going docs docs/_build
+	$(PYTHON) -m sphinx -j auto -W --keep-going docs docs/_build
 
 # Run the examples and put their pictures into docs/figures.
 gallery:

@@ -1,6 +1,6 @@
 """The site: Markdown pages, the examples as a gallery, and the reference from the docstrings.
 
-    python -m sphinx -W --keep-going docs docs/_build
+    python -m sphinx -j auto -W --keep-going docs docs/_build
 
 Nothing is fetched while it is built.
 """
@@ -26,6 +26,7 @@ extensions = [
     "formulas",
     "names",
     "pages",
+    "unbroken",
 ]
 exclude_patterns = ["_build", "measurements", "decisions/template.md"]
 templates_path = ["_templates"]

@@ -46,6 +46,8 @@ KINDS = ("isotropic", "anisotropic")
 NUMBERS = {"isotropic": (3000, 6000, 12000, 24000), "anisotropic": (750, 1500, 3000, 6000)}
 #: Largest size, and the error to reach.
 HMAX, GOAL = 0.25, 1e-3
+#: Ticks of the colour bars.
+RATIOS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
 class Step(NamedTuple):
@@ -54,6 +56,8 @@ class Step(NamedTuple):
     mesh: ads.SimplexMesh
     error: float
     metric: ads.MetricFunction | None
+    in_band: float
+    """Share of the edges with lengths within sqrt 2 of the request."""
 
 
 def main(
@@ -116,7 +120,8 @@ def loop(
                 )  # fmt: skip
                 result = ads.adapt(mesh, h0=h, g=None, enough=1.1)
             mesh = result.mesh
-        steps.append(Step(mesh, interpolation_error(mesh, field), result.metric))
+        in_band = result.report.after.share_in_band
+        steps.append(Step(mesh, interpolation_error(mesh, field), result.metric, in_band))
     return steps
 
 
@@ -158,17 +163,19 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
         mesh = loops[name, "anisotropic"][-2].mesh
         ratio = implied_metric(mesh).aspect_ratio
         colours = aspect.tripcolor(*_triangles(mesh), ratio, cmap="viridis", norm="log")
-        figure.colorbar(colours, ax=aspect, shrink=0.8)
+        bar = figure.colorbar(colours, ax=aspect, shrink=0.8)
+        bar.set_ticks(ratios := [t for t in RATIOS if t < ratio.max()], labels=map(str, ratios))
+        bar.minorticks_off()
         aspect.set_title("aspect ratio")
         for panel in (plain, thin, aspect):
             panel.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
-        for kind, colour in zip(KINDS, ("tab:orange", "tab:blue"), strict=True):
+        for kind in KINDS:
             steps = loops[name, kind]
             n = [step.mesh.n_cells for step in steps]
-            errors.loglog(n, [step.error for step in steps], "o-", color=colour, label=kind)
+            errors.loglog(n, [step.error for step in steps], "o-", label=kind)
         n = np.array([1e3, 2e4])
         errors.loglog(n, 2.0 / n, color="black", linewidth=0.7, label="2 / N")
-        errors.set(xlabel="triangles", title="error of interpolation, L2")
+        errors.set(xlabel="triangles", ylabel="error", title="error of interpolation, L2")
         errors.legend()
     save_drawing(path, figure)
 

@@ -48,12 +48,13 @@ NAMES = ("isotropic", "anisotropic")
 def main(
     output_dir: Path,
     *,
-    numbers: tuple[int, int] = (12000, 3000),
+    numbers: tuple[int, int] = (12000, 3500),
     n_cycles: int = 4,
+    n_first: int = 4000,
     width: int = 560,
 ) -> dict[str, float | str]:
     """Adapt in so many cycles from the same first mesh, with ``numbers`` of triangles."""
-    first = bump.solve(bump.mesh_for(bump.first_size(4000)), tolerance=10.0 * bump.TOLERANCE)
+    first = bump.solve(bump.mesh_for(bump.first_size(n_first)), tolerance=10.0 * bump.TOLERANCE)
     results, found = {}, {}
     for name, number in zip(NAMES, numbers, strict=True):
         result = first
@@ -144,11 +145,18 @@ def shock_thickness(result: bump.Cycle) -> float:
 def draw(path: Path, results: dict[str, bump.Cycle], width: int) -> None:
     """Draw meshes, whole and at the shocks, Mach numbers, and the density along a line."""
     figure, panels = drawing(4, 2, width, shape=0.62)
+    for line, part in ((panels[3], (0.9, 2.4)), (panels[7], (1.34, 1.44))):
+        for name in NAMES:
+            line.plot(*density_along(results[name]), linewidth=1.0, label=name)
+        line.set(xlim=part, xlabel="x", ylabel="density")
+        line.legend(loc="lower right")
+    panels[3].set_title("density at y = 0.3", fontsize="medium")
+    panels[7].set_title("the same at the oblique shock", fontsize="medium")
     for row, name in enumerate(NAMES):
         result = results[name]
         mesh = result.mesh
         triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
-        whole, zoom, flow, line = panels[4 * row : 4 * row + 4]
+        whole, zoom, flow = panels[4 * row : 4 * row + 3]
         whole.triplot(*triangles, color="black", linewidth=0.18)
         bump.window(whole, bump.AROUND, f"{name}: {mesh.n_cells} triangles")
         aspect = implied_metric(mesh).aspect_ratio
@@ -156,12 +164,10 @@ def draw(path: Path, results: dict[str, bump.Cycle], width: int) -> None:
                                  cmap="viridis", edgecolors="white", linewidth=0.15)  # fmt: skip
         bar = figure.colorbar(colours, ax=zoom, label="aspect ratio", shrink=0.7)
         bar.set_ticks(np.log10([1, 2, 5, 10, 20]), labels=["1", "2", "5", "10", "20"])
-        bump.window(zoom, bump.AT_SHOCK, "at the shocks")
+        thick = shock_thickness(result)
+        bump.window(zoom, bump.AT_SHOCK, f"at the shocks; thickness {thick:.3f}")
         bump.draw_flow(flow, result)
         bump.window(flow, bump.AROUND, f"Mach number; {result.solution.steps} steps")
-        line.plot(*density_along(result), color="tab:blue", linewidth=1.0)
-        thick = shock_thickness(result)
-        line.set(title=f"density at y = 0.3; shock {thick:.3f} thick", xlabel="x")
     save_drawing(path, figure)
 
 

@@ -3,7 +3,6 @@
 import os
 import signal
 
-import pytest
 from hypothesis import settings
 
 # Shells start jobs in the background deaf to Ctrl-C; so would be the children that tests interrupt.
@@ -22,11 +21,3 @@ collect_ignore = [
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=30)
 settings.register_profile("random", deadline=None, max_examples=300)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
-
-
-@pytest.fixture(autouse=True)
-def no_lines_about_steps(request, monkeypatch):
-    """Commands in the process of the tests print no lines about steps and compiling."""
-    if request.path.parent.name == "cli":
-        monkeypatch.setattr("adaptsize.cli.steps.PATIENCE", 1e6)
-        monkeypatch.setattr("adaptsize.cli.warmup._said", True)

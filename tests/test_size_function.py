@@ -192,7 +192,7 @@ def test_clip_keeps_values_between_the_bounds():
 @pytest.mark.parametrize(
     ("bounds", "message"),
     [
-        ((2.0, 1.0), "hmin must be at most hmax, got 2 > 1"),
+        ((2.0, 1.0), "hmin must be at most hmax = 1, got 2"),
         ((0.0, 1.0), "hmin must be finite and > 0, got 0"),
         ((None, -1.0), "hmax must be > 0, got -1"),
         ((np.nan, None), "hmin must be finite and > 0, got nan"),

@@ -81,6 +81,14 @@ WRONG = {
         lambda: ads.adapt(SQUARE, h0=RAGGED),
         "h0 must be",
     ),
+    "an order that is not used": (
+        lambda: ads.adapt(SQUARE, h0=H0, order=lambda: 1),
+        "order must be a number",
+    ),
+    "points out of range": (
+        lambda: ads.SignedDistance(SQUARE)([[1e155, 0.0]]),
+        "points must be at most 1e150 in size, got points[0, 0] = 1e+155",
+    ),
     "a ragged number": (lambda: SIZE.clip(hmin=RAGGED), "hmin must be a number, got [[1.0], [1.0"),
     "a number that is too large": (
         lambda: SIZE.clip(hmin=10**400),

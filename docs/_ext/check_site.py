@@ -3,15 +3,18 @@
     python docs/_ext/check_site.py SITE
 
 Pages must fetch nothing from elsewhere and contain no formula that was left as TeX.  Where Chromium
-is installed, it opens each page, without network, and must log no error.
+is installed, it opens the pages without network, one after the other in one process.  They must
+log no error, and at the widths of a phone, a small window and a large one nothing may be wider than
+the page.  Links need a text, pictures a description, headings their order, and lines of code end
+before they must be scrolled far (`layout.js`).
 """
 
+import json
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 FETCHED = re.compile(r"<(?:script|link|img|iframe|source)[^>]*?(?:src|href)=\"(https?:)?//[^>]*>")
@@ -21,6 +24,8 @@ LEFT_AS_TEX = re.compile(r"\\\(|\\\[|\\(?:frac|kappa|sqrt|mathrm|nabla|lvert)\b"
 CODE = re.compile(r"<(pre|code|script|style|annotation)\b.*?</\1>", re.DOTALL)
 #: The reference has about a hundred pages of one kind; this share is opened.
 OPENED_OF_REFERENCE = 10
+WIDTHS = [1500, 1400, 1000, 400]
+LONGEST_LINE = 100
 OPTIONS = [
     "--headless",
     "--no-sandbox",
@@ -30,8 +35,13 @@ OPTIONS = [
     "--disable-component-update",
     "--disable-sync",
     "--enable-logging=stderr",
-    "--virtual-time-budget=4000",
+    "--disable-web-security",  # the script looks into pages in files
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--virtual-time-budget=100000",
+    "--dump-dom",
 ]
+#: A line of Chromium's log: ``[pid:time:INFO:CONSOLE:12] "text", source: ...``.
+LOGGED = re.compile(r"CONSOLE\D*\d+\)?\] \"(.*)\", source: ")
 
 
 def main(site: Path) -> int:
@@ -47,9 +57,7 @@ def main(site: Path) -> int:
     if browser is None:
         print("no Chromium: pages are not opened")
     else:
-        with ThreadPoolExecutor(2) as pool:
-            for lines in pool.map(lambda page: errors_in(browser, page, site), opened):
-                found += lines
+        found += problems_in_browser(browser, opened, site)
     print(*found, sep="\n")
     how = f", {len(opened)} opened" if browser else ""
     print(f"{len(pages)} pages checked{how}: {len(found)} problems")
@@ -66,17 +74,27 @@ def problems_of(page: Path, site: Path) -> list[str]:
     return [*lines, f"{name}: has TeX {tex[0]!r}"] if tex else lines
 
 
-def errors_in(browser: str, page: Path, site: Path) -> list[str]:
-    """Return one line for each error that the browser logs."""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        words = [browser, *OPTIONS, f"--user-data-dir={profile}"]
-        words += ["--host-resolver-rules=MAP * ~NOTFOUND", "--dump-dom", page.as_uri()]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
-    name = page.relative_to(site)
-    logged = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    lines = [f"{name}: {line.split('] ', 1)[-1]}" for line in logged if "rror" in line]
-    if "</html>" not in done.stdout:
-        lines.append(f"{name}: cannot be opened (exit code {done.returncode})")
+def problems_in_browser(browser: str, pages: list[Path], site: Path) -> list[str]:
+    """Return one line for each problem that `layout.js` or the browser itself logs."""
+    values = {"PAGES": [p.as_uri() for p in pages], "WIDTHS": WIDTHS, "LONGEST": LONGEST_LINE}
+    constants = "".join(f"const {name} = {json.dumps(value)};" for name, value in values.items())
+    script = Path(__file__).with_name("layout.js").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        driver = Path(folder, "driver.html")
+        driver.write_text(f"<!doctype html><body><script>{constants}{script}</script>", "utf-8")
+        words = [browser, *OPTIONS, f"--user-data-dir={folder}/profile", driver.as_uri()]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    name, lines = "", []
+    for text in LOGGED.findall(done.stderr):
+        kind, _, rest = text.partition(" ")
+        if kind == "PAGE":
+            name = rest.removeprefix(f"{site.as_uri()}/")
+        elif kind == "WRONG":
+            lines.append(f"{name}: {rest}")
+        elif "rror" in text:
+            lines.append(f"{name}: {text}")
+    if name != "end":
+        lines.append(f"{name or browser}: cannot be opened (exit code {done.returncode})")
     return lines
 
 

@@ -156,7 +156,7 @@ def index_of(examples: Sequence[Example]) -> str:
             *_cards(examples),
             "## Figure by figure",
             "",
-            "The figures of Persson's paper and the examples that draw the like:",
+            "The figures of Persson's paper and the examples that reproduce them:",
             "",
             "| figure | of | here |",
             "|---:|---|---|",

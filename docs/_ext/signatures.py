@@ -13,8 +13,8 @@ NAME = re.compile(r"^   ([A-Za-z_.]+)$", re.MULTILINE)
 HEAD = """\
 # Functions and their parameters
 
-Made from the signatures when the site is built. What stands after `*` is given by name; what has no
-default must be given. Explanations are behind the links.
+All public functions, generated from their signatures. Parameters after `*` are passed by name;
+parameters without a default are required. The links lead to the explanations.
 """
 
 

@@ -3,6 +3,7 @@
 python docs/measurements/anisotropic.py layer      (a layer in space; half an hour)
 python docs/measurements/anisotropic.py gradation  (the price of gradient limiting; ten minutes)
 python docs/measurements/anisotropic.py counts     (cells per predicted cell; a minute)
+python docs/measurements/anisotropic.py regular    (errors against regular triangles; seconds)
 python docs/measurements/anisotropic.py plate      (aspect ratios up to 1000; seconds)
 """
 
@@ -46,19 +47,25 @@ def measure_layer():
 
 
 def measure_gradation():
-    """Print elements for an error of 1e-3 with different gradient limits."""
+    """Print elements for an error of 1e-3 with different gradient limits, and the last meshes."""
     for name, field in (("S", layers.curved_layer), ("X", layers.crossing_layers)):
-        for g in (None, 1.0, 0.5, 0.25):
+        for g in (None, 2.0, 1.0, 0.5, 0.25):
             mesh, steps = SQUARE, []
             for count in (750, 1500, 3000, 6000):
                 for _ in range(3):
                     fields = {"u": field(mesh.points)}
-                    mesh = ads.adapt(
+                    result = ads.adapt(
                         mesh, anisotropic="u", fields=fields, target_elements=count, hmax=0.25,
                         g=g, enough=1.1,
-                    ).mesh  # fmt: skip
-                steps.append(layers.Step(mesh, layers.interpolation_error(mesh, field), None))
-            print(f"| {name} | {g} | {layers.number_for(steps, 1e-3):.0f} |", flush=True)
+                    )  # fmt: skip
+                    mesh = result.mesh
+                steps.append(layers.Step(mesh, layers.interpolation_error(mesh, field), None, 0.0))
+            after = result.report.after
+            print(
+                f"| {name} | {g} | {layers.number_for(steps, 1e-3):.0f} | "
+                f"{after.share_in_band:.2f} | {after.metric.quality_mean:.2f} |",
+                flush=True,
+            )
 
 
 def measure_counts():
@@ -83,6 +90,35 @@ def measure_counts():
             f"{found.share_in_band:.2f} | {found.metric.quality_mean:.2f} |",
             flush=True,
         )
+
+
+def measure_regular():
+    """Print the errors for x^T H x / 2 over those on triangles that are regular in the metric.
+
+    The formula is that of benchmarks/anisotropic.py, with H of the eigenvalues 1 and a.
+    """
+    c, s = np.cos(0.6), np.sin(0.6)
+    turn = np.array([[c, -s], [s, c]])
+    for a, aspect in (
+        (1.0, 1.0),
+        (0.04, 10.0),
+        (-1.0, 10.0),
+        (-0.04, 10.0),
+        (0.0, 10.0),
+        (0.0, 1.0),
+    ):
+        hessian = turn @ np.diag([1.0, a]) @ turn.T
+        metric = ads.metric_from_hessian(
+            SQUARE, hessian=np.tile(hessian, (SQUARE.n_points, 1, 1)), target_elements=2000,
+            max_aspect=aspect,
+        )  # fmt: skip
+        new = ads.remesh(SQUARE, metric)
+        field = lambda x, h=hessian: 0.5 * np.einsum("...i,ij,...j->...", x, h, x)  # noqa: E731
+        low = max(abs(a), 1.0 / aspect**2)
+        of_h = 27.0 / 8.0 * (1.0 + (a / low) ** 2) + 21.0 / 4.0 * a / low
+        regular = 4.0 / np.sqrt(3.0) * np.sqrt(low * of_h / 720.0) / new.n_cells
+        share = layers.interpolation_error(new, field) / regular
+        print(f"| {a} | {aspect:.0f} | {new.n_cells} | {share:.2f} |", flush=True)
 
 
 def measure_plate():

@@ -4,13 +4,7 @@ Mesh size functions with gradient limiting, after P.-O. Persson, "Mesh size
 functions for implicit geometries and PDE-based gradient limiting".
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-
-TYPE_CHECKING = False  # typing itself is not imported, to be quick
-if TYPE_CHECKING:
-    from typing import Any
+from adaptsize._lazy import lazily
 
 __version__ = "0.2.0"
 
@@ -88,18 +82,4 @@ _SUBMODULES = (
 
 __all__ = ["__version__", *_HOMES]  # noqa: PLE0604 - the keys are strings
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its home, or a submodule, on first use (PEP 562)."""
-    if name in _SUBMODULES:
-        return import_module(f"adaptsize.{name}")
-    if name not in _HOMES:
-        raise AttributeError(f"module 'adaptsize' has no attribute {name!r}")
-    value = getattr(import_module(f"adaptsize.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    own = {name for name in globals() if name.startswith("__")}
-    return sorted({*own, *__all__, *_SUBMODULES})
+__getattr__, __dir__ = lazily(__name__, _HOMES, _SUBMODULES)

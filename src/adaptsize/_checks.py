@@ -79,6 +79,13 @@ def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatA
     return points
 
 
+def as_near_points(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
+    """Return coordinates as `as_points` does, if squares of their differences are in range."""
+    points = as_points(name, value, dim)
+    refuse_where(name, np.abs(points) > 1e150, points, "must be at most 1e150 in size")
+    return points
+
+
 def holds_whole_numbers(array: npt.NDArray[Any]) -> bool:
     """Return whether an array has integers or floats without a fraction only."""
     if array.dtype.kind == "f":
@@ -126,6 +133,19 @@ def as_number(
         finite = "" if allow_inf else "finite and "
         raise ValueError(f"{name} must be {finite}{sign} {lower:g}, got {number:g}")
     return number
+
+
+def as_limits(
+    hmin: float | None, hmax: float | None, *, allow_inf: bool = False
+) -> tuple[float, float]:
+    """Return the smallest and the largest size, 0 and inf where they are not given."""
+    lower = 0.0 if hmin is None else as_number("hmin", hmin, lower=0.0, strict=True)
+    upper = np.inf
+    if hmax is not None:
+        upper = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=allow_inf)
+    if lower > upper:
+        raise ValueError(f"hmin must be at most hmax = {upper:g}, got {lower:g}")
+    return lower, upper
 
 
 def as_slope(name: str, value: Any) -> float:

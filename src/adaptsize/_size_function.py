@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import (
     as_float_array,
+    as_limits,
     as_number,
     as_points,
     as_sizes,
@@ -283,13 +284,7 @@ class SizeFunction(ReadOnlyState):
         ValueError
             If a bound is not positive, or ``hmin > hmax``.
         """
-        lower, upper = 0.0, np.inf
-        if hmin is not None:
-            lower = as_number("hmin", hmin, lower=0.0, strict=True)
-        if hmax is not None:
-            upper = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
-        if lower > upper:
-            raise ValueError(f"hmin must be at most hmax, got {lower:g} > {upper:g}")
+        lower, upper = as_limits(hmin, hmax, allow_inf=True)
         hmax = self.hmax if self.g is None else float(np.clip(self.hmax, lower, upper))
         return replace(self, values=np.clip(self.values, lower, upper), sources=None, hmax=hmax)
 

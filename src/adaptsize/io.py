@@ -62,7 +62,7 @@ def read(
     ------
     MeshFileError
         If the file is missing, empty, a device or pipe, damaged, of an unknown format or
-        shorter than it promises, has no cells of the requested kind, coordinates that are not
+        shorter than its header says, has no cells of the requested kind, coordinates that are not
         finite, or indices out of range.  The message is one line that names the file and the
         problem.
     ValueError
@@ -148,8 +148,8 @@ def write(
         The file.  Its suffix determines the format.
     obj : SimplexMesh, CartesianGrid, Octree, SizeFunction or MetricFunction
         A size function is written as its background with the nodal field ``h``.  Where it grows
-        off a surface or a line, the constant nodal fields ``h.g`` and ``h.hmax`` say so.  An octree
-        is written as its ``mesh``, and so is a grid, except to ``.vti``.
+        off a surface or a line, the constant nodal fields ``h.g`` and ``h.hmax`` record it.  An
+        octree is written as its ``mesh``, and so is a grid, except to ``.vti``.
     fields : mapping of str to array_like, optional
         Nodal fields, one row per node (for a grid: of its shape).  They are written besides the
         fields of the mesh and replace fields of the same name.

@@ -47,11 +47,11 @@ def test_tetrahedra_by_mmg_keep_number_fields_tags_and_boundary():
     mesh = two_region_block(3)
     heat = np.random.default_rng(SEED).random(mesh.n_cells)
     result = adapt(
-        mesh, indicator(mesh), target_elements=4000, backend="mmg",
+        mesh, indicator(mesh), target_elements=2000, backend="mmg",
         fields={"x": mesh.points}, cell_fields={"heat": heat},
     )  # fmt: skip
     new = result.mesh
-    assert abs(new.n_cells / 4000 - 1.0) <= 0.15
+    assert abs(new.n_cells / 2000 - 1.0) <= 0.15
     assert_allclose(result.fields["x"], new.points, atol=1e-12)
     assert_allclose(new.measures @ result.cell_fields["heat"], mesh.measures @ heat, rtol=1e-11)
     assert [facet_areas(new, tag) for tag in (40, 41, 42)] == pytest.approx([1.0] * 3, rel=1e-12)
@@ -62,8 +62,8 @@ def test_tetrahedra_by_tetwild_within_the_tolerance():
     mesh = two_region_block(2)
     heat = np.random.default_rng(SEED).random(mesh.n_cells)
     result = adapt(mesh, h0=0.35, enough=2.0, backend="tetwild", cell_fields={"heat": heat},
-                   keep_integral=True)  # fmt: skip
-    new, slack = result.mesh, 1e-3 * mesh.diagonal
+                   keep_integral=True, boundary_tolerance=5e-3)  # fmt: skip
+    new, slack = result.mesh, 5e-3 * mesh.diagonal
     assert result.report.backend == "tetwild"
     assert result.report.boundary_distance <= slack
     assert result.report.lost_tags == ()

@@ -141,14 +141,15 @@ def _spoiled_array(array: np.ndarray, rng: np.random.Generator) -> Any:
         array.tolist,
         lambda: np.ma.array(array, mask=rng.random(array.shape) < 0.2),
         lambda: array * 0.0,
-        lambda: array * np.float64(1e150),
-        lambda: array * np.float64(1e-150),
+        lambda: array * 1e150,
+        lambda: array * 1e-150,
         lambda: array + 1e9,
         lambda: -array,
         lambda: array[:, :1] if array.ndim > 1 else array[:1],
         lambda: np.zeros_like(array) + array.flat[0] if n else array,
     )
-    return _pick(rng, forms)()
+    with np.errstate(all="ignore"):
+        return _pick(rng, forms)()
 
 
 def _spoiled_mesh(mesh: Any, rng: np.random.Generator) -> Any:

@@ -109,7 +109,7 @@ def test_a_folder_of_surfaces_is_tabulated_and_resumed(tmp_path):
     folder.mkdir()
     ads.write(folder / "good.stl", surface)
     (folder / "bad.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n")
-    options = (folder, "--output", tmp_path / "table.md", "--max-elements", 2000)
+    options = (folder, "--output", tmp_path / "table.md", "--max-elements", 300)
     done = attack(*options, module="tests.attack.corpus")
     assert done.returncode == 0, done.stdout + done.stderr
     table = (tmp_path / "table.md").read_text()

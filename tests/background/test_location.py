@@ -179,3 +179,21 @@ def test_the_locator_is_built_once():
     mesh = random_square(20, 1303)
     assert mesh.locator is mesh.locator
     assert mesh.with_data(point_data={"h": np.ones(20)}).locator is mesh.locator
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_cells_within_a_distance_are_those_of_a_look_at_every_cell(name):
+    mesh, rng = MESHES[name](), np.random.default_rng(61013)
+    points = rng.uniform(mesh.points.min() - 0.2, mesh.points.max() + 0.2, (20, mesh.dim))
+    points[:4] = mesh.points[mesh.cells[rng.integers(0, mesh.n_cells, 4), 0]]
+    reach = np.where(np.arange(20) % 2 == 0, 0.0, 0.4)
+    which, cells = mesh.locator.within(points, reach)
+    corners = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim)))
+    rows = mesh.cells.copy()
+    expected = [
+        (q, c)
+        for q, x in enumerate(np.pad(points, ((0, 0), (0, 3 - mesh.dim))))
+        for c in range(mesh.n_cells)
+        if closest_on_cell(corners, rows, c, tuple(map(float, x)))[0] <= reach[q] ** 2
+    ]
+    assert list(zip(which.tolist(), cells.tolist(), strict=True)) == expected

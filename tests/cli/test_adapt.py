@@ -5,17 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 from meshes import jittered_square
 
 from adaptsize import adapt, read, write
-from adaptsize.cli.entry import run
 from adaptsize.sizes import zz_indicator
 
 DATA = Path(__file__).parents[2] / "data"
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
 
 
 @pytest.fixture

@@ -10,24 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 
 from adaptsize import SimplexMesh, __version__, read, size_function, write
-from adaptsize.cli.entry import run
 from adaptsize.cli.sources import parse_source
 
 DATA = Path(__file__).parents[2] / "data"
-
-
-@pytest.fixture
-def square(tmp_path):
-    """A file with two triangles and the nodal field h0."""
-    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    write(tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf]})
-    return tmp_path / "square.vtu"
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
 
 
 # --- exit codes and streams -------------------------------------------------------

@@ -10,19 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 
 from adaptsize import SimplexMesh, __version__, write
 from adaptsize.cli import entry
 from adaptsize.cli import steps as steps_module
 from adaptsize.cli.console import Console
-from adaptsize.cli.entry import run
 from adaptsize.cli.steps import Steps
 
 DATA = Path(__file__).parents[2] / "data"
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
 
 
 @pytest.fixture

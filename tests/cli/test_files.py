@@ -4,23 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 
 from adaptsize import SimplexMesh, write
-from adaptsize.cli.entry import run
 
 DATA = Path(__file__).parents[2] / "data"
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
-
-
-@pytest.fixture
-def square(tmp_path):
-    """A file with two triangles and the nodal field h0."""
-    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    write(tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf]})
-    return tmp_path / "square.vtu"
 
 
 @pytest.fixture

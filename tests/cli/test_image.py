@@ -4,16 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 from PIL import Image as Pillow
 
 from adaptsize import read, read_size
-from adaptsize.cli.entry import run
 
 DATA = Path(__file__).parents[2] / "data"
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
 
 
 @pytest.fixture

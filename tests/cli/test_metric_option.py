@@ -4,14 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from command_line import call
 
 import adaptsize as ads
-from adaptsize.cli.entry import run
 from adaptsize.metrics import Metric, MetricFunction, limit_metric
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
+from adaptsize.metrics.limit import GRADIENT_LIMIT
 
 
 def slanted(mesh):
@@ -58,12 +55,16 @@ def test_limit_writes_files_for_generators(capsys, square, name):
     assert output.stat().st_size > 0
 
 
-@pytest.mark.parametrize("name", ["fine.vtu", "fine.mesh"])
-def test_remesh_follows_the_metric(capsys, square, name):
+@pytest.mark.parametrize(
+    ("name", "given", "g"),
+    [("fine.vtu", ["-g", "0.5"], 0.5), ("fine.mesh", [], GRADIENT_LIMIT)],
+)
+def test_remesh_follows_the_metric(capsys, square, name, given, g):
     output = square.with_name(name)
-    words = ["--metric", "demand", "-g", "0.5", "--hmax", "0.4", "-o", output, "--json"]
+    words = ["--metric", "demand", *given, "--hmax", "0.4", "-o", output, "--json"]
     assert call("remesh", square, *words) == 0
     result = json.loads(capsys.readouterr().out)
+    assert result["g"] == g
     new = ads.read(output)
     assert result["mesh"]["n_cells"] == new.n_cells > 20
     assert result["metric"]["hmax"] <= 0.4 * (1.0 + 1e-9)

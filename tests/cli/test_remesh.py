@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
-from adaptsize.cli.entry import run
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.quality import size_conformity
 from adaptsize.reporting.outcome import Outcome
@@ -17,10 +17,6 @@ CORNERS = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], 
 SIDES = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
 SIDES += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
 TOP = [[1, 5, 7], [1, 7, 3]]
-
-
-def call(*arguments):
-    return run([str(word) for word in arguments])
 
 
 @pytest.fixture

@@ -56,6 +56,26 @@ def test_equal_to_serial_for_every_partition(name):
                 np.testing.assert_array_equal(boundary.mesh.cell_tags, whole.mesh.cell_tags)
 
 
+def test_number_of_exchanges():
+    """Shared nodes are found in two exchanges, the boundary in two more and one gather."""
+
+    def work(part):
+        counts = []
+        for _ in range(2):
+            before = part.comm.traffic.exchanges
+            part.minimum(np.zeros(part.n_points))
+            counts.append(part.comm.traffic.exchanges - before)
+        for _ in range(2):
+            before = part.comm.traffic.exchanges, part.comm.traffic.reductions
+            curvature_on_parts(part)
+            counts.append(part.comm.traffic.exchanges - before[0])
+            counts.append(part.comm.traffic.reductions - before[1])
+        return counts
+
+    # One reduction is the agreement on errors.
+    assert on_ranks(MESHES["disc"], None, SIZE, work)[0] == [[3, 1, 2, 2, 0, 1]] * SIZE
+
+
 def test_surfaces_and_curves_are_collected():
     sphere, rng = random_sphere(40, 885), np.random.default_rng(886)
     circle = MESHES["disc"].boundary().mesh

@@ -83,6 +83,22 @@ def test_limit_that_depends_on_the_size():
     assert_equal_to_serial(mesh, h0, lambda h: 0.1 + 0.3 * h / (1.0 + h), rank_of)
 
 
+def test_number_of_exchanges_in_a_frame_of_four_strips():
+    mesh, rng = SOLIDS["ring"], np.random.default_rng(879)
+    x = mesh.points[mesh.cells].mean(axis=1)[:, 0]
+    strips = np.minimum((SIZE * x / 5.0).astype(int), SIZE - 1)
+    for kind in BOUNDS:
+        h0 = bounds(mesh, kind, rng)
+
+        def work(part, h0=h0):
+            limit_parts(part, h0[part.global_ids], 0.3)
+            before = part.comm.traffic.exchanges
+            limit_parts(part, h0[part.global_ids], 0.3)
+            return part.comm.traffic.exchanges - before
+
+        assert all(2 <= count <= 10 for count in on_ranks(mesh, strips, SIZE, work)[0])
+
+
 def test_number_of_exchanges_and_bytes():
     """One exchange of sources, and some of sizes that grow along edges; three more if linear.
 

@@ -26,7 +26,8 @@ def _box(dim, n):
 
 
 def _sizes(points):
-    return 0.06 + 0.25 * np.linalg.norm(points - 0.5, axis=1)
+    finest = 0.06 if points.shape[1] == 2 else 0.12
+    return finest + 0.25 * np.linalg.norm(points - 0.5, axis=1)
 
 
 def _remeshed(mesh, n_ranks, **options):

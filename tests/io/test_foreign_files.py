@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from adaptsize import read
+from adaptsize.cli.entry import run
 from adaptsize.errors import MeshFileError, MeshRepairWarning
 
 VTU_PIECE = """<Piece NumberOfPoints="3" NumberOfCells="1"><Points>
@@ -104,3 +105,22 @@ def test_off_with_comments_colours_and_polygons_is_read(tmp_path):
     mesh = read(file)
     assert_array_equal(mesh.cells, [[0, 1, 2], [0, 2, 3], [0, 3, 4]])
     assert mesh.measures.sum() == 1.5
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("a[red].vtk", "# vtk\n", "(Illegal VTK header; Couldn't read file a[red].vtk as vtk)"),
+        ("[bold]c.vtu", "no XML\n", "(Couldn't read file [bold]c.vtu as vtu)"),
+    ],
+)
+def test_an_error_has_the_words_of_meshio_without_its_markup(
+    tmp_path, monkeypatch, capsys, name, content, expected
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(content)
+    with pytest.raises(MeshFileError) as raised:
+        read(name)
+    assert str(raised.value) == f"{name}: cannot be read as a mesh {expected}"
+    assert run(["info", name]) == 1
+    assert capsys.readouterr().err == f"adaptsize: error: {raised.value}\n"

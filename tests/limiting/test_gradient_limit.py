@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from adaptsize import SimplexMesh
+from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting.gradient_limit import SizeTransform, resolve
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -136,3 +136,9 @@ def test_given_arrays_are_not_written_into():
     g.flags.writeable = False
     resolve(SQUARE, g, BOUND)
     assert g.tolist() == [0.1, 1e-200]
+
+
+def test_a_pair_of_limits_may_be_a_list():
+    slopes = 0.5 * np.arange(1.0, SQUARE.n_points + 1.0)
+    pair = limit_gradient(SQUARE, BOUND, (slopes, lambda h: h))
+    assert np.array_equal(limit_gradient(SQUARE, BOUND, [slopes, lambda h: h]), pair)

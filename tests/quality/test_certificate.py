@@ -5,22 +5,12 @@ import json
 import numpy as np
 import pytest
 from meshes import random_sphere
-from shapes import block
+from shapes import block, joined, moved
 
 from adaptsize import SimplexMesh, check_mesh
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 CUBE = block(2)
-
-
-def moved(mesh, offset, scale=1.0):
-    return SimplexMesh(mesh.points * scale + offset, mesh.cells)
-
-
-def joined(*meshes):
-    starts = np.cumsum([0, *(mesh.n_points for mesh in meshes)])
-    cells = [mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]
-    return SimplexMesh(np.concatenate([mesh.points for mesh in meshes]), np.concatenate(cells))
 
 
 def without_cells(mesh, keep):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from shapes import block
+from shapes import block, joined, moved
 
 from adaptsize import SimplexMesh
 from adaptsize.errors import BackendError, ResolutionWarning
@@ -11,16 +11,6 @@ from adaptsize.remeshing.driver import _Part
 
 CUBE = block(2)
 SURFACE = CUBE.boundary().mesh
-
-
-def joined(*meshes):
-    starts = np.cumsum([0, *(mesh.n_points for mesh in meshes)])
-    cells = [mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]
-    return SimplexMesh(np.concatenate([mesh.points for mesh in meshes]), np.concatenate(cells))
-
-
-def moved(mesh, offset, scale=1.0):
-    return SimplexMesh(mesh.points * scale + offset, mesh.cells)
 
 
 def accept(new, old, task="surface to tetrahedra"):

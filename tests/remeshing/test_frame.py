@@ -27,7 +27,7 @@ def test_a_frame_puts_a_part_around_the_origin_and_back():
     assert_allclose(own_size(own.points), 0.1, rtol=1e-12)
 
 
-@pytest.mark.parametrize("exponent", [-30, -10, 10, 30])
+@pytest.mark.parametrize("exponent", [-30, 30])
 def test_units_do_not_change_the_mesh(exponent):
     pytest.importorskip("mmgpy")
     mesh = jittered_square(12, 2102)
@@ -38,7 +38,7 @@ def test_units_do_not_change_the_mesh(exponent):
     assert_allclose(other.points, scale * new.points, rtol=1e-12, atol=1e-15 * scale)
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e6, 1e9])
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
 def test_a_part_of_any_size_becomes_tetrahedra(scale):
     surface = moved(block(2).boundary().mesh, scale)
     new = remesh(surface, 0.3 * scale, backend="tetwild")

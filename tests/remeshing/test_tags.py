@@ -63,7 +63,7 @@ def test_names_of_tags_outlive_remeshing(backend):
     pytest.importorskip("mmgpy" if backend == "mmg" else "pytetwild")
     names = {(3, 7): "left", (2, 40): "interface"}
     given = replace(two_region_block(2), tag_names=names)
-    assert remesh(given, 0.4, backend=backend).tag_names == names
+    assert remesh(given, 0.4, backend=backend, tolerance=5e-3).tag_names == names
 
 
 def test_required_facets_stay_as_they_are():

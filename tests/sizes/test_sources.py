@@ -39,6 +39,14 @@ def test_point_at_a_node_gives_its_size_there():
     assert size_from_sources(SQUARE, PointSource([2.0, 0.0], 0.25))[4] == 0.25
 
 
+def test_point_between_cells_shows_at_the_nodes_of_all_of_them():
+    # On the diagonal of the square, and at a corner that three triangles have.
+    h0 = size_from_sources(SQUARE, PointSource([0.5, 0.5], 0.01), g=0.5)
+    assert_allclose(h0, [*np.full(4, 0.01 + 0.5 * np.sqrt(0.5)), INF], rtol=1e-14)
+    h0 = size_from_sources(SQUARE, PointSource([1.0, 1.0], 0.01), g=0.5)
+    assert_allclose(h0, 0.01 + 0.5 * np.array([np.sqrt(2.0), 1.0, 0.0, 1.0, np.sqrt(2.0)]))
+
+
 def test_points_have_sizes_of_their_own():
     points = [[0.6, 0.3], [2.0, 0.0]]
     both = size_from_sources(SQUARE, PointSource(points, [0.01, 3.0]))

@@ -64,3 +64,15 @@ def facet_areas(mesh, tag):
     """Return the area (or length) of the facets with a tag."""
     facets = mesh.tagged_facets[mesh.facet_tags == tag]
     return SimplexMesh(mesh.points, facets).measures.sum()
+
+
+def joined(*meshes):
+    """Return meshes side by side as one, without merging nodes."""
+    starts = np.cumsum([0, *(mesh.n_points for mesh in meshes)])
+    cells = [mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]
+    return SimplexMesh(np.concatenate([mesh.points for mesh in meshes]), np.concatenate(cells))
+
+
+def moved(mesh, offset, scale=1.0):
+    """Return a mesh scaled and shifted, without its tags."""
+    return SimplexMesh(mesh.points * scale + offset, mesh.cells)

@@ -1,4 +1,7 @@
-"""Whether a file holds all that it promises.  The readers of other packages do not check it."""
+"""Whether a file holds all that its header announces.
+
+The readers of other packages do not check it.
+"""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ import builtins
 import contextlib
 import io
 import logging
+import re
 import threading
 import warnings
 from collections.abc import Iterator
@@ -20,6 +21,8 @@ from typing import Any
 _HEARD: ContextVar[io.StringIO | None] = ContextVar("adaptsize_heard", default=None)
 #: Loggers that write to the terminal by their own handlers.
 _LOUD_LOGGERS = ("nibabel.global",)
+#: The markup that meshio puts around each message: ``[red][bold]Error:[/bold] text[/red]``.
+_MARKUP = re.compile(r"(?:\[\w+\])?\[bold\]\w+:\[/bold\] (.*?)(?:\[/\w+\])?", re.DOTALL)
 # Filters of warnings belong to the process: blocks that overlap would leave those of each other.
 _FILTERS = threading.RLock()
 
@@ -51,7 +54,8 @@ class _Console:
     def print(self, text: object = "", *args: Any, **options: Any) -> None:
         heard = _HEARD.get()
         if heard is not None:
-            heard.write(f"{text}\n")
+            marked = _MARKUP.fullmatch(str(text))
+            heard.write(f"{marked[1] if marked else text}\n")
             return
         from rich.console import Console
 

@@ -79,7 +79,8 @@ def reason(error: BaseException, printed: str = "") -> str:
     """Return one short line with the error of another package."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         return f"needs the package {error.name} (pip install {error.name})"
-    text = printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+    lines = printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+    text = "; ".join(line.strip().rstrip(".") for line in lines.splitlines() if line.strip())
     line = " ".join(text.split()) or type(error).__name__
     return line if len(line) <= 160 else line[:157] + "..."
 

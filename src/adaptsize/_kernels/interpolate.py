@@ -345,6 +345,55 @@ def locate(points, cells, boxes, full, queries, order, first, last, found, weigh
 
 
 @kernel
+def list_within(points, cells, boxes, queries, reach, rows):
+    """List the cells that are at most a given distance away from each query point.
+
+    Parameters
+    ----------
+    points, cells, boxes, queries
+        As in `locate`.
+    reach : float64[n_queries]
+        Largest distance, >= 0.
+    rows : int32[room, 2]
+        Out: query and cell, as numbered in ``cells``, as far as there is room.
+
+    Returns
+    -------
+    int
+        Number of rows, which may exceed the room.
+    """
+    n_cells = cells.shape[0]
+    n_leaves = boxes.shape[0] // 2
+    stack = np.empty(_STACK, np.int64)
+    count = 0
+    for q in range(queries.shape[0]):
+        x = (queries[q, 0], queries[q, 1], queries[q, 2])
+        reach2 = reach[q] * reach[q]
+        stack[0] = 1
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if _distance2_to_box(boxes, node, x) > reach2:
+                continue
+            if node < n_leaves:
+                stack[top] = 2 * node
+                stack[top + 1] = 2 * node + 1
+                top += 2
+                continue
+            leaf = node - n_leaves
+            for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+                if _distance2_to_cell_box(points, cells, c, x) > reach2:
+                    continue
+                if closest_on_cell(points, cells, c, x)[0] <= reach2:
+                    if count < rows.shape[0]:
+                        rows[count, 0] = q
+                        rows[count, 1] = c
+                    count += 1
+    return count
+
+
+@kernel
 def interpolate(cells, values, found, weights, result):
     """Fill the linear interpolant at located points.
 

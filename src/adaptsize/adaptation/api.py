@@ -31,6 +31,7 @@ from adaptsize.adaptation.transfer import FieldTransfer
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.metrics.limit import GRADIENT_LIMIT
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration
 from adaptsize.sizes.node_counts import elements_with_nodes
@@ -38,9 +39,6 @@ from adaptsize.typing import GradientLimit, ProgressCallback
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 _Task: TypeAlias = Literal["tetrahedra", "plane triangles", "surface"]
-
-#: Default gradient limit of metrics.
-_G_OF_METRICS = 1.0
 
 
 def adapt(
@@ -105,7 +103,7 @@ def adapt(
     g : float, array_like, callable, tuple, "auto" or None
         Gradient limit, as in `limit_gradient`.  None disables gradient limiting.  "auto" is 0.25,
         and 1 for metrics: `limit_metric` limits all sizes at a node by the smallest ones nearby,
-        and 0.25 needed 1.6 to 2.5 times as many elements for the same error of interpolation.
+        and 0.25 needed 1.6 to 2 times as many elements for the same error of interpolation.
     hmin, hmax : float, optional
         Limits of the size.
     max_refine, max_coarsen : float, default 4 and 2
@@ -147,8 +145,8 @@ def adapt(
     timeout : float or None
         Seconds after which a generator is stopped.  None disables the limit.
     progress : callable, bool or None
-        Called with a text and the share done or None.  True shows a progress bar.  An exception
-        in it, or Ctrl-C, stops the work.
+        Called with a text and the fraction completed or None.  True shows a progress bar.  An
+        exception in it, or Ctrl-C, stops the work.
 
     Returns
     -------
@@ -230,7 +228,7 @@ def adapt(
     is_metric = anisotropic is not False or as_metric_bound(h0, mesh) is not None
     if isinstance(g, str):
         one_of("g", g, ("auto",))
-        g = _G_OF_METRICS if is_metric else DEFAULT_G
+        g = GRADIENT_LIMIT if is_metric else DEFAULT_G
     # As floats: numbers of numpy would make the search for the factor less accurate.
     if target_elements is not None:
         target_elements = as_number("target_elements", target_elements, lower=1.0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe, refuse_where
+from adaptsize._checks import as_number, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.next_sizes import REACHED, BoundLike, NextSizes, as_bound
 from adaptsize.background import SimplexMesh
@@ -23,6 +23,7 @@ from adaptsize.metrics import (
     metric_from_hessian,
     predicted_simplices,
 )
+from adaptsize.metrics.limit import as_gradient_limit
 from adaptsize.typing import FloatArray
 
 #: The scale of a metric is corrected at most so often to meet the number of elements; each time
@@ -109,9 +110,8 @@ def metric_request(
         as_number("tolerance", accuracy, lower=0.0, strict=True)
     if target is not None:
         as_number("target_elements", target, lower=1.0)
-    g = options["g"]
-    if g is not None and not (isinstance(g, int | float) and 0.0 <= g < math.inf):
-        raise ValueError(f"g must be finite and >= 0, or None, with a metric, got {describe(g)}")
+    if options["g"] is not None:
+        options["g"] = as_gradient_limit(options["g"])
     return MetricRequest(chosen, bound, **options)
 
 

@@ -197,6 +197,9 @@ def check_goal(request: SizeRequest) -> None:
     if request.target_elements is not None:
         as_number("target_elements", request.target_elements, lower=1.0)
     minimum(1.0, hmin=request.hmin, hmax=request.hmax)
+    as_number("order", request.order, lower=0.0, strict=True)
+    as_number("max_refine", request.max_refine, lower=1.0)
+    as_number("max_coarsen", request.max_coarsen, lower=1.0, allow_inf=True)
     if isinstance(request.g, str) or (
         isinstance(request.g, int | float) and not 0.0 <= request.g < math.inf
     ):

@@ -54,7 +54,7 @@ def transfer_fields(
     conservative, keep_integral : bool
         See `FieldTransfer.cells`.
     progress : callable, bool or None
-        Called with a text and the share done; True shows a bar.
+        Called with a text and the fraction completed; True shows a bar.
 
     Returns
     -------
@@ -107,8 +107,8 @@ class FieldTransfer:
         Both triangles in the plane, both tetrahedra, or both triangles in space.  Cells may have
         any orientation.
     progress : callable, bool or None
-        Called with a text and the share done while overlaps are computed.  True shows a progress
-        bar.
+        Called with a text and the fraction completed while overlaps are computed.  True shows a
+        progress bar.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from adaptsize._kernels.interpolate import (
     fill_centroids,
     fill_morton_codes,
     interpolate,
+    list_within,
     locate,
     sort_for_tree,
 )
@@ -89,7 +90,7 @@ class SimplexLocator:
         # Scaling by a power of two is exact; it keeps squares of lengths in range.
         largest = float(np.abs(mesh.points[nodes]).max())
         self._scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
-        points = _in_space(mesh.points[nodes] * self._scale)
+        points = in_space(mesh.points[nodes] * self._scale)
         self._lower = points.min(axis=0)
         width = float((points.max(axis=0) - self._lower).max())
         self._width = width if width > 0.0 else 1.0
@@ -120,7 +121,7 @@ class SimplexLocator:
 
     def along_curve(self, points: FloatArray) -> npt.NDArray[np.int64]:
         """Return an order of points along a space-filling curve."""
-        return self._along_curve(_in_space(points * self._scale))
+        return self._along_curve(in_space(points * self._scale))
 
     def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return for each point the cell that contains it, or else the closest cell.
@@ -148,8 +149,7 @@ class SimplexLocator:
         ValueError
             If ``points`` has another shape or a coordinate is not finite.
         """
-        queries = as_points("points", points, self._dim) * self._scale
-        queries = _in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
+        queries = self._queries(points)
         n = len(queries)
         found = np.empty(n, np.int32)
         weights = np.empty((n, self._cells.shape[1]))
@@ -165,6 +165,49 @@ class SimplexLocator:
             step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
             first = last
         return self._cell_of_place[found], weights, distances / self._scale
+
+    def within(
+        self, points: npt.ArrayLike, reach: npt.ArrayLike
+    ) -> tuple[npt.NDArray[np.int64], IntArray]:
+        """Return all cells that are at most a given distance away from each point.
+
+        Unlike the cell that `nearest` chooses among several, they depend on nothing but the point
+        and the cells themselves.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+        reach : float or array_like of float, shape (n,)
+            Largest distance from each point, >= 0.
+
+        Returns
+        -------
+        which : ndarray of int64, shape (k,)
+            A point of each pair of a point and a cell, ascending.
+        cells : ndarray of int32, shape (k,)
+            Its cell; ascending for each point.
+
+        Examples
+        --------
+        >>> from adaptsize import SimplexMesh
+        >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+        >>> which, cells = square.locator.within([[0.5, 0.5], [0.75, 0.25]], 1e-9)
+        >>> which.tolist(), cells.tolist()
+        ([0, 0, 1], [0, 1, 0])
+        """
+        queries = self._queries(points)
+        n, room = len(queries), 8 * len(queries)
+        limit = np.minimum(np.broadcast_to(as_float_array("reach", reach), (n,)), _FARTHEST)
+        limit = limit * self._scale
+        while True:
+            rows = np.empty((room, 2), np.int32)
+            count = list_within(self._points, self._cells, self._boxes, queries, limit, rows)
+            if count <= room:
+                break
+            room = count
+        which, cells = rows[:count, 0].astype(np.int64), self._cell_of_place[rows[:count, 1]]
+        order = np.lexsort((cells, which))
+        return which[order], cells[order]
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the nodes and weights of the cell that `nearest` finds, and the distance.
@@ -207,6 +250,11 @@ class SimplexLocator:
         interpolate(self._mesh_cells, nodal, cells, weights, result)
         return result, distances
 
+    def _queries(self, points: npt.ArrayLike) -> FloatArray:
+        """Return checked points, scaled and padded like those of the mesh."""
+        queries = as_points("points", points, self._dim) * self._scale
+        return in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
+
     def _along_curve(self, places: FloatArray) -> npt.NDArray[np.int64]:
         """Return the order of places along a Morton curve through the mesh."""
         codes = np.empty(len(places), np.uint64)
@@ -214,7 +262,7 @@ class SimplexLocator:
         return np.argsort(codes, kind="stable")
 
 
-def _in_space(points: FloatArray) -> FloatArray:
+def in_space(points: FloatArray) -> FloatArray:
     """Return points padded with zero coordinates, float64[n, 3]."""
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points

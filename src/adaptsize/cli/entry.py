@@ -105,34 +105,20 @@ def _run(arguments: list[str], console: Console) -> int:
     import typer
     from typer.main import get_command
 
+    from adaptsize import errors
     from adaptsize.cli.commands import app
-    from adaptsize.errors import (
-        ConvergenceWarning,
-        ImageWarning,
-        MeshRepairWarning,
-        OpenSurfaceWarning,
-        OutsideWarning,
-        ResolutionWarning,
-    )
 
     # typer vendors click or imports it.  This finds the class in both cases.
     usage_error: Any = typer.BadParameter.__bases__[0]
-    ours = (
-        ConvergenceWarning,
-        ImageWarning,
-        MeshRepairWarning,
-        OpenSurfaceWarning,
-        OutsideWarning,
-        ResolutionWarning,
-    )
     received: list[signal.Signals] = []
     debug = "--debug" in arguments  # at any position
     arguments = [word for word in arguments if word != "--debug"]
     try:
         with _signals_as_interrupt(received), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warnings of other packages
-            for category in ours:
-                warnings.simplefilter("always", category)
+            for kind in vars(errors).values():
+                if isinstance(kind, type) and issubclass(kind, Warning):
+                    warnings.simplefilter("always", kind)
             # Restored by catch_warnings.
             warnings.showwarning = lambda message, *_, **__: console.warn(_in_one_line(message))
             result = get_command(app).main(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from adaptsize._checks import as_limits
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import check_files, check_place, nodal_field
 
@@ -106,13 +107,13 @@ def remesh_in_parts(
     options = {name: value for name, value in options.items() if value is not None}
     if field is None:
         raise ValueError("--field is required for distributed meshes")
+    low, high = as_limits(*limits)
     comm = _ranks(console)
     with console.steps(4) as steps:
         steps.begin("reading")
         comm.agree(lambda: _check_output(file, output, is_mesh=True))
         part = read_parts(file, comm)
-        low, high = limits
-        h0 = np.clip(_bounds(part, field), 0.0 if low is None else low, high)
+        h0 = np.clip(_bounds(part, field), low, high)
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, progress=steps.report)
         steps.begin("meshing")

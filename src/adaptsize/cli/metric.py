@@ -98,7 +98,7 @@ def remesh_with_metric(
     file: Path,
     output: Path,
     metric: str,
-    g: float,
+    g: float | None,
     limits: tuple[float | None, float | None],
     plot: Path | None,
     *,
@@ -109,6 +109,8 @@ def remesh_with_metric(
 
     Parameters
     ----------
+    g : float or None
+        Gradient limit; None is the default of metrics.
     limits : tuple of float or None
         Smallest and largest size.
     options : mapping
@@ -118,8 +120,10 @@ def remesh_with_metric(
     """
     from adaptsize import remeshing
     from adaptsize.metrics import MetricFunction, limit_metric
+    from adaptsize.metrics.limit import GRADIENT_LIMIT
     from adaptsize.quality import size_conformity
 
+    g = GRADIENT_LIMIT if g is None else g
     check_metric_options(file, metric, refused, output, plot)
     given_options = {name: value for name, value in options.items() if value is not None}
     with console.steps(5) as steps:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -18,7 +19,6 @@ from adaptsize.cli.options import (
     Crease,
     Elements,
     Field,
-    Gradient,
     Input,
     Largest,
     MaxElements,
@@ -63,7 +63,15 @@ def remesh(
     output: MeshOutput,
     elements_per_radian: PerRadian = None,
     elements_across: Across = None,
-    gradient: Gradient = 0.25,
+    gradient: Annotated[
+        float | None,
+        typer.Option(
+            "-g",
+            "--gradient",
+            metavar="NUMBER",
+            help="Gradient limit: growth of the size per length.  [default: 0.25; 1 with --metric]",
+        ),
+    ] = None,
     hmin: Smallest = None,
     hmax: Largest = None,
     crease_angle: Crease = 40.0,
@@ -151,6 +159,9 @@ def remesh(
                 "--mpi": mpi or console.world is not None,
             },
         )
+    from adaptsize.domain_size.request import GRADIENT_LIMIT, TOLERANCE, check_elements
+
+    g = GRADIENT_LIMIT if gradient is None else gradient
     if runs_in_parts(console, file, output, mpi=mpi):
         refused = {
             "--elements-per-radian": elements_per_radian is not None,
@@ -170,7 +181,7 @@ def remesh(
             file,
             output,
             field,
-            gradient,
+            g,
             (hmin, hmax),
             {
                 "how": "gather" if gather else "parts",
@@ -184,7 +195,6 @@ def remesh(
     from adaptsize import remeshing
     from adaptsize._checks import as_number
     from adaptsize.domain_size.elements import reach_number, tolerance_of
-    from adaptsize.domain_size.request import TOLERANCE, check_elements
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.remeshing.driver import check_backend
     from adaptsize.remeshing.registry import check_installed
@@ -197,7 +207,6 @@ def remesh(
     )
     as_number("timeout", timeout, lower=0.0, strict=True)
     check_elements(elements, max_elements, nodes)
-    parts = _names_of_parts(backend)
     sources = [parse_source(text) for text in source or ()]
     with console.steps(5) as steps:
         steps.begin("reading")
@@ -217,7 +226,7 @@ def remesh(
                 field,
                 elements_per_radian=elements_per_radian,
                 elements_across=elements_across,
-                g=gradient,
+                g=g,
                 hmin=hmin,
                 hmax=hmax,
                 crease_angle=crease_angle,
@@ -238,12 +247,12 @@ def remesh(
                     found,
                     target=target,
                     backend=backend,
-                    g=gradient,
+                    g=g,
                     hmax=report.hmax,
                     tolerance=tolerance_of(report, tolerance),
                     timeout=timeout,
                     strict=strict,
-                    progress=steps.following(lambda text: parts.get(text, text)),
+                    progress=steps.following(_names_of_parts(backend)),
                 ),
             )
 
@@ -266,12 +275,13 @@ def remesh(
     _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
 
 
-def _names_of_parts(backend: str) -> dict[str, str]:
-    """Return the names of the parts of meshing by the texts of the generators' progress."""
+def _names_of_parts(backend: str) -> Callable[[str], str]:
+    """Return a function from texts of the generators' progress to names of the parts of meshing."""
     from adaptsize.remeshing.registry import is_usable
 
     with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
-    return _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
+    names = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
+    return lambda text: names.get(text, text)
 
 
 def _check_outputs(file: Path, output: Path, plot: Path | None, page: Path | None) -> None:

@@ -7,12 +7,14 @@ from adaptsize.distributed.communicator import Communicator, Traffic, as_communi
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
 from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
+from adaptsize.distributed.info import PartsLimitingInfo
 from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.simulated import SimulatedCommunicator
 from adaptsize.distributed.sizes import predicted_elements, size_from_error, size_from_hessian
+from adaptsize.distributed.source_sizes import size_from_sources
 from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
@@ -21,6 +23,7 @@ __all__ = [
     "DolfinxPart",
     "InterfaceQuality",
     "PartitionedMesh",
+    "PartsLimitingInfo",
     "PartsReport",
     "PlexPart",
     "RemeshedParts",
@@ -39,6 +42,7 @@ __all__ = [
     "size_from_error",
     "size_from_feature",
     "size_from_hessian",
+    "size_from_sources",
     "to_dolfinx",
     "transfer_fields",
     "write_parts",

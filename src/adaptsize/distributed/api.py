@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import warnings
+from hashlib import sha256
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -19,12 +21,16 @@ from adaptsize._checks import (
 )
 from adaptsize._progress import reporting
 from adaptsize.distributed.exact import Given, solve_exact
+from adaptsize.distributed.info import PartsLimitingInfo, Solved, info_from, info_of
 from adaptsize.distributed.marching import solve_fast_marching
 from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.limiting.arguments import as_count
+from adaptsize.errors import ConvergenceWarning
+from adaptsize.limiting.arguments import as_count, as_point_bounds
+from adaptsize.limiting.exact.api import UNFINISHED
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
 from adaptsize.limiting.on_simplices import METHODS
 from adaptsize.limiting.options import refuse_idle
+from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize, ProgressCallback
 
 _METHODS = ("auto", "exact", "fast-marching")
@@ -39,8 +45,36 @@ class _Limit(NamedTuple):
     number: float | None
     method: str
     face_sources: bool
+    point_sources: str
+    full_output: bool
 
 
+@overload
+def limit_gradient(
+    part: PartitionedMesh,
+    h0: npt.ArrayLike,
+    g: GradientLimit,
+    *,
+    method: str = ...,
+    face_sources: bool = ...,
+    threads: int | None = ...,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
+    full_output: Literal[False] = ...,
+    progress: ProgressCallback | bool | None = ...,
+) -> FloatArray: ...
+@overload
+def limit_gradient(
+    part: PartitionedMesh,
+    h0: npt.ArrayLike,
+    g: GradientLimit,
+    *,
+    method: str = ...,
+    face_sources: bool = ...,
+    threads: int | None = ...,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
+    full_output: Literal[True],
+    progress: ProgressCallback | bool | None = ...,
+) -> tuple[FloatArray, PartsLimitingInfo]: ...
 def limit_gradient(
     part: PartitionedMesh,
     h0: npt.ArrayLike,
@@ -49,8 +83,10 @@ def limit_gradient(
     method: str = "auto",
     face_sources: bool = True,
     threads: int | None = 1,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
-) -> FloatArray:
+) -> FloatArray | tuple[FloatArray, PartsLimitingInfo]:
     """Return the largest sizes below ``h0`` whose gradient is at most ``g``; collective.
 
     The result is that of `adaptsize.limit_gradient` on the whole mesh, for any partition: equal
@@ -70,18 +106,29 @@ def limit_gradient(
     face_sources : bool, optional
     threads : int, optional
         Threads of each rank; None is the number of numba.
+    point_sources : tuple of (array_like, array_like), optional
+        As for `adaptsize.limit_gradient`; the same on all ranks.
+    full_output : bool, optional
+        Whether to return a `PartsLimitingInfo` too, for ten more reductions.
     progress : callable or bool, optional
         Progress of this rank.
 
     Returns
     -------
-    ndarray of float64, shape (n_local,)
+    h : ndarray of float64, shape (n_local,)
         Ranks that share a node get the same size.
+    info : PartsLimitingInfo
+        Returned only with ``full_output``; the same on all ranks.
 
     Raises
     ------
     ValueError
         On all ranks, if the input of any rank is bad.  The message names the rank.
+
+    Warns
+    -----
+    ConvergenceWarning
+        On rank 0, as in one process.
 
     Notes
     -----
@@ -109,20 +156,21 @@ def limit_gradient(
     """
     check_type("part", part, PartitionedMesh)
     comm = part.comm
-    bound, slope, limit, own = comm.agree(
-        lambda: _checked(part, h0, g, method, face_sources, threads)
-    )
+    given = (method, face_sources, threads, point_sources, full_output)
+    bound, slope, limit, extra, own = comm.agree(lambda: _checked(part, h0, g, *given))
     every: list[_Limit] = comm.allgather(own)
     least = min(limit.least for limit in every)
     if least == np.inf:
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    for name in ("number", "method", "face_sources"):
+    for name in ("number", "method", "face_sources", "point_sources", "full_output"):
         if len({getattr(limit, name) for limit in every} - {None}) > 1:
             what = "g" if name == "number" else name
             raise ValueError(f"{what} must be the same on all ranks")
     varies = any(limit.varies for limit in every)
     if method == "auto":
         method = "exact" if part.cell_dim == part.dim and not varies else "fast-marching"
+    if extra is not None and method != "exact":
+        raise ValueError(f"point_sources is for method='exact', got method={method!r}")
     if method == "exact" and (varies or part.cell_dim < part.dim):
         raise ValueError("method='exact' needs a flat domain of full dimension and one number g")
     number = next((own.number for own in every if own.number is not None), 0.0)
@@ -130,23 +178,30 @@ def limit_gradient(
     if limit is not None:
         finite = np.array([least, max(limit.largest for limit in every)])
         transform = comm.agree(lambda: SizeTransform(limit, *finite.tolist()))
-    u0 = bound if transform is None else transform.forward(bound)
+    u0, at_points = bound, extra
+    if transform is not None:
+        u0 = transform.forward(bound)
+        if extra is not None:
+            at_points = extra._replace(sizes=transform.forward(extra.sizes))
     with reporting(progress) as report:
+        solved: Solved | None
         if method == "exact":
-            u = solve_exact(part, u0, Given(number, face_sources, threads, report))
+            solved = solve_exact(part, u0, Given(number, face_sources, threads, report, at_points))
         else:
-            marched = solve_fast_marching(part, u0, slope, report)
-            u = None if marched is None else marched.h
-        if u is None:
-            options: dict[str, Any] = {"method": method}
+            solved = solve_fast_marching(part, u0, slope, report, residual=full_output)
+        if solved is None:
+            options: dict[str, Any] = {"method": method, "full_output": full_output}
             if method == "exact":
                 options |= {"face_sources": face_sources, "threads": threads}
+                options["point_sources"] = None if extra is None else tuple(extra)
             per_cell = np.broadcast_to(slope.values, part.n_cells) if varies else None
             return _collected(part, bound, (per_cell, limit, number), options)
-    if transform is None:
-        return np.minimum(u, bound)
-    back = transform.backward
-    return np.minimum(comm.agree(lambda: back(u)), bound)
+    if not comm.allreduce(int(solved.finished), "min") and comm.rank == 0:
+        warnings.warn(UNFINISHED, ConvergenceWarning, stacklevel=2)
+    u = solved.h
+    h = u if transform is None else comm.agree(lambda: transform.backward(u))
+    h = np.minimum(h, bound)
+    return (h, info_of(part, method, u0, solved, slope)) if full_output else h
 
 
 def _checked(
@@ -156,18 +211,26 @@ def _checked(
     method: str,
     face_sources: bool,
     threads: int | None,
-) -> tuple[FloatArray, Slope, GradientOfSize | None, _Limit]:
-    """Return the checked bounds, slopes, g(h) if there is one, and facts about them."""
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None,
+    full_output: bool,
+) -> tuple[FloatArray, Slope, GradientOfSize | None, PointBounds | None, _Limit]:
+    """Return the checked bounds, slopes, g(h) and points if given, and facts about them."""
     one_of("method", method, _METHODS)
-    refuse_idle(method, METHODS, {"face_sources": not as_flag("face_sources", face_sources)})
+    extra = None if point_sources is None else as_point_bounds(point_sources, part.dim)
+    idle = {
+        "face_sources": not as_flag("face_sources", face_sources),
+        "point_sources": extra is not None,
+    }
+    refuse_idle(method, METHODS, idle)
     as_count("threads", threads)
+    as_flag("full_output", full_output)
     check_range("part", part.points)
     given = as_float_array("h0", h0)
     if given.ndim == 0:
         given = np.full(part.n_points, float(given))
     bound = as_sizes("h0", given, part.nodal_shape)
     in_space, limit = g, None
-    if isinstance(g, tuple) and len(g) == 2 and callable(g[1]):
+    if isinstance(g, tuple | list) and len(g) == 2 and callable(g[1]):
         in_space, limit = g
     elif callable(g):
         in_space, limit = 1.0, g
@@ -176,7 +239,11 @@ def _checked(
     if part.mesh is not None:
         slope = resolve(part.mesh, in_space, bound)[0]
     number = float(slope.values[0]) if part.mesh is not None and not is_array else None
-    finite = bound[np.isfinite(bound)]
+    finite, words = bound, b""
+    if extra is not None:
+        finite = np.concatenate([bound, extra.sizes])
+        words = extra.points.tobytes() + extra.sizes.tobytes()
+    finite = finite[np.isfinite(finite)]
     facts = _Limit(
         float(finite.min(initial=np.inf)),
         float(finite.max(initial=0.0)),
@@ -184,8 +251,10 @@ def _checked(
         number,
         method,
         face_sources,
+        sha256(words).hexdigest(),
+        full_output,
     )
-    return bound, slope, limit, facts
+    return bound, slope, limit, extra, facts
 
 
 def _collected(
@@ -193,8 +262,8 @@ def _collected(
     h0: FloatArray,
     g: tuple[FloatArray | None, GradientOfSize | None, float],
     options: dict[str, Any],
-) -> FloatArray:
-    """Return the sizes that rank 0 computes on the whole mesh.
+) -> FloatArray | tuple[FloatArray, PartsLimitingInfo]:
+    """Return the sizes, and the info if asked for, that rank 0 computes on the whole mesh.
 
     ``g`` are the limits of the cells, a function of the size, and one number; the first two None
     if they are not given.
@@ -203,11 +272,19 @@ def _collected(
     per_cell, of_size, number = g
     in_space = number if per_cell is None else part.gather_cells(per_cell)
 
-    def solve() -> FloatArray | None:
+    def solve() -> tuple[FloatArray | None, PartsLimitingInfo | None]:
         if whole is None or bounds is None:
-            return None
+            return None, None
         limit: Any = in_space if of_size is None else (in_space, of_size)
-        h: FloatArray = limiting.limit_gradient(whole, bounds, limit, **options)
-        return h
+        found: Any = limiting.limit_gradient(whole, bounds, limit, **options)
+        if not options["full_output"]:
+            return found, None
+        return found[0], info_from(found[1], part.n_global_points)
 
-    return part.scatter_nodal(part.comm.agree(solve))
+    sizes, info = part.comm.agree(solve)
+    own = part.scatter_nodal(sizes)
+    if not options["full_output"]:
+        return own
+    info = part.comm.bcast(info)
+    assert info is not None  # that of rank 0
+    return own, info

@@ -58,8 +58,9 @@ def size_from_curvature(
 
     Notes
     -----
-    All ranks have the whole boundary, and compute its curvature: two exchanges and one gather when
-    a mesh is used for the first time, none later.  Surfaces and curves are collected on rank 0.
+    All ranks have the whole boundary, and compute its curvature: four exchanges (two of them find
+    the shared nodes) and one gather when a mesh is used for the first time, none later.  Surfaces
+    and curves are collected on rank 0.
 
     Examples
     --------

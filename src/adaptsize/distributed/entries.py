@@ -83,6 +83,12 @@ def joined(first: Reach, second: Reach) -> Reach:
     return Reach(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
 
 
+def at_nodes_only(wave: Wave, n_points: int) -> Wave:
+    """Return the entries without sources between the nodes, which all ranks know."""
+    is_node = wave.nodes[:, 0] < n_points
+    return wave if is_node.all() else wave.only(is_node)
+
+
 def exchange_rows(
     comm: Communicator, wave: Wave, rows: FloatArray, own: Reach, g: float
 ) -> FloatArray:

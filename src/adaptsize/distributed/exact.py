@@ -16,18 +16,26 @@ from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize.distributed.boundary import Skeleton, find_skeleton
 from adaptsize.distributed.communicator import Communicator
-from adaptsize.distributed.entries import exchange_entries, reach_of
+from adaptsize.distributed.entries import at_nodes_only, exchange_entries, reach_of
+from adaptsize.distributed.info import Solved
 from adaptsize.distributed.kinks import merge_kinks
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.pieces import Piece, components_of, piece_of
+from adaptsize.distributed.point_sources import locate
 from adaptsize.distributed.solids import find_body, solve_body
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, plane_of
-from adaptsize.limiting.exact.problem import Problem, margin_for
-from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight, survivors_of
-from adaptsize.limiting.exact.waves import Wave, node_wave
+from adaptsize.limiting.exact.problem import Extra, Problem, margin_for
+from adaptsize.limiting.exact.solve import (
+    rises_too_fast,
+    solve_by_sight,
+    survivors_of,
+    wave_of_nodes,
+)
+from adaptsize.limiting.exact.waves import Wave
 from adaptsize.limiting.exact.work import along_curve, number_of_threads
+from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
@@ -38,34 +46,53 @@ class Given(NamedTuple):
     face_sources: bool
     threads: int | None
     report: ProgressCallback
+    point_sources: PointBounds | None
 
 
-def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> FloatArray | None:
+def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> Solved | None:
     """Return the limited sizes on the nodes of this rank; collective.
 
     Returns None, on all ranks, if the mesh has cells without measure or cells that overlap.
     """
-    h = h0.copy()
-    for number in components_of(part).bounded(part.comm, h0):
+    whole = Solved(h0.copy(), 0, n_hidden=0)
+    numbers = components_of(part).bounded(part.comm, h0)
+    located = locate(part, given.point_sources)
+    if located is not None:
+        numbers = sorted({*numbers, *located.pairs[:, 0].tolist()})
+    for number in numbers:
         piece = piece_of(part, number)
+        extra = None if located is None else located.extra(number, piece)
         solve = _solve_interval if part.dim == 1 else _solve_piece
-        sizes = solve(part, number, piece, h0, given)
-        if sizes is None:
+        found = solve(part, number, piece, h0, given, extra)
+        if found is None:
             return None
-        h[piece.nodes] = sizes[: len(piece.nodes)]
-    return h
+        whole.h[piece.nodes] = found.h[: len(piece.nodes)]
+        whole = Solved(
+            whole.h,
+            whole.iterations + found.iterations,
+            whole.finished and found.finished,
+            (whole.n_hidden or 0) + (found.n_hidden or 0),
+            max(whole.largest_gap, found.largest_gap),
+        )
+    return whole
 
 
 def _solve_piece(
-    part: PartitionedMesh, number: int, piece: Piece, h0: FloatArray, given: Given
-) -> FloatArray | None:
+    part: PartitionedMesh,
+    number: int,
+    piece: Piece,
+    h0: FloatArray,
+    given: Given,
+    extra: Extra | None,
+) -> Solved | None:
     """Return the sizes in one component; None if its cells overlap."""
     threads = number_of_threads(given.threads)
     skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, threads))
     if skeleton is None:
         return None
     mesh, comm, bound = piece.mesh, piece.comm, piece.bounds(h0)
-    facts = comm.allgather((float(bound.min()), bool(have_neighbours(mesh.cells, bound))))
+    least = _least(bound, extra)
+    facts = comm.allgather((least, bool(have_neighbours(mesh.cells, bound))))
     problem = Problem(
         mesh,
         bound,
@@ -73,6 +100,7 @@ def _solve_piece(
         given.face_sources,
         threads,
         given.report,
+        extra,
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
         margin=margin_for(min(least for least, _ in facts), given.g, skeleton.diagonal),
@@ -84,31 +112,45 @@ def _solve_piece(
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
         return solve_body(part, piece, body, problem)
     plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
-    h = _with_others(piece, problem, plane.without_sizes(), skeleton)
-    folded = not piece.is_empty and rises_too_fast(problem, h)
-    return None if comm.allreduce(int(folded), "max") else h
+    found = _with_others(piece, problem, plane.without_sizes(), skeleton)
+    folded = not piece.is_empty and rises_too_fast(problem, found.h)
+    return None if comm.allreduce(int(folded), "max") else found
+
+
+def _least(bound: FloatArray, extra: Extra | None) -> float:
+    """Return the smallest bound at nodes of this rank and at points between the nodes."""
+    least = float(bound.min())
+    return least if extra is None else min(least, float(extra.sizes.min()))
 
 
 def _solve_interval(
-    part: PartitionedMesh, number: int, piece: Piece, h0: FloatArray, given: Given
-) -> FloatArray:
+    part: PartitionedMesh,
+    number: int,
+    piece: Piece,
+    h0: FloatArray,
+    given: Given,
+    extra: Extra | None,
+) -> Solved:
     """Return the sizes in one component of segments on a line; one exchange."""
     g, threads = given.g, number_of_threads(given.threads)
-    places, bound = piece.mesh.points, piece.bounds(h0)
+    mesh, bound = piece.mesh, piece.bounds(h0)
+    places = mesh.points
     order = along_curve(places)[: len(piece.ids)]
     ends = part.once(f"_ends_{number}", lambda: _ends(piece))
-    least = piece.comm.allreduce(float(bound.min()), "min")
+    least = piece.comm.allreduce(_least(bound, extra), "min")
     nodes = np.flatnonzero(np.isfinite(bound)).astype(np.int32)
-    wave = node_wave(places[nodes], bound[nodes], nodes)
+    problem = Problem(mesh, bound, g, False, threads, given.report, extra)
+    wave = wave_of_nodes(problem, nodes)
     margin = margin_for(least, g, ends[1] - ends[0])
     wave = survivors_of(wave, g, False, threads, given.report, margin)
     h, source = bound.copy(), np.full(len(bound), -1, np.int32)
     points = Points(places, order, np.empty(0, np.int32))
     field = ExactField(g, None, False, [wave])
     field.lower_by_last(points, h, source, threads, given.report)
-    field.add(exchange_entries(piece.comm, wave, reach_of(places, order, h), g))
+    sent = at_nodes_only(wave, mesh.n_points)
+    field.add(exchange_entries(piece.comm, sent, reach_of(places, order, h), g))
     field.lower_by_last(points, h, source, threads, given.report)
-    return h
+    return Solved(h, field.n_entries)
 
 
 def _ends(piece: Piece) -> tuple[float, float]:
@@ -119,9 +161,7 @@ def _ends(piece: Piece) -> tuple[float, float]:
     return low, -high
 
 
-def _with_others(
-    piece: Piece, problem: Problem, plane: Plane | None, skeleton: Skeleton
-) -> FloatArray:
+def _with_others(piece: Piece, problem: Problem, plane: Plane | None, skeleton: Skeleton) -> Solved:
     """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
     mesh, g = problem.mesh, problem.g
     boundary = skeleton.boundary
@@ -136,12 +176,13 @@ def _with_others(
     )
     assert problem.order is not None
     order = problem.order[:0] if piece.is_empty else problem.order
+    own = at_nodes_only(own, mesh.n_points)
     received = exchange_entries(piece.comm, own, reach_of(mesh.points, order, found.h), g)
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
     field = ExactField(g, found.field.sight, found.field.linear, [received])
     points = Points(mesh.points, order, on_wall)
     field.lower_by_last(points, found.h, found.source, problem.threads, problem.report)
-    return found.h
+    return Solved(found.h, found.field.n_entries + field.n_entries)
 
 
 def _not_corners(wave: Wave) -> Wave:

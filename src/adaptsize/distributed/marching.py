@@ -14,8 +14,16 @@ import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels.edge_based import march_edges, sweep_edges
+from adaptsize.distributed.info import Solved
 from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.limiting.fast_marching import CHUNK, KEEP, new_heap, patience, stars_of
+from adaptsize.limiting.fast_marching import (
+    CHUNK,
+    KEEP,
+    largest_excess,
+    new_heap,
+    patience,
+    stars_of,
+)
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -28,19 +36,30 @@ class Marched(NamedTuple):
     """The result of marching."""
 
     h: FloatArray
-    rounds: int
-    """Number of exchanges."""
+    accepted: int
+    """Number of nodes that this rank accepted."""
 
 
 def solve_fast_marching(
-    part: PartitionedMesh, h0: FloatArray, slope: Slope, report: ProgressCallback
-) -> Marched | None:
+    part: PartitionedMesh,
+    h0: FloatArray,
+    slope: Slope,
+    report: ProgressCallback,
+    *,
+    residual: bool = False,
+) -> Solved | None:
     """Return the limited sizes on the nodes of this rank; collective.
 
     Returns None, on all ranks, if dependencies between nodes are cyclic (see
     `adaptsize.limiting.fast_marching.solve_fast_marching`).
     """
-    return _in_rounds(part, h0, slope, _window(part, slope), report, along_edges=False)
+    marched = _in_rounds(part, h0, slope, _window(part, slope), report, along_edges=False)
+    if marched is None:
+        return None
+    excess = 0.0
+    if residual and part.mesh is not None:
+        excess = largest_excess(part.mesh, slope, marched.h, kernels.sweep_cells)
+    return Solved(marched.h, marched.accepted, excess=excess)
 
 
 def solve_along_edges(
@@ -81,13 +100,13 @@ def _in_rounds(
         kernels.queue_lowered(h, candidate, keep, *heap)
         given = (part.mesh.points, axes, (0,) * part.cell_dim, *stars_of(part.mesh, slope))
     known = h0.copy()  # the sizes at shared nodes that other ranks know
-    accepted = rounds = 0
+    accepted = 0
     while True:
         waiting = float(heap[0][0]) if heap[3][0] > 0 else np.inf
         impatient = not along_edges and accepted > patience(n)
         least, go_on = comm.allreduce(np.array([waiting, 0.0 if impatient else 1.0]), "min")
         if least == np.inf:
-            return Marched(h, rounds)
+            return Marched(h, accepted)
         if not go_on:
             return None
         count = CHUNK if part.mesh is not None else 0
@@ -96,7 +115,6 @@ def _in_rounds(
             accepted += count
             report("limiting the gradient", min(accepted / n, 1.0))
         _exchange(part, h, known, heap)
-        rounds += 1
 
 
 def _exchange(

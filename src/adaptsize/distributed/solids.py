@@ -13,7 +13,8 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.boundary import Skeleton
-from adaptsize.distributed.entries import Reach, exchange_rows, joined, reach_of
+from adaptsize.distributed.entries import Reach, at_nodes_only, exchange_rows, joined, reach_of
+from adaptsize.distributed.info import Solved
 from adaptsize.distributed.marching import solve_along_edges
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece
@@ -22,6 +23,7 @@ from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.problem import Problem
+from adaptsize.limiting.exact.solve import wave_of_nodes
 from adaptsize.limiting.exact.space import Entries, Solid, Spread, solid_of, solve_in_space
 from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
 from adaptsize.limiting.gradient_limit import Slope
@@ -69,7 +71,7 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
     return Body(ids, own, boundary, solid_of(mesh, boundary, own))
 
 
-def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -> FloatArray:
+def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -> Solved:
     """Return the limited sizes at the nodes of a piece; collective."""
     g, solid = problem.g, body.solid
     h0, reach = _bounds(piece, body, problem)
@@ -81,7 +83,7 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
 
     def lower_by(wave: Wave) -> FloatArray:
         """Lower sizes by the sources of all ranks, and return these."""
-        rows = _with_others(piece, wave, reach, g)
+        rows = _with_others(piece, wave, _numbers(part, piece, problem), reach, g)
         numbers = np.full((len(rows), 3), -1, np.int32)
         numbers[:, 0] = np.arange(len(rows))
         added = sorted_wave(rows[:, :_COLUMNS], numbers)
@@ -93,8 +95,7 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
         field.add(added)
         return rows
 
-    mesh = piece.mesh
-    rows = lower_by(node_wave(mesh.points[nodes], problem.h0[nodes], nodes))
+    rows = lower_by(wave_of_nodes(problem, nodes))
     if linear and steep is not None:
         h = lower[body.own] if len(body.own) else problem.h0
         on_cells = sources_on_cells(
@@ -116,7 +117,15 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
         problem.report,
         threads=problem.threads,
     )
-    return found.h[body.own]
+    h, least = found.h[body.own], found.lower[body.own]
+    hidden = ~found.proved[body.own]
+    return Solved(
+        h,
+        field.n_entries,
+        found.finished,
+        int(np.count_nonzero(hidden & part.is_owned[piece.nodes])),
+        float((h - least)[hidden].max(initial=0.0)),
+    )
 
 
 def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Reach]:
@@ -162,14 +171,25 @@ def _candidates(
     return np.flatnonzero(merged == 1).astype(np.int32), steep
 
 
-def _with_others(piece: Piece, wave: Wave, reach: Reach, g: float) -> FloatArray:
+def _numbers(part: PartitionedMesh, piece: Piece, problem: Problem) -> Ids:
+    """Return the global numbers of nodes; those of sources between the nodes follow, then -1."""
+    n, extra = problem.mesh.n_points, problem.extra
+    last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
+    ids = np.arange(last + 1) - n + part.n_global_points
+    ids[:n], ids[-1] = -1, -1
+    ids[: len(piece.ids)] = piece.ids
+    return ids
+
+
+def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: Reach, g: float) -> FloatArray:
     """Return own entries, and those of other ranks that may act here; one exchange.
 
     Each row holds the table of an entry and the global numbers of its nodes, and is unique.
     """
-    ids = np.append(piece.ids, -1)[wave.nodes]
-    own = np.column_stack([wave.table, ids.astype(np.float64)])
-    rows = np.concatenate([own, exchange_rows(piece.comm, wave, own, reach, g)])
+    own = np.column_stack([wave.table, numbers[wave.nodes].astype(np.float64)])
+    n = piece.mesh.n_points
+    sent = own[wave.nodes[:, 0] < n]
+    rows = np.concatenate([own, exchange_rows(piece.comm, at_nodes_only(wave, n), sent, reach, g)])
     order, _ = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
     new = np.ones(len(rows), np.bool_)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_points, check_type
+from adaptsize._checks import as_flag, as_near_points, check_type
 from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
@@ -87,7 +87,7 @@ def interpolate(old: PartitionedMesh, values: npt.ArrayLike, points: FloatArray)
         field = as_field("values", values, old.n_points)
         if field.dtype.kind in "biu":
             field = field.astype(np.float64)
-        return field, as_points("points", points, old.dim)
+        return field, as_near_points("points", points, old.dim)
 
     field, where = old.comm.agree(check)
     columns = _columns(field)

@@ -18,7 +18,11 @@ def total_measure(part: PartitionedMesh) -> float:
 
 
 def diagonal_of(part: PartitionedMesh) -> float:
-    """Return the diagonal of the whole mesh; collective."""
+    """Return the diagonal of the whole mesh; collective on first use."""
+    return part.once("_diagonal", lambda: _find_diagonal(part))
+
+
+def _find_diagonal(part: PartitionedMesh) -> float:
     none = np.full(part.dim, np.inf)
     low = none if part.mesh is None else part.points.min(axis=0)
     high = none if part.mesh is None else -part.points.max(axis=0)

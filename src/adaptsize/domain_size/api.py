@@ -96,9 +96,10 @@ def size_function(
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
-    r"""Return the size function of a domain, with gradient limiting [1]_.
+    r"""Return the size function of a domain, with gradient limiting.
 
-    It combines the bounds from the shape of the domain with the bounds that you prescribe:
+    As in [1]_, it combines the bounds from the shape of the domain with the bounds that you
+    prescribe:
 
     .. math:: h_0 = \min(h_\text{curvature}, h_\text{feature}, h_\text{external}), \qquad
         |\nabla h| \le g.
@@ -160,7 +161,7 @@ def size_function(
     full_output : bool
         Whether to return a `SizeReport` too.
     progress : callable or bool, optional
-        Called with a text and the share done.  True shows a progress bar on a terminal.
+        Called with a text and the fraction completed.  True shows a progress bar on a terminal.
 
     Returns
     -------

@@ -64,9 +64,9 @@ def remesh_to_elements(
     mesh : SimplexMesh
         As in `remesh`.
     elements : float, optional
-        Wanted number of cells of the new mesh, >= 1.
+        Requested number of cells of the new mesh, >= 1.
     nodes : float, optional
-        Wanted number of nodes, >= 1.  Either this or ``elements``.
+        Requested number of nodes, >= 1.  Either this or ``elements``.
     target, backend, timeout, strict, progress
         As in `remesh`.
     tolerance : float, optional
@@ -164,7 +164,7 @@ def reach_number(
     mesh : SimplexMesh
         The given mesh.
     elements, nodes : float or None
-        Wanted number of cells, or of nodes.
+        Requested number of cells, or of nodes.
     sized : callable
         Returns the sizes for a predicted number of elements or nodes, and their report.
     meshed : callable

@@ -47,20 +47,11 @@ class Mask:
     """Highest coordinates of the pixels of the image, float64[dim]."""
 
 
-def as_image(
-    image: Image | npt.ArrayLike,
-    spacing: npt.ArrayLike | None = None,
-    origin: npt.ArrayLike | None = None,
-) -> Image:
-    """Return an array as an Image, or an Image with another spacing or origin."""
+def as_image(image: Image | npt.ArrayLike, spacing: npt.ArrayLike | None = None) -> Image:
+    """Return an array as an Image, or an Image with another spacing."""
     if isinstance(image, Image):
-        return _in_range(
-            Image(
-                image.values,
-                image.spacing if spacing is None else spacing,
-                image.origin if origin is None else origin,
-            )
-        )
+        same = image if spacing is None else Image(image.values, spacing, image.origin)
+        return _in_range(same)
     values = np.asarray(image)
     if values.ndim == 3 and values.shape[2] in (3, 4) and min(values.shape[:2]) > 16:
         raise ValueError(
@@ -69,7 +60,7 @@ def as_image(
             "background.Image)"
         )
     try:
-        made = Image(values, 1.0 if spacing is None else spacing, origin)
+        made = Image(values, 1.0 if spacing is None else spacing)
     except ValueError as error:
         raise ValueError(str(error).replace("values must", "image must", 1)) from error
     return _in_range(made)

@@ -77,11 +77,11 @@ def size_function_from_image(
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> SizeFunction | tuple[SizeFunction, SizeReport]:
-    """Return the size function of the objects in an image [1]_.
+    """Return the size function of the objects in an image.
 
-    The mask is smoothed, and its signed distance is computed.  The distance gives the curvature
-    of the boundary and the local feature size.  The smaller of the two sizes is limited on the
-    grid of the pixels: exactly in 2-D, and by fast marching of second order in 3-D.
+    As in [1]_, the mask is smoothed, and its signed distance is computed.  The distance gives the
+    curvature of the boundary and the local feature size.  The smaller of the two sizes is limited
+    on the grid of the pixels: exactly in 2-D, and by fast marching of second order in 3-D.
 
     Parameters
     ----------
@@ -191,13 +191,13 @@ def mesh_image(
     image, spacing, label, threshold, smoothing
         As in `size_function_from_image`.
     size : SizeFunction, optional
-        Requested sizes, for instance those of `size_function_from_image` after a look at them.
+        Requested sizes, for instance those of `size_function_from_image` that you have inspected.
     elements_per_radian, elements_across, g, hmin, hmax, sources, max_elements
         As in `size_function_from_image`.  Refused with ``size``.
     seed : int
         Seed of the random initial points.
     progress : callable or bool, optional
-        Called with a text and the share done.  True shows a progress bar on a terminal.
+        Called with a text and the fraction completed.  True shows a progress bar on a terminal.
 
     Returns
     -------

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number
+from adaptsize._checks import as_limits
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import LimitingInfo, limit_gradient
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
@@ -174,10 +174,7 @@ def limit_bounds(
     >>> [report.causes[k] for k in report.cause]
     ['curvature', 'hmax', 'feature size', 'feature size']
     """
-    low = as_number("hmin", hmin, lower=0.0, strict=True)
-    high = as_number("hmax", hmax, lower=0.0, strict=True)
-    if low > high:
-        raise ValueError(f"hmin must be at most hmax, got {low:g} > {high:g}")
+    low, high = as_limits(hmin, hmax)
     names = (*bounds, "hmin", "hmax")
     requested = np.full(background.nodal_shape, high)
     own = np.full(background.nodal_shape, len(names) - 1, dtype=np.int8)

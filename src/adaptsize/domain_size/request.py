@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_sizes
+from adaptsize._checks import as_limits, as_number, as_sizes
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport, limit_bounds
 from adaptsize.sizes import PointSource, size_from_sources
@@ -149,14 +149,10 @@ def as_request(
     """Return a request after checking its values."""
     most = check_elements(elements, max_elements, nodes)
     # As floats: arrays that are filled with an integer would hold integers.
-    if hmin is not None:
-        hmin = as_number("hmin", hmin, lower=0.0, strict=True)
-    if hmax is not None:
-        hmax = as_number("hmax", hmax, lower=0.0, strict=True)
+    low, high = as_limits(hmin, hmax)
+    hmin, hmax = None if hmin is None else low, None if hmax is None else high
     if tolerance is not None:
         tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True)
-    if hmin is not None and hmax is not None and hmin > hmax:
-        raise ValueError(f"hmin must be at most hmax = {hmax:g}, got {hmin:g}")
     if elements_per_radian is not None:
         elements_per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0)
     if elements_across is not None:

@@ -1,9 +1,11 @@
-"""Geometry of the domain, independent of sizes."""
+"""Geometry of the domain, independent of sizes.
 
-from __future__ import annotations
+Names are imported on first use, since gradient limiting needs the boundary only.
+"""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from adaptsize._lazy import lazily
 
 if TYPE_CHECKING:
     from adaptsize.geometry.curvature import (
@@ -55,16 +57,4 @@ __all__ = [
     "tag_faces",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a function from its home on first use: limiting needs the boundary only (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    own = {name for name in globals() if name.startswith("__")}
-    return sorted({*own, *__all__})
+__getattr__, __dir__ = lazily(__name__, _HOMES)

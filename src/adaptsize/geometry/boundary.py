@@ -54,7 +54,7 @@ class FlatBoundary(NamedTuple):
     alias: IntArray | None = None
     """int32[n_points]: representative of each node, if cells join coincident nodes."""
     has_flat: bool = False
-    """Whether any cell has no measure."""
+    """Whether any cell has no measure, or so little at the boundary that it counts as none."""
 
 
 class PlaneBoundary(NamedTuple):
@@ -96,6 +96,7 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
         return FlatBoundary(rows, cell, False, has_flat=flat)
     unique, group = unique_rows(rows, n)
     if (side == 0).any():
+        flat = True
         kept = _without_flat_cells(group, side, cell, len(unique))
         rows, side, cell, group = rows[kept], side[kept], cell[kept], group[kept]
     joined = np.zeros(len(unique), bool)

@@ -103,7 +103,7 @@ def limit_gradient(
         Upper bound on the size, in the unit of the coordinates: one number for all nodes, or
         one per node.  It must be positive, and finite at one node at least; inf means that
         there is no bound.  The values of ``h0`` and g at inactive nodes of a grid are ignored.
-    g : float, array_like, callable, or tuple (array_like, callable)
+    g : float, array_like, callable, or pair (array_like, callable)
         Gradient limit (length per length), finite and >= 0.  Neighbouring elements
         then differ by a factor of about ``1 + g``; usual values are 0.2 to 0.3.  It can be
 
@@ -113,7 +113,7 @@ def limit_gradient(
           ``n_points`` entries is always read as per node,
         * a function ``g(h)`` that takes an array of sizes and returns positive bounded
           limits,
-        * a tuple ``(a, b)`` for the product a(x) b(h).
+        * a pair ``(a, b)`` for the product a(x) b(h).
     method : str, optional
         * ``"exact"`` computes each size directly from the bounds visible from the node.  It
           needs a flat domain and a single number g or a function g(h).  The result is exact
@@ -153,7 +153,8 @@ def limit_gradient(
         (``numba.set_num_threads``).  The result does not depend on it, bit for bit.
     point_sources : tuple of (array_like, array_like), optional
         Option of the exact method: points of shape (k, dim) and the bounds there, of shape
-        (k,).  The points need not be nodes.  Points outside the domain have no effect.
+        (k,).  The points need not be nodes.  Points outside the domain have no effect.  A point
+        where components of the domain touch acts in all of them.
     periodic : array_like of float, shape (k, dim), optional
         Option of the exact method and of fast marching of first order: translations by which
         the domain is repeated, such as ``[[a, 0], [0, b]]``.  The result is that on the domain
@@ -262,7 +263,7 @@ def limit_gradient(
     if full_output and np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept for comparison in the next call
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
-    if bound.min() == np.inf and (extra is None or len(extra.sizes) == 0):
+    if bound.min() == np.inf and (extra is None or extra.sizes.min(initial=np.inf) == np.inf):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     earlier, guess = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
     order = as_whole_number("order", order, lower=1, upper=2)

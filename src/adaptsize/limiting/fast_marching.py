@@ -166,11 +166,17 @@ def residual_of(
     mesh: SimplexMesh, slope: Slope, h: FloatArray, sweep: Callable[..., None]
 ) -> float:
     """Return the largest excess of h over the local updates, relative to the largest finite h."""
+    return relative_to_largest(largest_excess(mesh, slope, h, sweep), h)
+
+
+def largest_excess(
+    mesh: SimplexMesh, slope: Slope, h: FloatArray, sweep: Callable[..., None]
+) -> float:
+    """Return the largest excess of h over the local updates."""
     candidate = np.empty(mesh.n_points)
     sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, slope.values, slope.step, candidate)
     finite = np.isfinite(h)
-    excess = np.maximum(h[finite] - candidate[finite], 0.0)
-    return relative_to_largest(float(excess.max()), h)
+    return float((h[finite] - candidate[finite]).max(initial=0.0))
 
 
 def stars_of(mesh: SimplexMesh, slope: Slope) -> Stars:

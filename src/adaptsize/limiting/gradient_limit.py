@@ -154,7 +154,7 @@ def resolve(
         If g has a wrong shape or is negative, NaN or infinite.
     """
     g_of_x: npt.ArrayLike
-    if isinstance(g, tuple) and len(g) == 2 and callable(g[1]):
+    if isinstance(g, tuple | list) and len(g) == 2 and callable(g[1]):
         g_of_x, g_of_h = g
     elif callable(g):
         g_of_x, g_of_h = 1.0, g

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize.limiting.edge_based import solve_grid_edges
-from adaptsize.limiting.exact import solve_exact
-from adaptsize.limiting.exact.images import with_images
+from adaptsize.limiting.exact.images import solve_problem
 from adaptsize.limiting.fast_marching_grid import solve_grid_marching
 from adaptsize.limiting.periodic import in_rounds
 from adaptsize.limiting.solution import Solution
@@ -48,16 +47,7 @@ def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
         return in_rounds(march, problem)
     if method == "edge-based":
         return solve_grid_edges(grid, h0, slope, residual=residual, report=report)
-    solution = solve_exact(
-        grid,
-        h0,
-        slope,
-        face_sources=problem.face_sources,
-        threads=problem.threads,
-        point_sources=problem.point_sources,
-        report=report,
-    )
-    return with_images(solution, problem)
+    return solve_problem(grid, problem)
 
 
 def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:

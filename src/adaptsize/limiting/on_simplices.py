@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from adaptsize._kernels.edge_based import largest_edge_slope
 from adaptsize._kernels.simplex import fill_gradient_norms
 from adaptsize.limiting.edge_based import solve_edge_based
-from adaptsize.limiting.exact import solve_exact
-from adaptsize.limiting.exact.images import with_images
+from adaptsize.limiting.exact.images import solve_problem
 from adaptsize.limiting.fast_marching import solve_fast_marching
 from adaptsize.limiting.periodic import in_rounds
 from adaptsize.limiting.solution import Solution
@@ -45,23 +44,11 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
     """Run one of METHODS."""
     if method == "positive-coefficient":
         return _iterate(mesh, problem)
-    h0, slope = problem.h0, problem.slope
-    residual, report = problem.residual, problem.report
     if method == "exact":
-        solution = solve_exact(
-            mesh,
-            h0,
-            slope,
-            face_sources=problem.face_sources,
-            threads=problem.threads,
-            point_sources=problem.point_sources,
-            report=report,
-        )
-        return with_images(solution, problem)
+        return solve_problem(mesh, problem)
     scheme = _DIRECT[method]
-    return in_rounds(
-        lambda bound: scheme(mesh, bound, slope, residual=residual, report=report), problem
-    )
+    options: dict[str, Any] = {"residual": problem.residual, "report": problem.report}
+    return in_rounds(lambda bound: scheme(mesh, bound, problem.slope, **options), problem)
 
 
 def _iterate(mesh: SimplexMesh, problem: Problem) -> Solution:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeGuard, overload
+from typing import Any, Literal, TypeGuard, overload
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.metrics.metric import Metric
 from adaptsize.metrics.physical import limit_in_space
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+#: Default gradient limit of metrics, where g is optional.  It is larger than that of isotropic
+#: sizes, because it limits the sizes along a layer by those across the layer nearby.
+GRADIENT_LIMIT = 1.0
 
 # Sizes up to this much larger than the bound count as equal to it.
 _KEPT = 1e-9
@@ -88,7 +92,9 @@ def limit_metric(
     metric : Metric
         Upper bound on the sizes; they may be inf, but not everywhere.
     g : float
-        Gradient limit (length per length), finite and >= 0.
+        Gradient limit (length per length), finite and >= 0.  `adapt` and ``adaptsize remesh
+        --metric`` use 1 by default.  0.25 or less, as is common for isotropic sizes, shortens
+        elements along curved layers, because it limits all sizes by the smallest ones nearby.
     threads : int, optional
         Number of threads, by default that of numba (``numba.set_num_threads``).  The result does
         not depend on it, bit for bit.
@@ -163,12 +169,7 @@ def limit_metric(
             f"got {metric!r}"
         )
     check_range("background", points)
-    if callable(g) or as_plain_array("g", g).ndim > 0:
-        raise ValueError(
-            "g must be one number, as metrics grow along shortest paths by one gradient limit, "
-            f"got {describe(g)}"
-        )
-    slope = as_slope("g", g)
+    slope = as_gradient_limit(g)
     if threads is not None:
         threads = as_whole_number("threads", threads, lower=1, upper=_MOST_THREADS)
     full_output = as_flag("full_output", full_output)
@@ -191,6 +192,16 @@ def limit_metric(
         return limited
     kept = (limited.density <= metric.density * (1.0 + _KEPT)) & np.isfinite(sizes).any(axis=1)
     return limited, MetricLimitingInfo(found.active, kept, found.n_sources)
+
+
+def as_gradient_limit(g: Any) -> float:
+    """Return a checked gradient limit of metrics: one number."""
+    if callable(g) or as_plain_array("g", g).ndim > 0:
+        raise ValueError(
+            "g must be one number, as metrics grow along shortest paths by one gradient limit, "
+            f"got {describe(g)}"
+        )
+    return as_slope("g", g)
 
 
 def _is_plane(background: SimplexMesh | CartesianGrid | Octree) -> TypeGuard[SimplexMesh]:

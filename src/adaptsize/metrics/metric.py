@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy.typing as npt
 from adaptsize._checks import (
     as_float_array,
     as_index_array,
+    as_limits,
     as_number,
     as_points,
     as_sizes,
@@ -313,11 +313,7 @@ class Metric(ReadOnlyState):
         Metric
             With the same directions.
         """
-        lower = 0.0 if hmin is None else as_number("hmin", hmin, lower=0.0, strict=True)
-        upper = math.inf if hmax is None else as_number("hmax", hmax, lower=0.0, strict=True)
-        if lower > upper:
-            raise ValueError(f"hmin must be at most hmax = {upper:g}, got {lower:g}")
-        h = np.clip(self.sizes, lower, upper)
+        h = np.clip(self.sizes, *as_limits(hmin, hmax))
         if max_aspect is not None:
             ratio = as_number("max_aspect", max_aspect, lower=1.0)
             h = np.minimum(h, ratio * h[:, :1])
@@ -363,11 +359,11 @@ class Metric(ReadOnlyState):
         return Metric.of(h, r)
 
     def interpolate(self, indices: npt.ArrayLike, weights: npt.ArrayLike) -> Metric:
-        r"""Return the log-Euclidean mean of the metrics of some nodes [1]_.
+        r"""Return the log-Euclidean mean of the metrics of some nodes.
 
         .. math:: M = \exp \sum_j w_j \log M_j
 
-        The determinant is interpolated geometrically.
+        The determinant is interpolated geometrically [1]_.
 
         Parameters
         ----------

@@ -4,8 +4,7 @@ Names are imported on first use.  The child processes that run the generators
 import this package too and start faster without the mesh classes.
 """
 
-from importlib import import_module
-from typing import Any
+from adaptsize._lazy import lazily
 
 _HOMES = {
     "remesh": "driver",
@@ -26,35 +25,6 @@ _HOMES = {
     "SmoothingReport": "distmesh.api",
 }
 
-__all__ = [
-    "Backend",
-    "NearBodies",
-    "OpenBoundary",
-    "OverlappingBodies",
-    "Problem",
-    "SmoothingReport",
-    "available_backends",
-    "close_holes",
-    "estimate_n_cells",
-    "mesh_from_distance",
-    "near_bodies",
-    "open_boundary",
-    "overlapping_bodies",
-    "read_cad",
-    "register_backend",
-    "remesh",
-]
+__all__ = [*_HOMES]  # noqa: PLE0604 - the keys are strings
 
-
-def __getattr__(name: str) -> Any:
-    """Import a name from its home on first use (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'adaptsize.remeshing' has no attribute {name!r}")
-    value = getattr(import_module(f"adaptsize.remeshing.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    own = {name for name in globals() if name.startswith("__")}
-    return sorted({*own, *__all__})
+__getattr__, __dir__ = lazily(__name__, _HOMES)

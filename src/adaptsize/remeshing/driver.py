@@ -50,6 +50,10 @@ _LEAST_ANGLE = 2.0
 #: volume.  On closed parts, it needed a fifth of that.
 _SECONDS = 10.0
 _SECONDS_PER_CELL = 1e-3
+#: Likewise for other meshes: two hundred times what is usual.  A generator hardly ends where the
+#: tolerance is far too small for the sizes.
+_LONGEST = 60.0
+_LONGEST_PER_CELL = 0.02
 
 Target = Literal["auto", "tetrahedra", "triangles"]
 
@@ -136,8 +140,8 @@ def remesh(
         If no installed generator can do this.  The message says how to install one.
     BackendError
         If the generator failed.  The message has its last lines of output.
-        BackendTimeoutError if it was stopped, MeshingError if ``strict`` and no mesh meets the
-        demands.
+        BackendTimeoutError if it was stopped at ``timeout``, MeshingError if ``strict`` and no
+        mesh meets the demands.
 
     Warns
     -----
@@ -231,6 +235,8 @@ def remesh(
         part = replace(part, problem=replace(part.problem, metric=frame.metric(metric)))
     n_cells = _estimate(part.problem)
     refuse_too_many(n_cells, limit)
+    longest = _LONGEST + _LONGEST_PER_CELL * n_cells
+    part = replace(part, problem=replace(part.problem, seconds=longest))
     with reporting(progress) as report:
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)

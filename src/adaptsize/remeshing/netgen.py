@@ -17,17 +17,18 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import unique_rows
 from adaptsize.errors import BackendError
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.processor_time import limit_processor_time
 from adaptsize.remeshing.protocol import RawMesh
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
 
 #: Seconds of processor time for a surface, and for each of its triangles.  Most closed parts needed
 #: less than .3 ms per triangle.
@@ -83,6 +84,9 @@ def _is_closed(surface: SimplexMesh) -> bool:
 
 def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
     """Whether the cells are positive, and their boundary is the surface."""
+    from adaptsize.background import SimplexMesh
+    from adaptsize.background.topology import unique_rows
+
     n = surface.n_points
     if len(made["cells"]) == 0 or not np.array_equal(made["points"][:n], surface.points):
         return False

@@ -29,12 +29,12 @@ def report(
     title: str | None = None,
     times: Sequence[tuple[str, float]] = (),
 ) -> None:
-    """Write a page with the mesh in 3-D, its sizes and quality, and what to look at.
+    """Write a page with the mesh in 3-D, its sizes and quality, and the worst places.
 
-    The page is one HTML file without references to the network.  It shows the mesh as a scene to
-    turn (sizes, quality, edge length over size, and what controls the sizes; whole and cut
-    open), histograms of edge lengths over sizes and of angles, the comparison with the request,
-    and the worst places with their coordinates.
+    The page is one HTML file without references to the network.  It shows the mesh as a
+    scene that can be turned, whole and cut open, with the sizes, the quality, the edge length
+    over the size, and what controls the sizes.  Below are histograms of edge lengths over sizes
+    and of angles, the comparison with the request, and the worst places with their coordinates.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_angle, as_number, as_slope
+from adaptsize._checks import as_number
 from adaptsize.background import CartesianGrid
 from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
 from adaptsize.typing import BoolArray, FloatArray
@@ -35,11 +35,11 @@ def size_from_distance(
 ) -> FloatArray:
     """Return nodal sizes that give 1 / (K kappa) on the boundary, where phi is zero.
 
-    See `adaptsize.size_from_curvature` for the arguments.
+    See `adaptsize.size_from_curvature` for the arguments, which are checked there except for
+    ``boundary``, ``smoothing`` and ``tolerance``.
     """
     phi = as_level_set("boundary", boundary, grid)
-    slope = as_slope("g", g)
-    angle = math.radians(as_angle("crease_angle", crease_angle))
+    angle = math.radians(crease_angle)
     nodes = _nodes_near(grid, phi, tolerance)
     # The mean of two unit vectors with that angle between them is shorter by this much.
     kink = 1.0 - math.cos(0.5 * angle)
@@ -50,7 +50,7 @@ def size_from_distance(
     nodes, kappa = nodes[known], kappa[known]
     kappa[kappa * grid.diagonal < _FLAT] = 0.0
     h0 = np.full(grid.n_points, np.inf)
-    h0[nodes] = _sizes_beside_boundary(grid, phi, nodes, per_radian * kappa, slope)
+    h0[nodes] = _sizes_beside_boundary(grid, phi, nodes, per_radian * kappa, g)
     return h0.reshape(grid.shape)
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import as_plain_array
 from adaptsize.background import SimplexMesh
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-# Points within this distance, in diagonals of the mesh, count as inside.
+# Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
+# from a point differ by less are equally close.
 _INSIDE = 1e-9
 # Samples of a curve per mean edge length of the cell that it passes.
 _SAMPLES_PER_CELL = 4.0
@@ -19,60 +22,148 @@ _SAMPLES_PER_CELL = 4.0
 _SMALLEST_SPACING = 1e-6
 
 
-def cell_inside(mesh: SimplexMesh, point: FloatArray) -> IntArray:
-    """Return the cell that contains a point, int32[1], or int32[0] if there is none."""
-    cells, _, distances = mesh.locator.nearest(point[None])
-    return cells[distances <= _INSIDE * mesh.diagonal]
+class Touched(NamedTuple):
+    """The cells that contain points, or else those that are closest to them."""
+
+    which: npt.NDArray[np.int64]
+    """int64[k]: a point of each pair of a point and a cell."""
+    cells: IntArray
+    """int32[k]"""
+    distances: FloatArray
+    """float64[n]: distance of each point from the mesh, 0 inside."""
+
+
+class SourceMesh:
+    """A mesh as sources see it.
+
+    On one of many processes it is a part, and a subclass replaces what depends on the whole mesh.
+    """
+
+    speaks = True
+    """Whether to warn; one process does."""
+
+    def __init__(self, mesh: SimplexMesh | None, shape: tuple[int, int]) -> None:
+        self.mesh = mesh
+        self.dim, self.cell_dim = shape
+        self.points = np.empty((0, self.dim)) if mesh is None else mesh.points
+        self.cells = np.empty((0, self.cell_dim + 1), np.int32) if mesh is None else mesh.cells
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the whole mesh."""
+        assert self.mesh is not None
+        return self.mesh.diagonal
+
+    def least(self, values: FloatArray) -> FloatArray:
+        """Return the smallest of the values that processes have for each of the same items."""
+        return values
+
+    def boundary_nodes(self) -> IntArray:
+        """Return the nodes on the boundary of the whole mesh."""
+        assert self.mesh is not None
+        return self.mesh.boundary().nodes
+
+    def every_tag(self, kind: Literal["cell", "facet"]) -> IntArray | None:
+        """Return the tags that occur in the whole mesh; None if it has none."""
+        tags = None if self.mesh is None else getattr(self.mesh, f"{kind}_tags")
+        return None if tags is None else np.unique(tags)
+
+    def tagged_nodes(self, kind: Literal["cell", "facet"], tags: int | Sequence[int]) -> IntArray:
+        """Return the nodes of cells or facets with some tags.  Refuse tags that do not occur."""
+        name, present = f"{kind}_tags", self.every_tag(kind)
+        if present is None:
+            raise ValueError(f"tags need a mesh with {name}, which this one does not have")
+        wanted = np.atleast_1d(as_plain_array("tags", tags))
+        missing = wanted[~np.isin(wanted, present)]
+        if len(missing) > 0:
+            listed = ", ".join(str(tag) for tag in present)
+            raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
+        own = None if self.mesh is None else getattr(self.mesh, name)
+        if self.mesh is None or own is None:
+            return np.empty(0, np.int32)
+        rows = self.mesh.cells if kind == "cell" else self.mesh.tagged_facets
+        assert rows is not None  # given together with facet_tags
+        nodes: IntArray = np.unique(rows[np.isin(own, wanted)])
+        return nodes
+
+    def touched(self, points: FloatArray) -> Touched:
+        """Return all cells that contain points, or else all that are closest to them."""
+        inside = _INSIDE * self.diagonal
+        away = np.full(len(points), np.inf)
+        if self.mesh is not None:
+            away = self.mesh.locator.nearest(points)[2]
+        away = self.least(away)
+        which, cells = np.empty(0, np.int64), np.empty(0, np.int32)
+        if self.mesh is not None:
+            which, cells = self.mesh.locator.within(points, away + inside)
+        return Touched(which, cells, np.where(away <= inside, 0.0, away))
+
+
+def as_source_mesh(mesh: SimplexMesh | SourceMesh) -> SourceMesh:
+    """Return a mesh as sources see it."""
+    return mesh if isinstance(mesh, SourceMesh) else SourceMesh(mesh, (mesh.dim, mesh.cell_dim))
+
+
+def cell_inside(mesh: SourceMesh, point: FloatArray) -> IntArray:
+    """Return the cells that contain a point."""
+    at = mesh.touched(point[None])
+    cells: IntArray = at.cells[at.distances[at.which] == 0.0]
+    return cells
 
 
 def cells_along(
-    mesh: SimplexMesh, curve: SimplexMesh
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    mesh: SourceMesh, curve: SimplexMesh
+) -> tuple[IntArray, IntArray, FloatArray, BoolArray]:
     """Return the cells at samples along segments, with a density adapted to the cells.
 
     Returns
     -------
-    cells : int32[n_samples]
-        The cell around each sample, or the closest one.
-    segments : int32[n_samples]
-        The segment of each sample.
-    along : float64[n_samples]
+    cells : int32[k]
+        The cells around each sample, or else the closest ones.
+    segments : int32[k]
+        The segment of the sample.
+    along : float64[k]
         Its place, 0 at the first node of the segment to 1 at the second.
-    distances : float64[n_samples]
-        Its distance from the mesh.
+    inside : bool[k]
+        Whether the sample is in the mesh.
     """
-    spacing = np.maximum(_mean_edges(mesh) / _SAMPLES_PER_CELL, _SMALLEST_SPACING * mesh.diagonal)
     a, b = curve.points[curve.cells[:, 0]], curve.points[curve.cells[:, 1]]
     lengths = np.linalg.norm(b - a, axis=1)
     segment = np.arange(curve.n_cells, dtype=np.int32)
     lower, upper = np.zeros(curve.n_cells), np.ones(curve.n_cells)
-    at_a, at_b = mesh.locator.nearest(a), mesh.locator.nearest(b)
-    found = [(at_a[0], segment, lower, at_a[2]), (at_b[0], segment, upper, at_b[2])]
+    found = []
+
+    def visit(points: FloatArray, along: FloatArray) -> Touched:
+        at = mesh.touched(points)
+        inside = at.distances[at.which] == 0.0
+        found.append((at.cells, segment[at.which], along[at.which], inside))
+        return at
+
+    visit(a, lower)
+    visit(b, upper)
     while len(segment) > 0:  # halve the pieces until they are short enough
         middle = 0.5 * (lower + upper)
-        points = a[segment] + middle[:, None] * (b - a)[segment]
-        cells, _, distances = mesh.locator.nearest(points)
-        found.append((cells, segment, middle, distances))
+        at = visit(a[segment] + middle[:, None] * (b - a)[segment], middle)
         # A piece far from the mesh cannot touch it, however small the cells are.
-        long = (upper - lower) * lengths[segment] > spacing[cells] + distances
+        long = (upper - lower) * lengths[segment] > _spacing(mesh, at) + at.distances
         segment = np.repeat(segment[long], 2)
         lower, upper = (
             np.column_stack([lower[long], middle[long]]).ravel(),
             np.column_stack([middle[long], upper[long]]).ravel(),
         )
-    cells, segment, along, distances = (np.concatenate(part) for part in zip(*found, strict=True))
-    return cells, segment, along, distances
+    cells, segment, along, inside = (np.concatenate(part) for part in zip(*found, strict=True))
+    return cells, segment, along, inside
 
 
-def cells_within(mesh: SimplexMesh, curve: SimplexMesh) -> IntArray:
+def cells_within(mesh: SourceMesh, curve: SimplexMesh) -> IntArray:
     """Return the cells that contain samples of a curve, without cells that are only closest."""
-    cells, _, _, distances = cells_along(mesh, curve)
-    return cells[distances <= _INSIDE * mesh.diagonal]
+    cells, _, _, inside = cells_along(mesh, curve)
+    return cells[inside]
 
 
-def cells_with_edge_in_box(mesh: SimplexMesh, lower: FloatArray, upper: FloatArray) -> IntArray:
+def cells_with_edge_in_box(mesh: SourceMesh, lower: FloatArray, upper: FloatArray) -> IntArray:
     """Return the cells with an edge that intersects a box."""
-    meets = np.zeros(mesh.n_cells, np.bool_)
+    meets = np.zeros(len(mesh.cells), np.bool_)
     for start, step in _edges_of_cells(mesh):
         first, last = np.zeros(len(start)), np.ones(len(start))
         hit = np.ones(len(start), np.bool_)
@@ -87,9 +178,9 @@ def cells_with_edge_in_box(mesh: SimplexMesh, lower: FloatArray, upper: FloatArr
     return np.flatnonzero(meets).astype(np.int32)
 
 
-def cells_with_edge_in_ball(mesh: SimplexMesh, centre: FloatArray, radius: float) -> IntArray:
+def cells_with_edge_in_ball(mesh: SourceMesh, centre: FloatArray, radius: float) -> IntArray:
     """Return the cells with an edge that intersects a ball."""
-    meets = np.zeros(mesh.n_cells, np.bool_)
+    meets = np.zeros(len(mesh.cells), np.bool_)
     for start, step in _edges_of_cells(mesh):
         squared = np.maximum((step**2).sum(axis=1), np.finfo(np.float64).tiny)
         along = np.clip(((centre - start) * step).sum(axis=1) / squared, 0.0, 1.0)
@@ -107,14 +198,20 @@ def box_edges(lower: FloatArray, upper: FloatArray) -> SimplexMesh:
     return SimplexMesh(points, edges)
 
 
-def _edges_of_cells(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _edges_of_cells(mesh: SourceMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield the first node and the vector of the edges of all cells, one per cell at a time."""
-    corners = mesh.points[mesh.cells]
-    for i, j in combinations(range(mesh.cells.shape[1]), 2):
+    return _edges(mesh.points[mesh.cells])
+
+
+def _edges(corners: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    for i, j in combinations(range(corners.shape[1]), 2):
         yield corners[:, i], corners[:, j] - corners[:, i]
 
 
-def _mean_edges(mesh: SimplexMesh) -> npt.NDArray[np.float64]:
-    """Return the mean length of the edges of each cell."""
-    lengths = [np.linalg.norm(step, axis=1) for _, step in _edges_of_cells(mesh)]
-    return np.asarray(np.mean(lengths, axis=0))
+def _spacing(mesh: SourceMesh, at: Touched) -> FloatArray:
+    """Return the distance between samples at points, given the cells that these touch."""
+    corners = mesh.points[mesh.cells[at.cells]]
+    lengths = [np.linalg.norm(step, axis=1) for _, step in _edges(corners)]
+    widths = np.full(len(at.distances), np.inf)
+    np.minimum.at(widths, at.which, np.mean(lengths, axis=0))
+    return np.maximum(mesh.least(widths) / _SAMPLES_PER_CELL, _SMALLEST_SPACING * mesh.diagonal)

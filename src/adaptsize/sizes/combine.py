@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_sizes
+from adaptsize._checks import as_limits, as_sizes
 from adaptsize.typing import FloatArray
 
 
@@ -54,8 +54,4 @@ def minimum(*h0: npt.ArrayLike, hmin: float | None = None, hmax: float | None = 
     smallest = as_sizes("h0[0]", h0[0], shape).copy()
     for number, bound in enumerate(h0[1:], start=1):
         np.minimum(smallest, as_sizes(f"h0[{number}]", bound, shape), out=smallest)
-    lower = 0.0 if hmin is None else as_number("hmin", hmin, lower=0.0, strict=True)
-    upper = np.inf if hmax is None else as_number("hmax", hmax, lower=0.0, strict=True)
-    if lower > upper:
-        raise ValueError(f"hmin must be at most hmax = {upper:g}, got {lower:g}")
-    return np.asarray(np.clip(smallest, lower, upper))
+    return np.asarray(np.clip(smallest, *as_limits(hmin, hmax)))

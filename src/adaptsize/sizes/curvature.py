@@ -40,11 +40,11 @@ def size_from_curvature(
     hmin: float | None = None,
     hmax: float | None = None,
 ) -> FloatArray:
-    r"""Return the size that resolves the curvature of the boundary [1]_.
+    r"""Return the size that resolves the curvature of the boundary.
 
     .. math:: h_0 = 1 / (K \kappa)
 
-    at nodes on the boundary, with K elements per radian, that is :math:`2 \pi K` around
+    at nodes on the boundary [1]_, with K elements per radian, that is :math:`2 \pi K` around
     a circle.  :math:`\kappa` is the principal curvature of larger modulus.  Feature edges and
     corners do not count as curvature, but the curvature of a feature edge along its line does.
 

@@ -207,7 +207,7 @@ def size_from_hessian(
     maximum norm, the fewest elements for an error :math:`\varepsilon`, and the smallest error
     for a number of elements, are obtained with
 
-    .. math:: h = \sqrt{2 \varepsilon / \lambda};
+    .. math:: h = \sqrt{2 \varepsilon / \lambda}.
 
     In the norm of :math:`L^q`, the optimum is :math:`h = s\, \lambda^{-q / (2 q + d)}`, where d is
     the dimension.  It puts fewer elements where the second derivatives are largest [1]_.

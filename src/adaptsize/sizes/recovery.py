@@ -42,8 +42,8 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     ValueError
-        If the cells have not the dimension of the space, 2 or 3, the values another shape, or
-        one of them is not finite.
+        If the cells do not have the dimension of the space, 2 or 3, or the values have another
+        shape or are not finite.
 
     Notes
     -----
@@ -94,8 +94,8 @@ def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     ValueError
-        If the cells have not the dimension of the space, 2 or 3, the values another shape, or
-        one of them is not finite.
+        If the cells do not have the dimension of the space, 2 or 3, or the values have another
+        shape or are not finite.
 
     Notes
     -----
@@ -155,8 +155,8 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     ValueError
-        If the cells have not the dimension of the space, 2 or 3, the values another shape, or
-        one of them is not finite.
+        If the cells do not have the dimension of the space, 2 or 3, or the values have another
+        shape or are not finite.
 
     Notes
     -----

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NoReturn, Protocol, runtime_checkable
+from typing import NoReturn, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,6 @@ import numpy.typing as npt
 from adaptsize._checks import (
     as_float_array,
     as_number,
-    as_plain_array,
     as_points,
     as_sizes,
     refuse_where,
@@ -21,10 +20,13 @@ from adaptsize._checks import (
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import OutsideWarning
 from adaptsize.sizes import _on_grid, _touched
+from adaptsize.sizes._touched import SourceMesh, as_source_mesh
 from adaptsize.typing import FloatArray, IntArray
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _OUTSIDE = 1e-9
+
+_Mesh: TypeAlias = SimplexMesh | CartesianGrid | SourceMesh
 
 
 @runtime_checkable
@@ -42,8 +44,9 @@ class Source(Protocol):
 class PointSource:
     """Sizes at points, which need not be nodes.
 
-    The nodes of the cell around a point x get at most ``size + g |x_i - x|``.  For a point outside
-    the mesh, the nodes of the closest cell do.
+    The nodes of the cell around a point x get at most ``size + g |x_i - x|``, those of all cells
+    around it if it lies between cells.  For a point outside the mesh, the nodes of the closest
+    cells do.
 
     Parameters
     ----------
@@ -59,14 +62,19 @@ class PointSource:
         """Refuse sizes that are not positive."""
         _positive(self.size)
 
-    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells around the points."""
         points, size = self.rows(mesh.dim)
-        _warn_of_outside(mesh, points)
         if isinstance(mesh, CartesianGrid):
+            _warn_of_outside(points, mesh.locator.weights(points)[2], mesh.diagonal)
             _on_grid.lower_at_points(mesh, points, size, g, h0)
             return
-        _lower_around(mesh, mesh.locator.nearest(points)[0], points, size, g, h0)
+        around = as_source_mesh(mesh)
+        at = around.touched(points)
+        # No point lies on a curved surface exactly.
+        if around.speaks and around.cell_dim == around.dim:
+            _warn_of_outside(points, at.distances, around.diagonal)
+        _lower_around(around, at.cells, points[at.which], size[at.which], g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return checked positions and sizes, float64[n, dim] and float64[n]."""
@@ -97,23 +105,24 @@ class CurveSource:
         """Refuse sizes that are not positive."""
         _positive(self.size)
 
-    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
         curve = _as_curve(self.curve, mesh.dim)
         size = self.rows(mesh.dim)[1]
         if isinstance(mesh, CartesianGrid):
             _on_grid.lower_along(mesh, curve, size, g, h0)
             return
-        cells, segments, along, _ = _touched.cells_along(mesh, curve)
+        around = as_source_mesh(mesh)
+        cells, segments, along, _ = _touched.cells_along(around, curve)
         a, b = curve.cells[segments].T
         points = (1.0 - along)[:, None] * curve.points[a] + along[:, None] * curve.points[b]
         # inf - inf must not arise where a size is inf at one end only.
         at_points = np.where(along < 1.0, size[a], 0.0) * (1.0 - along)
         at_points += np.where(along > 0.0, size[b], 0.0) * along
-        _lower_around(mesh, cells, points, at_points, g, h0)
+        _lower_around(around, cells, points, at_points, g, h0)
         # The samples above are not the closest points of the curve.  These are.
-        nodes = np.unique(mesh.cells[cells])
-        at_nearest, distances = curve.locator.interpolate(size, mesh.points[nodes])
+        nodes = np.unique(around.cells[cells])
+        at_nearest, distances = curve.locator.interpolate(size, around.points[nodes])
         np.minimum.at(h0, nodes, at_nearest + g * distances)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
@@ -144,7 +153,7 @@ class BoundarySource:
         """Refuse sizes that are not positive."""
         _one_size(self.size)
 
-    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the facets."""
         size = _one_size(self.size)
         if isinstance(mesh, CartesianGrid):
@@ -153,12 +162,11 @@ class BoundarySource:
             on_boundary = _on_grid.boundary_nodes(mesh)
             h0[on_boundary] = np.minimum(h0[on_boundary], size)
             return
+        around = as_source_mesh(mesh)
         if self.tags is None:
-            nodes = mesh.boundary().nodes
+            nodes = around.boundary_nodes()
         else:
-            chosen = _has_tag(self.tags, mesh.facet_tags, "facet_tags")
-            assert mesh.tagged_facets is not None  # given together with facet_tags
-            nodes = np.unique(mesh.tagged_facets[chosen])
+            nodes = around.tagged_nodes("facet", self.tags)
         h0[nodes] = np.minimum(h0[nodes], size)
 
 
@@ -181,12 +189,12 @@ class RegionSource:
         """Refuse sizes that are not positive."""
         _one_size(self.size)
 
-    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells."""
         size = _one_size(self.size)
         if isinstance(mesh, CartesianGrid):
             _refuse_tags(mesh)
-        nodes = np.unique(mesh.cells[_has_tag(self.tags, mesh.cell_tags, "cell_tags")])
+        nodes = as_source_mesh(mesh).tagged_nodes("cell", self.tags)
         h0[nodes] = np.minimum(h0[nodes], size)
 
 
@@ -213,7 +221,7 @@ class BoxSource:
         """Refuse sizes that are not positive."""
         _one_size(self.size)
 
-    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the box."""
         size = _one_size(self.size)
         lower = _one_point("lower", self.lower, mesh.dim)
@@ -223,13 +231,14 @@ class BoxSource:
         if isinstance(mesh, CartesianGrid):
             _on_grid.lower_in_box(mesh, lower, upper, size, g, h0)
             return
+        around = as_source_mesh(mesh)
         touched = (
-            _touched.cells_with_edge_in_box(mesh, lower, upper),
-            _touched.cell_inside(mesh, 0.5 * (lower + upper)),
-            _touched.cells_within(mesh, _touched.box_edges(lower, upper)),
+            _touched.cells_with_edge_in_box(around, lower, upper),
+            _touched.cell_inside(around, 0.5 * (lower + upper)),
+            _touched.cells_within(around, _touched.box_edges(lower, upper)),
         )
-        nodes = np.unique(mesh.cells[np.concatenate(touched)])
-        points = mesh.points[nodes]
+        nodes = np.unique(around.cells[np.concatenate(touched)])
+        points = around.points[nodes]
         distance = np.linalg.norm(points - np.clip(points, lower, upper), axis=1)
         h0[nodes] = np.minimum(h0[nodes], size + g * distance)
 
@@ -259,7 +268,7 @@ class BallSource:
         _one_size(self.size)
         as_number("radius", self.radius, lower=0.0)
 
-    def lower_sizes(self, mesh: SimplexMesh | CartesianGrid, g: float, h0: FloatArray) -> None:
+    def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the ball."""
         size = _one_size(self.size)
         centre = _one_point("centre", self.centre, mesh.dim)
@@ -267,21 +276,19 @@ class BallSource:
         if isinstance(mesh, CartesianGrid):
             _on_grid.lower_in_ball(mesh, centre, radius, size, g, h0)
             return
+        around = as_source_mesh(mesh)
         touched = (
-            _touched.cells_with_edge_in_ball(mesh, centre, radius),
-            _touched.cell_inside(mesh, centre),
+            _touched.cells_with_edge_in_ball(around, centre, radius),
+            _touched.cell_inside(around, centre),
         )
-        nodes = np.unique(mesh.cells[np.concatenate(touched)])
-        distance = np.linalg.norm(mesh.points[nodes] - centre, axis=1) - radius
+        nodes = np.unique(around.cells[np.concatenate(touched)])
+        distance = np.linalg.norm(around.points[nodes] - centre, axis=1) - radius
         h0[nodes] = np.minimum(h0[nodes], size + g * np.maximum(distance, 0.0))
 
 
-def _warn_of_outside(mesh: SimplexMesh | CartesianGrid, points: FloatArray) -> None:
-    """Warn of point sources that lie outside a flat domain."""
-    if isinstance(mesh, SimplexMesh) and mesh.cell_dim < mesh.dim:
-        return  # no point lies on a curved surface exactly
-    away = mesh.locator.weights(points)[2]
-    outside = away > _OUTSIDE * mesh.diagonal
+def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> None:
+    """Warn of point sources that lie outside a flat domain, given their distances from it."""
+    outside = away > _OUTSIDE * diagonal
     if outside.any():
         first = int(np.argmax(outside))
         place = ", ".join(f"{x:.6g}" for x in points[first])
@@ -289,14 +296,14 @@ def _warn_of_outside(mesh: SimplexMesh | CartesianGrid, points: FloatArray) -> N
         also = f" (and {more} more)" if more else ""
         warnings.warn(
             f"the source at ({place}) lies {away[first]:.4g} outside the domain{also}: it acts "
-            "only on the nodes of the closest cell, with its distance from them",
+            "only on the nodes of the closest cells, with its distance from them",
             OutsideWarning,
             stacklevel=2,
         )
 
 
 def _lower_around(
-    mesh: SimplexMesh,
+    mesh: SourceMesh,
     cells: IntArray,
     points: FloatArray,
     size: FloatArray,
@@ -345,17 +352,3 @@ def _as_curve(value: SimplexMesh | npt.ArrayLike, dim: int) -> SimplexMesh:
         raise ValueError(f"curve must have at least 2 points, got {len(points)}")
     first = np.arange(len(points) - 1)
     return SimplexMesh(points, np.column_stack([first, first + 1]))
-
-
-def _has_tag(
-    tags: int | Sequence[int], present: IntArray | None, name: str
-) -> npt.NDArray[np.bool_]:
-    """Return where ``present`` is one of ``tags``.  Refuse tags that do not occur."""
-    if present is None:
-        raise ValueError(f"tags need a mesh with {name}, which this one does not have")
-    wanted = np.atleast_1d(as_plain_array("tags", tags))
-    missing = wanted[~np.isin(wanted, present)]
-    if len(missing) > 0:
-        listed = ", ".join(str(tag) for tag in np.unique(present))
-        raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
-    return np.isin(present, wanted)

@@ -20,7 +20,7 @@ METHOD = "exact"
 G = 0.3
 
 #: Small problems tried in one test; 10 000 take a minute.
-N_PROBLEMS = int(os.environ.get("ADAPTSIZE_PROBLEMS", "2000"))
+N_PROBLEMS = int(os.environ.get("ADAPTSIZE_PROBLEMS", "1000"))
 
 KINDS = ["segments", "triangles", "tetrahedra", "1-D grid", "2-D grid", "3-D grid"]
 BOUNDS = ["few", "noise", "field", "ties", "one"]

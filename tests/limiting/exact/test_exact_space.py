@@ -213,7 +213,7 @@ def test_a_search_for_paths_that_stops_early_warns_and_says_so_in_the_info(monke
 # --- jagged parts ------------------------------------------------------------------------------
 
 
-def parts_of_cube(seed, n_side=17):
+def parts_of_cube(seed, n_side=14):
     """Cut a jittered cube in 8 by where the middles of cells are, along planes askew to it."""
     mesh = jittered_cube(n_side, seed)
     rng = np.random.default_rng(seed)

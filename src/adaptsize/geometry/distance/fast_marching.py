@@ -55,7 +55,7 @@ def march_distance(
     where : bool[shape], optional
         Nodes that paths may pass through; all by default.
     report : callable
-        Called with ``text`` and the share done.
+        Called with ``text`` and the fraction completed.
     text : str, optional
 
     Returns
@@ -109,7 +109,7 @@ def march_through_mesh(
     seeds : float64[n_points]
         Known distances, >= 0; inf elsewhere, no NaN.
     report : callable
-        Called with ``text`` and the share done.
+        Called with ``text`` and the fraction completed.
     text : str
 
     Returns

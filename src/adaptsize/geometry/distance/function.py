@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_points, describe
+from adaptsize._checks import as_near_points, as_points, describe
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.distance.closest_points import SurfaceBoundary
 from adaptsize.typing import FloatArray
@@ -65,7 +65,7 @@ class SignedDistance:
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
         """Return the signed distance of each point, float64[n]."""
-        where = as_points("points", points, self.mesh.dim)
+        where = as_near_points("points", points, self.mesh.dim)
         if self._polygons is None:
             return -self._boundary.seen_from(where).depth
         distance = self._boundary.distance(where)
@@ -73,7 +73,7 @@ class SignedDistance:
 
     def unsigned(self, points: npt.ArrayLike) -> FloatArray:
         """Return the distance of each point without a sign, float64[n], for instance to a coast."""
-        return self._boundary.distance(as_points("points", points, self.mesh.dim))
+        return self._boundary.distance(as_near_points("points", points, self.mesh.dim))
 
     def __repr__(self) -> str:
         """Return the number of facets."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels import surface_distance as kernels
 from adaptsize.background import CartesianGrid, SimplexMesh, topology
+from adaptsize.background.location import in_space
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.propagation import (
     AnyBackground,
@@ -58,7 +57,7 @@ def _on_grid(
     grid: CartesianGrid, surface: SimplexMesh, reach: float, report: ProgressCallback
 ) -> FloatArray:
     frame = frame_of(grid)
-    points, facets = _in_space(surface.points), np.array(surface.cells)
+    points, facets = in_space(surface.points), np.array(surface.cells)
     reach *= 1.0 + 1e-9  # include nodes at exactly this distance
     distance = np.full(grid.n_points, reach)
     nearest = np.full(grid.n_points, -1, np.int32)
@@ -98,7 +97,7 @@ def _short_facets(
 ) -> _Pieces:
     """Bisect facets at their longest edge until they are short; omit distant ones."""
     longest = _LONGEST * float(grid.spacing.max())
-    lower, upper = _in_space(grid.lower[None])[0] - reach, _in_space(grid.upper[None])[0] + reach
+    lower, upper = in_space(grid.lower[None])[0] - reach, in_space(grid.upper[None])[0] + reach
     corners, owner = points[facets], np.arange(len(facets), dtype=np.int32)
     short, owners = [], []
     while len(corners):
@@ -197,10 +196,3 @@ def _nodes_of(background: AnyBackground) -> Iterator[FloatArray]:
         return
     for first in range(0, background.n_points, _POINTS_AT_ONCE):
         yield background.points[first : first + _POINTS_AT_ONCE]
-
-
-def _in_space(points: npt.NDArray[Any]) -> FloatArray:
-    """Return points padded with zero coordinates, float64[n, 3]."""
-    padded = np.zeros((len(points), 3))
-    padded[:, : points.shape[1]] = points
-    return padded

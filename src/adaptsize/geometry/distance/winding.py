@@ -7,6 +7,7 @@ import numpy as np
 from adaptsize._kernels.interpolate import fill_centroids, sort_for_tree
 from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
 from adaptsize.background import SimplexMesh
+from adaptsize.background.location import in_space
 from adaptsize.background.merging import place_numbers
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -46,7 +47,7 @@ class WindingNumber:
 
     def __init__(self, surface: SimplexMesh) -> None:
         self._dim = surface.dim
-        points = _in_space(surface.points)
+        points = in_space(surface.points)
         n_leaves = 1
         while n_leaves * _CELLS_PER_LEAF < surface.n_cells:
             n_leaves *= 2
@@ -62,7 +63,7 @@ class WindingNumber:
 
     def __call__(self, points: FloatArray, report: ProgressCallback | None = None) -> FloatArray:
         """Return the winding number at points, float64[n]."""
-        queries = _in_space(points)
+        queries = in_space(points)
         n = len(queries)
         numbers = np.empty(n)
         tree = (self._points, self._cells, self._moments, _FAR)
@@ -108,10 +109,3 @@ def same_places(points: FloatArray, cells: IntArray) -> IntArray:
     used = points[cells]
     extent = float(np.linalg.norm(used.max(axis=(0, 1)) - used.min(axis=(0, 1))))
     return place_numbers(points, _SAME * extent).astype(np.int32)
-
-
-def _in_space(points: FloatArray) -> FloatArray:
-    """Return points padded with zero coordinates, float64[n, 3]."""
-    padded = np.zeros((len(points), 3))
-    padded[:, : points.shape[1]] = points
-    return padded

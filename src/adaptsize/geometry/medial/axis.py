@@ -128,7 +128,8 @@ def medial_axis(
     the point where these meet.  Corners are not resolved closer than three spacings to the
     boundary; there, only points between walls that form no corner are accepted.
 
-    The time is O(n), two seconds for 256^3 nodes.  Memory is 16 bytes per node besides phi.
+    The time is O(n), two seconds for 256^3 nodes.  Memory is 16 bytes per node besides the
+    distances.
 
     *On octrees and meshes* points on surfaces of the axis are exact to rounding between plane
     pieces.  Otherwise their error is the square of 1/256 of an edge over the radius.  One edge

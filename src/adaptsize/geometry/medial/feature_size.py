@@ -72,7 +72,7 @@ def feature_size(
     Raises
     ------
     ValueError
-        If a shape is wrong, or phi is not finite at an active node or nowhere negative.
+        If a shape is wrong, or a distance is not finite at an active node or nowhere negative.
 
     Notes
     -----
@@ -83,7 +83,7 @@ def feature_size(
 
     *On grids* the error is that of the medial axis (up to a spacing) plus that of marching at
     first order.  The time is O(n), 4 seconds for 256^3 nodes of which half are inside.  Memory is
-    50 bytes per node besides phi.
+    50 bytes per node besides the distances.
 
     *On octrees and meshes* half the distance of parallel walls is exact for any number of leaves
     between them.  Elsewhere the size is too large by at most the difference between the distances

@@ -13,6 +13,7 @@ from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._kernels.sectors import fill_facet_cells
 from adaptsize._kernels.sphere_trees import fill_slabs
 from adaptsize.background import SimplexMesh
+from adaptsize.background.location import in_space
 from adaptsize.geometry import curvature as surfaces
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -300,10 +301,3 @@ def along_curve(places: FloatArray) -> npt.NDArray[np.intp]:
     codes = np.empty(len(places), np.uint64)
     tree_kernels.fill_morton_codes(places, lower, width, codes)
     return np.argsort(codes, kind="stable")
-
-
-def in_space(points: FloatArray) -> FloatArray:
-    """Return points padded with zero coordinates, float64[n, 3]."""
-    padded = np.zeros((len(points), 3))
-    padded[:, : points.shape[1]] = points
-    return padded

@@ -33,13 +33,13 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 _EQUAL = 1e-12
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
-_OUTSIDE = 1e-9
+OUTSIDE = 1e-9
 
 # Nodes of a tile of a grid, which is a block of the kernels.
 _TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
 
 
-_UNFINISHED = (
+UNFINISHED = (
     "the exact method stopped its search for paths over reflex edges with sizes still falling: "
     "some sizes are larger than the shortest paths allow"
 )
@@ -179,7 +179,7 @@ def _inside(
     places, sizes = point_sources
     numbers = background.n_points + np.arange(len(places), dtype=np.int32)
     away = background.locator.weights(places)[2]
-    inside = (away <= _OUTSIDE * background.diagonal) & np.isfinite(sizes)
+    inside = (away <= OUTSIDE * background.diagonal) & np.isfinite(sizes)
     return Extra(np.ascontiguousarray(places[inside]), sizes[inside], numbers[inside])
 
 
@@ -193,14 +193,15 @@ def _by_components(
     """Solve on one component after another; nodes in no cell keep their bounds."""
     parts = []
     bound = h0.ravel().copy()
-    beside = np.empty(0, np.int32)
-    if extra is not None:  # each belongs to the component of the cell around it
-        beside = mesh.cells[mesh.locator.nearest(extra.points)[0], 0]
+    which, beside = np.empty(0, np.int64), np.empty(0, np.int32)
+    if extra is not None:  # each belongs to all components of which a cell holds it
+        which, cells = mesh.locator.within(extra.points, OUTSIDE * mesh.diagonal)
+        beside = mesh.cells[cells, 0]
     for nodes, component in _components(mesh, bound, beside):
         own = bound if nodes is None else bound[nodes]
         some = extra
         if extra is not None and nodes is not None:
-            here = np.isin(beside, nodes)
+            here = np.unique(which[np.isin(beside, nodes)])
             # Their numbers follow those of the nodes, in a component as in the whole mesh.
             numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
             some = Extra(extra.points[here], extra.sizes[here], numbers)
@@ -238,7 +239,7 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
         h,
         n_entries,
         0.0,
-        "" if finished else _UNFINISHED,
+        "" if finished else UNFINISHED,
         parts=parts,
         n_proved=h.size - n_hidden,
         largest_gap=gap,

@@ -97,7 +97,7 @@ class ExactField:
         part.lower_by_last(points, sizes, found, threads, report)
         source[found >= 0] = numbers[found[found >= 0]]
 
-    def evaluate(self, places: FloatArray, bound: FloatArray, threads: int = 1) -> FloatArray:
+    def evaluate(self, places: FloatArray, bound: FloatArray) -> FloatArray:
         """Return the minimum of ``bound`` and the allowed sizes at points of the domain."""
         sizes = bound.copy()
         if len(places) == 0:
@@ -106,7 +106,7 @@ class ExactField:
         points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
         source = np.empty(len(places), np.int32)
         for number in range(len(self.waves)):
-            self._lower(number, points, sizes, source, threads, _silent)
+            self._lower(number, points, sizes, source, 1, _silent)
         return sizes
 
     def _lower(

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.limiting.exact.api import ExactSolution, Part, as_solution, slabs_of
+from adaptsize.limiting.exact.api import (
+    ExactSolution,
+    Part,
+    as_solution,
+    slabs_of,
+    solve_exact,
+)
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.solve import Found
 from adaptsize.limiting.exact.waves import Wave, sorted_wave
@@ -19,7 +25,24 @@ if TYPE_CHECKING:
     from adaptsize.limiting.problem import Problem
 
 
-def with_images(solution: ExactSolution, problem: Problem) -> ExactSolution:
+def solve_problem(background: SimplexMesh | CartesianGrid, problem: Problem) -> ExactSolution:
+    """Return the exact solution, of a periodic domain or another."""
+    solution = solve_exact(
+        background,
+        problem.h0,
+        problem.slope,
+        face_sources=problem.face_sources,
+        threads=problem.threads,
+        point_sources=problem.point_sources,
+        report=problem.report,
+    )
+    periodicity = problem.periodicity
+    return solution if periodicity is None else _with_images(solution, periodicity, problem)
+
+
+def _with_images(
+    solution: ExactSolution, periodicity: Periodicity, problem: Problem
+) -> ExactSolution:
     r"""Return the exact solution of a periodic domain from that of its cell.
 
     Both the cell and the domain are convex, so that distances are straight and
@@ -29,9 +52,6 @@ def with_images(solution: ExactSolution, problem: Problem) -> ExactSolution:
     with all translations L of the lattice.  Sources that another one in the cell makes unnecessary
     are unnecessary everywhere, so only images of the others are added.
     """
-    periodicity = problem.periodicity
-    if periodicity is None:
-        return solution
     if not periodicity.is_convex:
         raise ValueError(
             "periodic with method='exact' needs a convex cell whose images complete it to a convex "

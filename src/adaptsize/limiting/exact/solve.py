@@ -124,7 +124,7 @@ def _node_sources(
     problem: Problem, nodes: IntArray, meet: bool, plane: Plane | None, linear: bool
 ) -> Wave:
     """Return the survivors among nodes, and corners; in the plane all nodes if no bounds meet."""
-    wave = _at_nodes(problem, nodes)
+    wave = wave_of_nodes(problem, nodes)
     given = (problem.g, linear, problem.threads, problem.report, problem.margin)
     if plane is None:
         return survivors_of(wave, *given)
@@ -147,7 +147,7 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
     nodes, steep = candidates_of(problem)
     solid = solid_of(mesh, boundary)
     linear = steep is not None and problem.face_sources
-    field = ExactField(g, None, linear, [_at_nodes(problem, nodes)])
+    field = ExactField(g, None, linear, [wave_of_nodes(problem, nodes)])
     lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, solid.nodes, np.empty(0, np.int32))
     field.lower_by_last(points, lower, source, problem.threads, problem.report)
@@ -247,7 +247,7 @@ def survivors_of(
     return wave.only(survives)
 
 
-def _at_nodes(problem: Problem, nodes: IntArray) -> Wave:
+def wave_of_nodes(problem: Problem, nodes: IntArray) -> Wave:
     """Return nodes, and sources between nodes, as a wave."""
     places, sizes, extra = problem.mesh.points[nodes], problem.h0[nodes], problem.extra
     if extra is not None:

@@ -118,7 +118,7 @@ def mesh_from_distance(
     full_output : bool
         Whether to return a report too.
     progress : callable, bool or None
-        Called with a text and the share done.  True shows a progress bar.
+        Called with a text and the fraction completed.  True shows a progress bar.
 
     Returns
     -------

@@ -1,0 +1,21 @@
+"""Fixtures of the tests of the command line."""
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh, write
+
+
+@pytest.fixture(autouse=True)
+def no_lines_about_steps(monkeypatch):
+    """Commands in the process of the tests print no lines about steps and compiling."""
+    monkeypatch.setattr("adaptsize.cli.steps.PATIENCE", 1e6)
+    monkeypatch.setattr("adaptsize.cli.warmup._said", True)
+
+
+@pytest.fixture
+def square(tmp_path):
+    """A file with two triangles and the nodal field h0."""
+    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    write(tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf]})
+    return tmp_path / "square.vtu"
