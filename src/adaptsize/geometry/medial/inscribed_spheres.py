@@ -139,8 +139,8 @@ def inscribed_spheres(
     features.
 
     The time is O(n log n), except if the boundary is a sphere, which the ball touches everywhere.
-    Facets across feature edges do not bound the sphere, but those inside it are all examined: if a
-    surface with many feature edges is refined n times as finely, each sphere takes n times as long.
+    Facets across feature edges do not bound the sphere, but those inside it are all examined: on a
+    surface with many feature edges, the time of each sphere grows with the number of facets.
 
     The order of nodes, facets and points has no influence on the radii, the other points may have,
     by 1 % as a rule.
