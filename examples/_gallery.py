@@ -116,7 +116,7 @@ def save_drawing(path: Path, figure: Figure) -> None:
     """
     panels = [axes for axes in figure.axes if axes.get_title()]
     for number, axes in enumerate(panels):
-        axes.set_title(_lettered(axes.get_title(), number, len(panels)))
+        axes.title.set_text(_lettered(axes.get_title(), number, len(panels)))
     figure.savefig(path, metadata={"Software": None})
 
 
