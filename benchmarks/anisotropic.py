@@ -23,6 +23,7 @@ from pathlib import Path
 from resource import RUSAGE_CHILDREN, RUSAGE_SELF, getrusage
 
 import numpy as np
+from _fields import layer_in_space, second_derivatives
 from _timing import arguments_of, machine, table, three, write
 
 import adaptsize as ads
@@ -39,12 +40,6 @@ GOAL = 1e-3
 LIMITS = {"isotropic": 0.25, "anisotropic": 1.0}
 NUMBERS = layers.NUMBERS
 NUMBERS_IN_SPACE = {"isotropic": (12500, 25000), "anisotropic": (2500, 5000)}
-
-
-def layer_in_space(points):
-    """Return values that change across an S-shaped sheet, the same for all z."""
-    x, y = points[..., 0], points[..., 1]
-    return np.tanh(30.0 * (x - 0.5 - 0.1 * np.sin(2.0 * np.pi * y)))
 
 
 FIELDS = {
@@ -76,17 +71,6 @@ def rows_of(name, kind, numbers):
             "aspect": float(implied_metric(mesh).aspect_ratio.max()), "s": took,
         })  # fmt: skip
     return steps, rows
-
-
-def second_derivatives(field, points, step=1e-4):
-    """Return central differences, float64[n, 2, 2]."""
-    x, y = np.eye(2) * step
-    middle = field(points)
-    xx = field(points + x) - 2.0 * middle + field(points - x)
-    yy = field(points + y) - 2.0 * middle + field(points - y)
-    along = field(points + x + y) + field(points - x - y)
-    xy = 0.25 * (along - field(points + x - y) - field(points - x + y))
-    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2) / step**2
 
 
 def regular_number(field, kind, g, number, n=301):

@@ -15,8 +15,8 @@ Elements for an error of 1e-3 in the norm of L2, interpolated between the meshes
 
 How much there is to gain depends on the field.  Two straight layers need a bounded number of
 triangles along them, so that the ratio grows as the error falls.  The S-shaped layer has a
-radius of curvature of 1/4 against a thickness of 1/60; for it, the optimal metrics without
-gradient limiting differ by a factor of 3.5 (docs/anisotropic-meshes.md).
+radius of curvature of 1/4 against a thickness of 1/60; for it, the optimal numbers of
+regular triangles differ by a factor of 4.7 (docs/anisotropic-meshes.md).
 
 The pictures: meshes with about the same number of triangles, the metric as ellipses, aspect ratios,
 and the errors.  Needs Mmg.  Takes about a minute.
@@ -176,7 +176,7 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             errors.loglog(n, [step.error for step in steps], "o-", color=colour, label=kind)
         n = np.array([1e3, 2e4])
         errors.loglog(n, 2.0 / n, color="black", linewidth=0.7, label="2 / N")
-        errors.set(xlabel="triangles", ylabel="error", title="error of interpolation, L2")
+        errors.set(xlabel="triangles", title="error of interpolation, L2")
         errors.legend()
     save_drawing(path, figure)
 

@@ -2,6 +2,7 @@
 
 python docs/measurements/anisotropic.py layer      (a layer in space; half an hour)
 python docs/measurements/anisotropic.py gradation  (the price of gradient limiting; ten minutes)
+python docs/measurements/anisotropic.py laws       (other laws of growth; ten minutes)
 python docs/measurements/anisotropic.py counts     (cells per predicted cell; a minute)
 python docs/measurements/anisotropic.py regular    (errors against regular triangles; seconds)
 python docs/measurements/anisotropic.py plate      (aspect ratios up to 1000; seconds)
@@ -17,17 +18,14 @@ from adaptsize.metrics import implied_metric, metric_from_layers, predicted_simp
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import _edge_sweeps
 import plot_anisotropic_layers as layers
+from _fields import layer_in_space, second_derivatives
 from _gallery import jittered_rectangle
 from shapes import block
 
 SQUARE = jittered_rectangle([0, 0], [1, 1], 30)
-
-
-def layer_in_space(points):
-    """Return values that change across an S-shaped sheet, the same for all z."""
-    x, y = points[..., 0], points[..., 1]
-    return np.tanh(30.0 * (x - 0.5 - 0.1 * np.sin(2.0 * np.pi * y)))
 
 
 def measure_layer():
@@ -66,6 +64,31 @@ def measure_gradation():
                 f"{after.share_in_band:.2f} | {after.metric.quality_mean:.2f} |",
                 flush=True,
             )
+
+
+def measure_laws():
+    """Print elements times error over 1e-3 with growth in physical and metric space, and mixed."""
+    laws = {"physical": None, "metric": _edge_sweeps.METRIC, "mixed": _edge_sweeps.MIXED}
+
+    def limited(mesh, metric, g, law):
+        if law is None:
+            return ads.limit_metric(mesh, metric, g)
+        return _edge_sweeps.swept(mesh, metric, g, law)[0]
+
+    for name, field in (("S", layers.curved_layer), ("X", layers.crossing_layers)):
+        mesh = SQUARE
+        for law, g in ((law, g) for law in laws for g in (1.0, 0.25)):
+            for _ in range(3 if mesh is not SQUARE else 4):
+                metric = ads.metric_from_hessian(
+                    mesh, hessian=second_derivatives(field, mesh.points), target_elements=2000,
+                    hmax=0.25,
+                )  # fmt: skip
+                for _ in range(3):
+                    found = predicted_simplices(mesh, limited(mesh, metric, g, laws[law]))
+                    metric = metric.scaled(np.sqrt(found / 2000))
+                mesh = ads.remesh(mesh, limited(mesh, metric, g, laws[law]))
+            number = mesh.n_cells * layers.interpolation_error(mesh, field) / 1e-3
+            print(f"| {name} | {law} | {g} | {mesh.n_cells} | {number:.0f} |", flush=True)
 
 
 def measure_counts():

@@ -13,6 +13,9 @@ from adaptsize._kernels.compiling import inner
 
 # Number of directions around a probe.
 N_DIRECTIONS = 12
+# A radius counts as smaller below this share of another one.  Cells that the ball touches at a
+# common node have the same radius but for rounding; the first one counts.
+SMALLER = 1.0 - 1e-9
 
 
 @inner
@@ -39,7 +42,7 @@ def radius_between(held, last, widest):
     best = 2.0 * math.pi - widest - 1e-5
     radius = held[last, 0]
     for k in range(held.shape[0]):
-        if held[k, 0] <= held[last, 0]:
+        if SMALLER * held[k, 0] <= held[last, 0]:
             apart = abs(held[k, 1] - held[last, 1])
             apart = min(apart, 2.0 * math.pi - apart)
             if apart > best:
@@ -67,14 +70,14 @@ def holding_wall(held, widest):
     best = math.inf
     last = -1
     for i in range(held.shape[0]):
-        if held[i, 0] >= best:
+        if held[i, 0] >= SMALLER * best:
             continue
         # All walls up to this radius, from the last one around to the first.
         before = math.inf
         largest = 0.0
         for k in range(2 * held.shape[0]):
             j = k % held.shape[0]
-            if held[j, 0] <= held[i, 0]:
+            if SMALLER * held[j, 0] <= held[i, 0]:
                 direction = held[j, 1] + (2.0 * math.pi if k >= held.shape[0] else 0.0)
                 if not math.isinf(before):
                     largest = max(largest, direction - before)
@@ -106,7 +109,7 @@ def tangents(n):
 def add_wall(held, direction, radius, x, y, z, cotangent):
     """Add a wall unless there is a nearer one of its direction; return whether it was added."""
     k = min(int(direction * N_DIRECTIONS / (2.0 * math.pi)), N_DIRECTIONS - 1)
-    if radius >= held[k, 0]:
+    if radius >= SMALLER * held[k, 0]:
         return False
     held[k, 0], held[k, 1] = radius, direction
     held[k, 2], held[k, 3], held[k, 4] = x, y, z

@@ -18,8 +18,10 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel, part
+from adaptsize._kernels.corner_edges import meet_at_edge
 from adaptsize._kernels.corner_walls import (
     N_DIRECTIONS,
+    SMALLER,
     add_wall,
     holding_wall,
     radius_between,
@@ -35,47 +37,6 @@ _MAX_STEPS = 40
 # Only such facets count at feature edges, where the normal is that of one side and, on rough
 # surfaces, the next facets stand across it.
 _OPPOSITE = 0.75
-
-
-@inner
-def _is_near(points, cells, boxes, x, within, stack):
-    """Return whether a segment comes as near to x as ``within``.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells : int32[m, 2]
-        In the order of the tree; the ends of a segment may be one point.
-    boxes : float64[2 * n_leaves, 6]
-    x : tuple of 3 float64
-    within : float64
-    stack : int64[64]
-        Scratch.
-    """
-    n_leaves = boxes.shape[0] // 2
-    stack[0] = 1
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        total = 0.0
-        for d in range(3):
-            gap = max(boxes[node, d] - x[d], x[d] - boxes[node, 3 + d])
-            if gap > 0.0:
-                total += gap * gap
-        if total > within * within:
-            continue
-        if node < n_leaves:
-            stack[top] = 2 * node
-            stack[top + 1] = 2 * node + 1
-            top += 2
-            continue
-        m = cells.shape[0]
-        leaf = node - n_leaves
-        for c in range(leaf * m // n_leaves, (leaf + 1) * m // n_leaves):
-            if closest_on_segment(points, cells[c, 0], cells[c, 1], x)[0] <= within * within:
-                return True
-    return False
 
 
 @inner
@@ -114,7 +75,7 @@ def _touch(points, cells, t, p, n, bound, r):
             if d2 > (bound * (1.0 + 1e-9)) ** 2:  # the cell ends beside that point of its plane
                 rr = r
                 continue
-        elif d2 >= (rr * (1.0 - 1e-7)) ** 2:
+        elif d2 >= rr * rr:
             break
         q = (
             s * points[a, 0] + u * points[b, 0] + w * points[e, 0],
@@ -123,9 +84,12 @@ def _touch(points, cells, t, p, n, bound, r):
         )
         if step == 0:
             break
+        touches = d2 >= (rr * (1.0 - 1e-7)) ** 2  # the next radius is accurate to rounding
         v = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
         above = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
         rr = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / (2.0 * above)
+        if touches:
+            break
     return rr, q[0], q[1], q[2]
 
 
@@ -169,53 +133,12 @@ def _is_small_and_low(points, cells, t, p, n, sine):
 
 
 @part
-def _meet_at_edge(
-    edge_points, edges, edge_boxes, p, n, q, normal, above, height, cos, share, reach, stack
-):
-    """Return whether the tangent plane at p and the plane of q meet at an edge of the boundary.
-
-    Parameters
-    ----------
-    edge_points, edges, edge_boxes
-        As in `shrink_balls`.
-    p, n, q, normal : tuple of 3 float64
-        Probe, its unit normal, the other point, and the unit normal of its cell.
-    above, height : float64
-        Distance of q from the tangent plane, and of p from the plane of q.
-    cos : float64
-        Cosine of the angle between the normals.
-    share : float64
-        Distance of edges from the line where the planes meet, over that of p or q.
-    reach : float64
-        Distance of the probe to the edges.
-    stack : int64[64]
-        Scratch.
-    """
-    sin2 = 1.0 - cos * cos
-    for seen_from in range(2):
-        # The point of the line that is closest to q, or to p.
-        if seen_from == 0:
-            far = above / sin2
-            foot = (
-                q[0] - far * (n[0] - cos * normal[0]),
-                q[1] - far * (n[1] - cos * normal[1]),
-                q[2] - far * (n[2] - cos * normal[2]),
-            )
-        else:
-            far = height / sin2
-            foot = (
-                p[0] - far * (normal[0] - cos * n[0]),
-                p[1] - far * (normal[1] - cos * n[1]),
-                p[2] - far * (normal[2] - cos * n[2]),
-            )
-        way = 0.0
-        for d in range(3):
-            way += (foot[d] - p[d]) ** 2
-        within = share * far * math.sqrt(sin2)
-        in_reach = reach <= math.sqrt(way) + within
-        if in_reach and _is_near(edge_points, edges, edge_boxes, foot, within, stack):
-            return True
-    return False
+def _are_same(probes, normals, cells, i, j):
+    """Return whether probes i and j are the same."""
+    for d in range(3):
+        if probes[i, d] != probes[j, d] or normals[i, d] != normals[j, d]:
+            return False
+    return cells[i] == cells[j]
 
 
 @part
@@ -294,6 +217,12 @@ def shrink_balls(
     guess = touched[order[first - 1]] if first > 0 else -1
     for place in range(first, last):
         i = order[place]
+        if place > 0 and _are_same(probes, probe_normals, probe_cells, i, order[place - 1]):
+            j = order[place - 1]
+            radii[i], touched[i] = radii[j], touched[j]
+            for d in range(3):
+                contacts[i, d] = contacts[j, d]
+            continue
         p = (probes[i, 0], probes[i, 1], probes[i, 2])
         n = (probe_normals[i, 0], probe_normals[i, 1], probe_normals[i, 2])
         r = largest
@@ -346,7 +275,7 @@ def shrink_balls(
                     continue
                 bound = height / (1.0 - cos)
                 rr, x, y, z = _touch(points, cells, t, p, n, bound, r)
-                if rr >= r:
+                if rr >= SMALLER * r:
                     continue
                 v = (x - p[0], y - p[1], z - p[2])
                 above = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
@@ -360,7 +289,7 @@ def shrink_balls(
                 normal = (normals[t, 0], normals[t, 1], normals[t, 2])
                 if -cos < cosine and not parallel and not in_corner:
                     q = (x, y, z)
-                    in_corner = _meet_at_edge(
+                    in_corner = meet_at_edge(
                         edge_points, edges, edge_boxes, p, n, q, normal, above, height, cos, share,
                         reaches[i], edge_stack,
                     )  # fmt: skip
@@ -375,16 +304,16 @@ def shrink_balls(
                     if not add_wall(held, direction, rr, x, y, z, cotangent):
                         continue
                     k = holding_wall(held, gap_of_walls)
-                    if k < 0 or held[k, 0] > r:
+                    if k < 0 or SMALLER * held[k, 0] > r:
                         continue
                     between = radius_between(held, k, gap_of_walls)
-                    if held[k, 0] == r:  # the nearer wall has come nearer
+                    if held[k, 0] >= SMALLER * r:  # the nearer wall has come nearer
                         radius = min(radius, between)
                         continue
                     rr, x, y, z = held[k, 0], held[k, 2], held[k, 3], held[k, 4]
                 elif at_feature_edge and above * above < _OPPOSITE * way2:
                     continue
-                if rr >= r:
+                if rr >= SMALLER * r:
                     continue
                 r = rr
                 radius = between

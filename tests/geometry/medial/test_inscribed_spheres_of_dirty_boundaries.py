@@ -101,3 +101,20 @@ def test_within_coarse_facets_no_sphere_stops_at_the_facets_beside():
     radii = inscribed_spheres(torus, within).smallest()
     assert radii.min() > 0.75 * 0.3  # 0.62 with the facets beside
     assert radii.max() < 0.3
+
+
+@pytest.mark.parametrize("merged", [True, False])
+def test_radii_do_not_depend_on_the_order_of_nodes_and_facets(merged):
+    rng = np.random.default_rng(836)
+    move = rng.normal(size=TORUS.points.shape)
+    points = TORUS.points + 0.1 * np.median(TORUS.edge_lengths) * move
+    cells = TORUS.cells
+    if not merged:  # a soup, in which nodes coincide
+        points, cells = points[cells].reshape(-1, 3), np.arange(cells.size).reshape(-1, 3)
+    to = rng.permutation(len(points))
+    permuted = np.empty_like(points)
+    permuted[to] = points
+    other = SimplexMesh(permuted, to[cells][rng.permutation(len(cells))])
+    # Many of its edges are feature edges, which have two spheres at the same point.
+    one = smallest(SimplexMesh(points, cells), crease_angle=30.0)
+    np.testing.assert_allclose(smallest(other, crease_angle=30.0)[to], one, rtol=1e-10)
