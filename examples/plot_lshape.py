@@ -20,7 +20,7 @@ gradients with diagonal preconditioning, to 1e-10.
 In this loop limiting has no effect, because sizes that equidistribute the error are already
 smooth.  It has an effect where sizes jump.  Below, the triangles with half of the error of a
 uniform mesh are to be 16 times smaller at once.  Without limiting, the new mesh has angles of 5
-degrees (radius ratio 0.02).  With limiting it has 24 degrees (0.63) and, with 14 % more triangles,
+degrees (radius ratio 0.02).  With limiting it has 24 degrees (0.63) and, with 15 % more triangles,
 an 18 % smaller error.
 
     python examples/plot_lshape.py [DIRECTORY]
