@@ -220,7 +220,7 @@ def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
         h0 = bounds.step("all")
         full = limit_gradient(mesh, h0, G, face_sources=False)
         with monkeypatch.context() as patch:
-            patch.setattr("adaptsize.limiting.on_simplices.solve_exact", refuse)
+            patch.setattr("adaptsize.limiting.exact.images.solve_exact", refuse)
             h = limit_gradient(mesh, h0, G, face_sources=False, initial=info)
         assert_array_equal(h, full, err_msg=name)
 
