@@ -70,8 +70,14 @@ def test_limiting_brings_no_part_of_scipy_that_is_slow():
 
 
 def test_child_processes_of_generators_bring_no_kernels():
+    # They start for each call of a generator; numba alone would take a second.
     code = "from adaptsize.remeshing import _worker, gmsh, mmg, netgen, tetwild"
-    assert not _modules_after(code) & {"numba", "scipy"}
+    assert not _modules_after(code) & {"numba", "scipy", "mmgpy", "gmsh"}
+
+
+def test_ftetwild_needs_no_pyvista():
+    code = "from adaptsize.remeshing.tetwild import _import_pytetwild; _import_pytetwild()"
+    assert not _modules_after(code) & {"pyvista", "vtkmodules"}
 
 
 def test_every_public_name_is_listed_and_resolves():

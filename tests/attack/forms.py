@@ -118,7 +118,9 @@ def _converted(value: Any, whole: bool, rng: np.random.Generator) -> Any:
     if isinstance(value, bool):
         return np.bool_(value)
     if isinstance(value, int):
-        return _pick([np.int64, np.int16, np.uint16, np.array, float], rng, False)(value)
+        kinds = [np.int16, np.uint16, np.int64]
+        kinds = [kind for kind in kinds if np.iinfo(kind).min <= value <= np.iinfo(kind).max]
+        return _pick([*kinds, np.array, float], rng, False)(value)
     if isinstance(value, float):
         return _pick(_NUMBERS, rng, value.is_integer())(value)
     if inspect.isfunction(value):

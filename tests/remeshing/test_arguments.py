@@ -1,8 +1,6 @@
 """What is refused before any generator starts, and what is repaired."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -224,14 +222,3 @@ def test_the_background_for_tetwild_holds_the_size_within_its_promise():
     error = np.abs(read - size(inside)) / size(inside)
     assert np.quantile(error, 0.95) < 0.05
     assert error.max() < 0.3
-
-
-def test_importing_the_worker_does_not_import_the_mesh_classes():
-    # It starts for each call of a generator; numba alone would take it a second.
-    code = (
-        "import sys, adaptsize.remeshing._worker, adaptsize.remeshing.tetwild, "
-        "adaptsize.remeshing.mmg, adaptsize.remeshing.gmsh;"
-        "print([m for m in ('numba', 'scipy', 'mmgpy', 'gmsh') if m in sys.modules])"
-    )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout == "[]\n"

@@ -10,8 +10,10 @@ Observed behaviour that is handled here:
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -86,8 +88,6 @@ def tetrahedralize(
     -------
     points float64[n, 3], cells int32[m, 4]
     """
-    from pytetwild import pytetwild
-
     field: dict[str, Any] = {}
     if "sizes" in arrays:
         field = {
@@ -95,7 +95,7 @@ def tetrahedralize(
             "bg_tets": arrays["size_cells"],
             "bg_values": arrays["sizes"],
         }
-    points, cells = pytetwild.tetrahedralize(
+    points, cells = _import_pytetwild().tetrahedralize(
         np.ascontiguousarray(arrays["points"]),
         np.ascontiguousarray(arrays["faces"], dtype=np.int32),
         edge_length_abs=options["edge_length"],
@@ -107,3 +107,14 @@ def tetrahedralize(
         **field,
     )
     return {"points": points, "cells": cells.astype(np.int32)}
+
+
+def _import_pytetwild() -> Any:
+    """Import pytetwild without pyvista, which may be missing, and takes a second.
+
+    It imports pyvista for an accessor, which is not used here.
+    """
+    sys.modules.setdefault("pytetwild._accessor", ModuleType("pytetwild._accessor"))
+    from pytetwild import pytetwild
+
+    return pytetwild
