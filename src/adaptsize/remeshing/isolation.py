@@ -145,8 +145,8 @@ class IsolatedRunner:
             reason = "it was killed from outside (SIGKILL), perhaps because memory ran out"
         elif -code == getattr(signal, "SIGXCPU", None):
             reason = (
-                "it was stopped at its limit of processor time (SIGXCPU), as happens where the "
-                "sizes are far too large for the tolerance"
+                "it was stopped at its limit of processor time (SIGXCPU), as may happen where "
+                "the sizes are far too large for the tolerance"
             )
         elif code < 0:
             reason = f"crashed ({_signal_name(-code)})"
