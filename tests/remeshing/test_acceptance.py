@@ -5,7 +5,7 @@ import pytest
 from shapes import block, joined, moved
 
 from adaptsize import SimplexMesh
-from adaptsize.errors import BackendError, ResolutionWarning
+from adaptsize.errors import BackendError, BoundaryWarning, ResolutionWarning
 from adaptsize.remeshing.acceptance import refuse_other_domain, warn_of_deviation
 from adaptsize.remeshing.driver import _Part
 
@@ -72,3 +72,13 @@ def test_a_body_inside_another_one_that_vanishes_is_warned_of():
     with pytest.warns(ResolutionWarning, match=r"fills both sides .* 0.25 from the given one"):
         warn_of_deviation(CUBE, old, 1e-3)
     warn_of_deviation(CUBE, old, 1e-3, may_be_joined=True)
+
+
+def test_a_thin_shell_that_was_filled_is_warned_of_at_any_distance():
+    # The wall is .01 thick, twice the tolerance: all distances are within four times that.
+    cavity = moved(SURFACE, 0.01, scale=0.98)
+    old = joined(SURFACE, SimplexMesh(cavity.points, cavity.cells[:, ::-1]))
+    with pytest.warns(BoundaryWarning, match=r"topology .* 1 .* number 2, given: 2 .* number 4"):
+        warn_of_deviation(CUBE, old, 5e-3)
+    warn_of_deviation(CUBE, old, 5e-3, may_be_joined=True)
+    warn_of_deviation(joined(CUBE, moved(CUBE, 2.0)), joined(SURFACE, moved(SURFACE, 2.0)), 5e-3)

@@ -32,7 +32,7 @@ def check_end(suffix: str, content: bytes) -> None:
     """Refuse a file that lacks the end mark of its format, before it is read.
 
     Some readers of other packages run forever at the end of such a file.  Also refused are Gmsh
-    files whose node numbers would take gigabytes.
+    files whose node numbers would take gigabytes, and SU2 files without points.
 
     Raises
     ------
@@ -105,6 +105,12 @@ def _check_nastran_end(content: bytes) -> None:
         raise MeshFileError("is truncated (no ENDDATA)")
 
 
+def _check_su2_points(content: bytes) -> None:
+    """Refuse a file without points, for which the reader fails by an error of its own."""
+    if not re.search(rb"^[ \t]*NPOIN=[ \t]*0*[1-9]", content, re.MULTILINE):
+        raise MeshFileError("holds no points (no line NPOIN= with their number)")
+
+
 def _check_su2(content: bytes, raw: RawMesh) -> None:
     lines = re.sub(rb"%[^\r\n]*", b"", content)
     points, cells = _sum(lines, rb"NPOIN"), _sum(lines, rb"NELEM") + _sum(lines, rb"MARKER_ELEMS")
@@ -163,6 +169,7 @@ _ENDS: dict[str, Callable[[bytes], None]] = {
     ".bdf": _check_nastran_end,
     ".nas": _check_nastran_end,
     ".fem": _check_nastran_end,
+    ".su2": _check_su2_points,
 }
 _COUNTS: dict[str, Callable[[bytes, RawMesh], None]] = {
     ".su2": _check_su2,

@@ -141,7 +141,8 @@ def size_function(
         Allowed distance of the boundary of a mesh of these sizes from that of the domain, over
         the diagonal, as in `remesh`.  Sizes on curved boundaries of radius r are at most
         2 sqrt(tolerance * diagonal * r), if the mesh or the surface itself carries the sizes.
-        The default is 1e-3 if ``elements_per_radian`` is not given, and inf otherwise.
+        The default is 1e-3, as in `remesh`.  inf disables this bound, and so does
+        ``elements_per_radian=0``.
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional

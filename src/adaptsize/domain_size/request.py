@@ -75,8 +75,8 @@ class Request:
     @property
     def chord_tolerance(self) -> float:
         """Distance of chords from curved boundaries, over the diagonal; inf if not limited."""
-        if self.tolerance is not None or self.elements_per_radian is not None:
-            return np.inf if self.tolerance is None else self.tolerance
+        if self.tolerance is not None:
+            return self.tolerance
         return TOLERANCE * self.relaxation**2  # sizes are in proportion to its square root
 
     def within_tolerance(self, h: FloatArray, diagonal: float) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError, BoundaryWarning
-from adaptsize.quality.boundary import skin_of
+from adaptsize.quality.boundary import skin_of, topology_of
 from adaptsize.remeshing.protocol import Problem
 from adaptsize.typing import FloatArray
 
@@ -69,7 +69,8 @@ def warn_of_deviation(
 ) -> None:
     """Warn if the boundary of a mesh is much farther from the given one than the tolerance.
 
-    Only nodes are measured.  An open surface is left out: of that `warn_of_surface` warns.
+    Only nodes are measured.  At any distance, another topology is warned of.  An open surface is
+    left out: of that `warn_of_surface` warns.
 
     Parameters
     ----------
@@ -77,12 +78,12 @@ def warn_of_deviation(
     tolerance : float
         In the unit of the coordinates.
     may_be_joined : bool
-        Whether parts of the old surface may be inside the mesh without a warning.
+        Whether parts of the old surface may be inside the mesh, or be joined, without a warning.
 
     Warns
     -----
     BoundaryWarning
-        With the largest distance and its place.
+        With the largest distance and its place, or both topologies.
     """
     old_skin, skin = skin_of(old), skin_of(new)
     if not old_skin.is_closed:
@@ -102,6 +103,8 @@ def warn_of_deviation(
         what = "the mesh fills both sides of a part of the surface: its boundary is"
         advice = "a body inside another one is a cavity only if its triangles have the other side"
     if distance == 0.0:
+        if not may_be_joined:
+            _warn_of_topology(skin, old_skin)
         return
     place = ", ".join(f"{x:.4g}" for x in where)
     warnings.warn(
@@ -109,6 +112,31 @@ def warn_of_deviation(
         f"{tolerance:.3g}; {advice}",
         BoundaryWarning,
         stacklevel=3,
+    )
+
+
+def _warn_of_topology(skin: SimplexMesh, old_skin: SimplexMesh) -> None:
+    """Warn if a boundary has other components or handles than a given closed manifold.
+
+    A thin wall or gap may be lost within the distance that is not warned of.
+    """
+    old = topology_of(old_skin)
+    if old is None:
+        return
+    new = topology_of(skin)
+    given = f"{old.n_components} component(s) with Euler number {old.euler_number}"
+    if new is None:
+        found = "no closed manifold"
+    elif (new.n_components, new.euler_number) == (old.n_components, old.euler_number):
+        return
+    else:
+        found = f"{new.n_components} component(s) with Euler number {new.euler_number}"
+    warnings.warn(
+        f"the boundary of the mesh has another topology than the given one: {found}, given: "
+        f"{given}; walls or gaps about as thin as the tolerance may be lost or filled; lower the "
+        "tolerance or use strict=True",
+        BoundaryWarning,
+        stacklevel=4,
     )
 
 

@@ -151,12 +151,12 @@ def remesh(
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
     BoundaryWarning
-        If the boundary of the mesh is farther from the given one than 4 times the tolerance: thin
-        parts may be lost.
+        If the boundary of the mesh is farther from the given one than 4 times the tolerance, or
+        has another topology: thin parts may be lost.
     ResolutionWarning
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.  Also if
-        Mmg fails or takes too long inside a surface: the tetrahedra are then those that Netgen
-        fills it with.
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
+        fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
+        takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
 
     Notes
     -----

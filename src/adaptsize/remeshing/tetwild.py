@@ -11,6 +11,7 @@ Observed behaviour that is handled here:
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
 
 #: Edge length over the diagonal if no size is given: fTetWild's default.
@@ -28,6 +30,11 @@ _FREE_LENGTH = 0.05
 #: coarsening is enabled.  Coarsening may leave the envelope: one part deviated by 4.5e-3 of
 #: the diagonal instead of 6e-4.  Therefore it is enabled only where it is needed.
 _COARSEST_START = 1.0 / 12.0
+
+
+#: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it
+#: crashed in each run at .02 of the diagonal, and not at .005.
+_SECOND = 0.25
 
 
 @dataclass(frozen=True)
@@ -59,12 +66,7 @@ class TetWildBackend:
             arrays |= {"size_points": points, "size_cells": cells, "sizes": sizes}
             options["edge_length"] = min(float(sizes.max()), mesh.diagonal)
             options["coarsen"] = options["edge_length"] > _COARSEST_START * mesh.diagonal
-        made = run(
-            "adaptsize.remeshing.tetwild:tetrahedralize",
-            "tetrahedralizing with pytetwild",
-            arrays,
-            options,
-        )
+        made = _run_twice(run, arrays, options)
         raw = RawMesh(made["points"], made["cells"])
         if options["filtered"]:
             return raw
@@ -72,6 +74,37 @@ class TetWildBackend:
         from adaptsize.remeshing.restoration import inside_only
 
         return inside_only(raw, problem)
+
+
+def _run_twice(
+    run: Runner, arrays: dict[str, npt.NDArray[Any]], options: dict[str, Any]
+) -> dict[str, npt.NDArray[Any]]:
+    """Run fTetWild, and if it fails, again with a smaller tolerance.
+
+    Raises
+    ------
+    BackendError
+        That of the first run, if both fail.
+    """
+    function, text = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with pytetwild"
+    try:
+        return run(function, text, arrays, options)
+    except BackendTimeoutError:
+        raise
+    except BackendError as error:
+        failure = error
+    try:
+        made = run(function, text, arrays, options | {"epsilon": _SECOND * options["epsilon"]})
+    except BackendTimeoutError:
+        raise
+    except BackendError:
+        raise failure from None
+    warnings.warn(
+        f"fTetWild was run again with {_SECOND:g} times the tolerance: {failure}",
+        ResolutionWarning,
+        stacklevel=5,
+    )
+    return made
 
 
 def tetrahedralize(

@@ -1,0 +1,47 @@
+"""A second run of fTetWild where the first one fails."""
+
+import numpy as np
+import pytest
+from shapes import block
+
+from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
+from adaptsize.remeshing.driver import _Part
+from adaptsize.remeshing.tetwild import TetWildBackend
+
+CUBE = block(1)
+PROBLEM = _Part.of("surface to tetrahedra", CUBE.boundary().mesh, None, 0.02).problem
+
+
+def runner(*failures):
+    """Return a runner that fails so often before it returns a cube, and its tolerances."""
+    left, tolerances = list(failures), []
+
+    def run(function, text, arrays, options):
+        tolerances.append(options["epsilon"])
+        if left:
+            raise left.pop(0)
+        return {"points": CUBE.points, "cells": CUBE.cells}
+
+    return run, tolerances
+
+
+def test_a_crash_is_followed_by_a_run_with_a_smaller_tolerance_and_reported():
+    run, tolerances = runner(BackendError("tetwild failed: crashed (SIGSEGV)"))
+    with pytest.warns(ResolutionWarning, match=r"again with 0\.25 times .*SIGSEGV"):
+        raw = TetWildBackend().solve(PROBLEM, run)
+    assert len(raw.cells) == CUBE.n_cells
+    np.testing.assert_allclose(tolerances, [0.02, 0.005])
+
+
+def test_the_error_of_the_first_run_is_raised_if_both_fail():
+    run, tolerances = runner(BackendError("the first"), BackendError("the second"))
+    with pytest.raises(BackendError, match="the first"):
+        TetWildBackend().solve(PROBLEM, run)
+    assert len(tolerances) == 2
+
+
+def test_a_run_at_its_time_limit_is_not_repeated():
+    run, tolerances = runner(BackendTimeoutError("too long"))
+    with pytest.raises(BackendTimeoutError):
+        TetWildBackend().solve(PROBLEM, run)
+    assert len(tolerances) == 1
