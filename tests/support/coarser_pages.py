@@ -106,7 +106,7 @@ COARSER = {
         ("12_000", "1_200"),
         ("8_000", "800"),
         ("h_shore = 1.0", "h_shore = 6.0"),
-        ("/ 300.0  # M2", "/ 60.0  # M2"),
+        ("/ 300.0  # tide", "/ 60.0  # tide"),
         ("/ 20.0\n", "/ 5.0\n"),
         ("elements_across=4", "elements_across=2"),
         words("5924 points in 2-D, 11373 triangles)\n5924 points, 11373 triangles"),
