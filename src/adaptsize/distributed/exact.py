@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.exact_candidates import have_neighbours
-from adaptsize._kernels.exact_plane import CORNER
 from adaptsize.distributed.boundary import Skeleton, find_skeleton
 from adaptsize.distributed.communicator import Communicator
-from adaptsize.distributed.entries import at_nodes_only, exchange_entries, reach_of
+from adaptsize.distributed.entries import exchange_entries, of_this_rank, reach_of
 from adaptsize.distributed.info import Solved
 from adaptsize.distributed.kinks import merge_kinks
 from adaptsize.distributed.mesh import PartitionedMesh
@@ -33,7 +32,6 @@ from adaptsize.limiting.exact.solve import (
     survivors_of,
     wave_of_nodes,
 )
-from adaptsize.limiting.exact.waves import Wave
 from adaptsize.limiting.exact.work import along_curve, number_of_threads
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -147,7 +145,7 @@ def _solve_interval(
     points = Points(places, order, np.empty(0, np.int32))
     field = ExactField(g, None, False, [wave])
     field.lower_by_last(points, h, source, threads, given.report)
-    sent = at_nodes_only(wave, mesh.n_points)
+    sent = [of_this_rank(wave, mesh.n_points)]
     field.add(exchange_entries(piece.comm, sent, reach_of(places, order, h), g))
     field.lower_by_last(points, h, source, threads, given.report)
     return Solved(h, field.n_entries)
@@ -168,27 +166,15 @@ def _with_others(piece: Piece, problem: Problem, plane: Plane | None, skeleton: 
     if plane is not None:  # its facets are named by local nodes, others do not matter
         boundary = boundary._replace(facets=_local_facets(piece, skeleton))
     found = solve_by_sight(problem, plane, boundary)
-    waves = [_not_corners(wave) if plane is not None else wave for wave in found.field.waves]
-    own = Wave(
-        np.concatenate([wave.table for wave in waves]),
-        np.empty(0),
-        np.concatenate([wave.nodes for wave in waves]),
-    )
+    sent = [of_this_rank(wave, mesh.n_points) for wave in found.field.waves]
     assert problem.order is not None
     order = problem.order[:0] if piece.is_empty else problem.order
-    own = at_nodes_only(own, mesh.n_points)
-    received = exchange_entries(piece.comm, own, reach_of(mesh.points, order, found.h), g)
+    received = exchange_entries(piece.comm, sent, reach_of(mesh.points, order, found.h), g)
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
     field = ExactField(g, found.field.sight, found.field.linear, [received])
     points = Points(mesh.points, order, on_wall)
     field.lower_by_last(points, found.h, found.source, problem.threads, problem.report)
     return Solved(found.h, found.field.n_entries + field.n_entries)
-
-
-def _not_corners(wave: Wave) -> Wave:
-    """Return the entries without the corners, which all ranks know."""
-    kept = wave.table[:, CORNER] == 0.0
-    return Wave(wave.table[kept], wave.boxes, wave.nodes[kept])
 
 
 def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:

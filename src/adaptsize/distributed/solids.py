@@ -13,7 +13,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.boundary import Skeleton
-from adaptsize.distributed.entries import Reach, at_nodes_only, exchange_rows, joined, reach_of
+from adaptsize.distributed.entries import exchange_rows, of_this_rank, reach_of
 from adaptsize.distributed.info import Solved
 from adaptsize.distributed.marching import solve_along_edges
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
@@ -128,7 +128,7 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
     )
 
 
-def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Reach]:
+def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Return the bounds at the nodes of the body, and what sources must undercut to matter.
 
     The latter are sizes that grow along the edges of the own cells, at the own nodes and at the
@@ -146,10 +146,8 @@ def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Rea
     both[:, knots] = piece.comm.allreduce(both[:, knots], "min")
     largest = _ABOVE * both[1]
     along = np.arange(len(knots), dtype=np.int32)
-    return both[0], joined(
-        reach_of(mesh.points, order, largest[body.own]),
-        reach_of(body.solid.points[knots], along, largest[knots]),
-    )
+    own = reach_of(mesh.points, order, largest[body.own])
+    return both[0], np.concatenate([own, reach_of(body.solid.points[knots], along, largest[knots])])
 
 
 def _candidates(
@@ -181,7 +179,7 @@ def _numbers(part: PartitionedMesh, piece: Piece, problem: Problem) -> Ids:
     return ids
 
 
-def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: Reach, g: float) -> FloatArray:
+def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: FloatArray, g: float) -> FloatArray:
     """Return own entries, and those of other ranks that may act here; one exchange.
 
     Each row holds the table of an entry and the global numbers of its nodes, and is unique.
@@ -189,7 +187,8 @@ def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: Reach, g: float)
     own = np.column_stack([wave.table, numbers[wave.nodes].astype(np.float64)])
     n = piece.mesh.n_points
     sent = own[wave.nodes[:, 0] < n]
-    rows = np.concatenate([own, exchange_rows(piece.comm, at_nodes_only(wave, n), sent, reach, g)])
+    others = exchange_rows(piece.comm, [of_this_rank(wave, n)], [sent], reach, g)
+    rows = np.concatenate([own, others])
     order, _ = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
     new = np.ones(len(rows), np.bool_)
