@@ -10,6 +10,7 @@ from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._kernels.exact_reach import list_entries_in_reach
 from adaptsize._kernels.trees import DEPTH
 from adaptsize.distributed.communicator import Communicator
+from adaptsize.distributed.mesh import Ids
 from adaptsize.limiting.exact.waves import Wave, sorted_wave
 from adaptsize.typing import FloatArray, IntArray
 
@@ -78,7 +79,24 @@ def exchange_rows(
     return received
 
 
-def exchange_entries(comm: Communicator, waves: Sequence[Wave], own: FloatArray, g: float) -> Wave:
-    """Return the entries of other ranks that may act on this one; one exchange."""
-    table = exchange_rows(comm, waves, [wave.table for wave in waves], own, g)
-    return sorted_wave(table, np.full((len(table), waves[0].nodes.shape[1]), -1, np.int32))
+def exchange_entries(
+    comm: Communicator,
+    waves: Sequence[Wave],
+    own: FloatArray,
+    g: float,
+    named: Sequence[Ids] | None = None,
+) -> tuple[Wave, Ids]:
+    """Return the entries of other ranks that may act on this one; one exchange.
+
+    The global numbers of their nodes are returned, too, if those of the own entries are given.
+    """
+    rows = [wave.table for wave in waves]
+    if named is not None:
+        rows = [np.column_stack(pair) for pair in zip(rows, named, strict=True)]
+    table, ids = np.split(
+        exchange_rows(comm, waves, rows, own, g), [waves[0].table.shape[1]], axis=1
+    )
+    nodes = np.full((len(table), waves[0].nodes.shape[1]), -1, np.int32)
+    nodes[:, 0] = np.arange(len(table))
+    wave = sorted_wave(table, nodes)
+    return wave, ids[wave.nodes[:, 0]].astype(np.int64)

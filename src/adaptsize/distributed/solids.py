@@ -18,6 +18,7 @@ from adaptsize.distributed.info import Solved
 from adaptsize.distributed.marching import solve_along_edges
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece
+from adaptsize.distributed.sources import trace
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
@@ -71,8 +72,13 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
     return Body(ids, own, boundary, solid_of(mesh, boundary, own))
 
 
-def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -> Solved:
-    """Return the limited sizes at the nodes of a piece; collective."""
+def solve_body(
+    part: PartitionedMesh, piece: Piece, body: Body, problem: Problem, numbers: Ids
+) -> Solved:
+    """Return the limited sizes at the nodes of a piece, and their sources; collective.
+
+    ``numbers``: global numbers of nodes, of sources between the nodes, and -1.
+    """
     g, solid = problem.g, body.solid
     h0, reach = _bounds(piece, body, problem)
     lower, source = h0.copy(), np.full(len(h0), -1, np.int32)
@@ -83,10 +89,10 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
 
     def lower_by(wave: Wave) -> FloatArray:
         """Lower sizes by the sources of all ranks, and return these."""
-        rows = _with_others(piece, wave, _numbers(part, piece, problem), reach, g)
-        numbers = np.full((len(rows), 3), -1, np.int32)
-        numbers[:, 0] = np.arange(len(rows))
-        added = sorted_wave(rows[:, :_COLUMNS], numbers)
+        rows = _with_others(piece, wave, numbers, reach, g)
+        places = np.full((len(rows), 3), -1, np.int32)
+        places[:, 0] = np.arange(len(rows))
+        added = sorted_wave(rows[:, :_COLUMNS], places)
         found = np.full(len(source), -1, np.int32)
         by_last = ExactField(g, None, linear, [added])
         by_last.lower_by_last(points, lower, found, problem.threads, problem.report)
@@ -106,11 +112,12 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
         rows = np.concatenate([rows, lower_by(on_cells)])
     order, place = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
+    named = rows[:, _COLUMNS:].astype(np.int64)
     found = solve_in_space(
         solid,
         h0,
         g,
-        Entries(rows[:, :_COLUMNS].copy(), body.rows(rows[:, _COLUMNS:].astype(np.int64))),
+        Entries(rows[:, :_COLUMNS].copy(), body.rows(named)),
         lower,
         np.append(place, np.int32(-1))[source],
         _spread(part, piece, body, problem),
@@ -125,6 +132,9 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
         found.finished,
         int(np.count_nonzero(hidden & part.is_owned[piece.nodes])),
         float((h - least)[hidden].max(initial=0.0)),
+        traced=trace(
+            piece.ids, found.entry[body.own], named, rows[:, 9:_COLUMNS], found.bend[body.own]
+        ),
     )
 
 
@@ -167,16 +177,6 @@ def _candidates(
     in_part[piece.nodes] = state[: len(piece.nodes)]
     merged = part.shared.merge(piece.comm, in_part, np.maximum)[piece.nodes]
     return np.flatnonzero(merged == 1).astype(np.int32), steep
-
-
-def _numbers(part: PartitionedMesh, piece: Piece, problem: Problem) -> Ids:
-    """Return the global numbers of nodes; those of sources between the nodes follow, then -1."""
-    n, extra = problem.mesh.n_points, problem.extra
-    last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
-    ids = np.arange(last + 1) - n + part.n_global_points
-    ids[:n], ids[-1] = -1, -1
-    ids[: len(piece.ids)] = piece.ids
-    return ids
 
 
 def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: FloatArray, g: float) -> FloatArray:
