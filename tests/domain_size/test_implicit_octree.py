@@ -86,9 +86,7 @@ def samples(function, half, dim, n=1500, seed=20251):
         pytest.param(disc, [1.3, 1.2], CURVATURE, lambda x: 1.0 / K - G * disc(x), id="disc"),
         pytest.param(disc, [1.3, 1.2], WIDTH, lambda x: np.ones(len(x)), id="disc width"),
         pytest.param(ellipse, [1.2, 0.4], CURVATURE, ellipse_size, id="ellipse"),
-        pytest.param(
-            torus, [1.4, 1.4, 0.4], COARSE, lambda x: 0.6 / K - G * torus(x), id="torus"
-        ),
+        pytest.param(torus, [1.4, 1.4, 0.4], COARSE, lambda x: 0.6 / K - G * torus(x), id="torus"),
         pytest.param(torus, [1.4, 1.4, 0.4], WIDTH, lambda x: np.full(len(x), 0.3), id="width"),
         pytest.param(rounded_cube, [0.6, 0.61, 0.62], COARSE, rounded_cube_size, id="cube"),
     ],
