@@ -15,7 +15,8 @@ from adaptsize._kernels import inscribed_spheres as kernels
 from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.medial.solid import Probes, Solid, along_curve
+from adaptsize.background._curve import along_curve
+from adaptsize.geometry.medial.solid import Probes, Solid
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 # A compiled loop cannot be interrupted; one call should take about this long.
