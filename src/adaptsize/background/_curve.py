@@ -1,4 +1,4 @@
-"""The order of points along a Morton curve, in which neighbours are mostly near in memory."""
+"""Orders in which points, or the cells of a tree, are near in memory if they are near in space."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._kernels.interpolate import fill_centroids, sort_for_tree
 from adaptsize._kernels.trees import BITS, DIGIT, sort_along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray
+
+_CELLS_PER_LEAF = 4
 
 
 def along_curve(points: FloatArray) -> IntArray:
@@ -39,3 +42,23 @@ def _spread(dim: int) -> npt.NDArray[np.int64]:
     ones = (np.arange(2**DIGIT)[:, None] >> bits) & 1
     spread: npt.NDArray[np.int64] = np.sum(ones << (bits * dim), axis=1)
     return spread
+
+
+def tree_over(points: FloatArray, cells: IntArray) -> tuple[int, npt.NDArray[np.int64]]:
+    """Return the number of leaves of a tree over cells, and the order of the cells in it.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k]
+        Writable; kernels are compiled once more for others.
+    """
+    centroids = np.empty((len(cells), 3))
+    fill_centroids(points, cells, centroids)
+    along = along_curve(centroids)
+    n_leaves = 1
+    while n_leaves * _CELLS_PER_LEAF < len(cells):
+        n_leaves *= 2
+    order = np.arange(len(cells))
+    sort_for_tree(centroids[along], n_leaves, order)
+    return n_leaves, along[order].astype(np.int64)

@@ -12,19 +12,16 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import (
     fill_boxes,
-    fill_centroids,
     interpolate,
     list_within,
     locate,
-    sort_for_tree,
 )
-from adaptsize.background._curve import along_curve
+from adaptsize.background._curve import along_curve, tree_over
 from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background.simplex import SimplexMesh
 
-_CELLS_PER_LEAF = 4
 # Sorting queries along a space-filling curve pays once they outgrow the cache.
 _SORT_FROM = 2000
 # A compiled loop cannot be interrupted; one call of it should last about this long.
@@ -97,16 +94,9 @@ class SimplexLocator:
         number = np.zeros(mesh.n_points, np.int32)
         number[nodes[along]] = np.arange(len(nodes), dtype=np.int32)
         cells = number[mesh.cells]
-        centroids = np.empty((mesh.n_cells, 3))
-        fill_centroids(self._points, cells, centroids)
-        n_leaves = 1
-        while n_leaves * _CELLS_PER_LEAF < mesh.n_cells:
-            n_leaves *= 2
-        along = along_curve(centroids)
-        order = np.arange(mesh.n_cells)
-        sort_for_tree(centroids[along], n_leaves, order)
-        self._cell_of_place = along[order]
-        self._cells = cells[self._cell_of_place]
+        n_leaves, order = tree_over(self._points, cells)
+        self._cell_of_place = order.astype(np.int32)
+        self._cells = cells[order]
         self._boxes = np.empty((2 * n_leaves, 6))
         fill_boxes(self._points, self._cells, self._boxes)
 
