@@ -66,10 +66,10 @@ def adapt(
     ] = None,
     plot: Picture = None,
 ) -> None:
-    """Make the next mesh of an adaptive loop from an error indicator or a solution.
+    """Make the next mesh of an adaptive loop.
 
-    Fields and tags of the file are transferred.  A mesh that already has the sizes is written
-    unchanged.
+    Its sizes come from an error indicator or a solution.  Fields and tags of the file are
+    transferred.  A mesh that already has the sizes is written unchanged.
     """
     from adaptsize.adaptation import adapt as next_mesh
     from adaptsize.io import read

@@ -149,7 +149,7 @@ Report = Annotated[
     typer.Option(
         "--report",
         metavar="FILE",
-        help="Also write a page to look at, with the mesh in 3-D (.html).  [default: none]",
+        help="Also write a page for the browser, with the mesh in 3-D (.html).  [default: none]",
     ),
 ]
 Label = Annotated[
@@ -209,7 +209,8 @@ ImageMaxElements = Annotated[
 Mpi = Annotated[
     bool,
     typer.Option(
-        "--mpi", help="Run on all ranks of MPI.  Without it, if mpiexec has started several."
+        "--mpi",
+        help="Run on all ranks of MPI.  Needed only if the launcher is not recognized.",
     ),
 ]
 Elements = Annotated[
