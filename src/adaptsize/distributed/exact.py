@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.exact_candidates import have_neighbours
+from adaptsize.background._curve import along_curve
 from adaptsize.distributed.boundary import Skeleton, find_skeleton
 from adaptsize.distributed.communicator import Communicator
 from adaptsize.distributed.entries import exchange_entries, of_this_rank, reach_of
@@ -34,7 +35,7 @@ from adaptsize.limiting.exact.solve import (
     survivors_of,
     wave_of_nodes,
 )
-from adaptsize.limiting.exact.work import along_curve, number_of_threads
+from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
