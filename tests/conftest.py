@@ -2,12 +2,16 @@
 
 import os
 import signal
+import sys
 
 from hypothesis import settings
 
 # Shells start jobs in the background deaf to Ctrl-C; so would be the children that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# Likewise nohup and SIGHUP. Here it is caught without effect, as what is caught is not inherited.
+if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda *_: None)
 
 # No doctests in fixtures: two modules named conftest cannot be imported.
 collect_ignore_glob = ["*conftest.py"]
