@@ -63,8 +63,8 @@ class Case(NamedTuple):
 CASES = {
     "S-shaped layer": Case(layers.curved_layer, (301, 301), (1e-3,)),
     "crossing layers": Case(layers.crossing_layers, (301, 301), (1e-3,)),
-    "sheet in space": Case(layer_in_space, (121, 121, 2), (2e-2, 1.2e-2, 6.5e-3)),
-    "sphere in space": Case(spherical_layer, (49, 49, 49), (2e-2, 1e-2, 5e-3)),
+    "sheet in space": Case(layer_in_space, (121, 121, 2), (1.2e-2, 6.5e-3)),
+    "sphere in space": Case(spherical_layer, (49, 49, 49), (1e-2, 5e-3)),
 }
 
 
@@ -104,15 +104,22 @@ def regular_number(case, kind, g, goal, number):
     requested = hessian
     if kind == "isotropic":  # the largest second derivative in all directions
         requested = np.abs(np.linalg.eigvalsh(hessian)).max(axis=1)[:, None, None] * np.eye(dim)
-    for _ in range(4):
+    order, before = 2.0 / dim, None
+    for _ in range(8):
         metric = ads.metric_from_hessian(
             mesh, hessian=requested, target_elements=number, hmax=layers.HMAX
         )
         limited = metric if g is None else ads.limit_metric(grid, metric, g)
         found = predicted_simplices(mesh, limited)
-        missing = (error_of_regular(mesh, limited, hessian) / goal) ** (dim / 2.0)
-        number *= missing
-    return float(found * missing)
+        excess = np.log(error_of_regular(mesh, limited, hessian) / goal)
+        if abs(excess) < 0.03:
+            break
+        if before is not None:  # the secant method; few elements have a higher order
+            order = (before[1] - excess) / np.log(number / before[0])
+            order = float(np.clip(order, 2.0 / dim, 4.0))
+        before = number, excess
+        number *= np.exp(excess / order)
+    return float(found * np.exp(excess / order))
 
 
 def error_of_regular(mesh, metric, hessian):

@@ -10,8 +10,8 @@ Elements for an error of 1e-3 in the norm of L2, interpolated between the meshes
 
 | | isotropic | anisotropic | ratio |
 |---|---:|---:|---:|
-| S-shaped layer | 11 200 | 1 920 | 5.8 |
-| crossing layers | 22 500 | 2 170 | 10.4 |
+| S-shaped layer | 11 150 | 1 930 | 5.8 |
+| crossing layers | 22 360 | 1 600 | 13.9 |
 
 How much there is to gain depends on the field.  Two straight layers need a bounded number of
 triangles along them, so that the ratio grows as the error falls.  The S-shaped layer has a
