@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: lint test test-nojit test-bounds lowest attack docs gallery examples bench bench-compare dolfinx dist clean
+.PHONY: lint test pages test-nojit test-bounds lowest attack docs gallery examples bench bench-compare dolfinx dist clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -11,6 +11,11 @@ lint:
 test:
 	$(PYTHON) -m pytest -n 2
 
+# The code of the pages as it stands, compared with the output that they show; `make test` uses coarser data.
+# NAMES chooses pages: make pages NAMES="stl or coast"
+pages:
+	ADAPTSIZE_PAGES=full $(PYTHON) -m pytest tests/test_docs.py -k "code_of_a_page and ($(or $(NAMES),md))"
+
 # Kernels as plain Python: their tests, and random calls of the public functions.  Prints which share of
 # the lines was executed.  Scalars of numpy warn where compiled code does not.
 test-nojit: export NUMBA_DISABLE_JIT = 1
@@ -20,8 +25,10 @@ test-nojit:
 	$(PYTHON) -m coverage report --skip-covered
 PLAIN_CASES ?= 1500
 
-# Kernels with checks of array bounds.  A cache of its own: numba does not distinguish them.
+# Kernels with checks of array bounds, optimised less, which compiles sooner.  A cache of its own: numba
+# does not distinguish them.
 test-bounds: export NUMBA_BOUNDSCHECK = 1
+test-bounds: export NUMBA_OPT = 1
 test-bounds: export ADAPTSIZE_PROBLEMS = 300
 test-bounds: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
 test-bounds:

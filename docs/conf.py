@@ -41,7 +41,7 @@ autodoc_member_order = "bysource"
 numpydoc_show_class_members = False  # autodoc shows them
 numpydoc_xref_param_type = False
 
-copybutton_prompt_text = "$ "  # copied commands come without it, and without their output
+copybutton_selector = "div:not(.highlight-text) > div.highlight > pre"  # code, not its output
 
 html_theme = "furo"
 html_logo = html_favicon = "_static/logo.svg"  # by _ext/make_logo.py

@@ -1,29 +1,32 @@
-"""What the pages say is so: their commands run, and nothing is left out of the site.
+"""What the pages say is so: their code prints what they show, and nothing is left out of the site.
 
-Commands run word for word in a folder whose ``data`` are coarser files of the same names;
-where that does not make them quick, COARSER lists what is replaced.  Links, references and
-formulas are checked by Sphinx, in .ci/run.
+Code runs in a folder whose ``data`` are coarser files of the same names; where that does not make
+it quick, COARSER lists what is replaced.  With ADAPTSIZE_PAGES=full in the environment (``make
+pages``) it runs word for word instead.  Links, references and formulas are checked by Sphinx, in
+.ci/run.
 """
 
 import importlib
 import importlib.util
 import inspect
+import os
 import re
 import shutil
-import subprocess
 import sys
 import typing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from coarser_pages import COARSER
+from page_code import Block, blocks_of, matches
 
 import adaptsize as ads
-from adaptsize.cli.entry import run as run_command_line
 from adaptsize.remeshing import available_backends
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+FULL = os.environ.get("ADAPTSIZE_PAGES") == "full"
 PAGES = [
     "README.md",
     "docs/index.md",
@@ -31,55 +34,6 @@ PAGES = [
     *sorted(f"docs/how-to/{p.name}" for p in DOCS.glob("how-to/[a-z]*.md") if p.stem != "dolfinx"),
     *sorted(f"docs/tutorials/{p.name}" for p in DOCS.glob("tutorials/[a-z]*.md")),
 ]
-FIRST = "adaptsize remesh data/bracket.stl -o bracket.vtu --plot bracket.png"
-COARSER = {
-    # The first line runs on the page that is about it.
-    "README.md": [(FIRST, ""), ("range(6)", "range(2)"), ("1000 *", "150 *")],
-    "docs/index.md": [(FIRST, ""), ("range(6)", "range(2)"), ("1000 *", "150 *")],
-    "docs/how-to/stl.md": [(FIRST, f"{FIRST} --hmax 6"), ("-o size.vtu", "-o size.vtu --hmax 6")],
-    "docs/how-to/vtk.md": [
-        ("region:2=1 ", "region:2=5 "),
-        ("30,10,10,2=0.5", "30,10,10,2=4.0"),
-        ("--hmax 4", "--hmax 8"),
-        ("RegionSource(2, 1.0)", "RegionSource(2, 5.0)"),
-        ("tolerance=0.5, hmin=0.5, hmax=4.0", "tolerance=2.0, hmin=6.0, hmax=8.0"),
-    ],
-    "docs/how-to/image.md": [],
-    "docs/how-to/fem-loop.md": [("(1000, 2000, 4000, 8000)", "(100, 200)")],
-    "docs/how-to/export.md": [],
-    "docs/install.md": [("adaptsize warmup", "")],
-    "docs/tutorials/coast.md": [
-        ("12_000", "1_200"),
-        ("8_000", "800"),
-        ("0.5)\nb =", "4.0)\nb ="),
-        ("h_shore = 1.0", "h_shore = 8.0"),
-    ],
-    "docs/tutorials/cad.md": [
-        ('"flange.step")\nprint', '"flange.step", elements_per_circle=16, largest=10.0)\nprint'),
-        ("(3, 1.0)", "(3, 4.0)"),
-        ("(0.6, tags=foot)", "(3.0, tags=foot)"),
-        ("elements_across=1, full", "elements_per_radian=1.5, elements_across=0, full"),
-        ("2.0, 0.5)", "2.0, 2.0)"),
-        ("remesh(part, size)", "remesh(part, size, tolerance=0.02)"),
-        ("remesh(solid, finer)", "remesh(solid, finer, tolerance=0.02)"),
-    ],
-    "docs/tutorials/flow.md": [
-        ("adapted(4000, g)", "adapted(500, g, 2)"),
-        ("hmin=0.005", "hmin=0.02"),
-        ("first_height=1e-3", "first_height=1e-2"),
-        ("< 1e-3) &", "< 1e-2) &"),
-    ],
-    "docs/tutorials/photonics.md": [
-        ("a / 96, (97, 97)", "a / 24, (25, 25)"),
-        ("1.0, 12.0", "1.0, 4.0"),
-    ],
-    "docs/tutorials/vessels.md": [("hmin=0.5", "hmin=1.5")],
-    "docs/tutorials/seismic.md": [("per_wavelength = 5.0, 5.0", "per_wavelength = 2.0, 4.0")],
-}  # fmt: skip
-BLOCK = re.compile(
-    r"^(?:<!-- needs: (?P<needs>\S+) -->\n)?```(?P<kind>sh|python)\n(?P<code>.*?)^```$",
-    re.MULTILINE | re.DOTALL,
-)
 
 
 @pytest.fixture(scope="module")
@@ -98,12 +52,12 @@ def coarse_data(tmp_path_factory):
     image = pytest.importorskip("PIL.Image", reason="a how-to reads a picture")
     nibabel = pytest.importorskip("nibabel", reason="a how-to reads a volume")
     folder = tmp_path_factory.mktemp("coarse")
-    for name in ("slit.vtu", "block.vtu", "lshape.vtu"):
+    for name in ("bracket.stl", "slit.vtu", "block.vtu", "lshape.vtu"):
         shutil.copy(ROOT / "data" / name, folder)
     corners = np.array([[x, y, z] for x in (0, 20) for y in (0, 12) for z in (0, 8)], dtype=float)
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     halves = [[a, b, c] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]
-    ads.write(folder / "bracket.stl", ads.SimplexMesh(corners, halves))
+    ads.write(folder / "box.stl", ads.SimplexMesh(corners, halves))
     picture = image.open(ROOT / "data" / "objects.png")
     picture.resize((picture.width // 4, picture.height // 4), image.Resampling.NEAREST).save(
         folder / "objects.png"
@@ -117,8 +71,9 @@ def coarse_data(tmp_path_factory):
 
 @pytest.fixture
 def workplace(coarse_data, tmp_path, monkeypatch):
-    """Change to a folder with coarse data."""
-    (tmp_path / "data").symlink_to(coarse_data, target_is_directory=True)
+    """Change to a folder with coarse data, or with the data itself."""
+    data = ROOT / "data" if FULL else coarse_data
+    (tmp_path / "data").symlink_to(data, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -129,63 +84,80 @@ def solve(points, cells):
     return u, ads.zz_indicator(ads.SimplexMesh(points, cells), u)
 
 
-def there_is(need):
-    """Whether what a block needs beside this package is installed."""
-    if need in (None, "solve"):
-        return True
-    return bool(find_program(need)) or importlib.util.find_spec(need) is not None
-
-
-def find_program(name):
-    return shutil.which(name) or shutil.which(name, path=str(Path(sys.executable).parent))
-
-
-def run_line(line):
-    """Run a line of a shell block; pip has run already where the tests run."""
-    if not line or line.startswith("pip"):
-        return
-    program, *arguments = line.split()
-    if program == "adaptsize":
-        # Meshes of the coarse part differ in each run, and may miss a demand of check.
-        allowed = (0, 1) if arguments[0] == "check" else (0,)
-        assert run_command_line(arguments) in allowed, line
-    else:
-        subprocess.run([find_program(program), *arguments], check=True, capture_output=True)
-
-
 @pytest.mark.timeout(900)  # fTetWild, and kernels to be compiled, on a busy machine
 @pytest.mark.skipif(not available_backends()["mmg"].installed, reason="the pages use Mmg")
 @pytest.mark.parametrize("page", PAGES)
-def test_the_commands_of_a_page_run(page, workplace):
+def test_the_code_of_a_page_prints_what_the_page_shows(page, workplace):
     pytest.importorskip("pyvista", reason="some commands draw")
     text = (ROOT / page).read_text(encoding="utf-8")
-    for asked, coarser in COARSER[page]:
+    for asked, coarser in COARSER.get(page, ()):
         assert asked in text, f"{page} has no {asked!r} any more"
-        text = text.replace(asked, coarser)
-    blocks = list(BLOCK.finditer(text))
-    assert blocks, page
-    # Only what is under test may be left out: the second line of the README runs the tests.
+        text = text if FULL else text.replace(asked, coarser)
     names = {"__name__": "page", "solve": solve}
-    for block in blocks:
-        if not there_is(block["needs"]):
-            continue
-        if block["kind"] == "python":
-            line = text.count("\n", 0, block.start("code"))
-            exec(compile("\n" * line + block["code"], str(ROOT / page), "exec"), names)
-            continue
-        for line in block["code"].splitlines():
-            if "pytest" not in line:
-                run_line(line.split("&&")[-1].strip())
+    blocks = [block for block in blocks_of(text) if block.can_run()]
+    assert blocks, page
+    wrong = [block.difference(block.run(ROOT / page, names)) for block in blocks]
+    assert not any(wrong), page + ": " + "\n\n".join(filter(None, wrong))
 
 
 def test_the_first_block_of_the_readme_is_what_ci_runs():
-    first = next(BLOCK.finditer((ROOT / "README.md").read_text(encoding="utf-8")))
-    lines = first["code"].splitlines()
-    assert first["kind"] == "sh"
+    first = blocks_of((ROOT / "README.md").read_text(encoding="utf-8"))[0]
+    lines = first.code.splitlines()
+    assert first.kind == "sh"
     assert len(lines) == 2
     assert lines[1].startswith('pip install -e ".[')
     assert "docs" in lines[1]
     assert lines[1].endswith("&& python -m pytest -n 2")
+
+
+LISTED = """\
+...
+834 triangles, angle 8.10 deg, 96.75% in the band
+  ... written
+...
+changed by 1.1e-16
+time  2.5 s
+"""
+PRINTED = """\
+adaptsize: sizes
+841 triangles,  angle 8.11 deg, 97.1% in the band
+
+  a.vtu written
+1
+2
+changed by 0.0e+00
+time  31 s: reading 3 s
+"""
+
+
+def test_output_of_another_machine_is_that_of_the_page():
+    assert matches(LISTED, PRINTED)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("834", "1034"),
+        ("8.10", "9.20"),
+        ("96.75%", "86.75%"),
+        ("triangles", "tetrahedra"),
+        (" written", " read"),
+        ("1.1e-16", "1.1e-6"),
+        ("...\nchanged", "changed"),
+        ("...\n834", "834"),
+        ("time", "spent"),
+        ("time  2.5 s\n", ""),
+        ("changed", "...\nadaptsize: sizes\n...\nchanged"),
+    ],
+)
+def test_wrong_output_on_a_page_is_found(right, wrong):
+    assert right in LISTED
+    assert not matches(LISTED.replace(right, wrong), PRINTED)
+
+
+def test_output_that_a_page_does_not_show_is_found():
+    block = Block("python", "print(3)", 7, None, None)
+    assert "line 7 prints\n3\n" in block.difference(block.run("page.md", {}))
 
 
 def test_every_public_name_is_in_the_reference():

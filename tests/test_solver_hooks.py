@@ -1,19 +1,16 @@
 """The snippets of docs/solvers.md run as they stand, where the solver is installed."""
 
-import importlib.util
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from page_code import blocks_of
 
 import adaptsize as ads
 from adaptsize.remeshing import available_backends
 
 PAGE = Path(__file__).parents[1] / "docs" / "solvers.md"
-BLOCK = re.compile(
-    r"^(?:<!-- needs: (?P<needs>\S+) -->\n)?```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL
-)
 
 pytestmark = pytest.mark.skipif(
     not available_backends()["mmg"].installed, reason="the page remeshes by Mmg"
@@ -25,14 +22,13 @@ def names_after(section):
     text = PAGE.read_text(encoding="utf-8")
     start = text.index(f"\n## {section}\n") + 1
     end = text.find("\n## ", start)
-    blocks = list(BLOCK.finditer(text, start, len(text) if end < 0 else end))
+    blocks = blocks_of(text, start, end if end > 0 else None)
     assert blocks, f"no snippets under {section}"
     names = {"__name__": "page"}
     for block in blocks:
-        if block["needs"] and importlib.util.find_spec(block["needs"]) is None:
-            pytest.skip(f"needs {block['needs']}")
-        line = text.count("\n", 0, block.start("code"))
-        exec(compile("\n" * line + block["code"], str(PAGE), "exec"), names)
+        if not block.can_run():
+            pytest.skip(f"needs {block.needs}")
+        assert block.difference(block.run(PAGE, names)) is None
     return names
 
 
@@ -43,7 +39,7 @@ def measure(points, cells):
 
 def test_every_block_of_the_page_stands_in_a_section_that_is_run():
     sections = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    with_blocks = [s.split("\n", 1)[0] for s in sections if BLOCK.search(s)]
+    with_blocks = [s.split("\n", 1)[0] for s in sections if blocks_of(s)]
     assert with_blocks == [
         "Plain arrays",
         "meshio and PyVista",
@@ -95,7 +91,7 @@ def test_scikit_fem():
 def test_the_loop_with_scikit_fem_makes_the_number_of_elements():
     pytest.importorskip("skfem")
     text = PAGE.read_text(encoding="utf-8")
-    loop = next(b["code"] for b in BLOCK.finditer(text) if "init_lshaped" in b["code"])
+    loop = next(b.code for b in blocks_of(text) if "init_lshaped" in b.code)
     names = {"__name__": "page"}
     exec(compile(loop, str(PAGE), "exec"), names)
     m = names["m"]

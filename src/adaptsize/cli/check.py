@@ -36,7 +36,7 @@ def check(
         ),
     ] = 1e-3,
 ) -> None:
-    """Check a mesh: cells, boundary, volume, topology, and conformity with its sizes.
+    """Check a mesh: validity, domain, conformity with its sizes.
 
     The exit code is 1 if a demand is not met.  The worst places are listed.
     """

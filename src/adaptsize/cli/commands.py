@@ -53,14 +53,18 @@ def options(
         ),
     ] = False,
 ) -> None:
-    """Mesh size functions with gradient limiting."""
+    """Mesh size functions with gradient limiting.
+
+    For example, "adaptsize remesh part.stl -o part.vtu" fills a surface with graded tetrahedra.
+    "adaptsize COMMAND -h" lists the options of a command.
+    """
     announce_compilation(context.obj)
 
 
 @app.command()
 @with_console
 def info(console: Console, file: Input) -> None:
-    """Summarize a mesh file: counts, extent, tags, fields, topology, quality."""
+    """Summarize a mesh: cells, extent, tags, fields, quality."""
     from adaptsize.quality import summarize
 
     with console.steps(2) as steps:
@@ -191,7 +195,7 @@ app.command()(adapt)
 app.command()(image)
 
 
-app.command()(warmup)
-
-
 app.command()(check)
+
+
+app.command()(warmup)

@@ -149,7 +149,7 @@ Report = Annotated[
     typer.Option(
         "--report",
         metavar="FILE",
-        help="Also write a page to look at, with the mesh in 3-D (.html).  [default: none]",
+        help="Also write a page for the browser, with the mesh in 3-D (.html).  [default: none]",
     ),
 ]
 Label = Annotated[
@@ -194,8 +194,6 @@ MaxElements = Annotated[
         "elements.  [default: 300000; with --elements: none]",
     ),
 ]
-#: Equal to `adaptsize.domain_size.request.MAX_ELEMENTS`, which is slow to import.
-MAX_ELEMENTS = 300_000.0
 ImageMaxElements = Annotated[
     float,
     typer.Option(
@@ -209,7 +207,8 @@ ImageMaxElements = Annotated[
 Mpi = Annotated[
     bool,
     typer.Option(
-        "--mpi", help="Run on all ranks of MPI.  Without it, if mpiexec has started several."
+        "--mpi",
+        help="Run on all ranks of MPI.  Needed only if the launcher is not recognized.",
     ),
 ]
 Elements = Annotated[

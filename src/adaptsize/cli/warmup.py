@@ -35,7 +35,7 @@ def announce_compilation(console: Console) -> None:
 
 @with_console
 def warmup(console: Console) -> None:
-    """Compile all that the commands need, and keep it in numba's cache.
+    """Compile all that the commands need, and keep it in a cache.
 
     For container images, clusters and read-only homes: set NUMBA_CACHE_DIR to a directory that
     stays.  Without this the first commands take 10 to 30 s longer each.

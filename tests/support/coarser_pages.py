@@ -1,0 +1,150 @@
+"""What makes the code of the pages quick: replacements in each page, in its code and its output.
+
+The test fails if a page does not have the text that is to be replaced.  So the figures of its
+output cannot change unseen, even where only the words are compared in the coarse run.
+``make pages`` compares them with a full run.
+"""
+
+import re
+
+from page_code import NUMBER
+
+
+def words(text):
+    """Return the replacement of a part of the output by its words, with ``...`` for numbers."""
+    return text, re.sub(NUMBER, "...", text)
+
+
+FIRST = "adaptsize remesh data/bracket.stl -o bracket.vtu --plot bracket.png"
+PRINTED = """\
+adaptsize: sizes: 4 elements per radian, 2 across, ..., about 69000 elements
+cells     66893 tetrahedra, 69191 predicted (-3.3%)
+edges     91.4% within a factor sqrt 2 of the size
+angles    dihedral, least 16.5 degrees, 1 % below 28.7
+boundary  0.00079 of the diagonal from the old one, tolerance 0.001
+volume    changed by +0.04%
+...
+bracket.vtu: 14862 points, 66893 tetrahedra, field h
+"""
+# The first line runs on the page that is about it.
+FRONT = [(FIRST, ""), ("range(6)", "range(2)"), ("1000 *", "150 *")]
+COARSER = {
+    "README.md": [*FRONT, (PRINTED, "")],
+    "docs/index.md": [
+        *FRONT,
+        ("...\n" + "".join(PRINTED.splitlines(keepends=True)[1:3]) + "...\n", ""),
+    ],
+    "docs/how-to/stl.md": [
+        (FIRST, f"{FIRST} --hmax 6"),
+        ("-o size.vtu", "-o size.vtu --hmax 6"),
+        ("data/bracket.stl", "data/box.stl"),
+        words(PRINTED),
+        words("..., about 15000 elements\ncells     16098 tetrahedra, 15203 predicted (+5.9%)"),
+        words("bracket.vtu: 3905 points, 16098 tetrahedra, field h"),
+        words(
+            "3905 points, 16098 tetrahedra, 0 inverted\n"
+            "length / size        5 %    25 %    50 %    75 %    95 %    mean  in band     edges\n"
+            "all edges          0.689   0.857   0.994   1.142   1.350   1.005   91.17%     22281\n"
+            "boundary edges     0.747   0.896   1.011   1.138   1.330   1.022   96.14%      6819\n"
+        ),
+        words(
+            "0 of 16098 inverted or flat\nfacets    ok      0 of 34469 in more than two cells\n"
+            "boundary  ok      within 0.0031 of the diagonal, 0.004 allowed\n"
+            "measure   ok      changed by +0.199%, 16.657% allowed\n"
+            "topology  ok      1 component(s) with Euler number -10; original: ...\n"
+        ),
+        # A box has no curvature.
+        words("61.3% of the area,  61.2% of the elements, h from 0.7922"),
+        ("curvature     controls  38.1% of the area,  38.7% of the elements, h from 1.125\n", ""),
+        ("hmax          controls   0.6% of the area,   0.0% of the elements, h from 6.164\n", ""),
+        words("14763 points, 29546 triangles, fields"),
+        ("curvature     controls  51.9% of the area,  48.2% of the elements, h from 2.25\n", ""),
+        ("feature size  controls  24.7% of the area,  44.3% of the elements, h from 1.69\n", ""),
+        words("23.4% of the area,   7.5% of the elements, h from 5.991"),
+        words("3905 points in 3-D, 16098 tetrahedra"),
+        words(
+            "3905 points, 16098 tetrahedra, 0 inverted\n"
+            "length / size        5 %    25 %    50 %    75 %    95 %    mean  in band     edges\n"
+            "all edges          0.688   0.857   0.995   1.145   1.358   1.007   90.76%     22281\n"
+        ),
+    ],
+    "docs/how-to/vtk.md": [
+        ("region:2=1 ", "region:2=3 "),
+        ("30,10,10,2=0.5", "30,10,10,2=1.5"),
+        ("RegionSource(2, 1.0)", "RegionSource(2, 3.0)"),
+        ("tolerance=0.5, hmin=0.5, hmax=4.0", "tolerance=2.0, hmin=2.0, hmax=4.0"),
+        ("--hmax 4\n", "--hmax 4 --tolerance 0.02\n"),
+        ("SizeFunction(mesh, h))", "SizeFunction(mesh, h), tolerance=0.02)"),
+        ("    g=0.25,\n", "    g=0.25,\n    boundary_tolerance=0.02,\n"),
+        words("about 33000 elements\ncells     30563 tetrahedra, 32570 predicted (-6.2%)"),
+        words("new.vtu: 5420 points, 30563 tetrahedra, 2096 tagged facets, field h"),
+        words("least 16.6 degrees"),
+        words("68574 tetrahedra, 12451 nodes"),
+        words("smallest angle 17.9 deg"),
+    ],
+    "docs/how-to/image.md": [
+        words("1940 triangles\n"),
+        words("1221 points, 1940 triangles, 498 tagged facets"),
+        words("372 triangles\n"),
+        words("210 points, 372 triangles, 46 tagged facets"),
+        # The coarse volume causes warnings.
+        ("cells     3990 tetrahedra\n", "...\ncells     ... tetrahedra\n"),
+        words("least 24.3 degrees"),
+        ("organs.vtu: 964 points, 3990 tetrahedra, 1126", "...\norgans.vtu: ... tetrahedra, ..."),
+        (
+            "curvature     controls  71.0% of the area,  63.8% of the elements, h from 1\n"
+            "feature size  controls  15.8% of the area,   8.9% of the elements, h from 1.05\n"
+            "hmin          controls  13.2% of the area,  27.3% of the elements, h from 1\n",
+            "hmin  ...\ncurvature  ...\nfeature size  ...\n",
+        ),
+    ],
+    "docs/install.md": [
+        ("adaptsize warmup", ""),
+        ('gmsh: pip install "adaptsize[gmsh]"', "gmsh: ..."),
+    ],
+    "docs/tutorials/coast.md": [
+        ("12_000", "1_200"),
+        ("8_000", "800"),
+        ("h_shore = 1.0", "h_shore = 6.0"),
+        ("/ 300.0  # tide", "/ 60.0  # tide"),
+        ("/ 20.0\n", "/ 5.0\n"),
+        ("elements_across=4", "elements_across=2"),
+        words("5924 points in 2-D, 11373 triangles)\n5924 points, 11373 triangles"),
+        words("1.149   1.009   99.35%     17297"),
+    ],
+    "docs/tutorials/cad.md": [
+        ('"flange.step")\nprint', '"flange.step", elements_per_circle=16, largest=10.0)\nprint'),
+        ("(3, 1.0)", "(3, 4.0)"),
+        ("(0.6, tags=foot)", "(3.0, tags=foot)"),
+        ("elements_across=1, full", "elements_per_radian=1.5, elements_across=0, full"),
+        ("2.0, 0.5)", "2.0, 2.0)"),
+        ("remesh(part, size)", "remesh(part, size, tolerance=0.02)"),
+        ("remesh(solid, finer)", "remesh(solid, finer, tolerance=0.02)"),
+        words("6342 points in 3-D, 12692 triangles"),
+        (
+            "curvature  controls  60.0% of the area,  57.8% of the elements, h from 0.7239\n"
+            "sources    controls  29.3% of the area,  41.0% of the elements, h from 0.6\n"
+            "hmax       controls  10.7% of the area,   1.2% of the elements, h from 5\n",
+            "hmax  ...\ncurvature  ...\nsources  ...\n",
+        ),
+        words("8098 points in 3-D, 37526 tetrahedra)\n8098 points, 37526 tetrahedra"),
+        words("1.409   1.041   91.37%     49100"),
+        words("15.11 deg"),
+        *[words(f"{n} facets") for n in (2941, 827, 600, 1330, 1250)],
+        words("9544 points in 3-D, 45594 tetrahedra"),
+    ],
+    "docs/tutorials/flow.md": [
+        ("adapted(4000, g)", "adapted(500, g, 2)"),
+        ("hmin=0.005", "hmin=0.02"),
+        ("first_height=1e-3", "first_height=1e-2"),
+        ("tangential=0.04", "tangential=0.2"),
+        ("< 1e-3) &", "< 1e-2) &"),
+        words("3823 triangles, slope of the sizes 8.65\n   smallest angle 11.2, below"),
+        words("473 triangles"),
+        words("4004 triangles"),
+        words("smallest angle 32.7"),
+        words("8502 points in 2-D, 16632 triangles)\n8502 points, 16632 triangles"),
+        words("0.803   0.923   1.014   1.107   1.254   1.025   98.22%     25133"),
+        words("median 1.2e-03"),
+    ],
+}  # fmt: skip
