@@ -25,8 +25,10 @@ test-nojit:
 	$(PYTHON) -m coverage report --skip-covered
 PLAIN_CASES ?= 1500
 
-# Kernels with checks of array bounds.  A cache of its own: numba does not distinguish them.
+# Kernels with checks of array bounds, optimised less, which compiles sooner.  A cache of its own: numba
+# does not distinguish them.
 test-bounds: export NUMBA_BOUNDSCHECK = 1
+test-bounds: export NUMBA_OPT = 1
 test-bounds: export ADAPTSIZE_PROBLEMS = 300
 test-bounds: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
 test-bounds:

@@ -49,15 +49,7 @@ def test_every_public_name_resolves_without_optional_packages():
     assert not _modules_after(code) & set(OPTIONAL)
 
 
-def test_limiting_brings_no_mesh_or_picture_package():
-    code = (
-        "from adaptsize import SimplexMesh, limit_gradient\n"
-        "limit_gradient(SimplexMesh([[0.0], [1.0]], [[0, 1]]), [0.1, 5.0], 0.3, method='exact')"
-    )
-    assert not _modules_after(code) & set(OPTIONAL)
-
-
-def test_limiting_brings_no_part_of_scipy_that_is_slow():
+def test_limiting_brings_no_mesh_or_picture_package_and_no_part_of_scipy_that_is_slow():
     code = (
         "import sys, scipy.linalg\n"  # numba imports it, and it imports scipy.sparse before 1.11
         "known = set(sys.modules)\n"
@@ -66,6 +58,16 @@ def test_limiting_brings_no_part_of_scipy_that_is_slow():
         "limit_gradient(mesh, [0.1, 5.0, 5.0], 0.3)\n"
         "slow = {'scipy.' + name for name in ('ndimage', 'sparse', 'spatial', 'optimize')}\n"
         "assert not (slow & set(sys.modules)) - known, slow & set(sys.modules)"
+    )
+    assert not _modules_after(code) & set(OPTIONAL)
+
+
+def test_the_summary_of_a_file_brings_neither_bounds_nor_limiting():
+    code = (
+        "import sys, adaptsize.io\n"
+        "from adaptsize.quality import summarize\n"
+        "slow = {'adaptsize.sizes', 'adaptsize.limiting', 'scipy.spatial'} & set(sys.modules)\n"
+        "assert not slow, slow"
     )
     _modules_after(code)
 
@@ -118,7 +120,10 @@ def test_every_public_submodule_is_listed():
     assert set(SUBMODULES) <= set(dir(adaptsize))
 
 
-@pytest.mark.parametrize("module", ["adaptsize", "adaptsize.geometry", "adaptsize.remeshing"])
+@pytest.mark.parametrize(
+    "module",
+    ["adaptsize", *(f"adaptsize.{m}" for m in ("geometry", "metrics", "quality", "remeshing"))],
+)
 def test_dir_lists_public_names_and_no_tools(module):
     names = dir(importlib.import_module(module))
     assert not {"Any", "import_module"} & set(names)

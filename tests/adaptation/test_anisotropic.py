@@ -7,8 +7,8 @@ import pytest
 from shapes import block, two_region_rectangle
 
 from adaptsize import Metric, SizeFunction, adapt, isotropic_metric
+from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize.metrics import MetricFunction, implied_metric, limit_metric
-from adaptsize.metrics.limit import GRADIENT_LIMIT
 
 pytest.importorskip("mmgpy")
 
@@ -108,7 +108,7 @@ def test_the_gradient_limit_may_be_any_number_and_has_the_default_of_metrics():
     ]
     for sizes in limited[1:]:
         np.testing.assert_array_equal(sizes, limited[0])
-    expected = limit_metric(MESH, metric, GRADIENT_LIMIT).sizes
+    expected = limit_metric(MESH, metric, METRIC_GRADIENT_LIMIT).sizes
     np.testing.assert_array_equal(limited[3], expected)
 
 

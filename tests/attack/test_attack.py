@@ -118,10 +118,10 @@ def test_a_folder_of_surfaces_is_tabulated_and_resumed(tmp_path):
     # Half a line is left of a run that was interrupted.
     store = tmp_path / "table.md.jsonl"
     bad, good = store.read_text().splitlines()
-    store.write_text(f"{bad}\n{good[:20]}")
+    store.write_text(f"{good}\n{bad[:20]}")
     again = attack(*options, module="tests.attack.corpus")
-    assert "good.stl" in again.stdout
-    assert "bad.off" not in again.stdout
+    assert "bad.off" in again.stdout
+    assert "good.stl" not in again.stdout
     assert "2 files: 1 kept, 1 refused." in (tmp_path / "table.md").read_text()
 
 

@@ -270,15 +270,15 @@ def test_options_that_take_a_value_show_their_default(command):
 
 
 def test_defaults_in_words_are_those_of_the_library():
+    from adaptsize._defaults import MAX_ELEMENTS
     from adaptsize.cli import options
     from adaptsize.domain_size import image_mask, request
 
-    assert options.MAX_ELEMENTS == request.MAX_ELEMENTS
     per_radian, across = (o.__metadata__[0].help for o in (options.PerRadian, options.Across))
     assert f"[default: {request.ELEMENTS_PER_RADIAN:g};" in per_radian
     assert f"[default: {request.ELEMENTS_ACROSS:g};" in across
     most = options.MaxElements.__metadata__[0].help
-    assert f"[default: {request.MAX_ELEMENTS:.0f};" in most
+    assert f"[default: {MAX_ELEMENTS:.0f};" in most
     assert f"[default: {image_mask.SMOOTHING:g} pixels]" in options.Smoothing.__metadata__[0].help
     assert request._LARGEST_SHARE == 1 / 20
     assert "[default: 1/20 of the diagonal]" in options.Largest.__metadata__[0].help

@@ -7,8 +7,8 @@ import pytest
 from command_line import call
 
 import adaptsize as ads
+from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize.metrics import Metric, MetricFunction, limit_metric
-from adaptsize.metrics.limit import GRADIENT_LIMIT
 
 
 def slanted(mesh):
@@ -57,7 +57,7 @@ def test_limit_writes_files_for_generators(capsys, square, name):
 
 @pytest.mark.parametrize(
     ("name", "given", "g"),
-    [("fine.vtu", ["-g", "0.5"], 0.5), ("fine.mesh", [], GRADIENT_LIMIT)],
+    [("fine.vtu", ["-g", "0.5"], 0.5), ("fine.mesh", [], METRIC_GRADIENT_LIMIT)],
 )
 def test_remesh_follows_the_metric(capsys, square, name, given, g):
     output = square.with_name(name)

@@ -8,6 +8,7 @@ import pytest
 import typer
 
 import adaptsize as ads
+from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize.cli.commands import app
 from adaptsize.cli.sources import parse_source
 from adaptsize.domain_size import request
@@ -26,8 +27,8 @@ CHOSEN = {
     "elements_across": f"{request.ELEMENTS_ACROSS:g}",
     "hmin": f"1/{1 / request._SMALLEST_SHARE:g} of the diagonal",
     "hmax": f"1/{1 / request._LARGEST_SHARE:g} of the diagonal",
-    "tolerance": f"{request.TOLERANCE:g}, or inf if K is given",
-    "max_elements": f"{request.MAX_ELEMENTS:.0f}",
+    "tolerance": f"{TOLERANCE:g}, or inf if K is given",
+    "max_elements": f"{MAX_ELEMENTS:.0f}",
     "background": "depends on the domain",
 }
 

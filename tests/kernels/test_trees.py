@@ -8,7 +8,8 @@ from numba import njit
 from numpy.testing import assert_array_equal
 
 from adaptsize._kernels.trees import BITS, LEAF, distance_to_box, fill_tiles
-from adaptsize.limiting.exact.work import along_curve, boxes_over
+from adaptsize.background._curve import along_curve
+from adaptsize.limiting.exact.work import boxes_over
 
 
 def interleaved(numbers):

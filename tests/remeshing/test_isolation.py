@@ -144,36 +144,55 @@ def test_ctrl_c_stops_tetwild_and_python_lives_on(tmp_path):
     assert list(tmp_path.iterdir()) == [program]
 
 
-@linux_only
-@pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.25, 0.5, 1.0])
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
-def test_nothing_is_left_when_the_caller_is_killed(tmp_path, number, delay):
-    temporary, program = tmp_path / "temporary", tmp_path / "program.py"
-    temporary.mkdir()
+@pytest.fixture(scope="module")
+def forked_caller(tmp_path_factory):
+    """A function that forks a process which waits for a generator; importing is done before.
+
+    It returns the number of the process, and a function that waits for the end of the process.
+    """
+    program = tmp_path_factory.mktemp("parent") / "program.py"
     program.write_text(
-        "import sys\n"
+        "import os, sys, tempfile\n"
         f"sys.path.insert(0, {str(SUPPORT)!r})\n"
         "from fake_generators import FakeBackend\n"
         "from shapes import block\n"
         "from adaptsize.remeshing import register_backend, remesh\n"
-        f"options = (('pid_file', {str(tmp_path / 'pids')!r}),)\n"
-        "register_backend(FakeBackend('hang_with_stray', options))\n"
-        "def started(text, share): print(text, flush=True)\n"
-        "remesh(block(2), 0.5, backend='fake', progress=started)\n"
+        "said = []\n"
+        "def started(text, share):\n"
+        "    if not said: said.append(print(os.getpid(), text, flush=True))\n"
+        "for line in sys.stdin:\n"
+        "    temporary, pid_file = line.split()\n"
+        "    if (pid := os.fork()) == 0:\n"
+        "        os.environ['TMPDIR'], tempfile.tempdir = temporary, None\n"
+        "        register_backend(FakeBackend('hang_with_stray', (('pid_file', pid_file),)))\n"
+        "        remesh(block(2), 0.5, backend='fake', progress=started)\n"
+        "    os.waitpid(pid, 0)\n"
+        "    print('ended', flush=True)\n"
     )
-    caller = subprocess.Popen(
-        [sys.executable, str(program)],
-        stdout=subprocess.PIPE,
-        env={**os.environ, "TMPDIR": str(temporary)},
-    )
-    try:
-        assert caller.stdout.readline() == b"faking\n"
-        time.sleep(delay)
-        caller.send_signal(number)
-        caller.communicate(timeout=30)
-    finally:
-        caller.kill()
-        caller.wait()
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    parent = subprocess.Popen([sys.executable, str(program)], **pipes)
+
+    def fork(temporary, pid_file):
+        print(temporary, pid_file, file=parent.stdin, flush=True)
+        pid, text = parent.stdout.readline().split()
+        assert text == "faking"
+        return int(pid), parent.stdout.readline
+
+    yield fork
+    parent.kill()
+    parent.communicate()
+
+
+@linux_only
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+def test_nothing_is_left_when_the_caller_is_killed(forked_caller, tmp_path, number, delay):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    caller, wait = forked_caller(temporary, tmp_path / "pids")
+    time.sleep(delay)
+    os.kill(caller, number)
+    assert wait() == "ended\n"
     for _ in range(100):
         if not _working_below(temporary) and not list(temporary.iterdir()):
             break

@@ -1,5 +1,6 @@
 """Sizes from the feature size: every background, thin places of parts, elements counted."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ def slab(mesh, thickness):
 # --- one answer on every background ------------------------------------------------
 
 
+@cache
 def backgrounds():
     plane, volume = slab(structured_square(8), 10.0), slab(jittered_cube(5, 841), 10.0)
     rectangle = outline([[-50, -5], [50, -5], [50, 5], [-50, 5]])
@@ -52,7 +54,11 @@ def backgrounds():
     }
 
 
-@pytest.mark.parametrize("name", list(backgrounds()))
+@pytest.mark.parametrize(
+    "name",
+    ["triangles", "tetrahedra", "segments", "surface", "grid", "coarse grid", "3-D grid",
+     "quadtree", "triangles in another"],
+)  # fmt: skip
 def test_a_slab_has_its_thickness_at_every_node_inside(name):
     background, boundary = backgrounds()[name]
     h0 = size_from_feature(background, boundary, elements_across=4.0)

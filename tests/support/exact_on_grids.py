@@ -8,33 +8,10 @@ intervals along the line, for all cells around it.
 import itertools
 
 import numpy as np
+from numba import njit
 
 #: Share of a line that may lie in a cell without meeting its inside: rounding.
 _TOUCH = 1e-9
-
-
-def sees(active, start, stop):
-    """Return whether the line between two points, in multiples of the spacings, stays inside."""
-    start, stop = np.asarray(start, float), np.asarray(stop, float)
-    move = stop - start
-    extended = np.flatnonzero(move)
-    if len(extended) == 0:
-        return True
-    lower = np.floor(np.minimum(start, stop) + 1e-12).astype(int)
-    upper = np.ceil(np.maximum(start, stop) - 1e-12).astype(int)
-    for cell in itertools.product(*(range(lower[a], upper[a]) for a in extended)):
-        enter, leave = 0.0, 1.0
-        for a, i in zip(extended, cell, strict=True):
-            shares = sorted(((i - start[a]) / move[a], (i + 1 - start[a]) / move[a]))
-            enter, leave = max(enter, shares[0]), min(leave, shares[1])
-        if leave - enter <= _TOUCH:
-            continue
-        corner = np.rint(start).astype(int)  # flat axes lie at nodes
-        for more in itertools.product((0, 1), repeat=len(extended)):
-            corner[extended] = np.add(cell, more)
-            if not active[tuple(corner)]:
-                return False
-    return True
 
 
 def exact_sizes(shape, spacing, active, h0, g, *, segments):
@@ -42,68 +19,136 @@ def exact_sizes(shape, spacing, active, h0, g, *, segments):
 
     Cost O(n^2) lines; n segments more of them each.
     """
-    spacing = np.asarray(spacing, float)
-    nodes = [x for x in itertools.product(*map(range, shape)) if active[x]]
-    value = np.array([h0[x] for x in nodes])
-    if segments:
-        value = np.minimum(value, _from_segments(nodes, spacing, active, h0, g))
-    places = np.array(nodes)
-    length = np.linalg.norm((places[:, None] - places) * spacing, axis=2)
-    for i, j in itertools.combinations(range(len(nodes)), 2):
-        if not sees(active, nodes[i], nodes[j]):
-            length[i, j] = length[j, i] = np.inf
-    while True:
-        with np.errstate(invalid="ignore"):
-            way = np.where(np.isinf(length), np.inf, value[:, None] + g * length).min(axis=0)
-        if (way >= value).all():
-            break
-        value = np.minimum(value, way)
+    value = _from_segments(spacing, active, h0, g) if segments else np.full(shape, np.inf)
     h = np.full(shape, np.inf)
-    for x, v in zip(nodes, value, strict=True):
-        h[x] = v
+    h[active] = along_lines(np.minimum(h0, value), active, spacing, g)
     return h
 
 
-def _from_segments(nodes, spacing, active, h0, g):
-    """Return for each node the least value of a foot on a segment that it sees."""
-    places = np.array(nodes)
-    value = np.full(len(nodes), np.inf)
-    finite = [x for x in nodes if np.isfinite(h0[x])]
+def along_lines(h0, active, spacing, g):
+    """Return the sizes at the active nodes by straight lines from node to node, float64[n]."""
+    nodes = np.argwhere(active).astype(float)
+    steps = np.full((len(nodes), len(nodes)), np.inf)
+    fill_lengths(active.ravel(), np.array(active.shape), nodes, np.asarray(spacing, float), steps)
+    steps[np.isfinite(steps)] *= g
+    value = h0[active]
+    while True:
+        way = (value[:, None] + steps).min(axis=0)
+        if (way >= value).all():
+            return value
+        value = np.minimum(value, way)
+
+
+def segments_with_data(active, h0):
+    """Yield the node and the direction of each segment that carries linear data.
+
+    Its ends are in one box and see each other, and of the nodes of the face or box of which they
+    are opposite corners none or all others are bounded.
+    """
+    shape = np.array(active.shape)
+    finite = [tuple(x) for x in np.argwhere(active & np.isfinite(h0))]
     for p, q in itertools.combinations(finite, 2):
-        if max(abs(np.subtract(p, q))) > 1 or not sees(active, p, q):
-            continue
         along = np.subtract(q, p)
+        if np.abs(along).max() > 1 or not sees(active.ravel(), shape, *np.array([p, q], float)):
+            continue
         corners = itertools.product(*({x, y} for x, y in zip(p, q, strict=True)))
         n_finite = sum(np.isfinite(h0[x]) for x in corners)
-        if 2 < n_finite < 2 ** np.count_nonzero(along):
-            continue
-        # Golden sections: the function of the weight is convex.
-        t = _golden(
-            lambda t, p=p, along=along: _on_segment(t, places, p, along, spacing, h0, g), len(nodes)
-        )
-        candidate = _on_segment(t, places, p, along, spacing, h0, g)
-        for i in np.flatnonzero(candidate < value):
-            if sees(active, nodes[i], p + t[i] * along):
-                value[i] = candidate[i]
+        if n_finite == 2 or n_finite == 2 ** np.count_nonzero(along):
+            yield p, along
+
+
+def _from_segments(spacing, active, h0, g):
+    """Return for each node the least value of a foot on a segment that it sees."""
+    value = np.full(active.shape, np.inf)
+    segments = list(segments_with_data(active, h0))
+    if not segments:
+        return value
+    starts, along = (np.array(x, float)[:, None] for x in zip(*segments, strict=True))
+    first = h0[tuple(starts[:, 0].astype(int).T)][:, None]
+    rise = h0[tuple((starts + along)[:, 0].astype(int).T)][:, None] - first
+    places, shape = np.argwhere(active).astype(float), np.array(active.shape)
+
+    def size(t):
+        away = (places - starts - t[:, :, None] * along) * spacing
+        return first + t * rise + g * np.linalg.norm(away, axis=2)
+
+    t = _golden(size, (len(segments), len(places)))
+    sizes, feet = size(t), starts + t[:, :, None] * along
+    for i, place in enumerate(places):
+        for k in np.argsort(sizes[:, i]):
+            if sees(active.ravel(), shape, place, feet[k, i]):
+                value[tuple(place.astype(int))] = sizes[k, i]
+                break
     return value
 
 
-def _on_segment(t, places, p, along, spacing, h0, g):
-    q = tuple(np.add(p, along))
-    foot = p + t[:, None] * along
-    start = h0[p] + t * (h0[q] - h0[p])
-    return start + g * np.linalg.norm((places - foot) * spacing, axis=1)
-
-
-def _golden(f, n):
+def _golden(f, shape):
+    """Return where convex functions on [0, 1] are least, by golden sections."""
     ratio = (np.sqrt(5.0) - 1.0) / 2.0
-    left, right = np.zeros(n), np.ones(n)
+    left, right = np.zeros(shape), np.ones(shape)
     for _ in range(70):
         a, b = right - ratio * (right - left), left + ratio * (right - left)
         lower = f(a) < f(b)
         left, right = np.where(lower, left, a), np.where(lower, b, right)
     t = 0.5 * (left + right)
     for end in (0.0, 1.0):
-        better = f(np.full(n, end)) <= f(t)
+        better = f(np.full(shape, end)) <= f(t)
         t = np.where(better, end, t)
     return t
+
+
+@njit(cache=True)
+def fill_lengths(active, shape, nodes, spacing, lengths):
+    """Fill the lengths of the straight lines between nodes, float64[n, dim], that stay inside."""
+    for i in range(len(nodes)):
+        for j in range(i + 1):
+            if sees(active, shape, nodes[i], nodes[j]):
+                square = 0.0
+                for d in range(len(spacing)):
+                    square += ((nodes[i][d] - nodes[j][d]) * spacing[d]) ** 2
+                lengths[i, j] = lengths[j, i] = np.sqrt(square)
+
+
+@njit(cache=True)
+def sees(active, shape, p, q):
+    """Return whether the line between two points stays inside.
+
+    Parameters
+    ----------
+    active : bool[n]
+        All nodes of the grid.
+    shape : int64[dim]
+    p, q : float64[dim]
+        In multiples of the spacings; axes along which they are the same lie at nodes.
+    """
+    dim = len(shape)
+    low, high = np.empty(dim, np.int64), np.empty(dim, np.int64)
+    for d in range(dim):
+        low[d] = high[d] = np.int64(np.rint(p[d]))
+        if p[d] != q[d]:
+            low[d] = np.int64(np.floor(min(p[d], q[d]) + 1e-12))
+            high[d] = np.int64(np.ceil(max(p[d], q[d]) - 1e-12))
+    cell = low.copy()
+    while True:
+        enter, leave = 0.0, 1.0
+        for d in range(dim):
+            if low[d] < high[d]:
+                a, b = (cell[d] - p[d]) / (q[d] - p[d]), (cell[d] + 1 - p[d]) / (q[d] - p[d])
+                enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
+        if leave - enter > _TOUCH:
+            for corner in range(2**dim):
+                place = 0
+                for d in range(dim):
+                    up = (corner >> d) & 1 if low[d] < high[d] else 0
+                    place = place * shape[d] + cell[d] + up
+                if not active[place]:
+                    return False
+        d = 0
+        while d < dim:
+            cell[d] += 1
+            if cell[d] < high[d]:
+                break
+            cell[d] = low[d]
+            d += 1
+        if d == dim:
+            return True

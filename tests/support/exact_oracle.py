@@ -90,19 +90,21 @@ def plane_sizes(domain, h0, g, nodes=None):
     """Return min over nodes y of h0(y) + g * (length of the shortest path), float64[k].
 
     At all nodes or at those given.  inf where nothing comes; a node in no cell keeps h0.
+    Only starts that could improve on paths along the edges are examined.
     """
     h0 = np.asarray(h0, float)
+    least = _edge_sizes(*domain.mesh[:2], h0, g)
     nodes = np.arange(len(h0)) if nodes is None else np.asarray(nodes)
     sources = np.flatnonzero(np.isfinite(h0))
     none, no_pairs = np.empty(0, np.int64), np.empty((0, 2), np.int64)
     place = (domain.mesh, domain.tolerance, g)
     corners, sizes = domain.corners, np.empty(len(domain.corners))
-    fill_sizes(corners, h0[corners], sources, h0[sources], none, no_pairs, *place, sizes)
+    fill_sizes(corners, least[corners], sources, h0[sources], none, no_pairs, *place, sizes)
     relax_corners(corners, sizes, domain.beside, *place)
     starts = np.concatenate([sources, corners])
     sizes = np.concatenate([h0[sources], sizes])
     result = np.empty(len(nodes))
-    fill_sizes(nodes, h0[nodes], starts, sizes, corners, domain.beside, *place, result)
+    fill_sizes(nodes, least[nodes], starts, sizes, corners, domain.beside, *place, result)
     return result
 
 
@@ -126,7 +128,7 @@ def graph_sizes(n, i, j, lengths, h0, g):
     """Return the least of h0 and paths over the edges (i, j) of a graph, float64[n]."""
     # One more node, from which each bound is an edge; lengths of 0 would be none.
     finite = np.flatnonzero(np.isfinite(h0))
-    least = h0[finite].min()
+    least = h0[finite].min(initial=np.inf)
     tiny = 1e-300
     weight = np.concatenate([np.maximum(g * lengths, tiny), np.maximum(h0[finite] - least, tiny)])
     rows, columns = np.concatenate([i, np.full(len(finite), n)]), np.concatenate([j, finite])
@@ -141,10 +143,14 @@ def graph_sizes(n, i, j, lengths, h0, g):
 
 def edge_sizes(mesh, h0, g):
     """Return the sizes by paths along the edges of a mesh, float64[n]: an upper bound."""
-    pairs = permutations(range(mesh.cells.shape[1]), 2)
-    i, j = np.concatenate([mesh.cells[:, list(pair)] for pair in pairs]).T
-    lengths = np.linalg.norm(mesh.points[i] - mesh.points[j], axis=1)
-    return graph_sizes(mesh.n_points, i, j, lengths, h0, g)
+    return _edge_sizes(mesh.points, mesh.cells, h0, g)
+
+
+def _edge_sizes(points, cells, h0, g):
+    pairs = permutations(range(cells.shape[1]), 2)
+    i, j = np.concatenate([cells[:, list(pair)] for pair in pairs]).T
+    lengths = np.linalg.norm(points[i] - points[j], axis=1)
+    return graph_sizes(len(points), i, j, lengths, h0, g)
 
 
 def fine_graph_sizes(mesh, h0, g, parts):

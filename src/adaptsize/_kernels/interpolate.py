@@ -17,39 +17,6 @@ from adaptsize._kernels.distance import closest_on_cell, find_inside
 _STACK = 64
 
 
-@inner
-def _spread_bits(v):
-    """Put two zero bits between the 21 low bits of v."""
-    v &= np.uint64(0x1FFFFF)
-    v = (v | (v << np.uint64(32))) & np.uint64(0x1F00000000FFFF)
-    v = (v | (v << np.uint64(16))) & np.uint64(0x1F0000FF0000FF)
-    v = (v | (v << np.uint64(8))) & np.uint64(0x100F00F00F00F00F)
-    v = (v | (v << np.uint64(4))) & np.uint64(0x10C30C30C30C30C3)
-    return (v | (v << np.uint64(2))) & np.uint64(0x1249249249249249)
-
-
-@kernel
-def fill_morton_codes(places, lower, width, codes):
-    """Fill the place of each point on the Morton curve through a cube.
-
-    Parameters
-    ----------
-    places : float64[n, 3]
-    lower : float64[3]
-        Corner of the cube.
-    width : float
-        Edge of the cube, > 0.  Points outside count as on its surface.
-    codes : uint64[n]
-        Out: 21 bits per axis.
-    """
-    for i in range(places.shape[0]):
-        code = np.uint64(0)
-        for d in range(3):
-            share = min(max((places[i, d] - lower[d]) / width, 0.0), 1.0)
-            code |= _spread_bits(np.uint64(share * 2097151.0)) << np.uint64(d)
-        codes[i] = code
-
-
 @kernel
 def fill_centroids(points, cells, centroids):
     """Fill the mean of the corners of each cell.

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_number, check_type, describe, one_of
+from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_metric_bound, metric_request
 from adaptsize.adaptation.next_sizes import (
-    DEFAULT_G,
     BoundLike,
     Request,
     SizeRequest,
@@ -31,7 +31,6 @@ from adaptsize.adaptation.transfer import FieldTransfer
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
-from adaptsize.metrics.limit import GRADIENT_LIMIT
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration
 from adaptsize.sizes.node_counts import elements_with_nodes
@@ -228,7 +227,7 @@ def adapt(
     is_metric = anisotropic is not False or as_metric_bound(h0, mesh) is not None
     if isinstance(g, str):
         one_of("g", g, ("auto",))
-        g = GRADIENT_LIMIT if is_metric else DEFAULT_G
+        g = METRIC_GRADIENT_LIMIT if is_metric else GRADIENT_LIMIT
     # As floats: numbers of numpy would make the search for the factor less accurate.
     if target_elements is not None:
         target_elements = as_number("target_elements", target_elements, lower=1.0)

@@ -24,8 +24,6 @@ from adaptsize.typing import FloatArray, GradientLimit
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
-#: Default gradient limit.
-DEFAULT_G = 0.25
 #: Sizes aim at this share of the tolerance, because meshes miss sizes by a few per cent.
 _AIM = 0.95
 #: An edge is in band if neither halving nor doubling it brings it nearer to its size.

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 from adaptsize._kernels.overlap import fill_overlaps
 from adaptsize.background import SimplexMesh
+from adaptsize.background._curve import along_curve
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 # A compiled loop cannot be interrupted.  One call should take about this long.
@@ -24,7 +25,7 @@ def overlaps_of(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) ->
     points = np.zeros((new.n_points, 3))
     points[:, : new.dim] = new.points * tree.scale
     cells = np.array(new.cells)
-    order = old.locator.along_curve(new.points[new.cells].mean(axis=1))
+    order = along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
     counts = np.zeros(new.n_cells, np.int64)
     parts: list[tuple[IntArray, FloatArray]] = []
     first, step, room = 0, 256, _ROOM

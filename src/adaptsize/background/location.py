@@ -12,19 +12,16 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import (
     fill_boxes,
-    fill_centroids,
-    fill_morton_codes,
     interpolate,
     list_within,
     locate,
-    sort_for_tree,
 )
+from adaptsize.background._curve import along_curve, tree_over
 from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background.simplex import SimplexMesh
 
-_CELLS_PER_LEAF = 4
 # Sorting queries along a space-filling curve pays once they outgrow the cache.
 _SORT_FROM = 2000
 # A compiled loop cannot be interrupted; one call of it should last about this long.
@@ -91,24 +88,13 @@ class SimplexLocator:
         largest = float(np.abs(mesh.points[nodes]).max())
         self._scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
         points = in_space(mesh.points[nodes] * self._scale)
-        self._lower = points.min(axis=0)
-        width = float((points.max(axis=0) - self._lower).max())
-        self._width = width if width > 0.0 else 1.0
         # Points and cells that are close in space are stored close in memory.
-        along = self._along_curve(points)
+        along = along_curve(points)
         self._points = points[along]
         number = np.zeros(mesh.n_points, np.int32)
         number[nodes[along]] = np.arange(len(nodes), dtype=np.int32)
         cells = number[mesh.cells]
-        centroids = np.empty((mesh.n_cells, 3))
-        fill_centroids(self._points, cells, centroids)
-        n_leaves = 1
-        while n_leaves * _CELLS_PER_LEAF < mesh.n_cells:
-            n_leaves *= 2
-        along = self._along_curve(centroids)
-        order = np.arange(mesh.n_cells)
-        sort_for_tree(centroids[along], n_leaves, order)
-        order = along[order]
+        n_leaves, order = tree_over(self._points, cells)
         self._cell_of_place = order.astype(np.int32)
         self._cells = cells[order]
         self._boxes = np.empty((2 * n_leaves, 6))
@@ -118,10 +104,6 @@ class SimplexLocator:
     def tree(self) -> CellTree:
         """The tree, for other searches in it."""
         return CellTree(self._points, self._cells, self._boxes, self._cell_of_place, self._scale)
-
-    def along_curve(self, points: FloatArray) -> npt.NDArray[np.int64]:
-        """Return an order of points along a space-filling curve."""
-        return self._along_curve(in_space(points * self._scale))
 
     def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return for each point the cell that contains it, or else the closest cell.
@@ -154,7 +136,7 @@ class SimplexLocator:
         found = np.empty(n, np.int32)
         weights = np.empty((n, self._cells.shape[1]))
         distances = np.empty(n)
-        order = self._along_curve(queries) if n >= _SORT_FROM else np.arange(n)
+        order = along_curve(queries).astype(np.int64) if n >= _SORT_FROM else np.arange(n)
         tree = (self._points, self._cells, self._boxes, self._full)
         first, step = 0, 256
         while first < n:
@@ -254,12 +236,6 @@ class SimplexLocator:
         """Return checked points, scaled and padded like those of the mesh."""
         queries = as_points("points", points, self._dim) * self._scale
         return in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
-
-    def _along_curve(self, places: FloatArray) -> npt.NDArray[np.int64]:
-        """Return the order of places along a Morton curve through the mesh."""
-        codes = np.empty(len(places), np.uint64)
-        fill_morton_codes(places, self._lower, self._width, codes)
-        return np.argsort(codes, kind="stable")
 
 
 def in_space(points: FloatArray) -> FloatArray:

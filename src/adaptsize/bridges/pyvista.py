@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pyvista
 
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 
@@ -51,7 +52,7 @@ class AdaptsizeAccessor:
 
         return self._with_sizes(size_function(self.mesh, **options))
 
-    def limit(self, h0: str | npt.ArrayLike, g: float = 0.25, **options: Any) -> Any:
+    def limit(self, h0: str | npt.ArrayLike, g: float = GRADIENT_LIMIT, **options: Any) -> Any:
         """Return a copy with the limited sizes as point data ``h``.
 
         Parameters

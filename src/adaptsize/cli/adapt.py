@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import check_files, nodal_field
 from adaptsize.cli.options import Gradient, Input, MeshOutput, Nodes, Picture
@@ -57,7 +58,7 @@ def adapt(
         float,
         typer.Option(metavar="NUMBER", help="The error is proportional to this power of the size."),
     ] = 1.0,
-    gradient: Gradient = 0.25,
+    gradient: Gradient = GRADIENT_LIMIT,
     hmin: Annotated[
         float | None, typer.Option(metavar="LENGTH", help="Smallest size.  [default: none]")
     ] = None,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from adaptsize._defaults import GRADIENT_LIMIT, MAX_ELEMENTS
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import check_files, numbers
 from adaptsize.cli.options import (
-    MAX_ELEMENTS,
     Gradient,
     ImageAcross,
     ImageFile,
@@ -39,7 +39,7 @@ def image(
     smoothing: Smoothing = None,
     elements_per_radian: ImagePerRadian = None,
     elements_across: ImageAcross = None,
-    gradient: Gradient = 0.25,
+    gradient: Gradient = GRADIENT_LIMIT,
     hmin: ImageSmallest = None,
     hmax: Largest = None,
     source: Sources = None,

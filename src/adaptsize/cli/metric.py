@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import beside, check_cells, check_files
 from adaptsize.cli.output import contents, draw_metric, print_written
@@ -120,10 +121,9 @@ def remesh_with_metric(
     """
     from adaptsize import remeshing
     from adaptsize.metrics import MetricFunction, limit_metric
-    from adaptsize.metrics.limit import GRADIENT_LIMIT
     from adaptsize.quality import size_conformity
 
-    g = GRADIENT_LIMIT if g is None else g
+    g = METRIC_GRADIENT_LIMIT if g is None else g
     check_metric_options(file, metric, refused, output, plot)
     given_options = {name: value for name, value in options.items() if value is not None}
     with console.steps(5) as steps:

@@ -194,8 +194,6 @@ MaxElements = Annotated[
         "elements.  [default: 300000; with --elements: none]",
     ),
 ]
-#: Equal to `adaptsize.domain_size.request.MAX_ELEMENTS`, which is slow to import.
-MAX_ELEMENTS = 300_000.0
 ImageMaxElements = Annotated[
     float,
     typer.Option(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, TOLERANCE
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files, read_mesh
 from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
@@ -74,7 +75,7 @@ def remesh(
     ] = None,
     hmin: Smallest = None,
     hmax: Largest = None,
-    crease_angle: Crease = 40.0,
+    crease_angle: Crease = CREASE_ANGLE,
     source: Sources = None,
     field: Field = None,
     metric: MetricField = None,
@@ -159,7 +160,7 @@ def remesh(
                 "--mpi": mpi or console.world is not None,
             },
         )
-    from adaptsize.domain_size.request import GRADIENT_LIMIT, TOLERANCE, check_elements
+    from adaptsize.domain_size.request import check_elements
 
     g = GRADIENT_LIMIT if gradient is None else gradient
     if runs_in_parts(console, file, output, mpi=mpi):

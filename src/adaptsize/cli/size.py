@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, MAX_ELEMENTS
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import (
     check_cells,
@@ -18,7 +19,6 @@ from adaptsize.cli.files import (
 )
 from adaptsize.cli.memory import announce_memory_of_sizes
 from adaptsize.cli.options import (
-    MAX_ELEMENTS,
     Across,
     Crease,
     Field,
@@ -59,10 +59,10 @@ def size(
     output: SizesOutput,
     elements_per_radian: PerRadian = None,
     elements_across: Across = None,
-    gradient: Gradient = 0.25,
+    gradient: Gradient = GRADIENT_LIMIT,
     hmin: ImageSmallest = None,
     hmax: Largest = None,
-    crease_angle: Crease = 40.0,
+    crease_angle: Crease = CREASE_ANGLE,
     source: Sources = None,
     field: Field = None,
     spacing: Spacing = None,

@@ -15,6 +15,7 @@ from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.simulated import SimulatedCommunicator
 from adaptsize.distributed.sizes import predicted_elements, size_from_error, size_from_hessian
 from adaptsize.distributed.source_sizes import size_from_sources
+from adaptsize.distributed.sources import PartsSources
 from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "PartitionedMesh",
     "PartsLimitingInfo",
     "PartsReport",
+    "PartsSources",
     "PlexPart",
     "RemeshedParts",
     "SimulatedCommunicator",

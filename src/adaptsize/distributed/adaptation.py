@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_number, check_type, one_of
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
 from adaptsize.adaptation.new_mesh import BestMesh, meet_target
 from adaptsize.adaptation.next_sizes import (
-    DEFAULT_G,
     BoundLike,
     Decision,
     NextSizes,
@@ -154,7 +154,7 @@ def adapt(
         request = SizeRequest(
             indicator=as_indicator(indicator, nodes),
             h0=as_bound(h0 if part.n_points or not callable(h0) else np.empty(0), nodes),
-            g=DEFAULT_G if isinstance(g, str) and one_of("g", g, ("auto",)) else g,
+            g=GRADIENT_LIMIT if isinstance(g, str) and one_of("g", g, ("auto",)) else g,
             order=order, tolerance=tolerance, target_elements=target_elements, hmin=hmin,
             hmax=hmax, max_refine=max_refine, max_coarsen=max_coarsen, error=None,
             target_nodes=target_nodes,

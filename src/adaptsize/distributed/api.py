@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from hashlib import sha256
 from typing import Any, Literal, NamedTuple, overload
 
@@ -24,6 +25,7 @@ from adaptsize.distributed.exact import Given, solve_exact
 from adaptsize.distributed.info import PartsLimitingInfo, Solved, info_from, info_of
 from adaptsize.distributed.marching import solve_fast_marching
 from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.sources import Traced, scattered, traced_from
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.arguments import as_count, as_point_bounds
 from adaptsize.limiting.exact.api import UNFINISHED
@@ -109,7 +111,8 @@ def limit_gradient(
     point_sources : tuple of (array_like, array_like), optional
         As for `adaptsize.limit_gradient`; the same on all ranks.
     full_output : bool, optional
-        Whether to return a `PartsLimitingInfo` too, for ten more reductions.
+        Whether to return a `PartsLimitingInfo` too, for ten more reductions.  The exact method
+        then also exchanges the numbers of nodes, for ``info.sources``.
     progress : callable or bool, optional
         Progress of this rank.
 
@@ -118,7 +121,7 @@ def limit_gradient(
     h : ndarray of float64, shape (n_local,)
         Ranks that share a node get the same size.
     info : PartsLimitingInfo
-        Returned only with ``full_output``; the same on all ranks.
+        Returned only with ``full_output``; the same on all ranks, except ``sources``.
 
     Raises
     ------
@@ -140,6 +143,11 @@ def limit_gradient(
 
     Meshes that have cells without measure, or cells that overlap, are collected on rank 0 by the
     exact method, and solved there.
+
+    There is no warm start (``initial``), because a rank would have to keep two solutions: that of
+    its own sources, which decides what it receives, and that of all.  What it receives depends on
+    the sizes of all ranks, and each change of a bound may change it.  In one process, a warm start
+    saves half to three quarters of the time.
 
     Examples
     --------
@@ -186,16 +194,17 @@ def limit_gradient(
     with reporting(progress) as report:
         solved: Solved | None
         if method == "exact":
-            solved = solve_exact(part, u0, Given(number, face_sources, threads, report, at_points))
+            options = Given(number, face_sources, threads, report, at_points, full_output)
+            solved = solve_exact(part, u0, options)
         else:
             solved = solve_fast_marching(part, u0, slope, report, residual=full_output)
         if solved is None:
-            options: dict[str, Any] = {"method": method, "full_output": full_output}
+            serial: dict[str, Any] = {"method": method, "full_output": full_output}
             if method == "exact":
-                options |= {"face_sources": face_sources, "threads": threads}
-                options["point_sources"] = None if extra is None else tuple(extra)
+                serial |= {"face_sources": face_sources, "threads": threads}
+                serial["point_sources"] = None if extra is None else tuple(extra)
             per_cell = np.broadcast_to(slope.values, part.n_cells) if varies else None
-            return _collected(part, bound, (per_cell, limit, number), options)
+            return _collected(part, bound, (per_cell, limit, number), serial)
     if not comm.allreduce(int(solved.finished), "min") and comm.rank == 0:
         warnings.warn(UNFINISHED, ConvergenceWarning, stacklevel=2)
     u = solved.h
@@ -272,19 +281,21 @@ def _collected(
     per_cell, of_size, number = g
     in_space = number if per_cell is None else part.gather_cells(per_cell)
 
-    def solve() -> tuple[FloatArray | None, PartsLimitingInfo | None]:
+    def solve() -> tuple[FloatArray | None, PartsLimitingInfo | None, Traced | None]:
         if whole is None or bounds is None:
-            return None, None
+            return None, None, None
         limit: Any = in_space if of_size is None else (in_space, of_size)
         found: Any = limiting.limit_gradient(whole, bounds, limit, **options)
         if not options["full_output"]:
-            return found, None
-        return found[0], info_from(found[1], part.n_global_points)
+            return found, None, None
+        h, info = found
+        traced = None if info.sources is None else traced_from(info.sources)
+        return h, info_from(info, part.n_global_points), traced
 
-    sizes, info = part.comm.agree(solve)
+    sizes, info, traced = part.comm.agree(solve)
     own = part.scatter_nodal(sizes)
     if not options["full_output"]:
         return own
-    info = part.comm.bcast(info)
+    info, is_traced = part.comm.bcast((info, traced is not None))
     assert info is not None  # that of rank 0
-    return own, info
+    return own, replace(info, sources=scattered(part, traced)) if is_traced else info

@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize import sizes
 from adaptsize._checks import as_angle, as_number, check_type
+from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import oriented_facets, tags_of_facets
@@ -32,7 +33,7 @@ def size_from_curvature(
     part: PartitionedMesh,
     *,
     elements_per_radian: float = 4.0,
-    crease_angle: float = 40.0,
+    crease_angle: float = CREASE_ANGLE,
     smoothing: int = 0,
     hmin: float | None = None,
     hmax: float | None = None,
@@ -96,7 +97,7 @@ def size_from_feature(
     part: PartitionedMesh,
     *,
     elements_across: float = 4.0,
-    crease_angle: float = 40.0,
+    crease_angle: float = CREASE_ANGLE,
     corner_angle: float = 30.0,
     hmin: float | None = None,
     hmax: float | None = None,

@@ -13,28 +13,29 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.exact_candidates import have_neighbours
-from adaptsize._kernels.exact_plane import CORNER
+from adaptsize.background._curve import along_curve
 from adaptsize.distributed.boundary import Skeleton, find_skeleton
 from adaptsize.distributed.communicator import Communicator
-from adaptsize.distributed.entries import at_nodes_only, exchange_entries, reach_of
+from adaptsize.distributed.entries import exchange_entries, of_this_rank, reach_of
 from adaptsize.distributed.info import Solved
 from adaptsize.distributed.kinks import merge_kinks
-from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece, components_of, piece_of
 from adaptsize.distributed.point_sources import locate
 from adaptsize.distributed.solids import find_body, solve_body
+from adaptsize.distributed.sources import Numbers, numbers_of, trace, untraced, with_piece
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, plane_of
 from adaptsize.limiting.exact.problem import Extra, Problem, margin_for
 from adaptsize.limiting.exact.solve import (
+    Found,
     rises_too_fast,
     solve_by_sight,
     survivors_of,
     wave_of_nodes,
 )
-from adaptsize.limiting.exact.waves import Wave
-from adaptsize.limiting.exact.work import along_curve, number_of_threads
+from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -47,6 +48,8 @@ class Given(NamedTuple):
     threads: int | None
     report: ProgressCallback
     point_sources: PointBounds | None
+    trace: bool
+    """Whether to return the sources of the sizes."""
 
 
 def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> Solved | None:
@@ -54,6 +57,7 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> Solved |
 
     Returns None, on all ranks, if the mesh has cells without measure or cells that overlap.
     """
+    traced = untraced(part) if given.trace else None
     whole = Solved(h0.copy(), 0, n_hidden=0)
     numbers = components_of(part).bounded(part.comm, h0)
     located = locate(part, given.point_sources)
@@ -67,6 +71,8 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> Solved |
         if found is None:
             return None
         whole.h[piece.nodes] = found.h[: len(piece.nodes)]
+        if traced is not None and found.traced is not None:
+            traced = with_piece(traced, piece, found.traced)
         whole = Solved(
             whole.h,
             whole.iterations + found.iterations,
@@ -74,7 +80,7 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> Solved |
             (whole.n_hidden or 0) + (found.n_hidden or 0),
             max(whole.largest_gap, found.largest_gap),
         )
-    return whole
+    return whole._replace(traced=traced)
 
 
 def _solve_piece(
@@ -106,13 +112,16 @@ def _solve_piece(
         margin=margin_for(min(least for least, _ in facts), given.g, skeleton.diagonal),
         merge=lambda rows: merge_kinks(piece, rows),
     )
+    ids = numbers_of(piece, problem, part.n_global_points)
     if skeleton.convex:
-        return _with_others(piece, problem, None, skeleton)
+        numbers = Numbers(ids, piece.ids[:0]) if given.trace else None
+        return _with_others(piece, problem, None, skeleton, numbers)
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
-        return solve_body(part, piece, body, problem)
-    plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
-    found = _with_others(piece, problem, plane.without_sizes(), skeleton)
+        return solve_body(part, piece, body, problem, ids)
+    plane, corners = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
+    numbers = Numbers(ids, corners) if given.trace else None
+    found = _with_others(piece, problem, plane.without_sizes(), skeleton, numbers)
     folded = not piece.is_empty and rises_too_fast(problem, found.h)
     return None if comm.allreduce(int(folded), "max") else found
 
@@ -145,12 +154,11 @@ def _solve_interval(
     wave = survivors_of(wave, g, False, threads, given.report, margin)
     h, source = bound.copy(), np.full(len(bound), -1, np.int32)
     points = Points(places, order, np.empty(0, np.int32))
-    field = ExactField(g, None, False, [wave])
-    field.lower_by_last(points, h, source, threads, given.report)
-    sent = at_nodes_only(wave, mesh.n_points)
-    field.add(exchange_entries(piece.comm, sent, reach_of(places, order, h), g))
-    field.lower_by_last(points, h, source, threads, given.report)
-    return Solved(h, field.n_entries)
+    found = Found(h, source, ExactField(g, None, False, [wave]))
+    found.field.lower_by_last(points, h, source, threads, given.report)
+    ids = numbers_of(piece, problem, part.n_global_points)
+    numbers = Numbers(ids, piece.ids[:0]) if given.trace else None
+    return _exchanged(piece, problem, found, points, numbers)
 
 
 def _ends(piece: Piece) -> tuple[float, float]:
@@ -161,38 +169,54 @@ def _ends(piece: Piece) -> tuple[float, float]:
     return low, -high
 
 
-def _with_others(piece: Piece, problem: Problem, plane: Plane | None, skeleton: Skeleton) -> Solved:
+def _with_others(
+    piece: Piece,
+    problem: Problem,
+    plane: Plane | None,
+    skeleton: Skeleton,
+    numbers: Numbers | None,
+) -> Solved:
     """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
-    mesh, g = problem.mesh, problem.g
-    boundary = skeleton.boundary
+    mesh, boundary = problem.mesh, skeleton.boundary
     if plane is not None:  # its facets are named by local nodes, others do not matter
         boundary = boundary._replace(facets=_local_facets(piece, skeleton))
     found = solve_by_sight(problem, plane, boundary)
-    waves = [_not_corners(wave) if plane is not None else wave for wave in found.field.waves]
-    own = Wave(
-        np.concatenate([wave.table for wave in waves]),
-        np.empty(0),
-        np.concatenate([wave.nodes for wave in waves]),
-    )
     assert problem.order is not None
     order = problem.order[:0] if piece.is_empty else problem.order
-    own = at_nodes_only(own, mesh.n_points)
-    received = exchange_entries(piece.comm, own, reach_of(mesh.points, order, found.h), g)
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
-    field = ExactField(g, found.field.sight, found.field.linear, [received])
-    points = Points(mesh.points, order, on_wall)
+    return _exchanged(piece, problem, found, Points(mesh.points, order, on_wall), numbers)
+
+
+def _exchanged(
+    piece: Piece, problem: Problem, found: Found, points: Points, numbers: Numbers | None
+) -> Solved:
+    """Return the sizes of one rank (In/Out: found) lowered by sources of others; one exchange.
+
+    Sources are traced if the numbers of their nodes are given.
+    """
+    field = found.field
+    sent = [of_this_rank(wave, problem.mesh.n_points) for wave in field.waves]
+    reach = reach_of(points.places, points.order, found.h)
+    named = None if numbers is None else [numbers.of(wave) for wave in sent]
+    received, ids = exchange_entries(piece.comm, sent, reach, problem.g, named)
+    own = field.waves.copy()
+    field.add(received)
     field.lower_by_last(points, found.h, found.source, problem.threads, problem.report)
-    return Solved(found.h, found.field.n_entries + field.n_entries)
+    solved = Solved(found.h, field.n_entries)
+    if numbers is None:
+        return solved
+    n = len(piece.ids)
+    every = np.concatenate([*map(numbers.of, own), ids])
+    sizes = np.concatenate([wave.sizes for wave in field.waves])
+    traced = trace(piece.ids, found.source[:n], every, sizes, found.bends()[:n])
+    return solved._replace(traced=traced)
 
 
-def _not_corners(wave: Wave) -> Wave:
-    """Return the entries without the corners, which all ranks know."""
-    kept = wave.table[:, CORNER] == 0.0
-    return Wave(wave.table[kept], wave.boxes, wave.nodes[kept])
+def _plane_on(piece: Piece, skeleton: Skeleton) -> tuple[Plane, Ids]:
+    """Return walls and corners, the same on all ranks, with the rows of local nodes.
 
-
-def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:
-    """Return walls and corners, the same on all ranks, with the rows of local nodes."""
+    The nodes of corners are numbers in the second result, which holds global numbers.
+    """
     counts = [np.bincount(ends, minlength=len(skeleton.ids)) for ends in skeleton.boundary.facets.T]
     irregular = np.flatnonzero((counts[0] != 1) | (counts[1] != 1)).astype(np.int32)
     wider, mesh = skeleton.with_cells(piece, irregular)
@@ -205,7 +229,7 @@ def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:
     def merge(sizes: FloatArray, arrivals: FloatArray, lowered: BoolArray) -> None:
         _merge_corners(piece.comm, sizes, arrivals, lowered)
 
-    return replace(plane, boundary=whole._replace(rows=rows), merge=merge)
+    return replace(plane, boundary=whole._replace(rows=rows), merge=merge), wider.ids
 
 
 def _merge_corners(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize.distributed.communicator import Communicator
 from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.distributed.sources import PartsSources, Traced, sources_of
 from adaptsize.limiting import LimitingInfo
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.info import QUANTILES
@@ -19,7 +20,9 @@ from adaptsize.typing import FloatArray
 
 @dataclass(frozen=True)
 class PartsLimitingInfo:
-    """Diagnostics of a limited size field on a distributed mesh; the same on all ranks.
+    """Diagnostics of a limited size field on a distributed mesh.
+
+    They are the same on all ranks, except ``sources``.
 
     The attributes are those of `adaptsize.limiting.LimitingInfo` for the whole mesh, and equal
     those of one process, except ``iterations`` and, with fast marching, rounding.
@@ -51,6 +54,8 @@ class PartsLimitingInfo:
     """Largest difference between a size that is not proved exact and its lower bound.
 
     0 if all sizes are proved exact; None for other methods than ``"exact"``."""
+    sources: PartsSources | None = field(default=None, compare=False, repr=False)
+    """Source of each size at the nodes of this rank; None for other methods than ``"exact"``."""
 
     def __str__(self) -> str:
         """Say which method was used and how many sizes are below their bounds."""
@@ -69,6 +74,8 @@ class Solved(NamedTuple):
     largest_gap: float = 0.0
     excess: float = 0.0
     """Largest excess of a size over its update."""
+    traced: Traced | None = None
+    """The sources of the sizes, if they were requested of the exact method."""
 
 
 def info_of(
@@ -108,6 +115,7 @@ def info_of(
         dict(zip(QUANTILES, levels, strict=True)),
         None if n_hidden is None else part.n_global_points - hidden,
         None if n_hidden is None else gap,
+        None if solved.traced is None else sources_of(part, h, solved.traced),
     )
 
 

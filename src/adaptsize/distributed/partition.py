@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.limiting.exact.work import along_curve
+from adaptsize.background._curve import along_curve
 from adaptsize.typing import IntArray
 
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.boundary import Skeleton
-from adaptsize.distributed.entries import Reach, at_nodes_only, exchange_rows, joined, reach_of
+from adaptsize.distributed.entries import exchange_rows, of_this_rank, reach_of
 from adaptsize.distributed.info import Solved
 from adaptsize.distributed.marching import solve_along_edges
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece
+from adaptsize.distributed.sources import trace
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
@@ -71,8 +72,13 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
     return Body(ids, own, boundary, solid_of(mesh, boundary, own))
 
 
-def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -> Solved:
-    """Return the limited sizes at the nodes of a piece; collective."""
+def solve_body(
+    part: PartitionedMesh, piece: Piece, body: Body, problem: Problem, numbers: Ids
+) -> Solved:
+    """Return the limited sizes at the nodes of a piece, and their sources; collective.
+
+    ``numbers``: global numbers of nodes, of sources between the nodes, and -1.
+    """
     g, solid = problem.g, body.solid
     h0, reach = _bounds(piece, body, problem)
     lower, source = h0.copy(), np.full(len(h0), -1, np.int32)
@@ -83,10 +89,10 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
 
     def lower_by(wave: Wave) -> FloatArray:
         """Lower sizes by the sources of all ranks, and return these."""
-        rows = _with_others(piece, wave, _numbers(part, piece, problem), reach, g)
-        numbers = np.full((len(rows), 3), -1, np.int32)
-        numbers[:, 0] = np.arange(len(rows))
-        added = sorted_wave(rows[:, :_COLUMNS], numbers)
+        rows = _with_others(piece, wave, numbers, reach, g)
+        places = np.full((len(rows), 3), -1, np.int32)
+        places[:, 0] = np.arange(len(rows))
+        added = sorted_wave(rows[:, :_COLUMNS], places)
         found = np.full(len(source), -1, np.int32)
         by_last = ExactField(g, None, linear, [added])
         by_last.lower_by_last(points, lower, found, problem.threads, problem.report)
@@ -106,11 +112,12 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
         rows = np.concatenate([rows, lower_by(on_cells)])
     order, place = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
+    named = rows[:, _COLUMNS:].astype(np.int64)
     found = solve_in_space(
         solid,
         h0,
         g,
-        Entries(rows[:, :_COLUMNS].copy(), body.rows(rows[:, _COLUMNS:].astype(np.int64))),
+        Entries(rows[:, :_COLUMNS].copy(), body.rows(named)),
         lower,
         np.append(place, np.int32(-1))[source],
         _spread(part, piece, body, problem),
@@ -125,10 +132,13 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem
         found.finished,
         int(np.count_nonzero(hidden & part.is_owned[piece.nodes])),
         float((h - least)[hidden].max(initial=0.0)),
+        traced=trace(
+            piece.ids, found.entry[body.own], named, rows[:, 9:_COLUMNS], found.bend[body.own]
+        ),
     )
 
 
-def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Reach]:
+def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Return the bounds at the nodes of the body, and what sources must undercut to matter.
 
     The latter are sizes that grow along the edges of the own cells, at the own nodes and at the
@@ -146,10 +156,8 @@ def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Rea
     both[:, knots] = piece.comm.allreduce(both[:, knots], "min")
     largest = _ABOVE * both[1]
     along = np.arange(len(knots), dtype=np.int32)
-    return both[0], joined(
-        reach_of(mesh.points, order, largest[body.own]),
-        reach_of(body.solid.points[knots], along, largest[knots]),
-    )
+    own = reach_of(mesh.points, order, largest[body.own])
+    return both[0], np.concatenate([own, reach_of(body.solid.points[knots], along, largest[knots])])
 
 
 def _candidates(
@@ -171,17 +179,7 @@ def _candidates(
     return np.flatnonzero(merged == 1).astype(np.int32), steep
 
 
-def _numbers(part: PartitionedMesh, piece: Piece, problem: Problem) -> Ids:
-    """Return the global numbers of nodes; those of sources between the nodes follow, then -1."""
-    n, extra = problem.mesh.n_points, problem.extra
-    last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
-    ids = np.arange(last + 1) - n + part.n_global_points
-    ids[:n], ids[-1] = -1, -1
-    ids[: len(piece.ids)] = piece.ids
-    return ids
-
-
-def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: Reach, g: float) -> FloatArray:
+def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: FloatArray, g: float) -> FloatArray:
     """Return own entries, and those of other ranks that may act here; one exchange.
 
     Each row holds the table of an entry and the global numbers of its nodes, and is unique.
@@ -189,7 +187,8 @@ def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: Reach, g: float)
     own = np.column_stack([wave.table, numbers[wave.nodes].astype(np.float64)])
     n = piece.mesh.n_points
     sent = own[wave.nodes[:, 0] < n]
-    rows = np.concatenate([own, exchange_rows(piece.comm, at_nodes_only(wave, n), sent, reach, g)])
+    others = exchange_rows(piece.comm, [of_this_rank(wave, n)], [sent], reach, g)
+    rows = np.concatenate([own, others])
     order, _ = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
     new = np.ones(len(rows), np.bool_)

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from adaptsize._checks import as_float_array, as_sizes, as_slope, check_type, describe
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.migration import boundary_facets
@@ -35,7 +36,7 @@ def size_from_sources(
     part: PartitionedMesh,
     sources: Source | SizeOfPoint | Iterable[Source | SizeOfPoint],
     *,
-    g: float = 0.25,
+    g: float = GRADIENT_LIMIT,
 ) -> FloatArray:
     """Return the smallest of the sizes from several sources at each node; collective.
 

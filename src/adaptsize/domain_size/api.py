@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_float_array, as_points, check_type, describe
+from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
@@ -19,8 +20,6 @@ from adaptsize.domain_size.image_mask import as_image, distance_to_edge, mask_of
 from adaptsize.domain_size.implicit import ImplicitDomain
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import (
-    CREASE_ANGLE,
-    GRADIENT_LIMIT,
     AnyBackground,
     Implicit,
     as_request,

@@ -10,12 +10,12 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from adaptsize._checks import as_number, check_type
+from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.api import size_function
 from adaptsize.domain_size.report import SizeReport
-from adaptsize.domain_size.request import GRADIENT_LIMIT, TOLERANCE
 from adaptsize.errors import ResolutionWarning
 from adaptsize.remeshing.driver import check_backend, remesh
 from adaptsize.typing import ProgressCallback

@@ -8,6 +8,7 @@ from typing import Any, Literal, overload
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, check_type
+from adaptsize._defaults import GRADIENT_LIMIT, MAX_ELEMENTS
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
@@ -17,7 +18,7 @@ from adaptsize.domain_size.by_domain import mask_domain
 from adaptsize.domain_size.image_mask import SMOOTHING, as_image, distance_to_edge, mask_of
 from adaptsize.domain_size.image_regions import with_regions
 from adaptsize.domain_size.report import SizeReport
-from adaptsize.domain_size.request import GRADIENT_LIMIT, MAX_ELEMENTS, as_request
+from adaptsize.domain_size.request import as_request
 from adaptsize.remeshing.distmesh.api import mesh_from_distance
 from adaptsize.typing import FloatArray, ProgressCallback
 

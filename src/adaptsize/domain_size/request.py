@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_limits, as_number, as_sizes
+from adaptsize._defaults import CREASE_ANGLE, MAX_ELEMENTS, TOLERANCE
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport, limit_bounds
 from adaptsize.sizes import PointSource, size_from_sources
@@ -18,13 +19,9 @@ from adaptsize.typing import FloatArray, ProgressCallback
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 
-#: Defaults of `size_function`, of images and of the command line.
+#: Defaults of `size_function`, of images and of the command line; see also `_defaults`.
 ELEMENTS_PER_RADIAN = 4.0
 ELEMENTS_ACROSS = 2.0
-GRADIENT_LIMIT = 0.25
-CREASE_ANGLE = 40.0
-TOLERANCE = 1e-3
-MAX_ELEMENTS = 300_000.0
 
 _LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
 _SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._checks import as_angle, as_whole_number, check_range, check_type
+from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels import normals as normal_kernels
 from adaptsize._kernels import sectors as sector_kernels
@@ -38,7 +39,7 @@ class _Sectors(NamedTuple):
 
 
 def surface_curvature(
-    surface: SimplexMesh, *, crease_angle: float = 40.0, smoothing: int = 0
+    surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE, smoothing: int = 0
 ) -> FloatArray:
     r"""Return the principal curvature of larger absolute value at the nodes of a surface.
 
@@ -106,7 +107,7 @@ def surface_curvature(
 
 
 def corner_curvature(
-    surface: SimplexMesh, *, crease_angle: float = 40.0, smoothing: int = 0
+    surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE, smoothing: int = 0
 ) -> FloatArray:
     """Return the principal curvature of larger absolute value at each corner of each triangle.
 
@@ -159,7 +160,7 @@ def tensors_of(
     return sectors, normals, tensors
 
 
-def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArray:
+def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:
     """Return the feature edges of a surface: boundary, non-manifold, sharp and tagged edges.
 
     Parameters
@@ -193,7 +194,7 @@ def crease_edges(surface: SimplexMesh, *, crease_angle: float = 40.0) -> IntArra
     return surface.facets[_creases_of(surface, _faces_of(surface), angle)]
 
 
-def crease_curvature(surface: SimplexMesh, *, crease_angle: float = 40.0) -> FloatArray:
+def crease_curvature(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> FloatArray:
     """Return the curvature of the feature edges of a surface, as curves, at its nodes.
 
     Parameters
@@ -220,7 +221,7 @@ def crease_curvature(surface: SimplexMesh, *, crease_angle: float = 40.0) -> Flo
     return polyline_curvature(SimplexMesh(surface.points, edges), crease_angle=crease_angle)
 
 
-def polyline_curvature(line: SimplexMesh, *, crease_angle: float = 40.0) -> FloatArray:
+def polyline_curvature(line: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> FloatArray:
     r"""Return the curvature of polylines at their nodes.
 
     This is the curvature of the circle through a node and its two neighbours [1]_,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.curvature import FLAT, tensors_of
 from adaptsize.typing import FloatArray, IntArray
 
 
 def sector_curvatures(
-    surface: SimplexMesh, *, crease_angle: float = 40.0, smoothing: int = 0
+    surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE, smoothing: int = 0
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Return the principal curvatures and directions of the smooth parts at each node.
 

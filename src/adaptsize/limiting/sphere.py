@@ -14,9 +14,10 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background._curve import along_curve
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.waves import node_wave
-from adaptsize.limiting.exact.work import along_curve, number_of_threads
+from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.typing import FloatArray
 
 #: Mean radius of the Earth in metres (IUGG).

@@ -1,13 +1,34 @@
-"""Anisotropic sizes: metrics, their limits, and their gradient limiting."""
+"""Anisotropic sizes: metrics, their limits, and their gradient limiting.
 
-from adaptsize.metrics.curvature import metric_from_curvature
-from adaptsize.metrics.function import MetricFunction
-from adaptsize.metrics.hessian import metric_from_hessian, predicted_simplices
-from adaptsize.metrics.implied import implied_metric
-from adaptsize.metrics.isotropic import isotropic_metric
-from adaptsize.metrics.layers import metric_from_layers
-from adaptsize.metrics.limit import MetricLimitingInfo, limit_metric
-from adaptsize.metrics.metric import Metric
+Names are imported on first use, since files need the classes only.
+"""
+
+from typing import TYPE_CHECKING
+
+from adaptsize._lazy import lazily
+
+if TYPE_CHECKING:
+    from adaptsize.metrics.curvature import metric_from_curvature
+    from adaptsize.metrics.function import MetricFunction
+    from adaptsize.metrics.hessian import metric_from_hessian, predicted_simplices
+    from adaptsize.metrics.implied import implied_metric
+    from adaptsize.metrics.isotropic import isotropic_metric
+    from adaptsize.metrics.layers import metric_from_layers
+    from adaptsize.metrics.limit import MetricLimitingInfo, limit_metric
+    from adaptsize.metrics.metric import Metric
+
+_HOMES = {
+    "metric_from_curvature": "curvature",
+    "MetricFunction": "function",
+    "metric_from_hessian": "hessian",
+    "predicted_simplices": "hessian",
+    "implied_metric": "implied",
+    "isotropic_metric": "isotropic",
+    "metric_from_layers": "layers",
+    "MetricLimitingInfo": "limit",
+    "limit_metric": "limit",
+    "Metric": "metric",
+}
 
 __all__ = [
     "Metric",
@@ -21,3 +42,5 @@ __all__ = [
     "metric_from_layers",
     "predicted_simplices",
 ]
+
+__getattr__, __dir__ = lazily(__name__, _HOMES)

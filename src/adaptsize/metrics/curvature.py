@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize._checks import as_number, check_type
+from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.curvature import crease_edges, polyline_curvature
 from adaptsize.geometry.principal_curvatures import sector_curvatures
@@ -19,7 +20,7 @@ def metric_from_curvature(
     mesh: SimplexMesh,
     *,
     elements_per_radian: float = 4.0,
-    crease_angle: float = 40.0,
+    crease_angle: float = CREASE_ANGLE,
     smoothing: int = 0,
     hmin: float | None = None,
     hmax: float | None = None,

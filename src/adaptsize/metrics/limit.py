@@ -23,10 +23,6 @@ from adaptsize.metrics.metric import Metric
 from adaptsize.metrics.physical import limit_in_space
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-#: Default gradient limit of metrics, where g is optional.  It is larger than that of isotropic
-#: sizes, because it limits the sizes along a layer by those across the layer nearby.
-GRADIENT_LIMIT = 1.0
-
 # Sizes up to this much larger than the bound count as equal to it.
 _KEPT = 1e-9
 

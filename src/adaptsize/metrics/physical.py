@@ -9,8 +9,9 @@ import numpy as np
 from adaptsize._kernels import metric_limit as kernels
 from adaptsize._kernels.metric_sources import Sources, fill_tree, new_scratch
 from adaptsize.background import SimplexMesh
+from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks, part_of
+from adaptsize.limiting.exact.work import boxes_over, in_chunks, part_of
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.metrics.plane import Walls, around_corners, walls_of
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback

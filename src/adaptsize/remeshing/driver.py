@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_number, describe, one_of
+from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError, BackendTimeoutError
@@ -64,9 +65,9 @@ def remesh(
     *,
     target: Target = "auto",
     backend: str = "auto",
-    g: float = 0.25,
+    g: float = GRADIENT_LIMIT,
     hmax: float = np.inf,
-    tolerance: float = 1e-3,
+    tolerance: float = TOLERANCE,
     required_facets: npt.ArrayLike | None = None,
     max_elements: float = 5_000_000,
     timeout: float | None = 3600.0,

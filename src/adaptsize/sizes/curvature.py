@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_angle, as_number, as_slope, as_whole_number, check_type, describe
+from adaptsize._defaults import CREASE_ANGLE, TOLERANCE
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
@@ -24,8 +25,6 @@ from adaptsize.typing import FloatArray, IntArray
 # A folded or noisy spot must not require more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
 _SLOPE = 0.25
-# Share of the diagonal within which meshers with an envelope, such as fTetWild, keep the boundary.
-_TOLERANCE_SHARE = 1e-3
 
 
 def size_from_curvature(
@@ -33,7 +32,7 @@ def size_from_curvature(
     boundary: SimplexMesh | npt.ArrayLike | None = None,
     *,
     elements_per_radian: float = 4.0,
-    crease_angle: float = 40.0,
+    crease_angle: float = CREASE_ANGLE,
     smoothing: int = 0,
     tolerance: float | None = None,
     g: float = _SLOPE,
@@ -245,7 +244,7 @@ def _nodes_on(
     elif isinstance(background, Octree):
         within = float(np.linalg.norm(background.leaf_sizes, axis=1).min())
     else:
-        within = _TOLERANCE_SHARE * boundary.diagonal
+        within = TOLERANCE * boundary.diagonal
     if isinstance(background, CartesianGrid):
         indices = nodes_near(background, boundary, within)
         nodes = np.ravel_multi_index(tuple(indices.T), background.shape)

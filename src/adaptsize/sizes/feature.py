@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_angle, as_number, check_type, describe, one_of
+from adaptsize._defaults import CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.api import signed_distance
@@ -21,11 +22,8 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 Method: TypeAlias = Literal["auto", "spheres", "medial-axis"]
 METHODS = get_args(Method)
 
-_CREASE_ANGLE = 40.0
 # Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
 SMALLEST_SHARE = 1e-6
-# Share of the diagonal within which meshers with an envelope, such as fTetWild, keep the boundary.
-_TOLERANCE_SHARE = 1e-3
 
 
 def size_from_feature(
@@ -34,7 +32,7 @@ def size_from_feature(
     *,
     method: Method = "auto",
     elements_across: float = 4.0,
-    crease_angle: float = _CREASE_ANGLE,
+    crease_angle: float = CREASE_ANGLE,
     corner_angle: float = 30.0,
     tolerance: float | None = None,
     hmin: float | None = None,
@@ -141,7 +139,7 @@ def size_from_feature(
             f"tolerance is for method='spheres' with a SimplexMesh as boundary, got {tolerance!r} "
             f"for method={method!r} and {describe(boundary)}"
         )
-    if by_medial_axis and isinstance(background, CartesianGrid) and crease_angle != _CREASE_ANGLE:
+    if by_medial_axis and isinstance(background, CartesianGrid) and crease_angle != CREASE_ANGLE:
         raise ValueError(
             "crease_angle has no effect on the medial axis on a CartesianGrid, "
             f"got {crease_angle!r}"
@@ -270,7 +268,7 @@ def _not_outside(
     if tolerance is not None:
         tolerance = as_number("tolerance", tolerance, lower=0.0)
     if isinstance(background, SimplexMesh) and background.cell_dim < background.dim:
-        within = _TOLERANCE_SHARE * boundary.diagonal if tolerance is None else tolerance
+        within = TOLERANCE * boundary.diagonal if tolerance is None else tolerance
         return np.asarray(boundary.locator.nearest(points)[2] <= within)
     phi = signed_distance(background, boundary, progress=report).ravel()
     wanted = phi <= (_reach(background, boundary) if tolerance is None else tolerance)
@@ -286,7 +284,7 @@ def _reach(
     if isinstance(background, CartesianGrid):
         return float(np.linalg.norm(background.spacing))
     if isinstance(background, SimplexMesh):
-        return _TOLERANCE_SHARE * boundary.diagonal
+        return TOLERANCE * boundary.diagonal
     reach = np.zeros(background.n_points)
     diagonals = np.linalg.norm(background.leaf_sizes, axis=1)
     np.maximum.at(reach, background.leaf_corners, diagonals[:, None])

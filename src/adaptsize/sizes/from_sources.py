@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, as_slope, check_type, describe
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.sizes import _on_grid
 from adaptsize.sizes.sources import Source
@@ -21,7 +22,7 @@ def size_from_sources(
     background: SimplexMesh | CartesianGrid | Octree,
     sources: Source | SizeOfPoint | Iterable[Source | SizeOfPoint],
     *,
-    g: float = 0.25,
+    g: float = GRADIENT_LIMIT,
 ) -> FloatArray:
     r"""Return the smallest of the sizes from several sources at each node.
 

@@ -258,30 +258,30 @@ def clearly_seen_minimisers(mesh, h0):
     nodes, sources = np.arange(mesh.n_points), np.flatnonzero(np.isfinite(h0))
     values = h0[sources] + G * np.linalg.norm(mesh.points[:, None] - mesh.points[sources], axis=2)
     source = sources[np.argmin(values, axis=1)]
-    a, b = mesh.points, mesh.points[source]
+    a, b = mesh.points[:, None], mesh.points[source][:, None]
     boundary = mesh.boundary()
-    seen, winding = source != nodes, np.zeros(mesh.n_points)
-    for triangle in boundary.nodes[boundary.mesh.cells]:
-        p, q, r = mesh.points[triangle]
-        normal = np.cross(q - p, r - p)
-        flat = 1e-9 * np.linalg.norm(normal) * mesh.diagonal
-        off_a, off_b = (a - p) @ normal, (b - p) @ normal
-        is_flat_a, is_flat_b = np.abs(off_a) <= flat, np.abs(off_b) <= flat
-        share = np.divide(off_a, off_a - off_b, out=np.zeros_like(off_a), where=off_a != off_b)
-        x = a + share[:, None] * (b - a)
-        areas = [np.cross(v - u, x - u) @ normal for u, v in ((p, q), (q, r), (r, p))]
-        meets = np.min(areas, axis=0) > -1e-6 * (normal @ normal)
-        meets &= (off_a * off_b < 0.0) | is_flat_a | is_flat_b
-        is_at_end = np.isin(source, triangle) | np.isin(nodes, triangle)
-        lies_in = is_flat_a & is_flat_b
-        seen &= ~np.where(is_at_end, lies_in, meets | lies_in)
-        winding += solid_angles(*(corner - 0.5 * (a + b) for corner in (p, q, r)))
-    return seen & (winding > 2.0 * np.pi)
+    triangles = boundary.nodes[boundary.mesh.cells]
+    p, q, r = mesh.points[triangles.T]
+    normal = np.cross(q - p, r - p)
+    flat = 1e-9 * np.linalg.norm(normal, axis=1) * mesh.diagonal
+    off_a, off_b = ((x * normal).sum(axis=2) - (p * normal).sum(axis=1) for x in (a, b))
+    is_flat_a, is_flat_b = np.abs(off_a) <= flat, np.abs(off_b) <= flat
+    share = np.divide(off_a, off_a - off_b, out=np.zeros_like(off_a), where=off_a != off_b)
+    x = a + share[:, :, None] * (b - a)
+    inward = ((u, np.cross(normal, v - u)) for u, v in ((p, q), (q, r), (r, p)))
+    areas = [(x * m).sum(axis=2) - (u * m).sum(axis=1) for u, m in inward]
+    meets = np.min(areas, axis=0) > -1e-6 * (normal * normal).sum(axis=1)
+    meets &= (off_a * off_b < 0.0) | is_flat_a | is_flat_b
+    at_ends = np.column_stack([nodes, source])[:, None, :, None] == triangles[:, None]
+    lies_in = is_flat_a & is_flat_b
+    is_barred = np.where(at_ends.any(axis=(2, 3)), lies_in, meets | lies_in).any(axis=1)
+    winding = solid_angles(*(corner - 0.5 * (a + b) for corner in (p, q, r))).sum(axis=1)
+    return (source != nodes) & ~is_barred & (winding > 2.0 * np.pi)
 
 
 def solid_angles(a, b, c):
-    """Return the signed solid angles of triangles seen from the origin, float64[n]."""
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    u, v, w = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-    products = ((a * b).sum(axis=1) * w, (b * c).sum(axis=1) * u, (c * a).sum(axis=1) * v)
+    """Return the signed solid angles of triangles seen from the origin, of arrays [..., 3]."""
+    volume = (a * np.cross(b, c)).sum(axis=-1)
+    u, v, w = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
+    products = ((a * b).sum(axis=-1) * w, (b * c).sum(axis=-1) * u, (c * a).sum(axis=-1) * v)
     return 2.0 * np.arctan2(volume, u * v * w + sum(products))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptsize._kernels.interpolate import fill_centroids, sort_for_tree
 from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
 from adaptsize.background import SimplexMesh
+from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
 from adaptsize.background.merging import place_numbers
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-_CELLS_PER_LEAF = 4
 # Parts of the surface are expanded as a whole beyond this number of their radii.
 _FAR = 1.5
 # Tolerance for the error of the expansion: next to an open sheet the number is close to 1/2.
@@ -48,14 +47,8 @@ class WindingNumber:
     def __init__(self, surface: SimplexMesh) -> None:
         self._dim = surface.dim
         points = in_space(surface.points)
-        n_leaves = 1
-        while n_leaves * _CELLS_PER_LEAF < surface.n_cells:
-            n_leaves *= 2
-        centroids = np.empty((surface.n_cells, 3))
         cells = np.array(surface.cells)
-        fill_centroids(points, cells, centroids)
-        order = np.arange(surface.n_cells)
-        sort_for_tree(centroids, n_leaves, order)
+        n_leaves, order = tree_over(points, cells)
         self._points = points
         self._cells = cells[order]
         self._moments = np.empty((2 * n_leaves, N_MOMENTS))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_angle, as_flag, check_type
+from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.closest_points import DistanceFunction
@@ -31,7 +32,7 @@ def feature_size(
     medial: MedialAxis | None = None,
     *,
     edges: bool = True,
-    crease_angle: float = 40.0,
+    crease_angle: float = CREASE_ANGLE,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
     r"""Return the local feature size inside the domain: half the width of the part.
@@ -145,7 +146,7 @@ def feature_size_with(
     boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None,
     medial: MedialAxis | None = None,
     *,
-    crease_angle: float | None = 40.0,
+    crease_angle: float | None = CREASE_ANGLE,
     corner_angle: float = 30.0,
     report: ProgressCallback,
 ) -> FloatArray:

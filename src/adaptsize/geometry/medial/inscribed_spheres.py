@@ -10,11 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_angle, as_points, check_type
+from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import inscribed_spheres as kernels
 from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.medial.solid import Probes, Solid, along_curve
+from adaptsize.background._curve import along_curve
+from adaptsize.geometry.medial.solid import Probes, Solid
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 # A compiled loop cannot be interrupted; one call should take about this long.
@@ -66,7 +68,7 @@ def inscribed_spheres(
     boundary: SimplexMesh,
     points: npt.ArrayLike | None = None,
     *,
-    crease_angle: float = 40.0,
+    crease_angle: float = CREASE_ANGLE,
     separation_angle: float = 40.0,
     corner_angle: float = 30.0,
     progress: ProgressCallback | bool | None = None,
@@ -195,7 +197,7 @@ class SphereFinder:
         self,
         boundary: SimplexMesh,
         *,
-        crease_angle: float = 40.0,
+        crease_angle: float = CREASE_ANGLE,
         separation_angle: float = 40.0,
         corner_angle: float = 30.0,
     ) -> None:

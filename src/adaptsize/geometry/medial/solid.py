@@ -13,12 +13,12 @@ from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._kernels.sectors import fill_facet_cells
 from adaptsize._kernels.sphere_trees import fill_slabs
 from adaptsize.background import SimplexMesh
+from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
 from adaptsize.geometry import curvature as surfaces
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-_CELLS_PER_LEAF = 4
 # A point is on an edge of its cell if its weight is below this.
 _ON_EDGE = 1e-9
 # Probes on feature edges are moved by this share towards the centroid of the cell.  From there,
@@ -53,16 +53,7 @@ class Tree(NamedTuple):
     @classmethod
     def over(cls, points: FloatArray, cells: IntArray) -> Tree:
         """Return the tree over cells."""
-        centroids = np.empty((len(cells), 3))
-        cells = np.array(cells)  # writable; kernels are compiled once more for others
-        tree_kernels.fill_centroids(points, cells, centroids)
-        along = along_curve(centroids)
-        n_leaves = 1
-        while n_leaves * _CELLS_PER_LEAF < len(cells):
-            n_leaves *= 2
-        order = np.arange(len(cells))
-        tree_kernels.sort_for_tree(centroids[along], n_leaves, order)
-        order = along[order]
+        n_leaves, order = tree_over(points, np.array(cells))
         boxes = np.empty((2 * n_leaves, 6))
         sorted_cells = np.ascontiguousarray(cells[order])
         tree_kernels.fill_boxes(points, sorted_cells, boxes)
@@ -290,14 +281,3 @@ def _mean_steps(
     mean = np.zeros((n_sectors, 3))
     np.add.at(mean, sector, steps)
     return np.asarray(mean / np.bincount(sector, minlength=n_sectors)[:, None])
-
-
-def along_curve(places: FloatArray) -> npt.NDArray[np.intp]:
-    """Return the order of places, float64[n, 3], along a space-filling curve."""
-    if len(places) == 0:
-        return np.arange(0)
-    lower = places.min(axis=0)
-    width = float((places.max(axis=0) - lower).max()) or 1.0
-    codes = np.empty(len(places), np.uint64)
-    tree_kernels.fill_morton_codes(places, lower, width, codes)
-    return np.argsort(codes, kind="stable")

@@ -13,6 +13,7 @@ from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.splitting_grid import both_ways
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
@@ -23,7 +24,7 @@ from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.problem import Extra, Problem
 from adaptsize.limiting.exact.solve import Found, solve_on_mesh, survivors_of
 from adaptsize.limiting.exact.waves import node_wave
-from adaptsize.limiting.exact.work import along_curve, number_of_threads, part_of
+from adaptsize.limiting.exact.work import number_of_threads, part_of
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.limiting.solution import Solution

@@ -7,6 +7,7 @@ import numpy as np
 from adaptsize._kernels import exact_candidates as kernels
 from adaptsize._kernels import kinks
 from adaptsize._kernels.exact import new_block
+from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
@@ -14,7 +15,7 @@ from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, along_walls
 from adaptsize.limiting.exact.problem import Kinks, Problem
 from adaptsize.limiting.exact.waves import Wave, wave_at
-from adaptsize.limiting.exact.work import along_curve, part_of
+from adaptsize.limiting.exact.work import part_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 

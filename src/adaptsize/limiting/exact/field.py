@@ -10,10 +10,11 @@ import numpy as np
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.sight import Sight
+from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.limiting.exact.waves import Wave, wave_at
-from adaptsize.limiting.exact.work import along_curve, in_chunks
+from adaptsize.limiting.exact.work import in_chunks
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:

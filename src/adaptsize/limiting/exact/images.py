@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background._curve import along_curve
 from adaptsize.limiting.exact.api import (
     ExactSolution,
     Part,
@@ -17,7 +18,7 @@ from adaptsize.limiting.exact.api import (
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.solve import Found
 from adaptsize.limiting.exact.waves import Wave, sorted_wave
-from adaptsize.limiting.exact.work import along_curve, number_of_threads
+from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:

@@ -12,10 +12,11 @@ from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.space_bends import LONGEST
 from adaptsize._kernels.space_paths import Bases, Choice, Field, Ways, new_block
 from adaptsize._kernels.space_sight import Sight
+from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.limiting.exact.reflex_edges import GRAZING, Knots
 from adaptsize.limiting.exact.waves import node_table
-from adaptsize.limiting.exact.work import along_curve, boxes_over, in_chunks
+from adaptsize.limiting.exact.work import boxes_over, in_chunks
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 SIZE = 32

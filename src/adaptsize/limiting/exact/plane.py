@@ -11,11 +11,12 @@ from adaptsize._kernels import exact_plane as kernels
 from adaptsize._kernels.exact import new_block
 from adaptsize._kernels.exact_plane import COLUMNS, CONE, CORNER, KIND, ROW, new_rays
 from adaptsize._kernels.sight import ANY, NARROW, Sight
+from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import PlaneBoundary
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.waves import Wave, node_table, sorted_wave
-from adaptsize.limiting.exact.work import along_curve, boxes_over
+from adaptsize.limiting.exact.work import boxes_over
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 

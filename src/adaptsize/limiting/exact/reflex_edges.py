@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from adaptsize._kernels.space_bends import Edges
+from adaptsize.background._curve import along_curve
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.exact.space_sight import NO_VOLUME, heights_of, scales_of
-from adaptsize.limiting.exact.work import along_curve
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ import numpy as np
 
 from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER, ROW
+from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
@@ -15,7 +16,7 @@ from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, at_nodes, plane_of, with_corners
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.waves import Wave, node_wave
-from adaptsize.limiting.exact.work import along_curve, part_of
+from adaptsize.limiting.exact.work import part_of
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from adaptsize._kernels.space_paths import Field
 from adaptsize._kernels.space_sight import Sight
+from adaptsize.background._curve import along_curve
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.network import Network, key_of, network_of
 from adaptsize.limiting.exact.reflex_edges import Knots, find_knots
 from adaptsize.limiting.exact.space_sight import build_sight
-from adaptsize.limiting.exact.work import along_curve
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 

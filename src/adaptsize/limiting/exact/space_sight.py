@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
-from adaptsize.limiting.exact.work import along_curve, boxes_over
+from adaptsize.background._curve import along_curve
+from adaptsize.limiting.exact.work import boxes_over
 from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize.limiting.exact.work import along_curve, boxes_over
+from adaptsize.background._curve import along_curve
+from adaptsize.limiting.exact.work import boxes_over
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 

@@ -1,0 +1,13 @@
+"""Default values that functions and commands share; quick to import."""
+
+#: Gradient limit g of sizes.
+GRADIENT_LIMIT = 0.25
+#: Gradient limit g of metrics, where it is optional.  It is larger than that of sizes, because it
+#: limits the sizes along a layer by those across the layer nearby.
+METRIC_GRADIENT_LIMIT = 1.0
+#: Angle in degrees above which an edge is a feature edge, not curvature.
+CREASE_ANGLE = 40.0
+#: Share of the diagonal by which the boundary of a new mesh may deviate.
+TOLERANCE = 1e-3
+#: Most elements of a mesh whose sizes are chosen by the domain alone.
+MAX_ELEMENTS = 300_000.0
