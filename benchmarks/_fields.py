@@ -1,4 +1,4 @@
-"""A field with a layer in space, and exact second derivatives of fields in the plane."""
+"""Fields with layers in space, and exact second derivatives."""
 
 import numpy as np
 
@@ -9,12 +9,20 @@ def layer_in_space(points):
     return np.tanh(30.0 * (x - 0.5 - 0.1 * np.sin(2.0 * np.pi * y)))
 
 
+def spherical_layer(points):
+    """Return values that change across an eighth of a sphere, bent in both directions."""
+    return np.tanh(30.0 * (np.linalg.norm(points, axis=-1) - 0.7))
+
+
 def second_derivatives(field, points, step=1e-4):
-    """Return central differences, float64[n, 2, 2]."""
-    x, y = np.eye(2) * step
-    middle = field(points)
-    xx = field(points + x) - 2.0 * middle + field(points - x)
-    yy = field(points + y) - 2.0 * middle + field(points - y)
-    along = field(points + x + y) + field(points - x - y)
-    xy = 0.25 * (along - field(points + x - y) - field(points - x + y))
-    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2) / step**2
+    """Return central differences, float64[n, dim, dim]."""
+    dim = points.shape[1]
+    axes, middle = np.eye(dim) * step, field(points)
+    found = np.empty((len(points), dim, dim))
+    for i, a in enumerate(axes):
+        found[:, i, i] = field(points + a) - 2.0 * middle + field(points - a)
+        for j, b in enumerate(axes[:i]):
+            along = field(points + a + b) + field(points - a - b)
+            across = field(points + a - b) + field(points - a + b)
+            found[:, i, j] = found[:, j, i] = 0.25 * (along - across)
+    return found / step**2

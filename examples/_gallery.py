@@ -101,8 +101,11 @@ def drawing(
     """
     from matplotlib.figure import Figure
 
-    # Fonts are set in points: 480 pixels are 4.8 inches, and other widths are scaled.
-    figure = Figure((4.8 * columns, 4.8 * shape * rows), dpi=width / 4.8, layout="constrained")
+    # Fonts are set in points.  The figure is at most 12 inches wide, so that 10 points are at least
+    # 8 pixels on a page of 700.
+    inches = min(4.8, 12.0 / columns)
+    size = (inches * columns, inches * shape * rows)
+    figure = Figure(size, dpi=width / inches, layout="constrained")
     panels = list(figure.subplots(rows, columns, squeeze=False).flat)
     for panel in panels:
         panel.set_prop_cycle(color=CURVES)

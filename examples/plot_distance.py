@@ -47,7 +47,7 @@ def main(output_dir: Path, *, n: int = 160, width: int = 520) -> dict[str, float
     figure, panels = drawing(3, 2, width, shape=0.85)
     plane = ads.CartesianGrid.around([[-2.2, -1.6], [2.2, 1.6]], 4.4 / n)
     phi = ads.signed_distance(plane, ellipse)
-    draw(panels[0], plane, plane.sample(ellipse), 0.2, 2.0, "a function")
+    draw(panels[0], plane, plane.sample(ellipse), 0.2, 2.0, "a function", label="value")
     draw(panels[3], plane, phi, 0.2, 1.2, "distance to its zero level")
     found = {
         "largest error, spacings": error_in_spacings(plane, phi),
@@ -129,13 +129,14 @@ def draw(
     title: str,
     *,
     bold: bool = True,
+    label: str = "signed distance",
 ) -> None:
     """Draw lines ``apart`` from each other over colours, both up to ``most``."""
     x, y = grid.axes
     picture = panel.pcolormesh(
         x, y, values.T, cmap="RdBu_r", vmin=-most, vmax=most, shading="gouraud"
     )
-    panel.figure.colorbar(picture, ax=panel, shrink=0.8, extend="both")
+    panel.figure.colorbar(picture, ax=panel, shrink=0.8, extend="both", label=label)
     last = round(most / apart)
     levels = apart * np.delete(np.arange(-last, last + 1), last)
     panel.contour(x, y, values.T, levels=levels, colors="black", linewidths=0.4,

@@ -72,11 +72,11 @@ def main(output_dir: Path, *, spacing: float = 0.04, width: int = 640) -> dict[s
     panels[2].plot(x, by_spheres, label="largest spheres")
     panels[2].plot(x, by_axis(foot), "--", label=f"medial axis, spacing {spacing:g}")
     panels[2].plot(x, 0.5 * ACROSS * size(foot), ":", label="limited size times 2")
-    panels[2].set(xlabel="x", ylabel="feature size at y = 0.15", ylim=(0, None))
+    panels[2].set(xlabel="x", ylabel="feature size", ylim=(0, None))
     panels[2].legend(loc="upper right")
     panels[0].set_title("largest spheres, and their centres")
     panels[1].set_title(f"size for {ACROSS:g} elements across, g = {G}")
-    panels[2].set_title("along the foot")
+    panels[2].set_title("along the foot, y = 0.15")
     save_drawing(output_dir / "feature_size.png", figure)
 
     fin = np.column_stack([np.full(20, 6.25), np.linspace(1.6, 3.5, 20)])

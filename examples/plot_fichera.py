@@ -8,8 +8,8 @@ Measured, with the power of the number of unknowns over the last three:
 | | tetrahedra | unknowns | energy error | power | smallest angle | iterations |
 |---|---:|---:|---:|---:|---:|---:|
 | uniform | 172 032 | 25 695 | 0.363 | -0.25 | 45 | 104 |
-| Mmg | 60 617 | 8826 | 0.322 | -0.29 | 15.3 | 76 |
-| fTetWild | 17 983 | 2612 | 0.455 | -0.32 | 23.6 | 56 |
+| Mmg | 60 369 | 8788 | 0.320 | -0.30 | 17.5 | 76 |
+| fTetWild | 18 287 | 2648 | 0.451 | -0.31 | 23.6 | 55 |
 
 In theory uniform meshes reach -2/9 and the best of isotropic elements -1/3, after a long
 way: the share of the error that is next to the edges falls slowly.  The angle is the smallest

@@ -59,8 +59,8 @@ def draw(
     x, y = (np.unique(grid.points[:, d]) for d in (0, 1))
     figure, axes = drawing(1, 2, width, shape=0.5)
     for ax, sizes, title in (
-        (axes[0], h, "(a) along great circles"),
-        (axes[1], on_map, "(b) along straight lines on the map"),
+        (axes[0], h, "along great circles"),
+        (axes[1], on_map, "along straight lines on the map"),
     ):
         filled = ax.contourf(x, y, sizes.T, levels, cmap="viridis")
         ax.contour(x, y, sizes.T, levels, colors="k", linewidths=0.4)

@@ -60,9 +60,9 @@ def main(
     ]
     for label, style, values in curves:
         panels[2].plot(x, values, style, label=label)
-    panels[2].set(xlabel="x", ylabel="feature size at y = 0.15", ylim=(0, None))
-    panels[2].set_title("along the foot")
-    panels[2].legend(loc="upper right")
+    panels[2].set(xlabel="x", ylabel="feature size", ylim=(0, None))
+    panels[2].set_title("along the foot, y = 0.15")
+    panels[2].legend(loc="upper center")
     save_drawing(output_dir / "octree_feature_size.png", figure)
 
     fin = np.column_stack([np.full(20, 6.25), np.linspace(1.8, 3.3, 20)])

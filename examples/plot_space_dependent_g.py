@@ -18,7 +18,7 @@ from adaptsize.plot import plot_mesh, plot_size
 SMALLEST = 0.02
 
 
-def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, float]:
+def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, float]:
     mesh = jittered_rectangle((-2, 0), (2, 2), n_side)
     g = np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.0, 0.4, 0.2)
     h0 = np.full(mesh.n_points, np.inf)
@@ -35,11 +35,11 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 800) -> dict[str, 
         "largest slope over g": info.largest_edge_slope,
     }
     scale = SMALLEST, float(h.max())
-    halves = mesh.with_data(cell_data={"gradient limit g": g})
+    halves = mesh.with_data(cell_data={"g": g})
     panels = [
         (
             "gradient limit\n0.4 left, 0.2 right",
-            plot_mesh(halves, color="gradient limit g", width=width),
+            plot_mesh(halves, color="g", width=width),
         ),
         (f"size\nh {h.min():.2f} to {h.max():.2f}", plot_size(mesh, h, limits=scale, width=width)),
     ]

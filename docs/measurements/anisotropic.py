@@ -1,6 +1,6 @@
 """Measure the figures of docs/anisotropic.md; needs Mmg.
 
-python docs/measurements/anisotropic.py layer      (a layer in space; half an hour)
+python docs/measurements/anisotropic.py space      (the picture of layers in space; seconds)
 python docs/measurements/anisotropic.py gradation  (the price of gradient limiting; ten minutes)
 python docs/measurements/anisotropic.py laws       (other laws of growth; ten minutes)
 python docs/measurements/anisotropic.py counts     (cells per predicted cell; a minute)
@@ -8,40 +8,43 @@ python docs/measurements/anisotropic.py regular    (errors against regular trian
 python docs/measurements/anisotropic.py plate      (aspect ratios up to 1000; seconds)
 """
 
+import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
 import adaptsize as ads
-from adaptsize.metrics import implied_metric, metric_from_layers, predicted_simplices
+from adaptsize.metrics import metric_from_layers, predicted_simplices
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import _edge_sweeps
 import plot_anisotropic_layers as layers
-from _fields import layer_in_space, second_derivatives
-from _gallery import jittered_rectangle
+from _fields import second_derivatives
+from _gallery import CURVES, drawing, jittered_rectangle, save_drawing
 from shapes import block
 
+ROOT = Path(__file__).parents[2]
 SQUARE = jittered_rectangle([0, 0], [1, 1], 30)
 
 
-def measure_layer():
-    """Print elements and errors of both loops in space."""
-    numbers = {"anisotropic": (2500, 5000, 10000, 20000), "isotropic": (25000, 50000, 100000)}
-    for kind, counts in numbers.items():
-        mesh = block(8)
-        for count in counts:
-            for step in layers.loop(mesh, layer_in_space, kind, (count,)):
-                mesh = step.mesh
-                aspect = implied_metric(mesh).aspect_ratio.max()
-                scaled = step.error * mesh.n_cells ** (2 / 3)
-                print(
-                    f"| {kind} | {mesh.n_cells} | {step.error:.2e} | {scaled:.2f} | {aspect:.0f} |",
-                    flush=True,
-                )
+def measure_space():
+    """Draw the errors of both loops in space, from the results of benchmarks/anisotropic.py."""
+    loops = json.loads((ROOT / "benchmarks/results/anisotropic.json").read_text())["loops"]
+    figure, panels = drawing(2, 1, 560, shape=0.8)
+    for panel, name in zip(panels, ("sheet in space", "sphere in space"), strict=True):
+        for kind, colour in zip(layers.KINDS, CURVES[1::-1], strict=True):
+            rows = [row for row in loops if (row["field"], row["kind"]) == (name, kind)]
+            n = np.array([row["elements"] for row in rows], float)
+            panel.loglog(n, [row["error"] for row in rows], "o-", color=colour, label=kind)
+            last = rows[-1]["error"] * (n[-1] / n[-3:]) ** (2.0 / 3.0)
+            label = "order 2/3" if kind == "isotropic" else None
+            panel.loglog(n[-3:], last, "--", color="black", linewidth=0.7, label=label)
+        panel.set(xlabel="tetrahedra", title=f"{name}: error of interpolation, L2")
+        panel.legend()
+    save_drawing(ROOT / "docs/figures/anisotropic_space.png", figure)
 
 
 def measure_gradation():

@@ -53,6 +53,29 @@ def test_colours_are_logarithmic_beyond_a_factor_of_ten():
     assert not scene_of(mesh, np.linspace(0.0, 9.5, 9)).is_logarithmic  # no logarithm of zero
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (0.0122, 0.223, [0.02, 0.05, 0.1, 0.2]),
+        (1e-4, 1.0, [1e-4, 1e-3, 1e-2, 0.1, 1.0]),
+        (60.0, 178.0, [75.0, 100.0, 125.0, 150.0, 175.0]),
+        (-0.5, 0.5, [-0.5, -0.25, 0.0, 0.25, 0.5]),
+        (6.0, 6.0, [6.0]),
+    ],
+)
+def test_numbers_at_the_colour_bar_are_round(low, high, ticks):
+    scene = scene_of(structured_square(2), np.linspace(low, high, 9))
+    np.testing.assert_allclose(scene.ticks, ticks, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("decades", [1.1, 3.7, 12.0, 200.0])
+def test_colour_bar_has_two_to_seven_numbers_within_its_ends(decades):
+    low = 0.313
+    scene = scene_of(structured_square(2), np.geomspace(low, low * 10.0**decades, 9))
+    assert 2 <= len(scene.ticks) <= 7
+    assert scene.limits[0] <= scene.ticks[0] <= scene.ticks[-1] <= scene.limits[1]
+
+
 def test_edges_are_drawn_only_when_they_can_be_distinguished():
     assert scene_of(structured_square(20), np.ones(21**2)).shows_edges
     assert not scene_of(structured_square(500), np.ones(501**2)).shows_edges

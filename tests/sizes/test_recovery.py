@@ -12,7 +12,7 @@ from recovery import (
     wave,
 )
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize.sizes import (
     recovered_gradient,
     recovered_hessian,
@@ -67,7 +67,37 @@ def test_order_of_gradient_and_hessian(kind, counts, orders):
     found = np.log(error[:-1] / error[1:]) / np.log(2.0)
     assert (found > orders).all(), f"errors {error}, orders {found}"
     largest = [np.abs(part).max() for part in wave(MESHES[kind](9).points)[1:]]
-    assert (error[-1] < np.multiply(largest, 0.05)).all(), f"errors {error} of {largest}"
+    assert (error[-1] < np.multiply(largest, 0.06)).all(), f"errors {error} of {largest}"
+
+
+@pytest.mark.parametrize("kind", ["jittered", "cube"])
+def test_hessian_is_that_of_a_weighted_fit_around_each_node(kind):
+    mesh = MESHES[kind](6)
+    dim = mesh.dim
+    x = mesh.points * np.array([1.0, 30.0, 5.0])[:dim]
+    u = np.exp(0.4 * mesh.points.sum(axis=1))
+    found = recovered_hessian(SimplexMesh(x, mesh.cells), u)
+    near = np.eye(mesh.n_points, dtype=bool)
+    near[mesh.edges[:, 0], mesh.edges[:, 1]] = near[mesh.edges[:, 1], mesh.edges[:, 0]] = True
+    for node in range(0, mesh.n_points, 5):
+        patch = np.flatnonzero((near @ near)[node])
+        away = x[patch] - x[node]
+        far = np.einsum("ni,ij,nj->n", away, np.linalg.inv(away.T @ away / len(patch)), away)
+        root = np.exp(-far / (4.0 * 0.7**2))
+        pairs = [(a, b) for a in range(dim) for b in range(a, dim)]
+        columns = [np.ones(len(patch)), *away.T, *(away[:, a] * away[:, b] for a, b in pairs)]
+        fit = np.linalg.lstsq(np.column_stack(columns) * root[:, None], u[patch] * root, rcond=None)
+        for (a, b), c in zip(pairs, fit[0][dim + 1 :], strict=True):
+            assert found[node, a, b] == pytest.approx((1 + (a == b)) * c, rel=1e-7, abs=1e-9)
+
+
+def test_hessian_in_a_plate_with_one_layer_of_cells():
+    # Nothing is known of u_zz: z^2 is linear at the nodes.
+    mesh = CartesianGrid([0.0, 0.0, 0.0], 0.1, (7, 7, 2)).mesh
+    x, y, z = mesh.points.T
+    assert_allclose(recovered_hessian(mesh, 5.0 * z - x), 0.0, atol=1e-9)
+    found = recovered_hessian(mesh, x**2 + 3.0 * x * y + 2.0 * y * z)
+    assert_allclose(found[:, :2], [[[2.0, 3.0, 0.0], [3.0, 0.0, 2.0]]] * mesh.n_points, atol=1e-9)
 
 
 def test_hessian_is_of_second_order_inside_regular_meshes():

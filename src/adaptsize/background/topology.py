@@ -125,6 +125,18 @@ def tags_of_facets(facets: IntArray, tagged: IntArray, tags: IntArray, n_points:
     return tag_of_row[number[: len(facets)]]
 
 
+def regions_beside(
+    cell_facets: IntArray, regions: IntArray, n_facets: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the lowest and the highest region of the cells at each facet, int64[n_facets]."""
+    lowest = np.full(n_facets, np.iinfo(np.int32).max, np.int64)
+    highest = np.full(n_facets, np.iinfo(np.int32).min, np.int64)
+    of_cells = np.broadcast_to(regions[:, None], cell_facets.shape)
+    np.minimum.at(lowest, cell_facets, of_cells)
+    np.maximum.at(highest, cell_facets, of_cells)
+    return lowest, highest
+
+
 def are_among(edges: IntArray, others: IntArray) -> BoolArray:
     """Return which edges are also rows of ``others``, bool[n]."""
     width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))

@@ -17,7 +17,8 @@ from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.sizes.budget import CellSums, calibration, count_elements
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.error import scaled_by_derivative, scaled_by_error, steepest_derivatives
-from adaptsize.sizes.recovery import as_nodal_field, gradient_operators
+from adaptsize.sizes.quadratic_fits import second_derivatives_of_fits
+from adaptsize.sizes.recovery import as_nodal_field
 from adaptsize.typing import FloatArray, GradientLimit, IntArray
 
 T = TypeVar("T")
@@ -217,16 +218,10 @@ def size_from_hessian(
     low, high = part.points.min(axis=0, initial=np.inf), part.points.max(axis=0, initial=-np.inf)
     ends = part.comm.allreduce(np.concatenate([ends, low, -high]), "min")
     diagonal = float(np.linalg.norm(-ends[2 + part.dim :] - ends[2 : 2 + part.dim]))
-    operators = [] if around.mesh is None else gradient_operators(around.mesh)
     at_nodes = around.values(part, nodal)
-    gradient = np.zeros((part.n_points, part.dim))
-    for axis, operator in enumerate(operators):
-        gradient[:, axis] = (operator @ at_nodes)[around.own]
-    at_nodes = around.values(part, gradient)
     hessian = np.zeros((part.n_points, part.dim, part.dim))
-    for axis, operator in enumerate(operators):
-        hessian[:, :, axis] = (operator @ at_nodes)[around.own]
-    hessian = 0.5 * (hessian + hessian.swapaxes(1, 2))
+    if around.mesh is not None:
+        hessian = second_derivatives_of_fits(around.mesh, at_nodes)[around.own]
     steepest = steepest_derivatives(hessian, -float(ends[1] + ends[0]), diagonal)
     return scaled_by_derivative(
         cells_of(part),

@@ -122,8 +122,9 @@ def size_function(
     box : tuple (lower, upper), optional
         Corners of a box around the domain, for callables without ``background``.
     elements_per_radian : float, optional
-        Elements per radian of curved boundaries, K of `size_from_curvature`.  The default is 4.
-        0 disables curvature.
+        Elements per radian of curved boundaries, K of `size_from_curvature`.  In a mesh that
+        carries its own sizes, also of curved interfaces: between regions (``cell_tags``), and
+        tagged facets inside.  The default is 4.  0 disables curvature.
     elements_across : float, optional
         Elements across narrow regions, 2R of `size_from_feature`.  The default is 2.  0 disables
         the feature size.  On a surface in space, the sizes are reduced to allow for their
@@ -138,7 +139,7 @@ def size_function(
         Angle in degrees above which an edge is a feature edge, see `size_from_curvature`.
     tolerance : float, optional
         Allowed distance of the boundary of a mesh of these sizes from that of the domain, over
-        the diagonal, as in `remesh`.  Sizes on curved boundaries of radius r are at most
+        the diagonal, as in `remesh`.  Sizes on boundaries and interfaces of radius r are at most
         2 sqrt(tolerance * diagonal * r), if the mesh or the surface itself carries the sizes.
         The default is 1e-3, as in `remesh`.  inf disables this bound, and so does
         ``elements_per_radian=0``.

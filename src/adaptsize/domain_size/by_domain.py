@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,13 +13,14 @@ import numpy.typing as npt
 from adaptsize._checks import check_type
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.interfaces import interfaces
 from adaptsize.domain_size.image_mask import Mask
 from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.report import SizeReport, nodal_measures
 from adaptsize.domain_size.request import AnyBackground, Request, limit_requested
 from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.sizes import size_from_curvature, size_from_feature
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IntArray
 
 #: The smallest size for an image, in pixels.  Smaller details may not belong to the object.
 _PIXELS_IN_SMALLEST = 2.0
@@ -204,6 +206,11 @@ class MeshDomain:
         """Number of coordinates."""
         return self.mesh.dim
 
+    @cached_property
+    def _interfaces(self) -> tuple[SimplexMesh, IntArray] | None:
+        """Facets inside the mesh that remeshing keeps, within the tolerance, and their nodes."""
+        return interfaces(self.mesh) if self.mesh.cell_dim == self.mesh.dim else None
+
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes and which cause controls them where."""
         mesh, background = self.mesh, self.background
@@ -230,10 +237,12 @@ class MeshDomain:
         bounds = {}
         angle: dict[str, Any] = {"crease_angle": request.crease_angle}
         if request.per_radian > 0.0:
-            h = size_from_curvature(
-                background, boundary, elements_per_radian=request.per_radian, **angle
-            )
+            options = {"elements_per_radian": request.per_radian, **angle}
+            h = size_from_curvature(background, boundary, **options)
             if boundary is None:  # on other backgrounds, h is not the size on the boundary alone
+                if (inner := self._interfaces) is not None:
+                    facets, nodes = inner
+                    h[nodes] = np.minimum(h[nodes], size_from_curvature(facets, **options))
                 h = request.within_tolerance(h, self.mesh.diagonal)
             bounds["curvature"] = h
         if request.across > 0.0:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, check_range, refuse_where
 from adaptsize.background import SimplexMesh
-from adaptsize.sizes.recovery import gradient_operators
+from adaptsize.sizes.quadratic_fits import second_derivatives_of_fits
 from adaptsize.typing import FloatArray
 
 
@@ -36,9 +36,7 @@ def tangents(surface: SimplexMesh) -> FloatArray:
 def surface_hessian(surface: SimplexMesh, values: npt.ArrayLike, frames: FloatArray) -> FloatArray:
     """Return the second derivatives of a nodal field along a surface, in given tangents.
 
-    The tangential gradient is recovered by polynomial preserving recovery in the tangent plane of
-    each node, each of its components once more, and the result is projected onto the tangent
-    plane.
+    A quadratic is fitted in the tangent plane of each node, as in `recovered_hessian`.
 
     Parameters
     ----------
@@ -54,13 +52,7 @@ def surface_hessian(surface: SimplexMesh, values: npt.ArrayLike, frames: FloatAr
     check_range("mesh", surface.points)
     nodal = as_float_array("values", values, (surface.n_points,))
     refuse_where("values", ~np.isfinite(nodal), nodal, "must be finite")
-    operators = gradient_operators(surface, frames)
-    gradient = [operator @ nodal for operator in operators]
-    full = np.stack(
-        [np.stack([operator @ part for operator in operators], axis=-1) for part in gradient],
-        axis=-2,
-    )
-    return in_frames(full, frames)
+    return second_derivatives_of_fits(surface, nodal, frames)
 
 
 def in_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:

@@ -104,6 +104,14 @@ class Scene:
         return not self.classes and low > 0.0 and high > _LINEAR_RANGE * low
 
     @property
+    def ticks(self) -> FloatArray:
+        """Round numbers between ``limits``, to be written at the colour bar."""
+        low, high = self.limits
+        if not high > low:
+            return np.array([low])
+        return _round_numbers(low, high, logarithmic=self.is_logarithmic)
+
+    @property
     def is_shaded(self) -> bool:
         """Whether cells are lit: not those with quantities, whose colours could not be read."""
         return not self.flat and (self.classes or self.plain)
@@ -200,3 +208,25 @@ def behind_the_cut(middles: FloatArray, axis: int) -> npt.NDArray[np.bool_]:
     cut = 0.5 * (middles.min() + middles.max())
     kept: npt.NDArray[np.bool_] = (middles - cut) * _EYE[axis] <= 0.0
     return kept
+
+
+def _round_numbers(low: float, high: float, *, logarithmic: bool) -> FloatArray:
+    """Return at most seven numbers of few digits from low to high, at least two of them."""
+    if logarithmic:
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
+        every = 1 + len(decades) // 7
+        choices = [np.outer(decades, (1.0, 2.0, 5.0)).ravel(), decades, decades[::every]]
+        shown = [_between(choice, low, high) for choice in choices]
+        return next((ticks for ticks in shown if len(ticks) <= 7), shown[-1])
+    coarse = 10.0 ** np.ceil(np.log10(high - low))
+    for step in coarse * np.array([0.5, 0.25, 0.2, 0.1, 0.05, 0.025, 0.02]):
+        ticks = _between(step * np.arange(np.ceil(low / step), high / step + 1.0), low, high)
+        if len(ticks) >= 4:
+            break
+    return ticks
+
+
+def _between(numbers: FloatArray, low: float, high: float) -> FloatArray:
+    """Return the numbers from low to high, with a tolerance for rounding."""
+    slack = 1e-12 * np.abs(numbers)
+    return numbers[(numbers >= low - slack) & (numbers <= high + slack)]

@@ -56,10 +56,11 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
         bar = figure.colorbar(colors, cax=figure.add_axes((0.86, 0.15, 0.025, 0.7)))
         bar.set_label(scene.label, size=max(6.0, 0.012 * width))
         bar.ax.tick_params(labelsize=max(6.0, 0.010 * width), which="both")
-        bar.ax.yaxis.set_major_formatter("{x:.3g}")
-        bar.ax.yaxis.set_minor_formatter("{x:.3g}")
+        bar.minorticks_off()
         if scene.classes:
             bar.set_ticks(range(len(scene.names)), labels=scene.class_labels)
+        else:
+            bar.set_ticks(scene.ticks.tolist(), labels=[f"{tick:.4g}" for tick in scene.ticks])
     canvas.draw()
     return np.array(canvas.buffer_rgba())[:, :, :3]
 

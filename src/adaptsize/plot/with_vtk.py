@@ -20,6 +20,10 @@ _PROBE_SECONDS = 60.0
 #: Share of the picture's width for the mesh.  The rest is for the colour bar.
 _MESH_SHARE = 0.76
 _MARGIN = 1.06
+#: Place of a colour bar with names, which are left of it.
+_BAR_OF_NAMES = 0.89
+#: Width of a letter over its height, on average.
+_LETTER = 0.6
 #: Edges between triangles that form a larger angle than this, in degrees, are drawn thicker.
 _SHARP = 30.0
 #: With more classes than this, the colour bar has no names.
@@ -106,12 +110,14 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
         try:
             plotter.set_background("white")
             plotter.add_mesh(drawn, scalars=values, **_appearance(scene, width))
+            if not scene.classes:
+                _write_ticks(plotter, scene)
             if not (scene.flat or scene.is_shaded or lines):
                 # Without shading, these show the shape.
                 edges = drawn.extract_feature_edges(_SHARP, clear_data=True)
                 if edges.n_cells:
                     plotter.add_mesh(edges, color="#202020", line_width=width / 800, lighting=False)
-            _place_camera(plotter.camera, scene, width / height)
+            _place_camera(plotter.camera, scene, width / height, _mesh_share(scene, width))
             plotter.enable_anti_aliasing("ssaa")
             image = plotter.screenshot(return_img=True)
         finally:
@@ -164,9 +170,9 @@ def _bar(scene: Scene, text: int) -> dict[str, Any]:
     return {
         "title": scene.label + "\n",  # the empty line separates it from the first number
         "vertical": True,
-        "fmt": " %.3g",
-        "n_labels": 0 if scene.classes else 5,
-        "position_x": 0.815 if scene.class_names is None else 0.92,  # names are left of it
+        "fmt": " %.4g",
+        "n_labels": 0 if scene.classes else 5,  # `_write_ticks` replaces them
+        "position_x": 0.815 if scene.class_names is None else _BAR_OF_NAMES,
         "position_y": 0.15,
         "width": 0.07,
         "height": 0.7,
@@ -177,14 +183,31 @@ def _bar(scene: Scene, text: int) -> dict[str, Any]:
     }
 
 
-def _place_camera(camera: Any, scene: Scene, aspect: float) -> None:
-    """Set up a parallel projection along ``scene.axes``, with the mesh left of the colour bar."""
+def _write_ticks(plotter: Any, scene: Scene) -> None:
+    """Write round numbers at the colour bar, where they belong."""
+    from pyvista import convert_array
+
+    for bar in plotter.scalar_bars.values():
+        bar.SetCustomLabels(convert_array(scene.ticks))
+        bar.UseCustomLabelsOn()
+
+
+def _mesh_share(scene: Scene, width: int) -> float:
+    """Return the share of the picture's width that the colour bar and its names leave."""
+    if scene.class_names is None:
+        return _MESH_SHARE
+    longest = max((len(name) for name in scene.class_labels), default=0)
+    return min(_MESH_SHARE, _BAR_OF_NAMES - _LETTER * longest * _text_size(width) / width)
+
+
+def _place_camera(camera: Any, scene: Scene, aspect: float, share: float) -> None:
+    """Set up a parallel projection along ``scene.axes``, the mesh in this share of the width."""
     axes = scene.axes
     low, high = scene.frame
     size = np.maximum(high - low, 1e-12 * max(float((high - low).max()), 1e-300))
-    tall = _MARGIN * max(size[1], size[0] / (_MESH_SHARE * aspect))
+    tall = _MARGIN * max(size[1], size[0] / (share * aspect))
     focus = 0.5 * (low + high)
-    focus[0] += 0.5 * (1.0 - _MESH_SHARE) * tall * aspect
+    focus[0] += 0.5 * (1.0 - share) * tall * aspect
     far = 2.0 * float(np.linalg.norm(size)) + tall
     camera.focal_point = focus @ axes
     camera.position = (focus + np.array([0.0, 0.0, far])) @ axes

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_index_array
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
-from adaptsize.background.topology import unique_rows
+from adaptsize.background.topology import regions_beside, unique_rows
 from adaptsize.errors import MeshRepairWarning
 from adaptsize.typing import IntArray
 
@@ -149,11 +149,7 @@ def collect_facets(mesh: SimplexMesh, regions: IntArray, required: IntArray | No
         If a required facet is not a facet of the mesh.
     """
     n = len(mesh.facets)
-    lowest = np.full(n, np.iinfo(np.int32).max, np.int64)
-    highest = np.full(n, -1, np.int64)
-    of_cells = np.repeat(regions[:, None], mesh.cell_dim + 1, axis=1)
-    np.minimum.at(lowest, mesh.cell_facets, of_cells)
-    np.maximum.at(highest, mesh.cell_facets, of_cells)
+    lowest, highest = regions_beside(mesh.cell_facets, regions, n)
     between = (mesh.facet_cell_counts != 2) | (lowest != highest)
     tags = np.full(n, NO_TAG)
     if mesh.tagged_facets is not None and mesh.facet_tags is not None:

@@ -1,0 +1,35 @@
+"""Interfaces: facets inside a mesh that remeshing keeps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize.background import topology
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.typing import IntArray
+
+
+def interfaces(mesh: SimplexMesh) -> tuple[SimplexMesh, IntArray] | None:
+    """Return the facets between cells of different regions, and tagged ones inside of a region.
+
+    Returns
+    -------
+    SimplexMesh, int32[n]
+        The facets, and the node of ``mesh`` at each of their nodes.
+    None
+        If there are no such facets.
+    """
+    inside = mesh.facet_cell_counts > 1
+    kept = np.zeros(len(mesh.facets), np.bool_)
+    if mesh.cell_tags is not None:
+        lowest, highest = topology.regions_beside(mesh.cell_facets, mesh.cell_tags, len(kept))
+        kept |= lowest != highest
+    if mesh.tagged_facets is not None:
+        rows = np.concatenate([mesh.facets, mesh.tagged_facets])
+        number = topology.unique_rows(rows, mesh.n_points)[1]
+        kept |= np.isin(number[: len(kept)], number[len(kept) :])
+    facets = mesh.facets[inside & kept]
+    if len(facets) == 0:
+        return None
+    nodes, local = np.unique(facets, return_inverse=True)
+    return SimplexMesh(mesh.points[nodes], local.reshape(facets.shape)), nodes.astype(np.int32)
