@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from coarser_pages import COARSER
+from coarser_pages import COARSER, OF_THE_MACHINE
 from page_code import Block, blocks_of, matches
 
 import adaptsize as ads
@@ -90,9 +90,10 @@ def solve(points, cells):
 def test_the_code_of_a_page_prints_what_the_page_shows(page, workplace):
     pytest.importorskip("pyvista", reason="some commands draw")
     text = (ROOT / page).read_text(encoding="utf-8")
-    for asked, coarser in COARSER.get(page, ()):
-        assert asked in text, f"{page} has no {asked!r} any more"
-        text = text if FULL else text.replace(asked, coarser)
+    for replacements in (OF_THE_MACHINE, {} if FULL else COARSER):
+        for asked, other in replacements.get(page, ()):
+            assert asked in text, f"{page} has no {asked!r} any more"
+            text = text.replace(asked, other)
     names = {"__name__": "page", "solve": solve}
     blocks = [block for block in blocks_of(text) if block.can_run()]
     assert blocks, page
