@@ -27,7 +27,7 @@ CHOSEN = {
     "elements_across": f"{request.ELEMENTS_ACROSS:g}",
     "hmin": f"1/{1 / request._SMALLEST_SHARE:g} of the diagonal",
     "hmax": f"1/{1 / request._LARGEST_SHARE:g} of the diagonal",
-    "tolerance": f"{TOLERANCE:g}, or inf if K is given",
+    "tolerance": f"{TOLERANCE:g}",
     "max_elements": f"{MAX_ELEMENTS:.0f}",
     "background": "depends on the domain",
 }

@@ -241,6 +241,7 @@ def test_a_sphere_has_the_same_sizes_on_every_background(kind, background):
         elements_across=0.0,
         g=G,
         hmax=0.6,
+        tolerance=np.inf,
         full_output=True,
     )
     on_sphere = size(sphere.points)

@@ -119,7 +119,10 @@ COARSER = {
         ('"flange.step")\nprint', '"flange.step", elements_per_circle=16, largest=10.0)\nprint'),
         ("(3, 1.0)", "(3, 4.0)"),
         ("(0.6, tags=foot)", "(3.0, tags=foot)"),
-        ("elements_across=1, full", "elements_per_radian=1.5, elements_across=0, full"),
+        (
+            "elements_across=1, full",
+            "elements_per_radian=1.5, elements_across=0, tolerance=0.02, full",
+        ),
         ("2.0, 0.5)", "2.0, 2.0)"),
         ("remesh(part, size)", "remesh(part, size, tolerance=0.02)"),
         ("remesh(solid, finer)", "remesh(solid, finer, tolerance=0.02)"),
