@@ -15,7 +15,7 @@ from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
-from adaptsize.adaptation.next_metric import as_metric_bound, metric_request
+from adaptsize.adaptation.next_metric import as_anisotropic, as_metric_bound, metric_request
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
     Request,
@@ -224,7 +224,8 @@ def adapt(
         as_flag("conservative", conservative),
         as_flag("keep_integral", keep_integral),
     )
-    is_metric = anisotropic is not False or as_metric_bound(h0, mesh) is not None
+    of_fields = as_anisotropic(anisotropic)
+    is_metric = of_fields is not False or as_metric_bound(h0, mesh) is not None
     if isinstance(g, str):
         one_of("g", g, ("auto",))
         g = METRIC_GRADIENT_LIMIT if is_metric else GRADIENT_LIMIT
@@ -249,7 +250,7 @@ def adapt(
         if indicator is not None:
             raise ValueError("indicator must be None with a metric: its sizes have no direction")
         request = metric_request(
-            mesh, anisotropic, h0, to_transfer.fields, norm=norm, max_aspect=max_aspect,
+            mesh, of_fields, h0, to_transfer.fields, norm=norm, max_aspect=max_aspect,
             interpolation_error=tolerance, **limits,
         )  # fmt: skip
     else:

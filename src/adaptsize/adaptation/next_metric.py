@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, refuse_where
+from adaptsize._checks import as_number, describe, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.next_sizes import REACHED, BoundLike, NextSizes, as_bound
 from adaptsize.background import SimplexMesh
@@ -76,7 +76,7 @@ def as_metric_bound(h0: Any, mesh: SimplexMesh) -> Metric | None:
 
 def metric_request(
     mesh: SimplexMesh,
-    anisotropic: bool | str | Sequence[str],
+    anisotropic: bool | list[str],
     h0: BoundLike | Metric | MetricFunction | None,
     fields: Mapping[str, npt.NDArray[Any]],
     **options: Any,
@@ -86,8 +86,9 @@ def metric_request(
     Parameters
     ----------
     mesh : SimplexMesh
-    anisotropic : bool, str or sequence of str
-        The fields: all with one real number per node, or those of these names; False none.
+    anisotropic : bool or list of str
+        As returned by `as_anisotropic`.  The fields: all with one real number per node, or those
+        of these names; False none.
     h0 : metric or sizes or None
     fields : mapping of str to ndarray
         Checked nodal fields.
@@ -115,23 +116,34 @@ def metric_request(
     return MetricRequest(chosen, bound, **options)
 
 
-def _names(
-    anisotropic: bool | str | Sequence[str], fields: Mapping[str, npt.NDArray[Any]]
-) -> list[str]:
+def as_anisotropic(value: Any) -> bool | list[str]:
+    """Return True, False, or names, which need not be those of fields yet."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    is_array = isinstance(value, np.ndarray) and value.ndim == 1
+    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    names = list(value) if is_list or is_array else [value]
+    if not all(isinstance(name, str) for name in names):
+        raise ValueError(
+            f"anisotropic must be True, False or names of fields, got {describe(value)}"
+        )
+    return names
+
+
+def _names(anisotropic: bool | list[str], fields: Mapping[str, npt.NDArray[Any]]) -> list[str]:
     """Return the names of the fields whose second derivatives count."""
     if anisotropic is False:
         return []
     usable = [name for name, v in fields.items() if v.ndim == 1 and v.dtype.kind == "f"]
     if anisotropic is True:
         return usable
-    names = [anisotropic] if isinstance(anisotropic, str) else list(anisotropic)
-    for name in names:
+    for name in anisotropic:
         if name not in usable:
             listed = ", ".join(usable) or "none"
             raise ValueError(
                 f"anisotropic must name fields with one float per node ({listed}), got {name!r}"
             )
-    return names
+    return anisotropic
 
 
 def next_metric(mesh: SimplexMesh, request: MetricRequest, factor: float) -> NextSizes:
