@@ -56,6 +56,10 @@ WRONG = {
         lambda: ads.limit_gradient(SQUARE, H0, 0.3, progress=1e9),
         "progress must be callable or True or False, got 1000000000.0",
     ),
+    "a progress of one argument": (
+        lambda: ads.limit_gradient(SQUARE, H0, 0.3, progress=len),
+        "progress must be callable with a text and a number, got",
+    ),
     "an order that is an array": (
         lambda: ads.limit_gradient(GRID, 0.2, 0.3, order=SEVERAL),
         "order must be a number",

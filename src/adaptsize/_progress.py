@@ -1,5 +1,6 @@
 """Progress of long computations, by a callback or as a bar on the terminal."""
 
+import inspect
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -29,7 +30,22 @@ def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCall
     elif not callable(progress):
         raise ValueError(f"progress must be callable or True or False, got {describe(progress)}")
     else:
+        _check_arguments(progress)
         yield progress
+
+
+def _check_arguments(callback: ProgressCallback) -> None:
+    """Refuse a function of other arguments at once, not after minutes of work."""
+    try:
+        signature = inspect.signature(callback)
+    except (TypeError, ValueError):  # some compiled functions have none
+        return
+    try:
+        signature.bind("text", 0.5)
+    except TypeError as error:
+        raise ValueError(
+            f"progress must be callable with a text and a number, got {describe(callback)}: {error}"
+        ) from None
 
 
 def remaining(seconds: float, share: float | None) -> str:
