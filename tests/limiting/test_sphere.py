@@ -93,6 +93,8 @@ def test_threads_and_types_do_not_matter_and_inactive_nodes_have_no_effect():
         ([[0.0, 0.0]], [[1.0], [1.0, 2.0]], {}, "h0 must be"),
         ([[0.0, 0.0]], 1.0, {"g": -1.0}, "g must be"),
         ([[0.0, 0.0]], 1.0, {"radius": 0.0}, "radius must be"),
+        ([[0.0, 0.0]], 1.0, {"threads": 0}, "threads must be"),
+        ([[0.0, 0.0]], 1.0, {"threads": np.nan}, "threads must be"),
     ],
 )
 def test_bad_arguments_are_refused(points, h0, options, message):

@@ -15,6 +15,7 @@ from adaptsize._checks import (
 )
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.limiting.arguments import as_count
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.waves import node_wave
 from adaptsize.limiting.exact.work import number_of_threads
@@ -67,7 +68,7 @@ def limit_on_sphere(
     ------
     ValueError
         If a shape is wrong, a latitude is out of range, ``h0`` is not positive or inf
-        throughout, or ``g`` or ``radius`` is out of range.
+        throughout, or ``g``, ``radius`` or ``threads`` is out of range.
 
     See Also
     --------
@@ -104,11 +105,11 @@ def limit_on_sphere(
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     slope = as_slope("g", g)
     r = as_number("radius", radius, lower=0.0, strict=True)
+    n_threads = number_of_threads(as_count("threads", threads))
     sizes = bound.reshape(-1)
     places = to_sphere(where, r)
     nodes = np.flatnonzero(np.isfinite(sizes)).astype(np.int32)
     wave = node_wave(places[nodes], sizes[nodes], nodes)
-    n_threads = number_of_threads(threads)
     wave = wave.only(~_is_lowered(ExactField(slope, None, False, [wave], radius=r), n_threads))
     field = ExactField(slope, None, False, [wave], radius=r)
     h, source = sizes.copy(), np.full(len(sizes), -1, np.int32)
