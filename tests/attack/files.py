@@ -23,7 +23,7 @@ from .calls import check_error
 from .cases import Failure
 
 #: Formats without a count of cells or a mark of the end.
-_ENDLESS = (".obj",)
+_ENDLESS = (".inp", ".obj")
 
 _NUMBERS = (b"-1", b"0", b"1", b"3", b"99999999999", b"2147483648", b"nan", b"inf", b"1e999",
             b"abc", b"1.5", b"", b"1e-400", b"-0", b"0x10", b"18446744073709551616")  # fmt: skip

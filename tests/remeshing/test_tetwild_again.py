@@ -40,6 +40,14 @@ def test_the_error_of_the_first_run_is_raised_if_both_fail():
     assert len(tolerances) == 2
 
 
+def test_a_run_with_an_absurd_tolerance_is_not_repeated():
+    run, tolerances = runner(BackendError("the first"))
+    absurd = _Part.of("surface to tetrahedra", CUBE.boundary().mesh, None, 1000.0).problem
+    with pytest.raises(BackendError, match="the first"):
+        TetWildBackend().solve(absurd, run)
+    assert len(tolerances) == 1
+
+
 def test_a_run_at_its_time_limit_is_not_repeated():
     run, tolerances = runner(BackendTimeoutError("too long"))
     with pytest.raises(BackendTimeoutError):
