@@ -161,6 +161,18 @@ def test_mesh_is_coloured_by_quality_region_or_field(drawn_by, color):
     assert differs == (color != "quality")  # all triangles have the same shape
 
 
+def test_regions_are_labelled_by_their_names():
+    mesh = structured_square(2)
+    tags = np.arange(8) % 3 + 5
+    names = {(2, 5): "steel", (2, 7): "air", (1, 6): "inlet"}  # of which (1, 6) names facets
+    mesh = SimplexMesh(mesh.points, mesh.cells, cell_tags=tags, tag_names=names)
+    scene = make_scene(mesh, tags, label="region", clip=None, on_nodes=False, classes=True)
+    assert scene.class_labels == ["steel", "6", "air"]
+    assert scene.shows_edges
+    quality = make_scene(mesh, tags, label="quality", clip=None, on_nodes=False)
+    assert quality.class_names == {}
+
+
 def test_segments_can_be_drawn():
     if not with_vtk.is_possible():
         pytest.skip("VTK cannot draw here")

@@ -124,7 +124,8 @@ def plot_mesh(
     mesh : SimplexMesh
     color : {"quality", "region"} or str
         ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
-        cell tags.  Otherwise the name of a field of ``mesh`` with one number per node or cell.
+        cell tags, labelled by their names in ``mesh.tag_names``.  Otherwise the
+        name of a field of ``mesh`` with one number per node or cell.
     path, clip, limits, width
         As for `plot_size`; regions have no ``limits``.
 
@@ -206,7 +207,14 @@ def plot_causes(
     counts = np.stack([(scene.values[scene.cells] == k).sum(axis=1) for k in report.codes])
     most = np.where(counts.max(axis=0) > 0, counts.argmax(axis=0), np.nan)
     return _draw(
-        replace(scene, values=most, on_nodes=False, classes=True, class_names=report.causes),
+        replace(
+            scene,
+            values=most,
+            on_nodes=False,
+            classes=True,
+            class_names=dict(enumerate(report.causes)),
+            plain=True,
+        ),
         path,
         width,
     )
