@@ -137,6 +137,22 @@ def regions_beside(
     return lowest, highest
 
 
+def components_of(links: npt.NDArray[Any], n: int) -> npt.NDArray[np.intp]:
+    """Return the connected component of each of n objects, numbered in the order of the first ones.
+
+    Parameters
+    ----------
+    links : int[m, 2]
+        Pairs of objects that are connected.
+    n : int
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+
 def are_among(edges: IntArray, others: IntArray) -> BoolArray:
     """Return which edges are also rows of ``others``, bool[n]."""
     width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
