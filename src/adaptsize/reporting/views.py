@@ -65,7 +65,7 @@ def views_of_causes(report: SizeReport) -> list[View]:
     scene = make_scene(
         mesh, counts.argmax(axis=0), label=name, clip=None, on_nodes=False, classes=True
     )
-    return [View(name, replace(scene, class_names=report.causes))]
+    return [View(name, replace(scene, class_names=dict(enumerate(report.causes))))]
 
 
 def _ratios_at_nodes(mesh: SimplexMesh, size: SizeFunction) -> npt.NDArray[np.float64]:
