@@ -19,7 +19,7 @@ from adaptsize._checks import (
     one_of,
     refuse_where,
 )
-from adaptsize._progress import reporting
+from adaptsize._progress import reporting, silent
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.interface_quality import InterfaceQuality, measure_interfaces
 from adaptsize.distributed.mesh import PartitionedMesh
@@ -115,7 +115,7 @@ def remesh(
             as_tolerance("tolerance", tolerance),
             as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
             None if timeout is None else as_number("timeout", timeout, lower=0.0, strict=True),
-            lambda text, share: None,
+            silent,
         )
         count = as_whole_number("rounds", rounds, lower=1, upper=20)
         if part.cell_dim != part.dim or part.dim < 2:

@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize._checks import as_angle, check_type
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import are_among, components_of
+from adaptsize.background.topology import are_among, components_of, pairs_of_cells
 from adaptsize.geometry.curvature import crease_edges
 
 
@@ -56,8 +56,6 @@ def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
     limit = as_angle("angle", angle)
     # Edges of three or more triangles are feature edges, too: all others have two.
     is_free = ~are_among(surface.facets, crease_edges(surface, crease_angle=limit))
-    at_edge = np.argsort(surface.cell_facets, axis=None, kind="stable")
-    at_edge = at_edge[is_free[surface.cell_facets.ravel()[at_edge]]]
-    face = components_of((at_edge // 3).reshape(-1, 2), surface.n_cells)
+    face = components_of(pairs_of_cells(surface, is_free) // 3, surface.n_cells)
     names = {key: name for key, name in surface.tag_names.items() if key[0] != 2}
     return replace(surface, cell_tags=face.astype(np.int32) + 1, tag_names=names)

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
-from adaptsize.background.topology import components_of
+from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
@@ -98,10 +98,7 @@ def _neighbours(
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Return the pairs of cells at facets of two cells, and whether their orientations agree."""
     width = mesh.cells.shape[1]
-    order = np.argsort(mesh.cell_facets, axis=None, kind="stable")
-    facet = mesh.cell_facets.ravel()[order]
-    first = np.flatnonzero((mesh.facet_cell_counts == 2)[facet])[::2]
-    corner, corner_other = order[first], order[first + 1]
+    corner, corner_other = pairs_of_cells(mesh, mesh.facet_cell_counts == 2).T
     forward = [_runs_forward(mesh, at, width) for at in (corner, corner_other)]
     return corner // width, corner_other // width, forward[0] != forward[1]
 
