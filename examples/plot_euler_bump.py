@@ -33,6 +33,33 @@ Above the bump and beyond both ends there is the free stream, and the flux betwe
 what enters and what leaves.  With a wall above, the flow would choke: at Mach 0.95 a stream cannot
 be narrowed by more than 0.2 %.  The solver is in `_euler.py`.  Takes under three minutes.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+low, high = np.array([-1.0, 0.0]), np.array([2.0, 1.0])
+
+
+def channel(x):  # negative inside
+    return np.max([low - x, x - high], axis=(0, 2))
+
+
+corners = [low, [2.0, 0.0], high, [-1.0, 1.0]]
+grid = ads.CartesianGrid.around(corners, 0.5)
+size = ads.SizeFunction(grid, np.full(grid.shape, 0.1))
+mesh = ads.mesh_from_distance(channel, size, low, high, fixed_points=corners)
+for target in (1500, 3000):
+    x, y = mesh.points.T
+    density = np.tanh(20.0 * (x - 1.0 - 0.2 * y))  # your solver's result instead
+    h = ads.size_from_hessian(mesh, density, target_elements=target, hmin=0.004, g=0.25)
+    size = ads.SizeFunction(mesh, h)
+    new = ads.mesh_from_distance(channel, size, low, high, fixed_points=corners)
+    start = ads.transfer_fields(mesh, new, fields={"density": density})  # for the solver
+    mesh = new
+ads.plot.plot_size(mesh, size, path="euler_bump.png")
+```
+
     python examples/plot_euler_bump.py [DIRECTORY]
 """
 

@@ -19,6 +19,22 @@ smooth, and 38 meshes of five steps were worse than the uniform one (1.4 against
 3.6 % of the bounds change from one mesh to the next.  Limiting from the last sizes takes three
 quarters of the time of limiting anew, and gives the same sizes bit by bit.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+grid = ads.CartesianGrid([0.0, 0.0], 0.01, (101, 101))
+info = None
+for angle in np.linspace(0.0, 0.5, 6):  # a burner on its way
+    there = [0.5 + 0.3 * np.cos(angle), 0.5 + 0.3 * np.sin(angle)]
+    h0 = 0.01 + 0.5 * np.linalg.norm(grid.points - there, axis=1).reshape(grid.shape)
+    h, info = ads.limit_gradient(
+        grid, h0.clip(max=0.1), 0.25, face_sources=False, initial=info, full_output=True
+    )
+ads.plot.plot_size(grid, h, path="front.png")
+```
+
     python examples/plot_front.py [DIRECTORY]
 """
 

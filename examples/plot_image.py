@@ -2,6 +2,16 @@
 
 A mask from the segmentation of a photo is smoothed.  The distance to its boundary gives the
 curvature and the medial axis, and these give the sizes.  Distance and sizes give the mesh.
+
+```python
+import adaptsize as ads
+
+image = ads.read_image("data/objects.png")
+size, report = ads.size_function_from_image(image, elements_across=4, full_output=True)
+mesh = ads.mesh_image(image, size=size)
+print(report)
+ads.plot.plot_size(mesh, label="mesh size h, pixels", path="image.png")
+```
 """
 
 from __future__ import annotations

@@ -9,6 +9,21 @@ grid.  Netgen and Mmg make the tetrahedra: 84 000, 91 % of their edges within sq
 no dihedral angle below 8 degrees, .26 % of the diagonal from the scan, in about five minutes of
 one processor.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+scan = ads.read("data/deer.ply")
+grid = ads.CartesianGrid.around(scan.points, 0.45, margin=1.35)
+feature = ads.feature_size(grid, ads.signed_distance(grid, scan))
+curvature = ads.size_from_curvature(grid, scan, elements_per_radian=3, smoothing=2)
+h0 = np.minimum(curvature, 2.0 * feature / 3.0).clip(0.45, 6.0)  # 3 elements across
+size = ads.SizeFunction(grid, ads.limit_gradient(grid, h0, 0.3))
+mesh = ads.remesh(scan, size, hmax=6.0, tolerance=2e-3)  # about five minutes
+ads.plot.plot_size(mesh, size, path="scan.png")
+```
+
     python examples/plot_scan.py [DIRECTORY]
 """
 

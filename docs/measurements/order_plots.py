@@ -473,14 +473,14 @@ def draw(name: str, panels: list[Panel]) -> None:
             axis.loglog(ends, 0.5 * low * (ends / ends[0]) ** order, style, color="grey", lw=1.0)
             axis.text(  # right of the panel, where no curve passes
                 1.01, 0.5 * low * (ends[1] / ends[0]) ** order, f"order {order}",
-                transform=axis.get_yaxis_transform(), color="grey", fontsize=8, va="center",
+                transform=axis.get_yaxis_transform(), color="grey", fontsize=10, va="center",
             )  # fmt: skip
         axis.set(title=panel.title, xlabel="spacing, or mean length of edges", ylabel=panel.ylabel)
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.xaxis.set_major_formatter("{x:g}")
         axis.xaxis.set_minor_formatter(NullFormatter())
         axis.legend(
-            fontsize=8, title="order on the finest three", title_fontsize=8,
+            fontsize=10, title="order on the finest three", title_fontsize=10,
             loc="upper center", bbox_to_anchor=(0.5, -0.16),
         )  # fmt: skip
         axis.grid(alpha=0.3)
