@@ -104,7 +104,8 @@ def report(
         rows=_rows(mesh, outcome, size_report, times),
         warnings=outcome.warnings() if outcome else [],
         check=check,
-        figures=[figure_of(views), histograms(mesh, size)],
+        scene=figure_of(views),
+        charts=histograms(mesh, size),
     )
     _write(text, target)
 
@@ -138,10 +139,10 @@ def _rows(
     """Return the rows of the table: topic and finding."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     rows = [
-        ("points", f"{mesh.n_points:,}"),
+        ("points", str(mesh.n_points)),
         ("extents", " x ".join(f"{x:.4g}" for x in np.asarray(high - low))),
     ]
-    rows += outcome.rows if outcome else [("cells", f"{mesh.n_cells:,} {kind_of(mesh)}")]
+    rows += outcome.rows if outcome else [("cells", f"{mesh.n_cells} {kind_of(mesh)}")]
     if size_report is not None:
         rows.append(("sizes", size_report.choices))
     if times:
