@@ -9,6 +9,18 @@ meshes reach n^(-1/2).
 
 Needs Mmg.
 
+```python
+import adaptsize as ads
+
+mesh = ads.read("data/lshape.vtu")
+for target in (800, 1600, 3200, 6400):
+    x, y = mesh.points.T
+    u = (x**2 + y**2) ** (1 / 3)  # your solver's result at the nodes instead
+    indicator = ads.zz_indicator(mesh, u)
+    mesh = ads.adapt(mesh, indicator, target_elements=target, max_refine=8.0).mesh
+ads.plot.plot_mesh(mesh, path="fem_loop.png")
+```
+
     python examples/fem_loop.py [DIRECTORY]
 """
 

@@ -21,6 +21,20 @@ regular triangles differ by a factor of 4.7 (docs/anisotropic-meshes.md).
 The pictures: meshes with about the same number of triangles, the metric as ellipses, aspect ratios,
 and the errors.  Needs Mmg.  Takes about a minute.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+mesh = ads.read("data/lshape.vtu")
+for target in (1000, 2000, 3000):
+    x, y = mesh.points.T
+    u = np.tanh(30.0 * (x + 0.5 - 0.1 * np.sin(np.pi * y)))  # your solver's result instead
+    result = ads.adapt(mesh, anisotropic="u", fields={"u": u}, target_elements=target, hmax=0.2)
+    mesh = result.mesh
+ads.plot.plot_metric(result.metric, path="anisotropic_layers.png")
+```
+
     python examples/plot_anisotropic_layers.py [DIRECTORY]
 """
 
@@ -167,7 +181,7 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             mesh = loops[name, kind][place].mesh
             panel.triplot(*_triangles(mesh), color="black", linewidth=0.2)
             error = loops[name, kind][place].error
-            panel.set_title(f"{kind}: {mesh.n_cells} triangles, error {error:.1e}")
+            panel.set_title(f"{kind}: {mesh.n_cells} triangles\nerror {error:.1e}")
         mesh = loops[name, "anisotropic"][-2].mesh
         ratio = implied_metric(mesh).aspect_ratio
         colours = aspect.tripcolor(*_triangles(mesh), ratio, cmap="viridis", norm=scale)
@@ -182,8 +196,8 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             errors.loglog(n, [step.error for step in steps], "o-", color=colour, label=kind)
         n = np.array([1e3, 2e4])
         errors.loglog(n, 2.0 / n, color="black", linewidth=0.7, label="2 / N")
-        errors.set(xlabel="triangles", title="error of interpolation, L2")
-        errors.legend()
+        errors.set(xlabel="triangles", title="error of interpolation\nin the norm of L2")
+        errors.legend(loc="lower left")
     save_drawing(path, figure)
 
 

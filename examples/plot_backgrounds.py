@@ -4,6 +4,23 @@ Figure 1 of Persson's paper names the three; `limit_gradient` takes each of them
 are a size of 0.01 at two points and 0.05 on a segment; the limited sizes are compared with the
 true ones, the least of size + g distance.
 
+```python
+import adaptsize as ads
+
+sources = [
+    ads.PointSource([0.25, 0.25], 0.01),
+    ads.CurveSource([[1.0, 0.25], [1.75, 0.25]], 0.05),
+]
+near = ads.refine_at_boundary(lambda x: abs(x[:, 0] - 1.0), 0.02)
+for background in (
+    ads.CartesianGrid([0, 0], 1 / 32, (65, 33)),
+    ads.Octree.build([0, 0], [2, 1], near, max_level=6),
+    ads.read("data/slit.vtu"),
+):
+    h = ads.limit_gradient(background, ads.size_from_sources(background, sources, g=0.25), 0.25)
+    print(background, h.min(), h.max())
+```
+
     python examples/plot_backgrounds.py [DIRECTORY]
 """
 

@@ -23,6 +23,29 @@ the requested ones.
 
 Needs Mmg.  Takes a few seconds.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+
+def ring(x):  # around a cylinder of radius 0.2, negative inside
+    r = np.linalg.norm(x, axis=1)
+    return np.maximum(0.2 - r, r - 1.0)
+
+
+def metric(x):
+    r = np.linalg.norm(x, axis=1)
+    return ads.metric_from_layers(
+        r - 0.2, x / r[:, None], first_height=0.002, growth=1.2, tangential=0.05
+    )
+
+
+mesh = ads.mesh_from_distance(ring, lambda x: np.full(len(x), 0.05), [-1, -1], [1, 1])
+new = ads.remesh(mesh, metric)
+ads.plot.plot_mesh(new, path="boundary_layer.png")
+```
+
     python examples/plot_boundary_layer.py [DIRECTORY]
 """
 

@@ -5,6 +5,16 @@ an L-bracket in millimetres with bores, a fillet and a thin rib.  Sizes are put 
 surface, limited, extended inwards, and given to fTetWild, followed by Mmg if that is
 installed.  Takes about half a minute.
 
+```python
+import adaptsize as ads
+
+surface = ads.read("data/bracket.stl")
+size = ads.size_function(surface, elements_per_radian=2.0, g=0.25, hmin=1.0, hmax=5.0)
+new = ads.remesh(surface, size)
+print(ads.size_conformity(new, size, surface=surface))
+ads.plot.plot_size(new, size, label="mesh size h, mm", path="bracket.png")
+```
+
     python examples/plot_bracket.py [DIRECTORY]
 """
 
@@ -32,7 +42,7 @@ def main(
     new = ads.remesh(surface, size)
     h = size(new.points)
     conformity = ads.size_conformity(new, h, surface=surface)
-    plot_size(new, h, path=output_dir / "bracket.png", width=width)
+    plot_size(new, h, path=output_dir / "bracket.png", label="mesh size h, mm", width=width)
     ads.write(output_dir / "bracket.vtu", new, fields={"h": h})
     return {
         "tetrahedra": new.n_cells,

@@ -5,6 +5,16 @@ Figure 5 of Persson's paper, on a rectangle with three arcs of radius 1.5, 0.5 a
 elements per radian, and no bound elsewhere (grey); the largest size below h0 with a gradient of
 at most 0.2; and the mesh, if Mmg is installed.
 
+```python
+import adaptsize as ads
+
+mesh = ads.read("data/curved.vtu")
+h0 = ads.size_from_curvature(mesh, elements_per_radian=6)
+h = ads.limit_gradient(mesh, h0, 0.2)
+new = ads.remesh(mesh, ads.SizeFunction(mesh, h))
+ads.plot.plot_mesh(new, path="curved_boundary.png")
+```
+
     python examples/plot_curved_boundary.py [DIRECTORY]
 """
 

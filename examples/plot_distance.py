@@ -6,6 +6,21 @@ middle: an outline with gaps; the sign changes across the gaps as if they were c
 distance jumps there.  Bottom middle: a disc as pixels, and the boundary found between them.
 Right: two slices through data/bracket.stl.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+
+def ellipse(x):  # zero on an ellipse, but no distance
+    return ((x[:, 0] / 1.5) ** 2 + x[:, 1] ** 2 - 1.0) * np.exp(x[:, 0])
+
+
+grid = ads.CartesianGrid.around([[-2.2, -1.6], [2.2, 1.6]], 0.03)
+phi = ads.signed_distance(grid, ellipse)  # also of a boundary mesh, or of pixels
+ads.plot.plot_size(grid, phi, label="signed distance", path="distance.png")
+```
+
     python examples/plot_distance.py [DIRECTORY]
 """
 
@@ -16,7 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import DATA, drawing, run, save_drawing
+from _gallery import CURVES, DATA, drawing, run, save_drawing
 from scipy.spatial import cKDTree
 
 import adaptsize as ads
@@ -44,7 +59,7 @@ def gear(n_teeth: int = 7) -> ads.SimplexMesh:
 
 def main(output_dir: Path, *, n: int = 160, width: int = 520) -> dict[str, float]:
     """Draw the distances on grids with ``n`` boxes along an axis."""
-    figure, panels = drawing(3, 2, width, shape=0.85)
+    figure, panels = drawing(3, 2, width, shape=0.75)
     plane = ads.CartesianGrid.around([[-2.2, -1.6], [2.2, 1.6]], 4.4 / n)
     phi = ads.signed_distance(plane, ellipse)
     draw(panels[0], plane, plane.sample(ellipse), 0.2, 2.0, "a function", label="value")
@@ -87,11 +102,12 @@ def of_pixels(panel: Axes) -> dict[str, float]:
     phi = ads.signed_distance(grid, exact < 0.0)
     x, y = grid.axes
     panel.pcolormesh(x, y, (exact > 0.0).T, cmap="Greys_r", vmin=-2.0, vmax=1.3, shading="nearest")
-    panel.contour(x, y, phi.T, levels=[0.0], colors="tab:blue", linewidths=2.0)
+    panel.contour(x, y, phi.T, levels=[0.0], colors=CURVES[0], linewidths=2.0)
+    panel.plot([], [], color=CURVES[0], linewidth=2.0, label="found")
     t = np.linspace(0.0, 2.0 * np.pi, 200)
-    panel.plot(RADIUS * np.cos(t), RADIUS * np.sin(t), color="tab:red", linewidth=0.9)
-    panel.set(title="pixels: boundary found (blue), true (red)", aspect="equal",
-              xlabel="x", ylabel="y")  # fmt: skip
+    panel.plot(RADIUS * np.cos(t), RADIUS * np.sin(t), color=CURVES[1], linewidth=1.2, label="true")
+    panel.set(title="a disc as pixels, its boundary", aspect="equal", xlabel="x", ylabel="y")
+    panel.legend(loc="center")
     near = np.abs(exact) < 1.0
     return {"mean error, pixels": float(np.abs(phi - exact)[near].mean())}
 

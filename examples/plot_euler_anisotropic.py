@@ -22,6 +22,24 @@ The thickness of the shock is the distance along y = 0.3 over which the density 
 
 Needs Mmg.  Takes about two minutes.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+mesh = ads.read("data/slit.vtu")
+for target in (1500, 3000):
+    x, y = mesh.points.T
+    density = np.tanh(20.0 * (x - 1.0 - 0.2 * y))  # your solver's result instead
+    result = ads.adapt(
+        mesh, anisotropic="density", fields={"density": density}, target_elements=target,
+        hmin=0.002, hmax=0.6,
+    )
+    mesh = result.mesh
+    density = result.fields["density"]  # transferred: to start the solver from
+ads.plot.plot_mesh(mesh, path="euler_anisotropic.png")
+```
+
     python examples/plot_euler_anisotropic.py [DIRECTORY]
 """
 

@@ -12,6 +12,22 @@ point to the survivors that it does not see.
 
 The colours show which survivor controls which part.  The white lines are lines of equal size.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+mesh = ads.read("data/slit.vtu")
+h0 = np.full(mesh.n_points, np.inf)
+h0[np.argmin(np.linalg.norm(mesh.points - [1.0, 2.0], axis=1))] = 0.05
+h, info = ads.limit_gradient(mesh, h0, 0.2, full_output=True)
+before = info.sources.nodes[:, 0]  # the last node on the shortest path to each node
+path = [np.argmin(np.linalg.norm(mesh.points - [3.0, 2.0], axis=1))]
+while before[path[-1]] != path[-1]:
+    path.append(before[path[-1]])
+print(mesh.points[path])  # around the lower end of the slit
+```
+
     python examples/plot_exact_maze.py [DIRECTORY]
 """
 

@@ -3,6 +3,28 @@
 A plate between arcs, with holes close to each other and to its edge.  The feature size drops
 where walls come together, faster than elements may shrink from one to the next, and curvature asks
 at the boundary only: limiting corrects both.
+
+```python
+import numpy as np
+
+import adaptsize as ads
+
+
+def plate(x):  # a rectangle with a hole, negative inside
+    outer = np.max(np.abs(x) - [1.0, 0.55], axis=1)
+    return np.maximum(outer, 0.28 - np.linalg.norm(x - [-0.45, 0.12], axis=1))
+
+
+lower, upper = np.array([-1.0, -0.55]), np.array([1.0, 0.55])
+grid = ads.CartesianGrid.around([lower, upper], 0.01)
+domain = grid, ads.signed_distance(grid, plate)
+size, report = ads.size_function(
+    domain, elements_per_radian=6, elements_across=4, g=0.3, full_output=True
+)
+print(report)
+mesh = ads.mesh_from_distance(plate, size, lower, upper)
+ads.plot.plot_size(mesh, size, path="feature_and_curvature.png")
+```
 """
 
 from __future__ import annotations

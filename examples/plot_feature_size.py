@@ -8,6 +8,21 @@ Middle: sizes for four elements across, 2 lfs / 4, limited, on a quadtree that i
 boundary.  Right: across the fin and along the foot, with the feature size that the medial axis
 of a grid gives.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+corners = np.array([(0, 0), (10, 0), (10, 1.2), (2, 1.2), (1, 5), (0, 5)], dtype=float)
+nodes = np.arange(len(corners))
+boundary = ads.SimplexMesh(corners, np.column_stack([nodes, np.roll(nodes, -1)]))
+near = ads.refine_at_boundary(lambda x: boundary.locator.nearest(x)[2], 0.1)
+tree = ads.Octree.build([-0.5, -0.5], [10.5, 5.5], near, max_level=9)
+h0 = ads.size_from_feature(tree, boundary, elements_across=4)
+h = ads.limit_gradient(tree, h0, 0.25, method="fast-marching")
+ads.plot.plot_size(tree, h, path="feature_size.png")
+```
+
     python examples/plot_feature_size.py [DIRECTORY]
 """
 

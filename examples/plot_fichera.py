@@ -16,6 +16,18 @@ way: the share of the error that is next to the edges falls slowly.  The angle i
 dihedral one of all meshes of the loop; iterations are those of conjugate gradients,
 preconditioned by the diagonal, to 1e-8.  The pictures colour by the length of edges.
 
+```python
+import adaptsize as ads
+
+mesh = ads.read("data/block.vtu")
+x, y, z = mesh.points.T
+r = (x - x.min()) ** 2 + (y - y.min()) ** 2  # from one edge of the block, squared
+u = r ** (1 / 3)  # your solver's result at the nodes instead
+indicator = ads.zz_indicator(mesh, u)
+new = ads.adapt(mesh, indicator, target_elements=20_000, g=0.3, max_refine=8.0).mesh
+ads.plot.plot_mesh(new, path="fichera.png")
+```
+
     python examples/plot_fichera.py [DIRECTORY]
 """
 

@@ -6,6 +6,21 @@ whether such a problem has one solution; with the change of variable Phi(h) =
 integral of dh / g(h) it has, for any positive g, and here it is compared with the
 solution of the differential equation dh/ds = g(h) along straight lines from each source.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+
+def g_of_h(h):
+    return 0.4 + 0.2 * np.cos(np.pi * np.clip(h / 0.1, 0.0, 1.0))
+
+
+mesh = ads.read("data/slit.vtu")
+h = ads.limit_gradient(mesh, mesh.point_data["h0"], g_of_h)
+ads.plot.plot_size(mesh, h, path="g_of_h.png")
+```
+
     python examples/plot_g_of_h.py [DIRECTORY]
 """
 

@@ -7,6 +7,19 @@ propagate through the hole.  Upper row: g = 0.4 on the left and 0.2 on the right
 falls from 0.6 for small to 0.2 for large elements, so the contours of h are closest at small
 elements.  With Mmg installed, a mesh is made for each.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+grid = ads.CartesianGrid([-1.0, -1.0], 0.01, (201, 201))
+x, y = (grid.points[:, d].reshape(grid.shape) for d in range(2))
+grid = grid.with_active((np.hypot(x, y) < 1.0) & (np.hypot(x - 0.3, y) > 0.2))
+h0 = ads.size_from_sources(grid, ads.PointSource([0.3, 0.2], 0.01), g=0.2)
+h = ads.limit_gradient(grid, np.minimum(h0, 0.3), np.where(x < 0.0, 0.4, 0.2))
+ads.plot.plot_size(grid, h, path="g_on_a_domain.png")
+```
+
     python examples/plot_g_on_a_domain.py [DIRECTORY]
 """
 

@@ -16,6 +16,18 @@ right on the meridian of each place, and too large elsewhere, by a factor of up 
 | 1 038 961 | 10 199 | 0.5 s |
 | 1 038 961 | all | 2.2 s |
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+grid = ads.CartesianGrid((-180.0, -90.0), 1.0, (361, 181))  # longitude, latitude
+h0 = np.full(grid.shape, 800.0)  # km
+h0[180 + 16, 90 + 78] = 20.0  # Longyearbyen
+h = ads.limit_on_sphere(grid, h0, 0.2, radius=6371.0)
+ads.plot.plot_size(grid, h, label="mesh size h, km", path="great_circles.png")
+```
+
     python examples/plot_great_circles.py [DIRECTORY]
 """
 

@@ -6,6 +6,20 @@ diamonds at every spacing.  Sizes by first-order fast marching are slightly too 
 error at second order is a quarter of that.  The default method, in the fifth panel, is exact to
 rounding.  The paper does not have it.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+grid = ads.CartesianGrid([-50.0, -50.0], 1.0, (101, 101))
+h0 = np.full(grid.shape, np.inf)
+h0[40, 50], h0[60, 50] = 1.0, 5.0
+exact = ads.limit_gradient(grid, h0, 0.3)
+for options in ({"method": "edge-based"}, {"method": "fast-marching", "order": 2}):
+    print(options, np.abs(ads.limit_gradient(grid, h0, 0.3, **options) - exact).max())
+ads.plot.plot_size(grid, exact, path="grid_schemes.png")
+```
+
     python examples/plot_grid_schemes.py [DIRECTORY]
 """
 

@@ -23,6 +23,18 @@ The first cycle is also run on the command line, from a file with the bounds h0 
 
 Without Python, regions are prescribed by hand: `--source ball:35,38,2=0.6`.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+mesh = ads.read("data/plate.vtk")
+stress = mesh.point_data["von_mises"]
+h0 = np.where(stress > 0.7 * stress.max(), 0.6, np.inf)  # mm
+new = ads.adapt(mesh, h0=h0, g=0.2).mesh
+ads.plot.plot_mesh(new, color="region", path="hot_spot.png")
+```
+
     python examples/plot_hot_spot.py [DIRECTORY]
 """
 
@@ -181,6 +193,8 @@ def draw(path: Path, states: list[tuple[ads.SimplexMesh, FloatArray]], width: in
         vmax=8, edgecolors="0.4", linewidth=0.15,
     )  # fmt: skip
     panels[3].set_title("materials, kept")
+    for place, name in (((8, 50), "material 10"), ((78, 28.5), "material 20")):
+        panels[3].text(*place, name, backgroundcolor="white", fontsize=10)
     for panel in panels:
         panel.set(aspect="equal", xticks=[], yticks=[])
     for panel in (panels[0], panels[1], panels[3]):

@@ -2,6 +2,16 @@
 
 A mask from the segmentation of a photo is smoothed.  The distance to its boundary gives the
 curvature and the medial axis, and these give the sizes.  Distance and sizes give the mesh.
+
+```python
+import adaptsize as ads
+
+image = ads.read_image("data/objects.png")
+size, report = ads.size_function_from_image(image, elements_across=4, full_output=True)
+mesh = ads.mesh_image(image, size=size)
+print(report)
+ads.plot.plot_size(mesh, label="mesh size h, pixels", path="image.png")
+```
 """
 
 from __future__ import annotations
@@ -11,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import DATA, drawing, run, save_drawing
+from _gallery import CURVES, DATA, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
@@ -88,7 +98,10 @@ def _draw_sizes(panel: Axes, size: ads.SizeFunction, phi: npt.NDArray[np.float64
 
 
 def _draw_mesh(panel: Axes, mesh: ads.SimplexMesh) -> None:
-    panel.tripcolor(*mesh.points.T, mesh.cells, facecolors=mesh.cell_tags, cmap="Pastel1")
+    from matplotlib.colors import ListedColormap
+
+    colours = ListedColormap(CURVES[: int(mesh.cell_tags.max())])
+    panel.tripcolor(*mesh.points.T, mesh.cells, facecolors=mesh.cell_tags, cmap=colours, alpha=0.5)
     panel.triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.3)
     panel.set_title(f"mesh, {mesh.n_cells} triangles")
 

@@ -5,6 +5,22 @@ the quadtree.  It is refined until sizes between its nodes are right within 5 %:
 the holes, and where sizes from different parts of the boundary meet.  The uniform grid of the same
 resolution would have 2000 x 2000 nodes.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+
+def disc_with_holes(x):  # with a thin wall between the holes, negative inside
+    left, right = (0.3 - np.hypot(x[:, 0] - c, x[:, 1]) for c in (-0.304, 0.304))
+    return np.max([np.hypot(*x.T) - 1.0, left, right], axis=0)
+
+
+size = ads.size_function(disc_with_holes, box=([-1.1, -1.1], [1.1, 1.1]), g=0.25)
+print(size.background, size([[0.0, 0.0]]))
+ads.plot.plot_size(size, path="implicit_background.png")
+```
+
     python examples/plot_implicit_background.py [DIRECTORY]
 """
 

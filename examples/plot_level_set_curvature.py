@@ -11,6 +11,18 @@ spacings inside it (dashes).  Formula (4), with its first sign corrected, lets s
 per distance to the outside.  Where they also change along the boundary, this is too steep,
 and limiting makes them too small.  Without - g phi they are too small inside.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+grid = ads.CartesianGrid.around([[-1.1, -0.6], [1.1, 0.6]], 0.02)
+phi = ads.signed_distance(grid, lambda x: np.hypot(x[:, 0], x[:, 1] / 0.5) - 1.0)
+h0 = ads.size_from_curvature(grid, phi, elements_per_radian=3, g=0.25)
+h = ads.limit_gradient(grid, h0, 0.25)
+ads.plot.plot_size(grid, h, path="level_set_curvature.png")
+```
+
     python examples/plot_level_set_curvature.py [DIRECTORY]
 """
 
@@ -111,7 +123,7 @@ def draw_orders(panel: Axes, cells: Sequence[int], errors: dict[str, list[float]
               xlabel="spacing", ylabel="relative error")  # fmt: skip
     panel.set_xticks(spacing, [f"{s:g}" for s in spacing])
     panel.minorticks_off()
-    panel.legend()
+    panel.legend(loc="lower right")
 
 
 def draw_sizes(panel: Axes, n: int) -> dict[str, float]:
@@ -136,8 +148,8 @@ def draw_sizes(panel: Axes, n: int) -> dict[str, float]:
             panel.plot(np.degrees(t), 100.0 * error, style, color=colour, linewidth=1.0,
                        label=name if depth == 0.0 else None)  # fmt: skip
     panel.axhline(0.0, color="black", linewidth=0.8)
-    panel.set(title=f"error of the limited size, g = {G}, K = {K:g}\n{n} boxes along the ellipse",
-              xlabel="parameter of the ellipse, degrees (0: sharp end)",
+    panel.set(title=f"error of the limited size\n{n} boxes along the ellipse",
+              xlabel="parameter in degrees, 0: sharp end",
               ylabel="per cent; dashed: 4 spacings inside")  # fmt: skip
     panel.legend()
     return found

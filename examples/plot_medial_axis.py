@@ -7,6 +7,18 @@ whose corners are not narrow; a square with one corner cut off, where the size i
 of the cut; a sharp wedge, which is narrow at its tip; a disc with waves of half a per cent, which
 are ignored; and a part.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+grid = ads.CartesianGrid([-1.1, -1.1], 0.02, (111, 111))
+phi = grid.sample(lambda x: np.abs(np.linalg.norm(x, axis=1) - 0.7) - 0.3)  # a ring
+medial = ads.medial_axis(grid, phi)
+feature = ads.feature_size(grid, phi, medial)
+print(medial.points, feature[phi < 0.0])
+```
+
     python examples/plot_medial_axis.py [DIRECTORY]
 """
 

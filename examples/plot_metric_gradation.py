@@ -5,6 +5,20 @@ Two points request flat ellipses in different directions.  `limit_metric` lets a
 their sizes grow by g = 0.25 per length, so that the ellipses become larger and rounder with the
 distance, and intersects them where both are active.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+mesh = ads.read("data/slit.vtu")
+sizes = np.full((mesh.n_points, 2), np.inf)
+directions = np.tile(np.eye(2), (mesh.n_points, 1, 1))
+node = np.argmin(np.linalg.norm(mesh.points - [1.0, 1.5], axis=1))
+sizes[node], directions[node] = (0.02, 0.5), [[0.6, 0.8], [-0.8, 0.6]]  # small along (0.6, 0.8)
+metric = ads.limit_metric(mesh, ads.Metric(sizes, directions), 0.25)
+ads.plot.plot_metric(mesh, metric, path="metric_gradation.png")
+```
+
     python examples/plot_metric_gradation.py [DIRECTORY]
 """
 

@@ -6,6 +6,19 @@ boundary, not to the area.  Middle: a size of a quarter of the radius is prescri
 holes (thick lines) and limited on that tree, whose leaves need not be balanced.  Right: a tree
 refined to these sizes, in which no leaf is larger than the size in it.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+near = ads.refine_at_boundary(lambda x: np.hypot(x[:, 0] - 0.7, x[:, 1] - 0.5) - 0.2)
+tree = ads.Octree.build([0.0, 0.0], [2.0, 1.0], near, max_level=6)
+h0 = ads.size_from_sources(tree, ads.PointSource([0.5, 0.5], 0.02), g=0.3)
+size = ads.SizeFunction(tree, ads.limit_gradient(tree, h0, 0.3, method="fast-marching"))
+fine = ads.Octree.build([0.0, 0.0], [2.0, 1.0], ads.refine_to_size(size, g=0.3), max_level=12)
+ads.plot.plot_size(fine, size, path="octree.png")
+```
+
     python examples/plot_octree.py [DIRECTORY]
 """
 

@@ -8,6 +8,25 @@ It is fine only where the part is narrow.  Right: the feature size along the foo
 on a grid with the finest spacing everywhere.  The grid mistakes the walls beside the hole for
 corners where they are less than three spacings away.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+corners = np.array([(0, 0), (10, 0), (10, 1.2), (2, 1.2), (1, 5), (0, 5)], dtype=float)
+nodes = np.arange(len(corners))
+boundary = ads.SimplexMesh(corners, np.column_stack([nodes, np.roll(nodes, -1)]))
+box = [-0.53, -0.57], [10.61, 5.59]
+near = ads.refine_at_boundary(lambda x: boundary.locator.nearest(x)[2], 0.25)
+tree = ads.Octree.build(*box, near, max_level=10)
+for _ in range(3):  # each time with leaves of the size found before
+    h0 = ads.size_from_feature(tree, boundary, method="medial-axis", elements_across=4)
+    h = ads.limit_gradient(tree, h0, 0.25, method="fast-marching")
+    size = ads.SizeFunction(tree, h)
+    tree = ads.Octree.build(*box, ads.refine_to_size(size, g=0.25), max_level=10)
+print(tree, ads.feature_size(tree, boundary).min())
+```
+
     python examples/plot_octree_feature_size.py [DIRECTORY]
 """
 

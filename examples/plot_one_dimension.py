@@ -4,6 +4,19 @@ Figure 4 of Persson's paper: where h0 (dashed) is steeper than g it is lowered b
 as is needed and no more, and elsewhere h (solid) is h0; smoothing would change all of it.
 The sizes at the nodes of a grid are those of formula (11), to rounding.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+grid = ads.CartesianGrid([0.0], 1.0 / 400, (401,))
+x = grid.axes[0]
+h0 = 0.5 + 0.4 * np.sin(20.0 * x)
+h = ads.limit_gradient(grid, h0, 2.0)
+exact = (h0 + 2.0 * np.abs(x[:, None] - x)).min(axis=1)  # formula (11)
+print(np.abs(h - exact).max())
+```
+
     python examples/plot_one_dimension.py [DIRECTORY]
 """
 

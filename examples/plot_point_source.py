@@ -5,6 +5,15 @@ The size is prescribed at one point to the right of the slit.  The notch and the
 require small elements.  All sizes grow with the gradient g = 0.25, up to hmax = 0.3, and do
 not cross the slit.  The mesh on the right follows them, if Mmg is installed.
 
+```python
+import adaptsize as ads
+
+mesh = ads.read("data/slit.vtu")
+size = ads.size_function(mesh, sources=ads.PointSource([3.0, 1.0], 0.02), g=0.25, hmax=0.3)
+new = ads.remesh(mesh, size)
+ads.plot.plot_size(new, size, path="point_source.png")
+```
+
     python examples/plot_point_source.py [DIRECTORY]
 """
 

@@ -7,6 +7,27 @@ the boundary, and their minimum is limited.  `mesh_from_distance` needs only the
 distance and size.  The solid is a cylinder with an eccentric spherical hole, sampled on a grid from
 closed forms: the size in a section, and the tetrahedra behind it.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+
+def blob(x):  # any function that is negative inside
+    centres = [-0.5, 0.0], [0.5, 0.2]
+    return 1.0 - sum(0.3 / ((x - c) ** 2).sum(axis=1).clip(1e-3) for c in centres)
+
+
+lower, upper = [-1.8, -1.5], [1.8, 1.5]
+grid = ads.CartesianGrid.around([lower, upper], 0.03)
+phi = ads.signed_distance(grid, blob)
+curvature = ads.size_from_curvature(grid, phi, elements_per_radian=3, g=0.3)
+h0 = np.minimum(curvature, 2.0 * ads.feature_size(grid, phi) / 5.0).clip(0.06)
+size = ads.SizeFunction(grid, ads.limit_gradient(grid, h0, 0.3))
+mesh = ads.mesh_from_distance(lambda x: ads.interpolate(grid, phi, x), size, lower, upper)
+ads.plot.plot_size(mesh, size, path="smooth_boundaries.png")
+```
+
     python examples/plot_smooth_boundaries.py [DIRECTORY]
 """
 
@@ -128,7 +149,7 @@ def draw_plane(path: Path, plane: Problem, mesh: ads.SimplexMesh, width: int) ->
     shade(panels[1], plane, plane.size.values, "mesh size h")
     panels[1].set_title(f"mesh size h, g = {G}")
     panels[2].triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.4)
-    panels[2].set_title(f"mesh by smoothing, {mesh.n_cells} triangles")
+    panels[2].set_title(f"mesh, {mesh.n_cells} triangles")
     for panel in panels:
         panel.set(xlim=(-1.8, 1.8), ylim=(-1.2, 1.5), aspect="equal", xlabel="x", ylabel="y")
     save_drawing(path, figure)
@@ -138,8 +159,10 @@ def shade(panel: Axes, plane: Problem, values: Array, label: str) -> None:
     """Draw nodal values inside the domain, and its boundary."""
     x, y = (plane.grid.points[:, d].reshape(plane.grid.shape) for d in range(2))
     inside = np.where((plane.phi < 0.0) & np.isfinite(values), values, np.nan)
+    from matplotlib.ticker import MaxNLocator
+
     image = panel.pcolormesh(x, y, inside, cmap="viridis", shading="nearest")
-    panel.figure.colorbar(image, ax=panel, label=label, shrink=0.8)
+    panel.figure.colorbar(image, ax=panel, label=label, shrink=0.8, ticks=MaxNLocator(5))
     panel.contour(x, y, plane.phi, [0.0], colors="black", linewidths=0.8)
 
 

@@ -6,6 +6,17 @@ the arcs and by the point, with contours of the size.  Right: the interpolation 
 sizes along the broken line.  Around the point, where the true size is a cone, it is up to
 7 %.  Evaluated from the sources, the size is exact at every point.
 
+```python
+import adaptsize as ads
+
+mesh = ads.read("data/curved.vtu")
+h0 = ads.size_from_curvature(mesh, elements_per_radian=4)
+h, info = ads.limit_gradient(mesh, h0, 0.3, full_output=True)
+roots = info.sources.roots()  # for each node the node whose bound controls it
+exact = ads.SizeFunction(mesh, h, sources=info.sources)  # not interpolated
+print(exact([[5.5, 2.5]]), ads.SizeFunction(mesh, h)([[5.5, 2.5]]))
+```
+
     python examples/plot_sources.py [DIRECTORY]
 """
 

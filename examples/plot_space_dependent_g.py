@@ -4,6 +4,18 @@ Figure 14 of Persson's paper: g = 0.4 in the left half and 0.2 in the right, giv
 cell because it is discontinuous.  From the same small size at two points, the size grows twice as
 fast on the left.  The mesh on the right is finer, and its triangles vary less in size.
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+mesh = ads.read("data/slit.vtu")
+left = mesh.points[mesh.cells].mean(axis=1)[:, 0] < 2.0
+g = np.where(left, 0.4, 0.2)  # one number for each cell
+h = ads.limit_gradient(mesh, mesh.point_data["h0"], g)
+ads.plot.plot_size(mesh, h, path="space_dependent_g.png")
+```
+
     python examples/plot_space_dependent_g.py [DIRECTORY]
 """
 

@@ -6,9 +6,24 @@ one at a point of one end.  The sizes are limited and the block is remeshed.  Re
 facet tags are preserved, as the volumes and areas by tag show.  (The ball grows by two
 per cent, because its coarse facets are rounded.)
 
+```python
+import numpy as np
+
+import adaptsize as ads
+
+mesh = ads.read("data/block.vtu")  # a block, region 1, with a ball in it, region 2
+sources = [ads.RegionSource(2, 1.0), ads.PointSource((40.0, 10.0, 10.0), 0.3)]
+h0 = np.minimum(ads.size_from_sources(mesh, sources, g=0.3), 5.0)
+size = ads.SizeFunction(mesh, ads.limit_gradient(mesh, h0, 0.3))
+new = ads.remesh(mesh, size)
+print(np.unique(new.cell_tags), np.unique(new.facet_tags))
+ads.plot.plot_mesh(new, color="region", path="two_regions.png")
+```
+
     python examples/plot_two_regions.py [DIRECTORY]
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +38,7 @@ G = 0.3
 def main(
     output_dir: Path, *, in_ball: float = 1.0, at_point: float = 0.3, width: int = 900
 ) -> dict[str, float]:
-    mesh = ads.read(DATA / "block.vtu")
+    mesh = replace(ads.read(DATA / "block.vtu"), tag_names={(3, 1): "block", (3, 2): "ball"})
     sources = [ads.RegionSource(2, in_ball), ads.PointSource((40.0, 10.0, 10.0), at_point)]
     h0 = np.minimum(ads.size_from_sources(mesh, sources, g=G), 5.0)
     size = ads.SizeFunction(mesh, ads.limit_gradient(mesh, h0, G))

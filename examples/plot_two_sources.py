@@ -6,6 +6,23 @@ along the edges of the mesh (what many mesh generators do) miss the true size wh
 edges follow the straight path, at every mesh size.  Fast marching propagates through the triangles
 and converges.
 
+```python
+import numpy as np
+from scipy.spatial import Delaunay
+
+import adaptsize as ads
+
+points = np.random.default_rng(20050711).uniform(-50.0, 50.0, (20_000, 2))
+mesh = ads.SimplexMesh(points, Delaunay(points).simplices)
+h0 = np.full(mesh.n_points, np.inf)
+for place, size in (((-10, 0), 1.0), ((10, 0), 5.0)):
+    h0[np.argmin(np.linalg.norm(points - place, axis=1))] = size
+exact = ads.limit_gradient(mesh, h0, 0.3)
+for method in ("edge-based", "fast-marching"):
+    print(method, np.abs(ads.limit_gradient(mesh, h0, 0.3, method=method) - exact).mean())
+ads.plot.plot_size(mesh, exact, path="two_sources.png")
+```
+
     python examples/plot_two_sources.py [DIRECTORY]
 """
 

@@ -3,6 +3,15 @@
 The input are labels on voxels, as from a CT scan.  Their boundary is smoothed, sizes come from its
 curvature and from the width of the organs, and the tetrahedra keep the labels.  Also writes
 organs.vtu.
+
+```python
+import adaptsize as ads
+
+image = ads.read_image("data/organs.nii.gz")
+mesh = ads.mesh_image(image, elements_per_radian=3, elements_across=3)
+ads.write("organs.vtu", mesh)
+ads.plot.plot_mesh(mesh, color="region", clip=None, path="volume.png")
+```
 """
 
 from __future__ import annotations
@@ -37,7 +46,7 @@ def main(
 
     panels = [
         ("which cause controls the size,\nin a section", plot_causes(report, width=width)),
-        ("size in mm", plot_size(mesh, width=width)),
+        ("size", plot_size(mesh, label="mesh size h, mm", width=width)),
         ("regions", plot_mesh(mesh, color="region", clip=None, width=width)),
         ("quality of the tetrahedra", plot_mesh(mesh, color="quality", width=width)),
     ]

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coarser_pages import COARSER, OF_THE_MACHINE
+from meshes import jittered_cube
 from page_code import Block, blocks_of, matches
 
 import adaptsize as ads
@@ -52,11 +53,14 @@ def coarse_data(tmp_path_factory):
     image = pytest.importorskip("PIL.Image", reason="a how-to reads a picture")
     nibabel = pytest.importorskip("nibabel", reason="a how-to reads a volume")
     folder = tmp_path_factory.mktemp("coarse")
-    for name in ("bracket.stl", "slit.vtu", "block.vtu", "lshape.vtu"):
+    for name in (
+        "bracket.stl", "slit.vtu", "block.vtu", "lshape.vtu", "curved.vtu", "plate.vtk",
+    ):  # fmt: skip
         shutil.copy(ROOT / "data" / name, folder)
     corners = np.array([[x, y, z] for x in (0, 20) for y in (0, 12) for z in (0, 8)], dtype=float)
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     halves = [[a, b, c] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]
+    ads.write(folder / "cube.vtu", jittered_cube(3, 20261122))
     ads.write(folder / "box.stl", ads.SimplexMesh(corners, halves))
     picture = image.open(ROOT / "data" / "objects.png")
     picture.resize((picture.width // 4, picture.height // 4), image.Resampling.NEAREST).save(
@@ -82,6 +86,25 @@ def solve(points, cells):
     """A field and an indicator, in the place of a solver."""
     u = np.hypot(*points.T) ** (2.0 / 3.0)
     return u, ads.zz_indicator(ads.SimplexMesh(points, cells), u)
+
+
+SCRIPTS = sorted(p.name for p in (ROOT / "examples").glob("[!_]*.py"))
+
+
+@pytest.mark.timeout(900)  # as below
+@pytest.mark.skipif(not available_backends()["mmg"].installed, reason="the pages use Mmg")
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_the_essential_lines_of_an_example_run(script, extension, workplace):
+    pytest.importorskip("pyvista", reason="most of them draw")
+    code = extension.read_example(ROOT / "examples" / script).code
+    for asked, other in () if FULL else COARSER.get(f"examples/{script}", ()):
+        assert asked in code, f"{script} has no {asked!r} any more"
+        code = code.replace(asked, other)
+    code = code if FULL else code.replace(", path=", ", width=160, path=")
+    Block("python", code, 0, None, None).run(script, {"__name__": "page"})
+    pictures = re.findall(r'path="(.*?)"', code)
+    assert pictures or "print(" in code
+    assert all(Path(name).stat().st_size > 500 for name in pictures)
 
 
 @pytest.mark.timeout(900)  # fTetWild, and kernels to be compiled, on a busy machine
@@ -213,9 +236,11 @@ def test_every_example_is_in_the_gallery_with_its_pictures(extension):
 
 def test_a_missing_picture_is_reported(extension, tmp_path):
     script = tmp_path / "plot_new.py"
-    script.write_text('"""New."""\n\ndef main(output_dir):\n    save(output_dir / "new.png")\n')
+    docstring = '"""New.\n\n```python\npass\n```\n"""\n'
+    script.write_text(docstring + 'def main(output_dir):\n    save(output_dir / "new.png")\n')
     example = extension.read_example(script)
     assert example.pictures == ("new.png",)
+    assert example.code == "pass\n"
     (line,) = extension.missing_pictures([example], tmp_path)
     assert "plot_new.py" in line
     assert "new.png" in line

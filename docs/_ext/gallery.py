@@ -50,12 +50,6 @@ SUBJECTS = {
         "plot_euler_anisotropic",
     ],
 }  # fmt: skip
-# The code that the scripts import, folded, so that a page has all that is needed to paste.
-SHARED = [
-    "<details><summary>_gallery.py, to be saved beside the script</summary>",
-    "```{literalinclude} ../../examples/_gallery.py\n:language: python\n```",
-    "</details>",
-]
 ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md)"}
 
 
@@ -66,6 +60,7 @@ class Example:
     path: Path
     title: str
     text: str
+    code: str
     pictures: tuple[str, ...]
     figures: tuple[int, ...]
     first_line_of_code: int
@@ -94,17 +89,30 @@ def read_example(path: Path) -> Example:
     if not docstring:
         raise ValueError(f"{path.name} has no docstring, of which its page would be made")
     title, _, text = docstring.partition("\n")
+    text, code = essential_lines(path.name, text)
     numbers = re.findall(r"Figures? ((?:\d+(?:, | and )?)+)", docstring)
     figures = sorted({int(number) for found in numbers for number in re.findall(r"\d+", found)})
     return Example(
         path=path,
         title=title.rstrip("."),
-        text=text.strip(),
+        text=text,
+        code=code,
         pictures=tuple(dict.fromkeys(_pictures(tree)))
         or (f"{path.stem.removeprefix('plot_')}.png",),
         figures=tuple(figures),
         first_line_of_code=tree.body[1].lineno,
     )
+
+
+def essential_lines(name: str, text: str) -> tuple[str, str]:
+    """Return the text above the code block of a docstring, and the code.
+
+    Below it there is only how to run the script.
+    """
+    blocks = re.split(r"^```(?:python)?$\n?", text, flags=re.MULTILINE)
+    if len(blocks) != 3:
+        raise ValueError(f"{name} must have one block ```python in its docstring")
+    return blocks[0].strip(), blocks[1]
 
 
 def missing_pictures(examples: Sequence[Example], figures: Path) -> list[str]:
@@ -121,7 +129,7 @@ def page_of(example: Example) -> str:
     """Return the page of an example, in Markdown, for a folder beside ``figures``."""
     script = f"../../examples/{example.path.name}"
     pictures = [f"![{example.title}](../figures/{picture})" for picture in example.pictures]
-    code = [
+    whole = [
         f"```{{literalinclude}} {script}",
         ":language: python",
         f":lines: {example.first_line_of_code}-",
@@ -131,10 +139,18 @@ def page_of(example: Example) -> str:
         f"# {example.title}",
         *pictures,
         example.text,
-        f"[Download the script]({script}); what it shares with others is in "
-        "[_gallery.py](../../examples/_gallery.py), which is at the end of this page.",
-        "\n".join(code),
-        *SHARED,
+        "## The essential lines",
+        "They run as they are in a clone of the repository, and are shorter than the script that "
+        "draws the picture.",
+        f"```python\n{example.code}```",
+        "## The whole script",
+        f"[Download {example.path.name}]({script}). What it shares with other examples is in "
+        "[_gallery.py](../../examples/_gallery.py). In a clone, "
+        f"`python examples/{example.path.name}` writes its pictures to `examples/output/`.",
+        "<details><summary>Show the script</summary>",
+        "\n".join(whole),
+        "</details>",
+        "[All examples](index.md)",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -150,8 +166,8 @@ def index_of(examples: Sequence[Example]) -> str:
         [
             "# Gallery",
             "",
-            "Each picture is drawn by a script in `examples/`, which the tests run at a coarser",
-            "setting. `python examples/plot_slit.py` writes its pictures to `examples/output/`.",
+            "Each page has a picture, the essential lines of its method, which run as they are in",
+            "a clone of the repository, and the script in `examples/` that draws the picture.",
             "",
             *_cards(examples),
             "## Figure by figure",

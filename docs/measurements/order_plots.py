@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.transforms import ScaledTranslation
 
 import adaptsize as ads
 from adaptsize.geometry import inscribed_spheres, level_set_curvature, surface_curvature
@@ -459,7 +460,7 @@ def smoothing() -> list[Panel]:
 
 def draw(name: str, panels: list[Panel]) -> None:
     """Write docs/figures/order_NAME.png."""
-    figure, axes = drawing(len(panels), 1, 480, shape=1.05)
+    figure, axes = drawing(len(panels), 1, 480, shape=1.2)
     for axis, panel in zip(axes, panels, strict=True):
         seen = [c for c in panel.curves if c.errors.max() > EXACT]
         for mark, c in zip(MARKS, seen, strict=False):
@@ -473,15 +474,16 @@ def draw(name: str, panels: list[Panel]) -> None:
             axis.loglog(ends, 0.5 * low * (ends / ends[0]) ** order, style, color="grey", lw=1.0)
             axis.text(  # right of the panel, where no curve passes
                 1.01, 0.5 * low * (ends[1] / ends[0]) ** order, f"order {order}",
-                transform=axis.get_yaxis_transform(), color="grey", fontsize=8, va="center",
+                transform=axis.get_yaxis_transform(), color="grey", fontsize=10, va="center",
             )  # fmt: skip
         axis.set(title=panel.title, xlabel="spacing, or mean length of edges", ylabel=panel.ylabel)
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.xaxis.set_major_formatter("{x:g}")
         axis.xaxis.set_minor_formatter(NullFormatter())
         axis.legend(
-            fontsize=8, title="order on the finest three", title_fontsize=8,
-            loc="upper center", bbox_to_anchor=(0.5, -0.16),
+            fontsize=10, title="order on the finest three", title_fontsize=10,
+            loc="upper center", bbox_to_anchor=(0.5, 0.0),
+            bbox_transform=axis.transAxes + ScaledTranslation(0.0, -0.55, figure.dpi_scale_trans),
         )  # fmt: skip
         axis.grid(alpha=0.3)
     save_drawing(FIGURES / f"order_{name}.png", figure)

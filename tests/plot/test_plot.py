@@ -161,6 +161,18 @@ def test_mesh_is_coloured_by_quality_region_or_field(drawn_by, color):
     assert differs == (color != "quality")  # all triangles have the same shape
 
 
+def test_regions_are_labelled_by_their_names():
+    mesh = structured_square(2)
+    tags = np.arange(8) % 3 + 5
+    names = {(2, 5): "steel", (2, 7): "air", (1, 6): "inlet"}  # of which (1, 6) names facets
+    mesh = SimplexMesh(mesh.points, mesh.cells, cell_tags=tags, tag_names=names)
+    scene = make_scene(mesh, tags, label="region", clip=None, on_nodes=False, classes=True)
+    assert scene.class_labels == ["steel", "6", "air"]
+    assert scene.shows_edges
+    quality = make_scene(mesh, tags, label="quality", clip=None, on_nodes=False)
+    assert quality.class_names == {}
+
+
 def test_segments_can_be_drawn():
     if not with_vtk.is_possible():
         pytest.skip("VTK cannot draw here")
@@ -172,7 +184,7 @@ def test_segments_can_be_drawn():
 def test_size_function_and_field_h_give_the_same_picture(drawn_by, tmp_path):
     mesh = structured_square(5)
     h = 1.0 + np.arange(36.0)
-    from_array = plot_size(mesh, h, width=WIDTH)
+    from_array = plot_size(mesh, h, width=float(WIDTH))
     np.testing.assert_array_equal(plot_size(SizeFunction(mesh, h), width=WIDTH), from_array)
     with_field = mesh.with_data(point_data={"h": h})
     path = tmp_path / "h.png"
@@ -206,6 +218,8 @@ def test_bad_arguments_are_named():
         plot_size(mesh, np.ones(9), clip="z")
     with pytest.raises(ValueError, match="width must be 64 to 10000"):
         plot_size(mesh, np.ones(9), width=3)
+    with pytest.raises(ValueError, match=r"whole pixels, got 99\.5"):
+        plot_size(mesh, np.ones(9), width=99.5)
     with pytest.raises(ValueError, match="color must be one of 'quality', 'region'"):
         plot_mesh(mesh, color="colour")
 

@@ -153,4 +153,13 @@ COARSER = {
         words("0.803   0.923   1.014   1.107   1.254   1.025   98.22%     25133"),
         words("median 1.2e-03"),
     ],
+    # The essential lines of examples.
+    "examples/fem_loop.py": [("800, 1600, 3200, 6400", "400, 800")],
+    "examples/plot_bracket.py": [("data/bracket.stl", "data/box.stl"), ("hmin=1.0", "hmin=3.0")],
+    "examples/plot_lshape.py": [("0.002", "0.02")],
+    "examples/plot_scan.py": [("data/deer.ply", "data/box.stl"), ("0.45, 6.0", "2.0, 6.0"),
+                              ("0.45, margin=1.35", "2.0, margin=6.0")],
+    "examples/plot_two_sources.py": [("20_000", "2_000")],
+    "examples/plot_fichera.py": [("block.vtu", "cube.vtu"), ("20_000", "600")],
+    "examples/plot_two_regions.py": [("(2, 1.0)", "(2, 3.0)"), ("10.0), 0.3)", "10.0), 2.0)")],
 }  # fmt: skip

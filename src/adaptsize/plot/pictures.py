@@ -124,7 +124,8 @@ def plot_mesh(
     mesh : SimplexMesh
     color : {"quality", "region"} or str
         ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
-        cell tags.  Otherwise the name of a field of ``mesh`` with one number per node or cell.
+        cell tags, labelled by their names in ``mesh.tag_names``.  Otherwise the
+        name of a field of ``mesh`` with one number per node or cell.
     path, clip, limits, width
         As for `plot_size`; regions have no ``limits``.
 
@@ -206,7 +207,14 @@ def plot_causes(
     counts = np.stack([(scene.values[scene.cells] == k).sum(axis=1) for k in report.codes])
     most = np.where(counts.max(axis=0) > 0, counts.argmax(axis=0), np.nan)
     return _draw(
-        replace(scene, values=most, on_nodes=False, classes=True, class_names=report.causes),
+        replace(
+            scene,
+            values=most,
+            on_nodes=False,
+            classes=True,
+            class_names=dict(enumerate(report.causes)),
+            plain=True,
+        ),
         path,
         width,
     )
@@ -337,13 +345,15 @@ def _not_missing(size: npt.ArrayLike | None) -> npt.ArrayLike:
 def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
     if path is not None and as_path("path", path).suffix.lower() not in _SUFFIXES:
         raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, got {os.fspath(path)!r}")
-    if not _SMALLEST <= as_number("width", width, lower=-np.inf) <= _LARGEST:
-        raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} pixels, got {width}")
+    number = as_number("width", width, lower=-np.inf)
+    if not _SMALLEST <= number <= _LARGEST or number != int(number):
+        raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} whole pixels, got {width}")
     if find_spec("pyvista") is None:
         raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
 
 
 def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Image:
+    width = int(width)
     low, high = scene.frame
     across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
     height = int(np.clip(width * 0.76 * up / across, 0.4 * width, 0.9 * width))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -41,9 +42,8 @@ class Scene:
         Whether values are categories (tags), not quantities.
     flat : bool
         Whether the scene is plane and shown from above.
-    class_names : tuple of str, optional
-        Entry k is the name of class k.  Without names, classes are labelled by number.  With
-        names, edges are not drawn.
+    class_names : mapping of int to str
+        Names of classes.  The others are labelled by number.
     plain : bool
         Whether edges are not drawn.
     color_range : tuple of float, optional
@@ -57,7 +57,7 @@ class Scene:
     label: str
     classes: bool
     flat: bool
-    class_names: tuple[str, ...] | None = None
+    class_names: Mapping[int, str] = field(default_factory=dict)
     plain: bool = False
     color_range: tuple[float, float] | None = None
 
@@ -93,9 +93,7 @@ class Scene:
     @property
     def class_labels(self) -> list[str]:
         """Labels of ``names`` in the picture."""
-        if self.class_names is None:
-            return [f"{name:g}" for name in self.names]
-        return [self.class_names[int(name)] for name in self.names]
+        return [self.class_names.get(int(name), f"{name:g}") for name in self.names]
 
     @property
     def is_logarithmic(self) -> bool:
@@ -119,7 +117,7 @@ class Scene:
     @property
     def shows_edges(self) -> bool:
         """Whether edges are to be drawn, and long enough in the picture."""
-        if self.plain or self.class_names is not None:
+        if self.plain:
             return False
         start, stop = self.points[self.cells[:, 0]], self.points[self.cells[:, 1]]
         low, high = self.frame
@@ -141,7 +139,10 @@ def make_scene(
     on_nodes: bool,
     classes: bool = False,
 ) -> Scene:
-    """Return the visible part of ``mesh`` after the clip; of tetrahedra the outer faces."""
+    """Return the visible part of ``mesh`` after the clip; of tetrahedra the outer faces.
+
+    Classes are labelled by the names of cell tags.
+    """
     extents = np.ptp(mesh.points[np.unique(mesh.cells)], axis=0)
     clip = clip_axis(clip, mesh.dim, extents, solid=mesh.cell_dim == 3)
     cells, values = mesh.cells, np.asarray(values, dtype=np.float64)
@@ -156,7 +157,7 @@ def make_scene(
         skin = SimplexMesh(mesh.points, cells).boundary()
         cells, points = skin.mesh.cells, skin.mesh.points
         values = values[skin.nodes] if on_nodes else values[skin.cells]
-    return scene_of_cells(
+    scene = scene_of_cells(
         points,
         cells,
         values,
@@ -165,6 +166,8 @@ def make_scene(
         classes=classes,
         flat=mesh.dim < 3,
     )
+    names = {tag: name for (dim, tag), name in mesh.tag_names.items() if dim == mesh.cell_dim}
+    return replace(scene, class_names=names) if classes else scene
 
 
 def scene_of_cells(

@@ -172,7 +172,7 @@ def _bar(scene: Scene, text: int) -> dict[str, Any]:
         "vertical": True,
         "fmt": " %.4g",
         "n_labels": 0 if scene.classes else 5,  # `_write_ticks` replaces them
-        "position_x": 0.815 if scene.class_names is None else _BAR_OF_NAMES,
+        "position_x": _BAR_OF_NAMES if scene.class_names else 0.815,
         "position_y": 0.15,
         "width": 0.07,
         "height": 0.7,
@@ -194,7 +194,7 @@ def _write_ticks(plotter: Any, scene: Scene) -> None:
 
 def _mesh_share(scene: Scene, width: int) -> float:
     """Return the share of the picture's width that the colour bar and its names leave."""
-    if scene.class_names is None:
+    if not scene.class_names:
         return _MESH_SHARE
     longest = max((len(name) for name in scene.class_labels), default=0)
     return min(_MESH_SHARE, _BAR_OF_NAMES - _LETTER * longest * _text_size(width) / width)
