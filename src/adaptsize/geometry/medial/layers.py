@@ -1,4 +1,4 @@
-"""Thickness of thin layers: regions of a mesh that an interface bounds on one side or on both."""
+"""Thickness of the regions of a mesh where they are thin layers."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ import math
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.background.interfaces import interfaces
-from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.medial.inscribed_spheres import InscribedSpheres, SphereFinder
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 # A region is a layer where it is thinner than this share of the widths of its two faces.
 _THIN = 0.25
@@ -23,9 +21,9 @@ def half_thickness(mesh: SimplexMesh, *, crease_angle: float) -> FloatArray:
 
     The largest sphere inside a region that touches its boundary at a node has a radius r
     (`inscribed_spheres`).  The region is a thin layer there if :math:`2 r \le w / 4` for the width
-    w of both faces that the sphere touches, and one of them is an interface.  The width of a face
-    of area A with a rim of length L is :math:`4 A / L`, that of a line in the plane its length, and
-    that of a face without rim is infinite.  At feature edges, the narrowest face counts.
+    w of both faces that the sphere touches.  The width of a face of area A with a rim of length L
+    is :math:`4 A / L`, that of a line in the plane its length, and that of a face without rim is
+    infinite.  At feature edges, the narrowest face counts.
 
     The steps of an interface that follows the faces of voxels are as wide as they are high, and
     are no layers.
@@ -43,38 +41,30 @@ def half_thickness(mesh: SimplexMesh, *, crease_angle: float) -> FloatArray:
         Inf at all other nodes.
     """
     radii = np.full(mesh.n_points, np.inf)
-    found = interfaces(mesh)
-    if found is None or mesh.cell_tags is None:
+    if mesh.cell_tags is None or mesh.cell_tags.min() == mesh.cell_tags.max():
         return radii
-    between = found[1][found[0].cells]
     for tag in np.unique(mesh.cell_tags):
         region = SimplexMesh(mesh.points, mesh.cells[mesh.cell_tags == tag])
         if region.is_closed:  # only if cells overlap
             continue
         boundary = region.boundary()
-        nodes = boundary.nodes
-        rows = np.concatenate([between, nodes[boundary.mesh.cells]])
-        number = unique_rows(rows, mesh.n_points)[1]
-        inner = np.isin(number[len(between) :], number[: len(between)])
-        if inner.any():
-            spheres = SphereFinder(boundary.mesh, crease_angle=crease_angle).at_nodes()
-            thin = _touch_wide_faces(boundary.mesh, spheres, inner, crease_angle)
-            np.minimum.at(radii, nodes[spheres.owners[thin]], spheres.radii[thin])
+        spheres = SphereFinder(boundary.mesh, crease_angle=crease_angle).at_nodes()
+        thin = _between_wide_faces(boundary.mesh, spheres, crease_angle)
+        np.minimum.at(radii, boundary.nodes[spheres.owners[thin]], spheres.radii[thin])
     return radii
 
 
-def _touch_wide_faces(
-    boundary: SimplexMesh, spheres: InscribedSpheres, inner: BoolArray, crease_angle: float
+def _between_wide_faces(
+    boundary: SimplexMesh, spheres: InscribedSpheres, crease_angle: float
 ) -> IntArray:
-    """Return the spheres between two faces that are wide for their distance, one of them inner."""
+    """Return the spheres between two faces that are wide for their distance."""
     normals = _normals(boundary)
     finite = np.flatnonzero(np.isfinite(spheres.radii))
     width = _face_widths(boundary, normals, crease_angle)
-    cell, weights, _ = boundary.locator.nearest(spheres.contacts[finite])
-    opposite = _narrowest(boundary, width, cell, weights)
+    opposite = _narrowest(boundary, width, *boundary.locator.nearest(spheres.contacts[finite])[:2])
     own = _facets_of(boundary, normals, spheres.owners[finite], spheres.normals[finite])
     thin = 2.0 * spheres.radii[finite] <= _THIN * np.minimum(width[own], opposite)
-    return finite[thin & (inner[own] | inner[cell])].astype(np.int32)
+    return finite[thin].astype(np.int32)
 
 
 def _normals(boundary: SimplexMesh) -> FloatArray:
@@ -111,8 +101,9 @@ def _face_widths(boundary: SimplexMesh, normals: FloatArray, crease_angle: float
     rim = np.bincount(np.repeat(face, corners), length[edge])
     area = np.bincount(face, boundary.measures)
     with np.errstate(divide="ignore", invalid="ignore"):
-        width: FloatArray = np.where(rim > 0.0, 2.0 * boundary.cell_dim * area / rim, np.inf)
-    return width[face]
+        width = np.where(rim > 0.0, 2.0 * boundary.cell_dim * area / rim, np.inf)
+    of_facets: FloatArray = width[face]
+    return of_facets
 
 
 def _narrowest(
@@ -127,7 +118,8 @@ def _narrowest(
     node = boundary.cells[cell, np.argmax(weights, axis=1)]
     edge = boundary.cell_facets[cell, np.argmin(weights, axis=1)]
     choices = [on.all(axis=1), on.sum(axis=1) > 1]
-    return np.select(choices, [width[cell], at_edge[edge]], at_node[node])
+    narrowest: FloatArray = np.select(choices, [width[cell], at_edge[edge]], at_node[node])
+    return narrowest
 
 
 def _facets_of(
