@@ -11,7 +11,7 @@ Measured, for a burner of radius 0.02, once round in 188 steps and 24 meshes:
 
 | | nodes | difference from the uniform mesh of 40 401 nodes | heat lost |
 |---|---:|---:|---:|
-| meshes that follow | 6899 (mean) | 0.9 % | 2e-15; 2.4 % by interpolation alone |
+| meshes that follow | 6903 (mean) | 0.9 % | 3e-15; 2.4 % by interpolation alone |
 | uniform | 6889 | 1.5 % | 7e-15 |
 
 Transfers keep the gain small.  Where heat conducts seven times as well, the trail is wide and

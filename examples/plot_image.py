@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import DATA, drawing, run, save_drawing
+from _gallery import CURVES, DATA, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
@@ -98,7 +98,10 @@ def _draw_sizes(panel: Axes, size: ads.SizeFunction, phi: npt.NDArray[np.float64
 
 
 def _draw_mesh(panel: Axes, mesh: ads.SimplexMesh) -> None:
-    panel.tripcolor(*mesh.points.T, mesh.cells, facecolors=mesh.cell_tags, cmap="Pastel1")
+    from matplotlib.colors import ListedColormap
+
+    colours = ListedColormap(CURVES[: int(mesh.cell_tags.max())])
+    panel.tripcolor(*mesh.points.T, mesh.cells, facecolors=mesh.cell_tags, cmap=colours, alpha=0.5)
     panel.triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.3)
     panel.set_title(f"mesh, {mesh.n_cells} triangles")
 

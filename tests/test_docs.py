@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coarser_pages import COARSER, OF_THE_MACHINE
+from meshes import jittered_cube
 from page_code import Block, blocks_of, matches
 
 import adaptsize as ads
@@ -59,6 +60,7 @@ def coarse_data(tmp_path_factory):
     corners = np.array([[x, y, z] for x in (0, 20) for y in (0, 12) for z in (0, 8)], dtype=float)
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     halves = [[a, b, c] for q in quads for a, b, c in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))]
+    ads.write(folder / "cube.vtu", jittered_cube(3, 20261122))
     ads.write(folder / "box.stl", ads.SimplexMesh(corners, halves))
     picture = image.open(ROOT / "data" / "objects.png")
     picture.resize((picture.width // 4, picture.height // 4), image.Resampling.NEAREST).save(

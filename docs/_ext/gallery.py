@@ -166,8 +166,8 @@ def index_of(examples: Sequence[Example]) -> str:
         [
             "# Gallery",
             "",
-            "Each picture is drawn by a script in `examples/`, which the tests run at a coarser",
-            "setting. `python examples/plot_slit.py` writes its pictures to `examples/output/`.",
+            "Each page has a picture, the essential lines of its method, which run as they are in",
+            "a clone of the repository, and the script in `examples/` that draws the picture.",
             "",
             *_cards(examples),
             "## Figure by figure",

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.transforms import ScaledTranslation
 
 import adaptsize as ads
 from adaptsize.geometry import inscribed_spheres, level_set_curvature, surface_curvature
@@ -459,7 +460,7 @@ def smoothing() -> list[Panel]:
 
 def draw(name: str, panels: list[Panel]) -> None:
     """Write docs/figures/order_NAME.png."""
-    figure, axes = drawing(len(panels), 1, 480, shape=1.05)
+    figure, axes = drawing(len(panels), 1, 480, shape=1.2)
     for axis, panel in zip(axes, panels, strict=True):
         seen = [c for c in panel.curves if c.errors.max() > EXACT]
         for mark, c in zip(MARKS, seen, strict=False):
@@ -481,7 +482,8 @@ def draw(name: str, panels: list[Panel]) -> None:
         axis.xaxis.set_minor_formatter(NullFormatter())
         axis.legend(
             fontsize=10, title="order on the finest three", title_fontsize=10,
-            loc="upper center", bbox_to_anchor=(0.5, -0.16),
+            loc="upper center", bbox_to_anchor=(0.5, 0.0),
+            bbox_transform=axis.transAxes + ScaledTranslation(0.0, -0.55, figure.dpi_scale_trans),
         )  # fmt: skip
         axis.grid(alpha=0.3)
     save_drawing(FIGURES / f"order_{name}.png", figure)

@@ -160,6 +160,6 @@ COARSER = {
     "examples/plot_scan.py": [("data/deer.ply", "data/box.stl"), ("0.45, 6.0", "2.0, 6.0"),
                               ("0.45, margin=1.35", "2.0, margin=6.0")],
     "examples/plot_two_sources.py": [("20_000", "2_000")],
-    "examples/plot_fichera.py": [("20_000", "1_500")],
+    "examples/plot_fichera.py": [("block.vtu", "cube.vtu"), ("20_000", "600")],
     "examples/plot_two_regions.py": [("(2, 1.0)", "(2, 3.0)"), ("10.0), 0.3)", "10.0), 2.0)")],
 }  # fmt: skip
