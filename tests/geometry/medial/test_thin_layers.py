@@ -77,7 +77,7 @@ VOXELS = {
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("shape", VOXELS)
 def test_steps_of_voxels_are_no_layers(shape, dim):
-    n = 12 if dim == 2 else 8
+    n = 12
     mesh = box(dim, np.linspace(0.0, 1.0, n + 1), n)
     mesh = with_regions(mesh, lambda x: VOXELS[shape]((np.floor(n * x) + 0.5) / n))
     assert 0 < mesh.cell_tags.sum() < mesh.n_cells

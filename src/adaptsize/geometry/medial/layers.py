@@ -12,6 +12,8 @@ from adaptsize.typing import FloatArray, IntArray
 
 # A region is a layer where it is thinner than this share of the widths of its two faces.
 _THIN = 0.25
+# The cosine of the least angle between the normals of its two faces, 120 degrees.
+_FACING = -0.5
 # A point is on an edge or at a node of its facet if a weight is below this.
 _ON_EDGE = 1e-6
 
@@ -21,7 +23,8 @@ def half_thickness(mesh: SimplexMesh, *, crease_angle: float) -> FloatArray:
 
     The largest sphere inside a region that touches its boundary at a node has a radius r
     (`inscribed_spheres`).  The region is a thin layer there if :math:`2 r \le w / 4` for the width
-    w of both faces that the sphere touches.  The width of a face of area A with a rim of length L
+    w of both faces that the sphere touches, and their normals differ by more than 120 degrees, so
+    that corners are no layers.  The width of a face of area A with a rim of length L
     is :math:`4 A / L`, that of a line in the plane its length, and that of a face without rim is
     infinite.  At feature edges, the narrowest face counts.
 
@@ -43,14 +46,17 @@ def half_thickness(mesh: SimplexMesh, *, crease_angle: float) -> FloatArray:
     radii = np.full(mesh.n_points, np.inf)
     if mesh.cell_tags is None or mesh.cell_tags.min() == mesh.cell_tags.max():
         return radii
-    for tag in np.unique(mesh.cell_tags):
-        region = SimplexMesh(mesh.points, mesh.cells[mesh.cell_tags == tag])
+    order = np.argsort(mesh.cell_tags, kind="stable")
+    for cells in np.split(order, np.flatnonzero(np.diff(mesh.cell_tags[order])) + 1):
+        nodes, local = np.unique(mesh.cells[cells], return_inverse=True)
+        region = SimplexMesh(mesh.points[nodes], local.reshape(len(cells), -1))
         if region.is_closed:  # only if cells overlap
             continue
         boundary = region.boundary()
         spheres = SphereFinder(boundary.mesh, crease_angle=crease_angle).at_nodes()
         thin = _between_wide_faces(boundary.mesh, spheres, crease_angle)
-        np.minimum.at(radii, boundary.nodes[spheres.owners[thin]], spheres.radii[thin])
+        at = nodes[boundary.nodes[spheres.owners[thin]]]
+        np.minimum.at(radii, at, spheres.radii[thin])
     return radii
 
 
@@ -61,9 +67,11 @@ def _between_wide_faces(
     normals = _normals(boundary)
     finite = np.flatnonzero(np.isfinite(spheres.radii))
     width = _face_widths(boundary, normals, crease_angle)
-    opposite = _narrowest(boundary, width, *boundary.locator.nearest(spheres.contacts[finite])[:2])
+    other, weights, _ = boundary.locator.nearest(spheres.contacts[finite])
     own = _facets_of(boundary, normals, spheres.owners[finite], spheres.normals[finite])
-    thin = 2.0 * spheres.radii[finite] <= _THIN * np.minimum(width[own], opposite)
+    narrower = np.minimum(width[own], _narrowest(boundary, width, other, weights))
+    thin = 2.0 * spheres.radii[finite] <= _THIN * narrower
+    thin &= (normals[own] * normals[other]).sum(axis=1) < _FACING
     return finite[thin].astype(np.int32)
 
 
