@@ -28,12 +28,18 @@ from adaptsize.remeshing import available_backends
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 FULL = os.environ.get("ADAPTSIZE_PAGES") == "full"
+METHODS = [
+    "adaptation", "adaptive-loops", "anisotropic", "anisotropic-meshes", "complete-size", "distance",
+    "exact-limiting", "feature-size", "files", "images", "limiting", "medial-axis", "octrees",
+    "remeshing", "sizes", "smoothing",
+]  # fmt: skip
 PAGES = [
     "README.md",
     "docs/index.md",
     "docs/install.md",
     *sorted(f"docs/how-to/{p.name}" for p in DOCS.glob("how-to/[a-z]*.md") if p.stem != "dolfinx"),
     *sorted(f"docs/tutorials/{p.name}" for p in DOCS.glob("tutorials/[a-z]*.md")),
+    *(f"docs/{name}.md" for name in METHODS),
 ]
 
 

@@ -153,6 +153,13 @@ COARSER = {
         words("0.803   0.923   1.014   1.107   1.254   1.025   98.22%     25133"),
         words("median 1.2e-03"),
     ],
+    "docs/distance.md": [("spacing=1.0", "spacing=4.0")],
+    "docs/feature-size.md": [("spacing=1.0", "spacing=4.0"), ("spacing=3.0", "spacing=12.0")],
+    "docs/medial-axis.md": [
+        ("spacing=1.0", "spacing=4.0"),
+        ("spacing=3.0", "spacing=12.0"),
+        ("g=0.25), max_level=12", "g=0.25), max_level=3"),
+    ],
     # The essential lines of examples.
     "examples/fem_loop.py": [("800, 1600, 3200, 6400", "400, 800")],
     "examples/plot_bracket.py": [("data/bracket.stl", "data/box.stl"), ("hmin=1.0", "hmin=3.0")],
