@@ -56,6 +56,9 @@ NODES = {
     "fast-marching": {"method": "fast-marching"},
     "exact": {"method": "exact", "face_sources": False},
 }
+PERIODIC = {
+    name: {"method": name, "periodic": 100.0 * np.eye(2)} for name in ("fast-marching", "exact")
+}
 OTHERS = named("edge-based", "positive-coefficient")
 ON_GRIDS = {
     **named("edge-based", "fast-marching", "exact"),
@@ -134,6 +137,20 @@ def two_sources(mesh):
     places[:, 0] = -10.0, 10.0
     nodes = [int(np.argmin(np.linalg.norm(mesh.points - x, axis=1))) for x in places]
     return from_nodes(mesh, nodes, [1.0, 5.0])
+
+
+def periodic_square(n):
+    """Return the two sources near opposite corners of a square that repeats in both directions."""
+    mesh = jittered_triangles(n)
+    h0 = np.full(mesh.n_points, np.inf)
+    exact = h0.copy()
+    for place, size in (((-40.0, -45.0), 1.0), ((45.0, 30.0), 5.0)):
+        node = int(np.argmin(np.linalg.norm(mesh.points - place, axis=1)))
+        h0[node] = size
+        for shift in np.stack(np.meshgrid(*[[-100.0, 0.0, 100.0]] * 2), axis=-1).reshape(-1, 2):
+            away = np.linalg.norm(mesh.points - mesh.points[node] - shift, axis=1)
+            exact = np.minimum(exact, size + G * away)
+    return Problem(mesh, h0, EVERYWHERE, exact)
 
 
 def many_sources(mesh, n_sources):
@@ -316,6 +333,7 @@ SERIES = {
         {**BOTH, **OTHERS},
     ),
     "two sources, grid": Series(on_grid, (101**2, 801**2), ON_GRIDS),
+    "two sources, periodic square": Series(periodic_square, (10_000, 40_000, 160_000), PERIODIC),
     "slit": Series(lambda n: around_obstacles("slit", n), HOLED, BOTH),
     "star holes": Series(lambda n: around_obstacles("star holes", n), HOLED, BOTH),
     "maze": Series(lambda n: around_obstacles("maze", n), HOLED, BOTH),
@@ -337,7 +355,11 @@ SERIES = {
         (10_000, 40_000, 160_000),
         named("fast-marching"),
     ),
-    "sphere": Series(sphere, (2_500, 10_000, 40_000), named("fast-marching")),
+    "sphere": Series(
+        sphere,
+        (2_500, 10_000, 40_000),
+        {**named("fast-marching"), "exact": {"method": "great circles"}},
+    ),
     "noise": Series(noise, (10_000, 40_000, 160_000), BOTH),
     "tetrahedra, smooth field, nodes": Series(waves_in_a_cube, (59_319,), NODES),
 }

@@ -77,6 +77,29 @@ def marching(n):
     return lambda: ads.limit_gradient(mesh, h0, g=0.25, method="fast-marching")
 
 
+def periodic(n):
+    """Return a call that limits a field of few bounds in a periodic square."""
+    import adaptsize as ads
+
+    mesh = jittered(n, 2)
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[np.random.default_rng(5092).integers(mesh.n_points, size=2)] = 0.01
+    return lambda: ads.limit_gradient(mesh, h0, g=0.25, periodic=2.0 * np.eye(2))
+
+
+def around_the_earth(n):
+    """Return a call that limits along great circles, from random points with bounds."""
+    import adaptsize as ads
+
+    rng = np.random.default_rng(5093)
+    lon_lat = np.column_stack(
+        [rng.uniform(-180.0, 180.0, n), np.rad2deg(np.arcsin(rng.uniform(-1.0, 1.0, n)))]
+    )
+    h0 = np.full(n, np.inf)
+    h0[:2000] = rng.uniform(1e3, 1e5, 2000)
+    return lambda: ads.limit_on_sphere(lon_lat, h0, 0.25)
+
+
 def sizes_of_part():
     """Return a call that makes the size function of the bracket."""
     import adaptsize as ads
@@ -115,6 +138,8 @@ CASES: dict[str, Callable] = {
     "limit, 2 bounds, 40 000 tetrahedron nodes": lambda: limiting(40_000, 3, 2),
     "limit, around a slit": lambda: around_slit(200),
     "fast marching, 100 000 triangle nodes": lambda: marching(100_000),
+    "limit, periodic, 40 000 triangle nodes": lambda: periodic(40_000),
+    "limit on the sphere, 100 000 points": lambda: around_the_earth(100_000),
     "size function of the bracket": sizes_of_part,
     "signed distance of the bracket": lambda: distance(60),
     "transfer of fields, 40 000 nodes": lambda: transfer(40_000),

@@ -2,13 +2,13 @@
 
     python benchmarks/limiting.py [--quick] [--only TEXT] [--output benchmarks/results]
 
-Two sources (Persson, section 6.2) on triangles, tetrahedra and grids; hundreds of
-sources; domains with slits, holes, mazes and walls; data on a boundary, smooth fields, noise; a
-smooth g and a sphere.  Every problem is a process of its own on one thread.  Its methods take
-turns, so that ratios of their times come from one stretch of time; kernels are compiled
-beforehand.  Seconds are processor time, the best of three (two for 100 000 nodes and more; one
-for the slow iteration, which is left out above 300 000), all in: arrays in, array out,
-adjacency included.  Writes `limiting.md` and `limiting.json`.
+Two sources (Persson, section 6.2) on triangles, tetrahedra and grids, and in a periodic square;
+hundreds of sources; domains with slits, holes, mazes and walls; data on a boundary, smooth fields,
+noise; a smooth g; a sphere, on its triangles and ("exact") along great circles.  Every problem is a
+process of its own on one thread.  Its methods take turns, so that ratios of their times come from
+one stretch of time; kernels are compiled beforehand.  Seconds are processor time, the best of three
+(two for 100 000 nodes and more; one for the slow iteration, which is left out above 300 000), all
+in: arrays in, array out, adjacency included.  Writes `limiting.md` and `limiting.json`.
 """
 
 import argparse
@@ -69,9 +69,15 @@ def measure(name, n):
 
 def solve(problem, options):
     """Return the seconds that limiting took on a fresh mesh, and the sizes."""
-    from adaptsize import SimplexMesh, limit_gradient
+    from adaptsize import SimplexMesh, limit_gradient, limit_on_sphere
 
     background = problem.background
+    if options["method"] == "great circles":
+        start = time.process_time()
+        radius = np.linalg.norm(background.points[0])
+        lon_lat = longitudes_and_latitudes(background.points)
+        h = limit_on_sphere(lon_lat, problem.h0, problem.g, radius=radius, threads=1)
+        return time.process_time() - start, h
     start = time.process_time()
     if isinstance(background, SimplexMesh):  # nothing derived is there yet
         background = SimplexMesh(background.points, background.cells)
@@ -79,6 +85,12 @@ def solve(problem, options):
         options = {"threads": 1, **options}
     h = limit_gradient(background, problem.h0, problem.g, **options)
     return time.process_time() - start, h
+
+
+def longitudes_and_latitudes(points):
+    """Return those of points on a sphere around 0, in degrees."""
+    x, y, z = points.T
+    return np.rad2deg(np.column_stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))]))
 
 
 def errors(error):

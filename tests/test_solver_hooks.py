@@ -48,7 +48,7 @@ def test_every_block_of_the_page_stands_in_a_section_that_is_run():
         "MFEM",
         "NGSolve",
     ]
-    assert PAGE.read_text(encoding="utf-8").count("```python") == 7
+    assert PAGE.read_text(encoding="utf-8").count("```python") == 8
 
 
 def test_objects_of_meshio_and_pyvista(monkeypatch):
@@ -107,11 +107,16 @@ def test_dolfinx():
     domain, mesh = names["domain"], names["mesh"]
     assert mesh.n_cells == pytest.approx(500, rel=0.15)
     geometry = domain.geometry
-    assert geometry.dofmap.shape == mesh.cells.shape
+    assert geometry.dofmaps[0].shape == mesh.cells.shape
     np.testing.assert_array_equal(
         geometry.x[:, :2], mesh.points[geometry.input_global_indices]
     )  # the same bits, in another order
-    again = measure(geometry.x[:, :2], geometry.dofmap)
+    again = measure(geometry.x[:, :2], geometry.dofmaps[0])
+    tags = names["tags"]
+    assert len(tags.indices) == len(mesh.tagged_facets) > 8
+    middles = names["dmesh"].compute_midpoints(domain, 1, tags.indices)
+    assert set(tags.values) == {7}
+    assert not middles[:, 1].any()
     cells = domain.topology.original_cell_index
     np.testing.assert_allclose(np.abs(again), mesh.measures[cells], rtol=1e-9)
 

@@ -1,7 +1,8 @@
 """Links from names in backticks, such as ``limit_gradient``, to the reference.
 
 The pages are plain Markdown, in which names of the library are code.  On the site, the first use of
-a name in a section becomes a link, except in headings and within links.
+a name in a section becomes a link, except in headings and within links.  In docstrings, every name
+in single backticks becomes one.
 """
 
 from __future__ import annotations
@@ -32,27 +33,35 @@ def public_names(reference: Path) -> dict[str, str]:
 
 
 def link_names(app: Sphinx, doctree: nodes.document) -> None:
-    """Replace the first literal of each public name in a section by a reference."""
+    """Replace names of the library by references."""
     document = app.env.docname
-    if not (DOCS / f"{document}.md").exists():
-        return
     names = public_names(DOCS / "api.rst")
+    if not (DOCS / f"{document}.md").exists():
+        for quoted in list(doctree.findall(nodes.title_reference)):
+            if target := _target(quoted, names):
+                quoted.replace_self(_link(target, nodes.literal("", quoted.astext()), document))
+        return
     for section in doctree.findall(nodes.section):
         done: set[str] = set()
         for literal in list(section.findall(nodes.literal)):
             if _section_of(literal) is not section or _is_taken(literal):
                 continue
-            match = WRITTEN.match(literal.astext())
-            target = names.get(match[1]) if match else None
-            if target is None or target in done:
-                continue
-            done.add(target)
-            link = addnodes.pending_xref(
-                "", refdomain="py", reftype="obj", reftarget=target, refexplicit=True,
-                refdoc=document, refwarn=True,
-            )  # fmt: skip
-            literal.replace_self(link)
-            link += literal
+            target = _target(literal, names)
+            if target is not None and target not in done:
+                done.add(target)
+                literal.replace_self(_link(target, literal.deepcopy(), document))
+
+
+def _target(text: nodes.Element, names: dict[str, str]) -> str | None:
+    match = WRITTEN.match(text.astext())
+    return names.get(match[1]) if match else None
+
+
+def _link(target: str, text: nodes.literal, document: str) -> addnodes.pending_xref:
+    return addnodes.pending_xref(
+        "", text, refdomain="py", reftype="obj", reftarget=target, refexplicit=True,
+        refdoc=document, refwarn=True,
+    )  # fmt: skip
 
 
 def _section_of(node: nodes.Node) -> nodes.Node | None:

@@ -156,6 +156,14 @@ def as_slope(name: str, value: Any) -> float:
     return slope
 
 
+def as_tolerance(name: str, value: Any) -> float:
+    """Return a tolerance of the boundary: > 0 and at most 1, relative to the diagonal."""
+    tolerance = as_number(name, value, lower=0.0, strict=True)
+    if tolerance > 1.0:
+        raise ValueError(f"{name} must be at most 1 (of the diagonal), got {tolerance:g}")
+    return tolerance
+
+
 def as_angle(name: str, value: Any) -> float:
     """Return an angle of 0 to 180 degrees."""
     angle = as_number(name, value, lower=0.0)

@@ -23,7 +23,7 @@ def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCall
     if isinstance(progress, np.bool_):
         progress = bool(progress)
     if progress is None or progress is False:
-        yield _ignore
+        yield silent
     elif progress is True:
         with _rich_bar() as callback:
             yield callback
@@ -61,7 +61,7 @@ def remaining(seconds: float, share: float | None) -> str:
     return f"about {seconds * (1.0 - share) / share:.0f} s left"
 
 
-def _ignore(text: str, share: float | None) -> None:
+def silent(text: str, share: float | None) -> None:
     """Report nothing."""
 
 

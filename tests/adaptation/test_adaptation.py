@@ -131,6 +131,7 @@ ETA = np.ones(MESH.n_cells)
         ({"h0": 0.1, "enough": -1}, "enough must be finite and >= 0"),
         ({"h0": 0.1, "corner_angle": "x"}, "corner_angle must be a number"),
         ({"h0": 0.1, "boundary_tolerance": 0}, "boundary_tolerance must be"),
+        ({"h0": 0.1, "boundary_tolerance": 2}, "boundary_tolerance must be at most 1"),
         ({"h0": 0.1, "max_elements": 0}, "max_elements must be"),
         ({"h0": 0.1, "timeout": 0}, "timeout must be"),
     ],

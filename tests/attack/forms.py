@@ -31,7 +31,7 @@ _PARTS = (
 #: Integers are labels there, which are not interpolated, as documented.
 _KEEPS_INTEGERS = {
     "transfer_fields", "distributed.transfer_fields", "FieldTransfer.nodal", "FieldTransfer.cells",
-    "write", "SimplexMesh.to_meshio",
+    "adapt", "distributed.adapt", "write", "SimplexMesh.to_meshio",
 }  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from meshes import jittered_cube, random_sphere, random_square
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh
+from adaptsize.background.topology import components_of
 
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 HALVES = [[0, 1, 2], [0, 2, 3]]
@@ -129,3 +130,9 @@ def test_degenerate_cells_have_measure_zero(seed, kind):
 def test_diagonal_spans_the_nodes_that_belong_to_cells():
     mesh = SimplexMesh([*SQUARE, [50.0, 50.0]], HALVES)
     assert mesh.diagonal == pytest.approx(np.sqrt(2.0), rel=1e-15)
+
+
+def test_components_are_numbered_in_the_order_of_their_first_objects():
+    links = np.array([[4, 1], [3, 0], [5, 4], [5, 1]])
+    assert components_of(links, 7).tolist() == [0, 1, 2, 0, 1, 1, 3]
+    assert components_of(np.empty((0, 2), np.int32), 2).tolist() == [0, 1]

@@ -179,7 +179,7 @@ def test_order_statistics_are_those_of_all_values(data):
     ("change", "message"),
     [
         ({"point_sources": ([[0.0, 0.0]], [2.0])}, "^point_sources must be the same on all ranks"),
-        ({"point_sources": [[0.0, 0.0]]}, "^rank 2: point_sources must be a tuple"),
+        ({"point_sources": [[0.0, 0.0]]}, "^rank 2: point_sources must be a pair"),
         ({"full_output": True}, "^full_output must be the same on all ranks"),
         ({"full_output": 7}, "^rank 2: full_output must be"),
     ],

@@ -7,7 +7,7 @@ pytest.importorskip("matplotlib", reason="the examples draw")
 
 
 def test_stretched_triangles_need_fewer_elements(run, tmp_path):
-    numbers = {"isotropic": (1500, 3000), "anisotropic": (500, 1000)}
+    numbers = {"isotropic": (750, 1500), "anisotropic": (250, 500)}
     found = run("plot_anisotropic_layers", numbers=numbers)
     for name in ("S-shaped", "crossing"):
         errors = {
@@ -33,7 +33,7 @@ def test_layers_have_the_requested_heights(run, tmp_path):
 
 
 def test_triangles_are_stretched_along_the_shocks(run, tmp_path):
-    found = run("plot_euler_anisotropic", numbers=(600, 500), n_cycles=1, n_first=1000)
+    found = run("plot_euler_anisotropic", numbers=(400, 350), n_cycles=1, n_first=600)
     assert found["largest aspect ratio, anisotropic"] > 3.0
     assert found["boundary nodes off the boundary, anisotropic"] < 1e-9
     assert 1.3 < found["largest Mach number, anisotropic"] < 2.3

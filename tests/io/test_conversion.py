@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from shapes import block, two_region_block, two_region_rectangle
 
-from adaptsize import SimplexMesh, read
+from adaptsize import SimplexMesh, read, write
 from adaptsize.errors import MeshRepairWarning
 
 
@@ -156,3 +156,11 @@ def test_neither_package_is_imported_with_the_class():
         "assert not {'meshio', 'pyvista', 'vtk'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_format_that_only_meshio_writes(tmp_path):
+    mesh = two_region_block(2)
+    with pytest.raises(ValueError, match=r"'meshio convert' makes others .*, got .*part.inp$"):
+        write(tmp_path / "part.inp", mesh)
+    meshio.Mesh(mesh.points, [("tetra", mesh.cells)]).write(tmp_path / "part.inp")
+    assert_array_equal(read(tmp_path / "part.inp").cells, mesh.cells)

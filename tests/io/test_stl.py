@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from stl_files import ASCII_STL, binary_stl
 
 from adaptsize import read
-from adaptsize._formats import stl
+from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshRepairWarning
 
 
@@ -66,7 +66,7 @@ def test_flat_stl_triangles_with_three_different_corners_are_kept(tmp_path):
 def test_merging_keeps_every_corner_and_no_two_equal_nodes(seed, n, levels):
     rng = np.random.default_rng(seed)
     corners = rng.integers(-1, levels, (n, 3)) * rng.choice([1.0, 0.1, -0.0])
-    points, number = stl.merge_equal_points(corners)
+    points, number = merge_equal_points(corners)
     assert_array_equal(points[number], corners)
     assert len(np.unique(points + 0.0, axis=0)) == len(points)
     first = np.array([np.flatnonzero(number == i)[0] for i in range(len(points))])

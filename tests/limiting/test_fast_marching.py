@@ -74,12 +74,11 @@ def test_without_seeds_nothing_is_reached():
 
 
 def test_marching_through_a_mesh_warns_when_it_becomes_inexact(monkeypatch):
-    module = "adaptsize.geometry.distance.fast_marching"
     mesh = random_square(300, seed=5)
     seeds = np.where(np.arange(mesh.n_points) == 0, 0.0, np.inf)
     exact = march_through_mesh(mesh, seeds, report=quiet, text="marching")  # no warning
-    monkeypatch.setattr(f"{module}._PATIENCE", 0)
-    monkeypatch.setattr(f"{module}._CHUNK_OF_MESH", 10)
+    monkeypatch.setattr("adaptsize.background.marching._PATIENCE", 0)
+    monkeypatch.setattr("adaptsize.background.marching.CHUNK", 10)
     with pytest.warns(ConvergenceWarning, match="changes below 0.1% are ignored"):
         rough = march_through_mesh(mesh, seeds, report=quiet, text="marching")
     np.testing.assert_allclose(rough, exact, rtol=0.05)

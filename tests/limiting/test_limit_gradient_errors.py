@@ -255,3 +255,11 @@ def test_a_long_argument_gives_a_short_message(name):
     with pytest.raises(ValueError, match=f"{name} must be") as caught:
         limit_gradient(SQUARE, H0, 0.3, **{name: "x" * 5000})
     assert len(str(caught.value)) < 200
+
+
+def test_point_sources_may_be_a_list_of_two_arrays():
+    pair = IDLE["point_sources"]
+    expected = limit_gradient(SQUARE, H0, 0.3, point_sources=pair)
+    assert np.array_equal(limit_gradient(SQUARE, H0, 0.3, point_sources=list(pair)), expected)
+    with message("point_sources must be a pair (points, sizes)"):
+        limit_gradient(SQUARE, H0, 0.3, point_sources=pair[0])

@@ -7,8 +7,9 @@ from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize._kernels.fast_marching import sweep_cells
+from adaptsize.background import marching
 from adaptsize.errors import ConvergenceWarning
-from adaptsize.limiting import fast_marching, policy_iteration
+from adaptsize.limiting import policy_iteration
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.policy_iteration import iterate_policies
 
@@ -97,8 +98,8 @@ def test_too_few_policies_are_reported_by_a_warning_and_in_the_info(monkeypatch)
     # Slivers that point in circles need policies; one step is not enough for them.
     mesh, h0, g = _problem(2, 60_001, stretch=10.0)
     exact = limit_gradient(mesh, h0, g, method="fast-marching")
-    monkeypatch.setattr(fast_marching, "patience", lambda n: 1)
-    monkeypatch.setattr(fast_marching, "CHUNK", 1)
+    monkeypatch.setattr(marching, "_PATIENCE", 0)
+    monkeypatch.setattr(marching, "CHUNK", 1)
     monkeypatch.setattr(policy_iteration, "_MOST_STEPS", 1)
     with pytest.warns(ConvergenceWarning, match="policy iteration stopped after 1 steps") as caught:
         h, info = limit_gradient(mesh, h0, g, method="fast-marching", full_output=True)

@@ -184,7 +184,7 @@ def test_segments_can_be_drawn():
 def test_size_function_and_field_h_give_the_same_picture(drawn_by, tmp_path):
     mesh = structured_square(5)
     h = 1.0 + np.arange(36.0)
-    from_array = plot_size(mesh, h, width=WIDTH)
+    from_array = plot_size(mesh, h, width=float(WIDTH))
     np.testing.assert_array_equal(plot_size(SizeFunction(mesh, h), width=WIDTH), from_array)
     with_field = mesh.with_data(point_data={"h": h})
     path = tmp_path / "h.png"
@@ -218,6 +218,8 @@ def test_bad_arguments_are_named():
         plot_size(mesh, np.ones(9), clip="z")
     with pytest.raises(ValueError, match="width must be 64 to 10000"):
         plot_size(mesh, np.ones(9), width=3)
+    with pytest.raises(ValueError, match=r"whole pixels, got 99\.5"):
+        plot_size(mesh, np.ones(9), width=99.5)
     with pytest.raises(ValueError, match="color must be one of 'quality', 'region'"):
         plot_mesh(mesh, color="colour")
 

@@ -8,7 +8,8 @@ from implicit_domains import box
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
-from adaptsize._kernels.smoothing import fill_quality, smooth_nodes, swap
+from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
+from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
 from adaptsize.remeshing.distmesh.finish import improved
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
@@ -85,7 +86,8 @@ def swapped(points, cells):
     ring_ptr, ring_of = topology.rings(cells, len(points))
     dead = np.zeros(len(cells), np.bool_)
     made = np.empty((40 * len(cells), 4), np.int32)
-    n_made = swap(points, cells, ring_ptr, ring_of, bad, quality, dead, made)
+    mesh = Tetrahedra(points, cells, ring_ptr, ring_of, quality, dead)
+    n_made = swap(mesh, bad, new_work(), made)
     return np.concatenate([cells[~dead], made[:n_made]]), quality
 
 

@@ -89,6 +89,17 @@ def test_one_view_at_a_time_is_visible(square):
         assert np.flatnonzero(visible).tolist() == [2 * number, 2 * number + 1]
 
 
+@pytest.mark.parametrize("largest", [0.3, 30.0])
+def test_colour_bars_have_the_round_numbers_of_pictures(square, largest):
+    mesh, *_ = square
+    size = SizeFunction(mesh, np.linspace(0.07, largest, mesh.n_points))
+    view = views_of_mesh(mesh, size)[0]
+    bar = figure_of([view]).data[0].colorbar
+    np.testing.assert_allclose([float(text) for text in bar.ticktext], view.scene.ticks)
+    places = 10.0 ** np.array(bar.tickvals) if largest > 1.0 else bar.tickvals
+    np.testing.assert_allclose(places, view.scene.ticks)
+
+
 def test_causes_keep_their_names(square):
     _, _, found = square
     (view,) = views_of_causes(found)

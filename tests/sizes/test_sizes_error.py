@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from meshes import random_square
 from numpy.testing import assert_allclose, assert_array_equal
 from recovery import MESHES
+from shapes import block
 
 from adaptsize import SimplexMesh
 from adaptsize.sizes import (
@@ -67,6 +68,15 @@ def test_number_of_elements_is_kept_by_nodal_sizes(seed, order, share):
     wanted = share * mesh.n_cells
     h = size_from_error(mesh, eta, order=order, target_elements=wanted, max_refine=9, max_coarsen=9)
     assert predicted_elements(mesh, h) == pytest.approx(wanted, rel=1e-3)
+
+
+def test_tiny_sizes_count_as_more_elements_than_can_be_made():
+    mesh = block(1)
+    assert 1e300 <= predicted_elements(mesh, np.full(mesh.n_points, 5e-324)) < np.inf
+    far = SimplexMesh(1e70 * mesh.points, mesh.cells)
+    assert predicted_elements(far, np.full(mesh.n_points, 5e-324)) == np.inf
+    h = size_from_error(mesh, np.ones(mesh.n_cells), order=1, hmax=1e-200, target_elements=300.0)
+    assert_allclose(h, 1e-200)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1.0, 5.0), st.floats(1.0, 5.0))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from adaptsize._formats.blocks import RawMesh
-from adaptsize._formats.stl import merge_equal_points
+from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 

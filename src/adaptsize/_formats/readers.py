@@ -29,6 +29,7 @@ from adaptsize._formats import (
 from adaptsize._formats.blocks import RawMesh, check_raw, join
 from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.quietness import quiet
+from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 
 #: Whatever a reader of another package may raise.  meshio calls sys.exit, and some errors of
@@ -87,7 +88,7 @@ def reason(error: BaseException, printed: str = "") -> str:
 
 def _load_stl(path: Path) -> RawMesh:
     corners = stl.read_corners(path)
-    points, number = stl.merge_equal_points(corners.reshape(-1, 3))
+    points, number = merge_equal_points(corners.reshape(-1, 3))
     return RawMesh(points, [("triangle", number.reshape(-1, 3))])
 
 
@@ -180,7 +181,7 @@ def _load_with_trimesh(path: Path) -> RawMesh:
     faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     if path.suffix.lower() == ".obj" and len(points) and np.isfinite(points).all():
         # One node per pair of position and texture corner: seams would be cracks.
-        points, number = stl.merge_equal_points(points)
+        points, number = merge_equal_points(points)
         faces = number[faces]
     return RawMesh(points, [("triangle", faces)])
 

@@ -45,30 +45,6 @@ def read_corners(path: Path) -> npt.NDArray[Any]:
     raise MeshFileError("is neither an ascii nor a binary STL file")
 
 
-def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Return the distinct points in order of first appearance, and the number of each.
-
-    Points are merged if all coordinates are equal (0 equals -0), not if
-    they are only close.  O(n log n).
-    """
-    exact = points.astype(np.float64) + 0.0  # -0 becomes 0
-    bits = exact.view(np.uint64)
-    mixed = np.zeros(len(exact), np.uint64)
-    for axis in range(bits.shape[1]):  # sorting one hash is several times faster than rows
-        mixed = (mixed ^ bits[:, axis] ^ (bits[:, axis] >> np.uint64(29))) * np.uint64(
-            0x9E3779B97F4A7C15
-        )
-        mixed ^= mixed >> np.uint64(32)
-    _, first, number = np.unique(mixed, return_index=True, return_inverse=True)
-    if not np.array_equal(exact[first[number]], exact):  # two points share a hash
-        _, first, number = np.unique(exact, axis=0, return_index=True, return_inverse=True)
-        number = number.reshape(-1)
-    order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return exact[first[order]], rank[number]
-
-
 def write_binary(path: Path, corners: FloatArray) -> None:
     """Write float64[n, 3, 3] as a binary STL file.  Coordinates are rounded to float32."""
     records = np.zeros(len(corners), _RECORD)

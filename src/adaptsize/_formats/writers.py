@@ -281,7 +281,10 @@ def format_of(path: Path, file_format: str | None) -> Format:
     for candidate in FORMATS.values():
         if name.endswith(candidate.suffixes):
             return candidate
-    raise ValueError(f"path must end in a suffix that can be written ({_listed()}), got {path}")
+    raise ValueError(
+        f"path must end in a suffix that can be written ({_listed()}; "
+        f"'meshio convert' makes others of a .vtu file), got {path}"
+    )
 
 
 def _listed() -> str:

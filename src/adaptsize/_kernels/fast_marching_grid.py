@@ -12,10 +12,10 @@ was accepted is inserted again.  The result is that of a heap, in a quarter of t
 
 import math
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import lean, lean_kernel
 
 
-@inner
+@lean
 def upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g):
     """Return the root h of  sum_a c_a (h - f_a)^2 = g^2  over the axes upwind of it.
 
@@ -64,7 +64,18 @@ def upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g):
     return value
 
 
-@kernel
+@lean
+def _smaller_neighbour(u, k, step, u_k):
+    """Return the smaller neighbour of node k along an axis, ``u_k`` if none is below."""
+    v = u_k
+    if u[k - step] < v:
+        v = u[k - step]
+    if u[k + step] < v:
+        v = u[k + step]
+    return v
+
+
+@lean_kernel
 def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
     """Fill the first-order update of every node from its neighbours, all from the same sizes.
 
@@ -90,11 +101,7 @@ def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
         v0 = v1 = v2 = math.inf
         c0 = c1 = c2 = 1.0
         for a in range(len(strides)):
-            v = u_k
-            if u[k - strides[a]] < v:
-                v = u[k - strides[a]]
-            if u[k + strides[a]] < v:
-                v = u[k + strides[a]]
+            v = _smaller_neighbour(u, k, strides[a], u_k)
             if v < u_k:
                 if a == 0:
                     v0 = v
@@ -113,7 +120,29 @@ def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
             candidate[k] = upwind_value(v0, v0, c0, v1, v1, c1, v2, v2, c2, g_k)
 
 
-@kernel
+@lean
+def _put(first, following, previous, bucket, k, slot):
+    """Put node k into a bucket."""
+    bucket[k] = slot
+    previous[k] = -1
+    following[k] = first[slot]
+    if first[slot] >= 0:
+        previous[first[slot]] = k
+    first[slot] = k
+
+
+@lean
+def _take_out(first, following, previous, k, slot):
+    """Take node k out of its bucket, which ``bucket`` still names."""
+    if previous[k] >= 0:
+        following[previous[k]] = following[k]
+    else:
+        first[slot] = following[k]
+    if following[k] >= 0:
+        previous[following[k]] = previous[k]
+
+
+@lean_kernel
 def march_grid(
     u,
     strides,
@@ -177,12 +206,7 @@ def march_grid(
                 if int((u[k] - origin) * per_width) > here:
                     break
                 slot = here & ring
-                bucket[k] = slot
-                previous[k] = -1
-                following[k] = first[slot]
-                if first[slot] >= 0:
-                    previous[first[slot]] = k
-                first[slot] = k
+                _put(first, following, previous, bucket, k, slot)
                 waiting += 1
             taken += 1
         if waiting == 0:
@@ -213,11 +237,7 @@ def march_grid(
                 if not edges:
                     for b in range(len(strides)):
                         if b != a:
-                            v = u_k
-                            if u[k - strides[b]] < v:
-                                v = u[k - strides[b]]
-                            if u[k + strides[b]] < v:
-                                v = u[k + strides[b]]
+                            v = _smaller_neighbour(u, k, strides[b], u_k)
                             if v < u_k:
                                 if math.isinf(v1):
                                     v1 = v
@@ -233,27 +253,17 @@ def march_grid(
                     if old == slot:
                         continue
                     if old >= 0:
-                        if previous[k] >= 0:
-                            following[previous[k]] = following[k]
-                        else:
-                            first[old] = following[k]
-                        if following[k] >= 0:
-                            previous[following[k]] = previous[k]
+                        _take_out(first, following, previous, k, old)
                     else:
                         waiting += 1
-                    bucket[k] = slot
-                    previous[k] = -1
-                    following[k] = first[slot]
-                    if first[slot] >= 0:
-                        previous[first[slot]] = k
-                    first[slot] = k
+                    _put(first, following, previous, bucket, k, slot)
     state[0] = here
     state[1] = waiting
     state[2] = taken
     return accepted
 
 
-@kernel
+@lean_kernel
 def order_by_size(u, u0, lowest, highest, start, order):
     """List the nodes that were lowered, by increasing size.
 
@@ -301,7 +311,7 @@ def order_by_size(u, u0, lowest, highest, start, order):
     return count
 
 
-@kernel
+@lean_kernel
 def refine_in_order(order, u1, u0, strides, weights, spacing, g, g_step, u):
     """Recompute sizes with one-sided second differences, upwind ones first.
 

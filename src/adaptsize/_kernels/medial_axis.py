@@ -7,7 +7,7 @@ that every difference along it is zero.  NaN (inactive nodes) fails every compar
 
 import math
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import lean, lean_kernel
 
 # Roots this little outside of an edge are at its node: rounding must not lose them between two.
 _ROUNDING = 1e-9
@@ -23,7 +23,7 @@ _AT_NODE = 0.25
 _FARTHER = 0.02
 
 
-@inner
+@lean
 def largest_curvature(phi, k, strides, spacing):
     """Return the larger modulus of the principal curvatures of the level set at a node.
 
@@ -79,7 +79,7 @@ def largest_curvature(phi, k, strides, spacing):
     return largest if largest >= 0.0 else 0.0
 
 
-@inner
+@lean
 def smoother_difference(phi, k, stride):
     """Return the one-sided difference at a node on the side with the smaller second difference.
 
@@ -112,7 +112,7 @@ def smoother_difference(phi, k, stride):
     return 0.5 * (back + front)
 
 
-@inner
+@lean
 def gradient_of_front(phi, k, a, step, away, strides, spacing):
     """Return the gradient of one front near a crossing, from the most regular of three nodes.
 
@@ -162,7 +162,72 @@ def gradient_of_front(phi, k, a, step, away, strides, spacing):
     return bx, by, bz
 
 
-@kernel
+@lean
+def _meeting_on_edge(phi, k, s):
+    """Return where the parabolas through three nodes on either side of an edge cross.
+
+    Parameters
+    ----------
+    phi : float64[n]
+    k, s : int
+        Lower end of the edge, and step to the other one.
+
+    Returns
+    -------
+    place : float
+        0 to 1 on the edge; inf unless the second parabola is steeper throughout.
+    rise : float
+        How much steeper it is there, not divided by the spacing.
+    depth : float
+        Distance from the boundary there.
+    """
+    f1, f2, f3 = phi[k - 2 * s], phi[k - s], phi[k]
+    f4, f5, f6 = phi[k + s], phi[k + 2 * s], phi[k + 3 * s]
+    bend1 = 0.5 * (f1 - 2.0 * f2 + f3)
+    bend2 = 0.5 * (f4 - 2.0 * f5 + f6)
+    slope1 = 0.5 * (3.0 * f3 - 4.0 * f2 + f1)
+    slope2 = 0.5 * (-3.0 * f4 + 4.0 * f5 - f6)
+    # Second parabola minus first one, c + b s + a s^2.
+    qa = bend2 - bend1
+    qb = slope2 - 2.0 * bend2 - slope1
+    qc = f4 - slope2 + bend2 - f3
+    # It rises from s = -2 to 3, so that it has one root on the edge or none.
+    if not (qb - 4.0 * qa > 0.0 and qb + 6.0 * qa > 0.0):
+        return math.inf, 0.0, 0.0
+    root = math.sqrt(max(qb * qb - 4.0 * qa * qc, 0.0))
+    s0 = -2.0 * qc / (qb + root)
+    return s0, qb + 2.0 * qa * s0, -(f3 + s0 * (slope1 + s0 * bend1))
+
+
+@lean
+def _differ(phi, k, a, strides, spacing, tolerance, gamma, step):
+    """Return whether the gradients at both ends of an edge differ by more than curvature explains.
+
+    ``step`` is the largest spacing; the other arguments are those of `find_crossings`.
+    """
+    s = strides[a]
+    alpha = 0.0
+    for c in range(3):
+        t = strides[c]
+        if t == 0:
+            continue
+        if c == a:
+            da = (phi[k] - phi[k - s]) / spacing[c]
+            db = (phi[k + 2 * s] - phi[k + s]) / spacing[c]
+        else:
+            da = smoother_difference(phi, k, t) / spacing[c]
+            db = smoother_difference(phi, k + s, t) / spacing[c]
+        alpha += da * db
+    kappa = gamma * tolerance * step
+    if not alpha < 1.0 - 0.5 * kappa * kappa:
+        return False
+    kappa = largest_curvature(phi, k - s, strides, spacing)
+    kappa = max(kappa, largest_curvature(phi, k + 2 * s, strides, spacing))
+    kappa *= gamma * step
+    return alpha < max(1.0 - 0.5 * kappa * kappa, _SURELY)
+
+
+@lean_kernel
 def find_crossings(
     phi,
     counts,
@@ -236,60 +301,18 @@ def find_crossings(
                 # Missing axes, and edges out of the grid.
                 if s == 0 or (m if a == 2 else (j if a == 1 else i)) == counts[a] - 1:
                     continue
-                f3 = phi[k]
-                f4 = phi[k + s]
-                if not f4 < 0.0:
+                if not phi[k + s] < 0.0:
                     continue
-                f2 = phi[k - s]
-                f5 = phi[k + 2 * s]
-                f1 = phi[k - 2 * s]
-                f6 = phi[k + 3 * s]
-                bend1 = 0.5 * (f1 - 2.0 * f2 + f3)
-                bend2 = 0.5 * (f4 - 2.0 * f5 + f6)
-                slope1 = 0.5 * (3.0 * f3 - 4.0 * f2 + f1)
-                slope2 = 0.5 * (-3.0 * f4 + 4.0 * f5 - f6)
-                # Second parabola minus first one, c + b s + a s^2.
-                qa = bend2 - bend1
-                qb = slope2 - 2.0 * bend2 - slope1
-                qc = f4 - slope2 + bend2 - f3
-                # It rises from s = -2 to 3, so that it has one root on the edge or none.
-                if not (qb - 4.0 * qa > 0.0 and qb + 6.0 * qa > 0.0):
-                    continue
-                root = math.sqrt(max(qb * qb - 4.0 * qa * qc, 0.0))
-                s0 = -2.0 * qc / (qb + root)
+                s0, faster, below = _meeting_on_edge(phi, k, s)
                 if not -_ROUNDING <= s0 <= 1.0 + _ROUNDING:
                     continue
-                ax = ay = az = bx = by = bz = 0.0
-                for c in range(3):
-                    t = strides[c]
-                    if t == 0:
-                        continue
-                    if c == a:
-                        da = (f3 - f2) / spacing[c]
-                        db = (f5 - f4) / spacing[c]
-                    else:
-                        da = smoother_difference(phi, k, t) / spacing[c]
-                        db = smoother_difference(phi, k + s, t) / spacing[c]
-                    if c == 0:
-                        ax, bx = da, db
-                    elif c == 1:
-                        ay, by = da, db
-                    else:
-                        az, bz = da, db
-                alpha = ax * bx + ay * by + az * bz
-                kappa = gamma * tolerance * step
-                if not alpha < 1.0 - 0.5 * kappa * kappa:
-                    continue
-                kappa = largest_curvature(phi, k - s, strides, spacing)
-                kappa = max(kappa, largest_curvature(phi, k + 2 * s, strides, spacing))
-                kappa *= gamma * step
-                if not alpha < max(1.0 - 0.5 * kappa * kappa, _SURELY):
+                if not _differ(phi, k, a, strides, spacing, tolerance, gamma, step):
                     continue
                 node[count] = row * counts[2] + m
                 axis[count] = a
                 place[count] = min(max(s0, 0.0), 1.0)
-                rise[count] = (qb + 2.0 * qa * s0) / spacing[a]
-                depth[count] = -(f3 + s0 * (slope1 + s0 * bend1))
+                rise[count] = faster / spacing[a]
+                depth[count] = below
                 for side in range(2):
                     end = k if side == 0 else k + s
                     step_off = -s if side == 0 else s

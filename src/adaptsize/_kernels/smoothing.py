@@ -1,4 +1,4 @@
-"""Local mesh improvement: smoothing of nodes in their stars, and swapping of tetrahedra.
+"""Local mesh improvement: smoothing of nodes in their stars.
 
 The quality is the volume-length measure: the measure of a cell over that of a regular one with
 the same root mean square edge length; 1 at best, 0 for flat cells, negative for inverted ones.
@@ -7,20 +7,16 @@ References
 ----------
 V. N. Parthasarathy, C. M. Graichen, A. F. Hathaway, "A comparison of tetrahedron quality
 measures", Finite Elem. Anal. Des. 15 (1994) 255-261.
-L. A. Freitag, C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping and smoothing",
-Int. J. Numer. Methods Eng. 40 (1997) 3979-4002.
 """
 
 import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import inner, kernel, lean
 
-#: Largest number of cells around an edge to remove; all triangulations of the ring are examined.
-MOST_AROUND = 9
 #: A change must gain this much.
-_GAIN = 1e-3
+GAIN = 1e-3
 
 
 @inner
@@ -38,8 +34,8 @@ def _triangle(points, a, b, c):
     return 3.4641016151377544 * (ux * vy - uy * vx) / squares
 
 
-@inner
-def _tetrahedron(points, a, b, c, d):
+@lean
+def tetrahedron(points, a, b, c, d):
     """Return 6 sqrt(2) V / (root mean square edge)^3, signed."""
     ux = points[b, 0] - points[a, 0]
     uy = points[b, 1] - points[a, 1]
@@ -68,7 +64,7 @@ def _tetrahedron(points, a, b, c, d):
 def _quality(points, cells, c):
     if cells.shape[1] == 3:
         return _triangle(points, cells[c, 0], cells[c, 1], cells[c, 2])
-    return _tetrahedron(points, cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3])
+    return tetrahedron(points, cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3])
 
 
 @kernel
@@ -153,7 +149,7 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
                 for d in range(dim):
                     points[i, d] = start[d] + way[d] - along * normals[i, d]
                 q = _worst_around(points, cells, ring_ptr, ring, i)
-                if q > worst + _GAIN:
+                if q > worst + GAIN:
                     worst = q
                     for d in range(dim):
                         best[d] = points[i, d]
@@ -163,206 +159,3 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
                 points[i, d] = best[d]
             if worst == before:
                 step *= 0.5
-
-
-@kernel
-def swap(points, cells, ring_ptr, ring, bad, quality, removed, made):
-    """Replace cells around bad ones by others on the same nodes, if the worst quality improves.
-
-    For each bad cell, two operations are considered.  An interior edge is removed: the ring of
-    nodes around it is filled with triangles, each joined to both ends of the edge, in the optimal
-    triangulation (dynamic programming).  Or a face is replaced by the edge across it.  The best of
-    these operations is applied.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells : int32[m, 4]
-        Positive.
-    ring_ptr, ring : int32[n + 1], int32[4 * m]
-    bad : int64[k]
-        Cells to remove, the worst first.
-    quality : float64[m]
-        Of each cell.
-    removed : bool[m]
-        In/Out: all False; True for the cells that are replaced.
-    made : int32[capacity, 4]
-        Out: new cells; swapping stops when it is full.
-
-    Returns
-    -------
-    int
-        Number of new cells.
-    """
-    most = MOST_AROUND
-    around = np.empty(most, np.int64)
-    left = np.empty(most, np.int64)
-    right = np.empty(most, np.int64)
-    loop = np.empty(most, np.int64)
-    value = np.empty((most, most))
-    split = np.empty((most, most), np.int64)
-    stack = np.empty((2 * most, 2), np.int64)
-    found = np.empty((2 * most, 4), np.int64)
-    chosen = np.empty((2 * most, 4), np.int64)
-    gone = np.empty(most, np.int64)
-    n_made = 0
-    for turn in range(bad.shape[0]):
-        c = bad[turn]
-        if removed[c] or n_made + 2 * most > made.shape[0]:
-            continue
-        gain = _GAIN
-        n_chosen = 0
-        n_gone = 0
-        for e in range(10):
-            n_found = 0
-            n = 0
-            new = 2.0
-            old = 2.0
-            if e < 6:
-                p = 0 if e < 3 else (1 if e < 5 else 2)
-                q = e + 1 if e < 3 else (e - 1 if e < 5 else 3)
-                a = cells[c, p]
-                b = cells[c, q]
-                usable = True
-                for place in range(ring_ptr[a], ring_ptr[a + 1]):
-                    t = ring[place]
-                    has = False
-                    for v in range(4):
-                        has = has or cells[t, v] == b
-                    if not has:
-                        continue
-                    if removed[t] or n == most:
-                        usable = False
-                        break
-                    u = -1
-                    w = -1
-                    for v in range(4):
-                        if cells[t, v] != a and cells[t, v] != b:
-                            if u < 0:
-                                u = cells[t, v]
-                            else:
-                                w = cells[t, v]
-                    if _tetrahedron(points, a, b, u, w) < 0.0:
-                        u, w = w, u
-                    around[n] = t
-                    left[n] = u
-                    right[n] = w
-                    n += 1
-                    if quality[t] < old:
-                        old = quality[t]
-                if not usable or n < 3:
-                    continue
-                loop[0] = left[0]
-                here = right[0]
-                length = 1
-                while here != loop[0] and length < n:
-                    loop[length] = here
-                    length += 1
-                    there = here
-                    for s in range(n):
-                        if left[s] == there:
-                            here = right[s]
-                            break
-                    if here == there:
-                        break
-                if length != n or here != loop[0]:
-                    continue  # an edge on the boundary
-                # value[i, j]: the worst cell if nodes i to j of the ring are filled at best.
-                for i in range(n - 1):
-                    value[i, i + 1] = 2.0
-                for width in range(2, n):
-                    for i in range(n - width):
-                        j = i + width
-                        value[i, j] = -2.0
-                        for k in range(i + 1, j):
-                            worst = min(value[i, k], value[k, j])
-                            if worst <= value[i, j]:
-                                continue
-                            worst = min(worst, _tetrahedron(points, a, loop[i], loop[k], loop[j]))
-                            if worst <= value[i, j]:
-                                continue
-                            worst = min(worst, _tetrahedron(points, b, loop[i], loop[j], loop[k]))
-                            if worst > value[i, j]:
-                                value[i, j] = worst
-                                split[i, j] = k
-                new = value[0, n - 1]
-                if new - old <= gain:
-                    continue
-                stack[0, 0] = 0
-                stack[0, 1] = n - 1
-                height = 1
-                while height > 0:
-                    height -= 1
-                    i = stack[height, 0]
-                    j = stack[height, 1]
-                    if j - i < 2:
-                        continue
-                    k = split[i, j]
-                    found[n_found, 0] = a
-                    found[n_found, 1] = loop[i]
-                    found[n_found, 2] = loop[k]
-                    found[n_found, 3] = loop[j]
-                    found[n_found + 1, 0] = b
-                    found[n_found + 1, 1] = loop[i]
-                    found[n_found + 1, 2] = loop[j]
-                    found[n_found + 1, 3] = loop[k]
-                    n_found += 2
-                    stack[height, 0] = i
-                    stack[height, 1] = k
-                    stack[height + 1, 0] = k
-                    stack[height + 1, 1] = j
-                    height += 2
-            else:
-                p = cells[c, e - 6]
-                f0 = cells[c, (e - 5) % 4]
-                f1 = cells[c, (e - 4) % 4]
-                f2 = cells[c, (e - 3) % 4]
-                if _tetrahedron(points, f0, f1, f2, p) < 0.0:
-                    f1, f2 = f2, f1
-                across = -1
-                for place in range(ring_ptr[f0], ring_ptr[f0 + 1]):
-                    t = ring[place]
-                    if t == c:
-                        continue
-                    count = 0
-                    o = -1
-                    for v in range(4):
-                        if cells[t, v] == f1 or cells[t, v] == f2:
-                            count += 1
-                        elif cells[t, v] != f0:
-                            o = cells[t, v]
-                    if count == 2:
-                        across = t
-                        break
-                if across < 0 or removed[across]:
-                    continue
-                around[0] = c
-                around[1] = across
-                n = 2
-                old = min(quality[c], quality[across])
-                for s in range(3):
-                    u = f0 if s == 0 else (f1 if s == 1 else f2)
-                    w = f1 if s == 0 else (f2 if s == 1 else f0)
-                    new = min(new, _tetrahedron(points, o, p, u, w))
-                    found[s, 0] = o
-                    found[s, 1] = p
-                    found[s, 2] = u
-                    found[s, 3] = w
-                n_found = 3
-                if new - old <= gain:
-                    continue
-            gain = new - old
-            n_chosen = n_found
-            n_gone = n
-            for s in range(n_found):
-                for v in range(4):
-                    chosen[s, v] = found[s, v]
-            for s in range(n):
-                gone[s] = around[s]
-        for s in range(n_gone):
-            removed[gone[s]] = True
-        for s in range(n_chosen):
-            for v in range(4):
-                made[n_made, v] = chosen[s, v]
-            n_made += 1
-    return n_made

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_number, check_type, describe, one_of
+from adaptsize._checks import as_flag, as_number, as_tolerance, check_type, describe, one_of
 from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
@@ -138,7 +138,8 @@ def adapt(
     coarsen_converged : bool, default False
         Whether to remesh, and coarsen where possible, if the error is within the tolerance.
     boundary_tolerance : float
-        Allowed distance of the new boundary from the old one, over the diagonal; see `remesh`.
+        Allowed distance of the new boundary from the old one, over the diagonal; see
+        `remesh`.
     max_elements : float
         If the sizes require more elements than this, no generator is started.
     timeout : float or None
@@ -269,7 +270,7 @@ def adapt(
     options: dict[str, Any] = {
         "backend": generator,
         "target": "triangles" if task == "surface" else "auto",
-        "tolerance": as_number("boundary_tolerance", boundary_tolerance, lower=0.0, strict=True),
+        "tolerance": as_tolerance("boundary_tolerance", boundary_tolerance),
         "max_elements": as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
         "timeout": None
         if timeout is None

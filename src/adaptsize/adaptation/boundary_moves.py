@@ -161,17 +161,14 @@ def _corners(mesh: SimplexMesh, facets: IntArray, angle: float) -> BoolArray:
     corner[skin.facets[count > 2]] = True
     if mesh.cell_dim < mesh.dim:  # the rim of a surface
         corner[skin.facets[count == 1]] = True
-    order = np.argsort(skin.cell_facets.ravel(), kind="stable")
-    start = np.concatenate([[0], np.cumsum(count)[:-1]])
-    pair = np.flatnonzero(count == 2)
     width = facets.shape[1]
-    one, two = order[start[pair]], order[start[pair] + 1]
     across = [
-        _height(mesh.points, facets, places // width, places % width) for places in (one, two)
+        _height(mesh.points, facets, places // width, places % width)
+        for places in topology.pairs_of_cells(skin, count == 2).T
     ]
     # Away from the common ridge on both sides: opposite where the boundary is flat.
     cosine = -np.einsum("nd,nd->n", *across)
-    corner[skin.facets[pair[cosine < np.cos(np.radians(angle))]]] = True
+    corner[skin.facets[count == 2][cosine < np.cos(np.radians(angle))]] = True
     return corner
 
 

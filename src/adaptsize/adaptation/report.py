@@ -16,7 +16,72 @@ BUDGET_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
-class AdaptReport:
+class CycleReport:
+    """What the reports on a mesh in one process and on a distributed one have in common."""
+
+    n_points_before: int
+    n_points_after: int
+    n_cells_before: int
+    n_cells_after: int
+    n_meshes: int
+    target_elements: float | None
+    target_nodes: float | None
+    tolerance: float | None
+    predicted_elements: float
+    error: float | None
+    share_in_band: float
+    share_too_long: float
+    share_too_short: float
+    measure_before: float
+    measure_after: float
+    boundary_distance: float
+    lost_tags: tuple[str, ...]
+
+    @property
+    def budget_met(self) -> bool | None:
+        """Whether the number of cells or nodes is within 15 % of the request, None without one."""
+        ratio = self._ratio
+        return None if ratio is None else abs(ratio - 1.0) <= BUDGET_TOLERANCE
+
+    @property
+    def _ratio(self) -> float | None:
+        """Number of cells or nodes over the requested one."""
+        if self.target_nodes is not None:
+            return self.n_points_after / self.target_nodes
+        if self.target_elements is not None:
+            return self.n_cells_after / self.target_elements
+        return None
+
+    def _request(self) -> list[str]:
+        """Return the lines about elements and errors."""
+        lines = [f"predicted {self.predicted_elements:.0f} elements" + self._target()]
+        if self.error is not None:
+            goal = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
+            lines.append(f"estimated error of the old mesh {self.error:.3g}{goal}")
+        return lines
+
+    def _target(self) -> str:
+        if self.target_elements is None:
+            return ""
+        text = f", requested {self.target_elements:.0f}"
+        if self.target_nodes is not None:
+            text = f", requested {self.target_nodes:.0f} nodes"
+        if not self.n_meshes:
+            return text
+        met = "budget met" if self.budget_met else "budget missed"
+        return f"{text}: {met}, ratio {self._ratio:.2f}"
+
+    def _boundary(self) -> str:
+        """Return the line about the domain of the new mesh."""
+        change = self.measure_after / self.measure_before - 1.0
+        return (
+            f"boundary within {self.boundary_distance:.2g} of the old one, "
+            f"area or volume changed by {change:.1e}"
+        )
+
+
+@dataclass(frozen=True)
+class AdaptReport(CycleReport):
     """One adaptation cycle: the request, the steps, and the result.
 
     Attributes
@@ -57,45 +122,13 @@ class AdaptReport:
         Integrals of cell fields over the old and the new mesh.
     """
 
-    n_points_before: int
-    n_points_after: int
-    n_cells_before: int
-    n_cells_after: int
     backend: str
-    n_meshes: int
-    target_elements: float | None
-    target_nodes: float | None
-    tolerance: float | None
-    predicted_elements: float
-    error: float | None
-    share_in_band: float
-    share_too_long: float
-    share_too_short: float
     before: Conformity
     after: Conformity
-    measure_before: float
-    measure_after: float
-    boundary_distance: float
     moves: BoundaryMoves | None
-    lost_tags: tuple[str, ...]
     kept_tags: bool
     transferred: dict[str, str]
     integrals: dict[str, tuple[FloatArray, FloatArray]]
-
-    @property
-    def budget_met(self) -> bool | None:
-        """Whether the number of cells or nodes is within 15 % of the request, None without one."""
-        ratio = self._ratio
-        return None if ratio is None else abs(ratio - 1.0) <= BUDGET_TOLERANCE
-
-    @property
-    def _ratio(self) -> float | None:
-        """Number of cells or nodes over the requested one."""
-        if self.target_nodes is not None:
-            return self.n_points_after / self.target_nodes
-        if self.target_elements is not None:
-            return self.n_cells_after / self.target_elements
-        return None
 
     def __str__(self) -> str:
         """Return a few lines."""
@@ -109,10 +142,7 @@ class AdaptReport:
             lines[0] += f" ({self.backend}" + (
                 f", try {self.n_meshes})" if self.n_meshes > 1 else ")"
             )
-        lines.append(f"predicted {self.predicted_elements:.0f} elements" + self._target())
-        if self.error is not None:
-            goal = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
-            lines.append(f"estimated error of the old mesh {self.error:.3g}{goal}")
+        lines += self._request()
         lines.append(
             f"sizes: {self.share_in_band:.0%} of the next mesh present already, "
             f"{self.share_too_long:.0%} too long, {self.share_too_short:.0%} too short"
@@ -120,11 +150,7 @@ class AdaptReport:
         lines.append("old mesh: " + _quality(self.before))
         if self.n_meshes:
             lines.append("new mesh: " + _quality(self.after))
-            change = self.measure_after / self.measure_before - 1.0
-            lines.append(
-                f"boundary within {self.boundary_distance:.2g} of the old one, "
-                f"area or volume changed by {change:.1e}"
-            )
+            lines.append(self._boundary())
         if self.moves is not None:
             lines.append(f"projected: {self.moves}")
         if self.kept_tags:
@@ -132,17 +158,6 @@ class AdaptReport:
             lines.append(f"tags lost: {lost}" if lost else "tags: all kept")
         lines += [self._field(name, how) for name, how in self.transferred.items()]
         return lines
-
-    def _target(self) -> str:
-        if self.target_elements is None:
-            return ""
-        text = f", requested {self.target_elements:.0f}"
-        if self.target_nodes is not None:
-            text = f", requested {self.target_nodes:.0f} nodes"
-        if not self.n_meshes:
-            return text
-        met = "budget met" if self.budget_met else "budget missed"
-        return f"{text}: {met}, ratio {self._ratio:.2f}"
 
     def _field(self, name: str, how: str) -> str:
         text = f"field {name}: {how}"

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import are_among
+from adaptsize.background.topology import are_among, pairs_of_cells
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Most flips happen in the first rounds; the remaining ones matter little.
@@ -75,17 +75,6 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
             tag_names=mesh.tag_names,
         )
     return mesh
-
-
-def pairs_of_cells(mesh: SimplexMesh, edges: BoolArray) -> npt.NDArray[np.intp]:
-    """Return the corners opposite to chosen edges, each between two triangles, intp[n, 2].
-
-    Corners are positions in ``mesh.cells.ravel()``.
-    """
-    order = np.argsort(mesh.cell_facets.ravel(), kind="stable")
-    start = np.cumsum(mesh.facet_cell_counts) - mesh.facet_cell_counts
-    chosen = start[edges]
-    return np.column_stack([order[chosen], order[chosen + 1]])
 
 
 def _keys(edges: IntArray, n_points: int) -> npt.NDArray[np.int64]:

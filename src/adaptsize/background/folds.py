@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize.background.flipping import pairs_of_cells
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import are_among, tags_of_facets
+from adaptsize.background.topology import are_among, pairs_of_cells, tags_of_facets
 from adaptsize.typing import BoolArray, IntArray
 
 _FLAT_ANGLE = np.deg2rad(0.1)

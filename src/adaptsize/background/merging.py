@@ -1,10 +1,13 @@
-"""Identification of points that nearly coincide."""
+"""Identification of points that coincide, or nearly so."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.background.topology import components_of
 from adaptsize.typing import FloatArray
 
 # Larger coordinates, in units of the distance, are clipped, as their squares would overflow.
@@ -35,17 +38,33 @@ def place_numbers(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
     array([0, 0, 1, 0, 2])
     """
     # Merge equal points first: many points at one place would form too many pairs.
-    order = np.lexsort(points.T)
-    is_new = (np.diff(points[order], axis=0) != 0.0).any(axis=1)
-    number = np.empty(len(points), np.intp)
-    number[order] = np.cumsum(np.concatenate([[False], is_new])[: len(points)])
-    if within > 0.0 and len(points) > 1:
-        distinct = points[order[np.concatenate([[True], is_new])]]
+    distinct, number = merge_equal_points(points)
+    if within > 0.0 and len(distinct) > 1:
         number = _joined(distinct, within)[number]
-    _, first, number = np.unique(number, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.intp)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return rank[number.reshape(-1)]
+    return number
+
+
+def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Return the distinct points in order of first appearance, and the number of each.
+
+    Points are merged if all coordinates are equal (0 equals -0), not if they are only close.
+    """
+    exact = points.astype(np.float64) + 0.0  # -0 becomes 0
+    bits = exact.view(np.uint64)
+    mixed = np.zeros(len(exact), np.uint64)
+    for axis in range(bits.shape[1]):  # sorting one hash is several times faster than rows
+        mixed = (mixed ^ bits[:, axis] ^ (bits[:, axis] >> np.uint64(29))) * np.uint64(
+            0x9E3779B97F4A7C15
+        )
+        mixed ^= mixed >> np.uint64(32)
+    _, first, number = np.unique(mixed, return_index=True, return_inverse=True)
+    if not np.array_equal(exact[first[number]], exact):  # two points share a hash
+        _, first, number = np.unique(exact, axis=0, return_index=True, return_inverse=True)
+        number = number.reshape(-1)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return exact[first[order]], rank[number]
 
 
 def first_at_place(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
@@ -57,13 +76,9 @@ def first_at_place(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
 
 def _joined(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
     """Return the component number of each of a set of distinct points."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     with np.errstate(over="ignore"):
         scaled = np.clip(points / within, -_FARTHEST, _FARTHEST)
     pairs = cKDTree(scaled, balanced_tree=False).query_pairs(1.0, output_type="ndarray")
-    n = len(points)
-    links = coo_matrix((np.ones(len(pairs), np.bool_), pairs.T), shape=(n, n))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.intp)
+    return components_of(pairs, len(points))

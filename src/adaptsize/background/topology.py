@@ -1,7 +1,9 @@
 """Edges, facets and rings of simplices, from the cell array alone."""
 
+from __future__ import annotations
+
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +11,9 @@ import numpy.typing as npt
 from adaptsize._kernels.topology import fill_rings, group_rows
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import BoolArray, IntArray
+
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
 
 # Fewer rows are sorted by numpy: the kernel takes longer to compile.
 _FEW = 10_000
@@ -135,6 +140,33 @@ def regions_beside(
     np.minimum.at(lowest, cell_facets, of_cells)
     np.maximum.at(highest, cell_facets, of_cells)
     return lowest, highest
+
+
+def components_of(links: npt.NDArray[Any], n: int) -> npt.NDArray[np.intp]:
+    """Return the connected component of each of n objects, numbered in the order of the first ones.
+
+    Parameters
+    ----------
+    links : int[m, 2]
+        Pairs of objects that are connected.
+    n : int
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+
+def pairs_of_cells(mesh: SimplexMesh, facets: BoolArray) -> npt.NDArray[np.intp]:
+    """Return the corners opposite to chosen facets, each between two cells, intp[n, 2].
+
+    Corners are positions in ``mesh.cells.ravel()``.
+    """
+    order = np.argsort(mesh.cell_facets, axis=None, kind="stable")
+    start = np.cumsum(mesh.facet_cell_counts) - mesh.facet_cell_counts
+    chosen = start[facets]
+    return np.column_stack([order[chosen], order[chosen + 1]])
 
 
 def are_among(edges: IntArray, others: IntArray) -> BoolArray:

@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.cli.console import Console
 
-#: Bytes for the sizes of a surface, per triangle: 3.8 GB for 2 million.
-_PER_TRIANGLE = 1900.0
+#: Bytes for the sizes of a surface, per triangle: 0.8 GB for 600 000 (benchmarks/large_inputs.py).
+_PER_TRIANGLE = 1300.0
 #: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
 _PER_ELEMENT = 1000.0
 #: Less than this is not worth a line.

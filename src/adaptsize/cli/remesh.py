@@ -194,7 +194,7 @@ def remesh(
         )
         return
     from adaptsize import remeshing
-    from adaptsize._checks import as_number
+    from adaptsize._checks import as_number, as_tolerance
     from adaptsize.domain_size.elements import reach_number, tolerance_of
     from adaptsize.errors import OpenSurfaceWarning
     from adaptsize.remeshing.driver import check_backend
@@ -203,9 +203,7 @@ def remesh(
 
     _check_outputs(file, output, plot, page)
     check_installed(backend)
-    allowed = as_number(
-        "tolerance", TOLERANCE if tolerance is None else tolerance, lower=0.0, strict=True
-    )
+    allowed = as_tolerance("tolerance", TOLERANCE if tolerance is None else tolerance)
     as_number("timeout", timeout, lower=0.0, strict=True)
     check_elements(elements, max_elements, nodes)
     sources = [parse_source(text) for text in source or ()]

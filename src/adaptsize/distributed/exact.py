@@ -118,7 +118,7 @@ def _solve_piece(
         return _with_others(piece, problem, None, skeleton, numbers)
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
-        return solve_body(part, piece, body, problem, ids)
+        return solve_body(part, piece, body, problem, ids, tracing=given.trace)
     plane, corners = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     numbers = Numbers(ids, corners) if given.trace else None
     found = _with_others(piece, problem, plane.without_sizes(), skeleton, numbers)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,19 +121,9 @@ def info_of(
 
 def info_from(info: LimitingInfo, n_points: int) -> PartsLimitingInfo:
     """Return the diagnostics of one process."""
-    return PartsLimitingInfo(
-        info.method,
-        info.iterations,
-        info.converged,
-        n_points,
-        info.n_changed,
-        info.n_free,
-        info.residual,
-        info.largest_edge_slope,
-        info.cell_gradient_quantiles,
-        info.n_proved,
-        info.largest_gap,
-    )
+    names = {entry.name for entry in fields(PartsLimitingInfo)} - {"n_points", "sources"}
+    figures: dict[str, Any] = {name: getattr(info, name) for name in names}
+    return PartsLimitingInfo(n_points=n_points, **figures)
 
 
 def _order_statistics(comm: Communicator, values: FloatArray, places: list[int]) -> list[float]:

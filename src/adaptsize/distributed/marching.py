@@ -14,16 +14,19 @@ import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels.edge_based import march_edges, sweep_edges
-from adaptsize.distributed.info import Solved
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.limiting.fast_marching import (
+from adaptsize.background.marching import (
     CHUNK,
     KEEP,
-    largest_excess,
+    Heap,
     new_heap,
     patience,
+    stars_in,
     stars_of,
+    sweep_into_heap,
 )
+from adaptsize.distributed.info import Solved
+from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.limiting.fast_marching import largest_excess
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -95,10 +98,8 @@ def _in_rounds(
     given: tuple[Any, ...] = ()
     limit = (slope.values, slope.step)
     if part.mesh is not None:
-        axes, candidate = (0,) * part.dim, np.empty(n)
-        sweep(part.mesh.points, axes, part.mesh.cells, h, *limit, candidate)
-        kernels.queue_lowered(h, candidate, keep, *heap)
-        given = (part.mesh.points, axes, (0,) * part.cell_dim, *stars_of(part.mesh, slope))
+        sweep_into_heap(part.mesh, sweep, h, limit, keep, heap)
+        given = stars_in(part.mesh, stars_of(part.mesh, limit))
     known = h0.copy()  # the sizes at shared nodes that other ranks know
     accepted = 0
     while True:
@@ -117,9 +118,7 @@ def _in_rounds(
         _exchange(part, h, known, heap)
 
 
-def _exchange(
-    part: PartitionedMesh, h: FloatArray, known: FloatArray, heap: tuple[Any, ...]
-) -> None:
+def _exchange(part: PartitionedMesh, h: FloatArray, known: FloatArray, heap: Heap) -> None:
     """Send sizes that have decreased at shared nodes, and queue those received (In/Out: all)."""
     sent = []
     for nodes in part.shared.nodes:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.topology import join_cells
-from adaptsize.background import SimplexMesh
+from adaptsize.background import SimplexMesh, topology
 from adaptsize.distributed.communicator import Communicator
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -71,9 +71,6 @@ def components_of(part: PartitionedMesh) -> Components:
 
 
 def _find_components(part: PartitionedMesh) -> Components:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     root = np.arange(part.n_points, dtype=np.int32)
     join_cells(part.cells, root)
     label = part.global_ids[root]
@@ -88,12 +85,13 @@ def _find_components(part: PartitionedMesh) -> Components:
     every = np.concatenate(part.comm.allgather(np.concatenate(links)))
     labels, ends = np.unique(every, return_inverse=True)
     ends = ends.reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends), np.int8), ends.T), shape=(len(labels),) * 2)
-    count, of_label = connected_components(graph, directed=False)
+    of_label = topology.components_of(ends, len(labels))
     number = np.full(part.n_points, -1, np.int32)
     number[used] = of_label[np.searchsorted(labels, label[used])]
     # A node without a cell here may have one on another rank.
-    return Components(part.shared.merge(part.comm, number, np.maximum), int(count))
+    return Components(
+        part.shared.merge(part.comm, number, np.maximum), int(of_label.max(initial=-1)) + 1
+    )
 
 
 def piece_of(part: PartitionedMesh, component: int) -> Piece:

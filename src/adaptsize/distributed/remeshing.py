@@ -10,8 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize import remeshing
-from adaptsize._checks import as_number, as_sizes, as_whole_number, check_type, one_of, refuse_where
-from adaptsize._progress import reporting
+from adaptsize._checks import (
+    as_number,
+    as_sizes,
+    as_tolerance,
+    as_whole_number,
+    check_type,
+    one_of,
+    refuse_where,
+)
+from adaptsize._progress import reporting, silent
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.interface_quality import InterfaceQuality, measure_interfaces
 from adaptsize.distributed.mesh import PartitionedMesh
@@ -104,10 +112,10 @@ def remesh(
         sizes = as_sizes("h", h, part.nodal_shape)
         refuse_where("h", np.isinf(sizes), sizes, "must be finite")
         options = _Options(
-            as_number("tolerance", tolerance, lower=0.0, strict=True),
+            as_tolerance("tolerance", tolerance),
             as_number("max_elements", max_elements, lower=1.0, allow_inf=True),
             None if timeout is None else as_number("timeout", timeout, lower=0.0, strict=True),
-            lambda text, share: None,
+            silent,
         )
         count = as_whole_number("rounds", rounds, lower=1, upper=20)
         if part.cell_dim != part.dim or part.dim < 2:

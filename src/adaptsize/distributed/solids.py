@@ -7,7 +7,7 @@ docs/distributed.md.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -18,14 +18,22 @@ from adaptsize.distributed.info import Solved
 from adaptsize.distributed.marching import solve_along_edges
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece
-from adaptsize.distributed.sources import trace
+from adaptsize.distributed.sources import Traced, trace
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.origins import Alone, Paths, complete
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.solve import wave_of_nodes
-from adaptsize.limiting.exact.space import Entries, Solid, Spread, solid_of, solve_in_space
+from adaptsize.limiting.exact.space import (
+    Entries,
+    Solid,
+    SpaceResult,
+    Spread,
+    solid_of,
+    solve_in_space,
+)
 from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -73,9 +81,15 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
 
 
 def solve_body(
-    part: PartitionedMesh, piece: Piece, body: Body, problem: Problem, numbers: Ids
+    part: PartitionedMesh,
+    piece: Piece,
+    body: Body,
+    problem: Problem,
+    numbers: Ids,
+    *,
+    tracing: bool,
 ) -> Solved:
-    """Return the limited sizes at the nodes of a piece, and their sources; collective.
+    """Return the limited sizes at the nodes of a piece, and their sources if traced; collective.
 
     ``numbers``: global numbers of nodes, of sources between the nodes, and -1.
     """
@@ -126,15 +140,63 @@ def solve_body(
     )
     h, least = found.h[body.own], found.lower[body.own]
     hidden = ~found.proved[body.own]
+    traced = None
+    if tracing:
+        team = Shared(part, piece, body)
+        traced = _traced(team, found, h0, g, named, rows[:, 9:_COLUMNS])
     return Solved(
         h,
         field.n_entries,
         found.finished,
         int(np.count_nonzero(hidden & part.is_owned[piece.nodes])),
         float((h - least)[hidden].max(initial=0.0)),
-        traced=trace(
-            piece.ids, found.entry[body.own], named, rows[:, 9:_COLUMNS], found.bend[body.own]
-        ),
+        traced=traced,
+    )
+
+
+class Shared(Alone):
+    """The ranks of a communicator that share the nodes of a body."""
+
+    def __init__(self, part: PartitionedMesh, piece: Piece, body: Body) -> None:
+        self.part, self.piece, self.body = part, piece, body
+        self.rank = piece.comm.rank
+
+    def merge(self, values: FloatArray, how: Literal["min", "max"]) -> FloatArray:
+        """Merge the values of shared nodes and of those of reflex edges; collective."""
+        part, piece, body = self.part, self.piece, self.body
+        knots = body.solid.knots.nodes
+        least = how == "min"
+        in_part = np.full((part.n_points, *values.shape[1:]), np.inf if least else -np.inf)
+        in_part[piece.nodes] = values[body.own]
+        in_part = part.shared.merge(piece.comm, in_part, np.minimum if least else np.maximum)
+        merged = values.copy()
+        merged[body.own] = in_part[piece.nodes]
+        merged[knots] = piece.comm.allreduce(merged[knots], how)
+        return merged
+
+    def any(self, flag: bool) -> bool:
+        """Return whether the flag is set on any rank; collective."""
+        return bool(self.piece.comm.allreduce(int(flag), "max"))
+
+
+def _traced(
+    team: Shared, found: SpaceResult, h0: FloatArray, g: float, named: Ids, sizes: FloatArray
+) -> Traced:
+    """Return the sources of the sizes at the nodes of a piece; collective."""
+    body, piece = team.body, team.piece
+    solved = np.zeros(len(body.ids), np.bool_)
+    solved[body.own] = solved[body.solid.knots.nodes] = True
+    known = (found.entry >= 0) | (found.h >= h0) | ~solved
+    nodes, first, bends = trace(body.ids, found.entry, named, sizes, found.bend)
+    rows = np.column_stack([nodes, first, np.where(np.isnan(bends), np.inf, bends)])
+    edges = piece.mesh.edges if len(body.own) else np.empty((0, 2), np.int32)
+    edges = body.own[edges]
+    paths = Paths(body.solid.points, body.ids, edges, found.h, g, found.start)
+    complete(paths, rows, known, team)
+    rows = rows[body.own]
+    numbers = rows[:, :4].astype(np.int64)
+    return Traced(
+        numbers[:, :3], numbers[:, 3], np.where(np.isinf(rows[:, 4:]), np.nan, rows[:, 4:])
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_near_points, check_type
+from adaptsize._progress import silent
 from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
@@ -236,7 +237,7 @@ def _overlap_sums(
         assert old.mesh is not None
         cells: IntArray = np.arange(len(rows) * shape[0], dtype=np.int32).reshape(-1, shape[0])
         sent = SimplexMesh(rows.reshape(-1, shape[1]), cells)
-        overlap = overlaps_of(old.mesh, sent, lambda text, share: None)
+        overlap = overlaps_of(old.mesh, sent, silent)
         return np.column_stack([np.asarray(overlap.sum(axis=1)).ravel(), overlap @ columns])
 
     flat = corners.reshape(len(corners), shape[0] * shape[1])

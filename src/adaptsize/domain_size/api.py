@@ -126,8 +126,9 @@ def size_function(
         carries its own sizes, also of curved interfaces: between regions (``cell_tags``), and
         tagged facets inside.  The default is 4.  0 disables curvature.
     elements_across : float, optional
-        Elements across narrow regions, 2R of `size_from_feature`.  The default is 2.  0 disables
-        the feature size.  On a surface in space, the sizes are reduced to allow for their
+        Elements across narrow regions, 2R of `size_from_feature`.  In a mesh that carries its own
+        sizes, also across thin layers between regions (``cell_tags``).  The default is 2.  0
+        disables the feature size.  On a surface in space, the sizes are reduced to allow for their
         growth from the surface to the middle of the region.
     g : float, default 0.25
         Gradient limit, >= 0.

@@ -19,6 +19,7 @@ from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.report import SizeReport, nodal_measures
 from adaptsize.domain_size.request import AnyBackground, Request, limit_requested
 from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.medial.layers import half_thickness
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.typing import FloatArray, IntArray
 
@@ -246,13 +247,21 @@ class MeshDomain:
                 h = request.within_tolerance(h, self.mesh.diagonal)
             bounds["curvature"] = h
         if request.across > 0.0:
-            width = self._width.get(
-                lambda: size_from_feature(
-                    background, boundary, elements_across=1.0, progress=request.report, **angle
-                )
-            )
+            width = self._width.get(lambda: self._widths(background, boundary, request))
             bounds["feature size"] = width / request.across
         return bounds
+
+    def _widths(
+        self, background: AnyBackground, boundary: SimplexMesh | None, request: Request
+    ) -> FloatArray:
+        """Return the local width of the domain, and of thin layers between its regions."""
+        angle: dict[str, Any] = {"crease_angle": request.crease_angle}
+        width = size_from_feature(
+            background, boundary, elements_across=1.0, progress=request.report, **angle
+        )
+        if boundary is not None or self._interfaces is None:
+            return width
+        return np.minimum(width, 2.0 * half_thickness(self.mesh, **angle))
 
 
 def limited_on(

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from adaptsize._checks import as_number, check_type
+from adaptsize._checks import as_number, as_tolerance, check_type
 from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
@@ -139,8 +139,10 @@ def remesh_to_elements(
 def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
     """Return the tolerance of a mesh: the given one, or the default that the sizes allow."""
     if tolerance is not None:
-        return as_number("tolerance", tolerance, lower=0.0, strict=True)
-    return max(TOLERANCE, report.tolerance) if np.isfinite(report.tolerance) else TOLERANCE
+        return as_tolerance("tolerance", tolerance)
+    return (
+        min(max(TOLERANCE, report.tolerance), 1.0) if np.isfinite(report.tolerance) else TOLERANCE
+    )
 
 
 def reach_number(

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from adaptsize._checks import describe
+from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import Octree
 from adaptsize.domain_size.on_octree import (
@@ -107,7 +108,7 @@ class ImplicitDomain:
 
     def _shape(self, tree: Octree, request: Request) -> Shape:
         """Return the domain as seen on an octree."""
-        report = _silent if request.report is None else request.report
+        report = silent if request.report is None else request.report
         values = self.function(tree.points)
         _check_signs(values, tree)
         boundary = boundary_of(self.function, tree, values, self._is_distance)
@@ -213,7 +214,3 @@ def _check_signs(values: FloatArray, tree: Octree) -> None:
         raise ValueError(
             f"domain must have its boundary in the background, got all of {tree!r} inside"
         )
-
-
-def _silent(text: str, share: float | None) -> None:
-    """Report nothing."""

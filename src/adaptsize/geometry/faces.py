@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import as_angle, check_type
 from adaptsize.background import SimplexMesh
+from adaptsize.background.topology import are_among, components_of, pairs_of_cells
 from adaptsize.geometry.curvature import crease_edges
 
 
@@ -52,26 +52,10 @@ def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
     >>> tag_faces(SimplexMesh(points, cells)).cell_tags
     array([1, 1, 2, 2, 3, 3], dtype=int32)
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     check_type("surface", surface, SimplexMesh)
     limit = as_angle("angle", angle)
-    feature = _keys(crease_edges(surface, crease_angle=limit), surface.n_points)
     # Edges of three or more triangles are feature edges, too: all others have two.
-    is_free = ~np.isin(_keys(surface.facets, surface.n_points), feature)
-    at_edge = np.argsort(surface.cell_facets, axis=None, kind="stable")
-    at_edge = at_edge[is_free[surface.cell_facets.ravel()[at_edge]]]
-    one, two = (at_edge // 3).reshape(-1, 2).T
-    n = surface.n_cells
-    links = coo_array((np.ones(len(one), np.int8), (one, two)), shape=(n, n))
-    face = connected_components(links, directed=False)[1]
-    first, number = np.unique(face, return_index=True, return_inverse=True)[1:]
-    rank = np.argsort(np.argsort(first)).astype(np.int32)
+    is_free = ~are_among(surface.facets, crease_edges(surface, crease_angle=limit))
+    face = components_of(pairs_of_cells(surface, is_free) // 3, surface.n_cells)
     names = {key: name for key, name in surface.tag_names.items() if key[0] != 2}
-    return replace(surface, cell_tags=rank[number.reshape(-1)] + 1, tag_names=names)
-
-
-def _keys(edges: npt.NDArray[np.int32], n_points: int) -> npt.NDArray[np.int64]:
-    """Return one number for each edge, int64[n]."""
-    return edges[:, 0].astype(np.int64) * n_points + edges[:, 1]
+    return replace(surface, cell_tags=face.astype(np.int32) + 1, tag_names=names)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_number, as_whole_number, describe, one_of
-from adaptsize._progress import reporting
+from adaptsize._progress import reporting, silent
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
@@ -330,7 +330,7 @@ def limit_gradient(
     h = np.minimum(_backward(solution.h, transform, record), bound)
     if not full_output:
         return h
-    problem = replace(problem, report=_silent, initial=None)
+    problem = replace(problem, report=silent, initial=None)
     own = solution.h if transform is None else h.copy()
     found = Record(background, domain, bound, own, transform, problem, solution)
     return h, LimitingInfo(method, solution.iterations, solution.converged, found)
@@ -360,7 +360,3 @@ def _backward(u: FloatArray, transform: SizeTransform | None, record: Record | N
     changed = u != record.solution.h
     h[changed] = transform.backward(u[changed])
     return h
-
-
-def _silent(text: str, share: float | None) -> None:
-    """Ignore a progress report."""

@@ -53,7 +53,7 @@ def as_count(name: str, value: object) -> int | None:
 
 def as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:
     """Return checked bounds at points."""
-    if not isinstance(given, tuple) or len(given) != 2:
-        raise ValueError(f"point_sources must be a tuple (points, sizes), got {describe(given)}")
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        raise ValueError(f"point_sources must be a pair (points, sizes), got {describe(given)}")
     points = as_points("point_sources[0]", given[0], dim)
     return PointBounds(points, as_sizes("point_sources[1]", given[1], (len(points),)))

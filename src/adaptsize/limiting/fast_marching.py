@@ -4,42 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels.edge_based import march_edges
+from adaptsize.background.marching import (
+    KEEP,
+    accept_all,
+    new_heap,
+    patience,
+    stars_in,
+    stars_of,
+    sweep_into_heap,
+)
 from adaptsize.limiting.policy_iteration import iterate_policies
 from adaptsize.limiting.solution import Solution, relative_to_largest
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.limiting.gradient_limit import Slope
 
-# Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
-CHUNK = 50_000
-
-# A candidate must be lower by more than rounding to count.
-KEEP = 1.0 - 1e-14
-
 # Before policy iteration, marching continues until no size decreases by more than this share.
 # Policy iteration then needs half as many steps.
 _KEEP_ROUGHLY = 1.0 - 1e-3
 
-# Acceptances per node before policy iteration is used.  Meshes of mesh generators need 1.0 to
-# 1.2; larger numbers mean that obtuse slivers cause cyclic dependencies between nodes.
-_PATIENCE = 8
-
-
-class Stars(NamedTuple):
-    """For each node the other vertices of its cells (see `fill_stars`)."""
-
-    star_ptr: npt.NDArray[np.int64]
-    star: IntArray
-    owner: IntArray
+_TEXT = "limiting the gradient"
 
 
 def solve_fast_marching(
@@ -98,68 +90,28 @@ def march_until_converged(
     report: ProgressCallback,
 ) -> Solution:
     """March until convergence: no node is lowered any more."""
-    n = mesh.n_points
-    axes = (0,) * mesh.dim
     limit = (slope.values, slope.step)
-    h = h0.copy()
-    candidate = np.empty(n)
-    heap = new_heap(n)
+    h, heap = h0.copy(), new_heap(mesh.n_points)
     # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
     along_edges = march is march_edges
     keep = 1.0 if along_edges else KEEP
-    sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
-    kernels.queue_lowered(h, candidate, keep, *heap)
-
+    sweep_into_heap(mesh, sweep, h, limit, keep, heap)
     accepted, unfinished = 0, ""
     stars = None
     if heap[3][0] > 0:
-        stars = stars_of(mesh, slope)
-        geometry = (mesh.points, axes, (0,) * mesh.cell_dim, *stars)
-        most = None if along_edges else patience(n)
-        accepted = accept_all(march, geometry, h, slope, heap, most, report, keep)
+        stars = stars_of(mesh, limit)
+        geometry = stars_in(mesh, stars)
+        most = np.inf if along_edges else patience(mesh.n_points)
+        accepted = accept_all(march, geometry, h, limit, heap, report, _TEXT, most=most, keep=keep)
         if heap[3][0] > 0:
             # Only small changes are missing now.  First give every node a finite size.
             march_edges(*geometry, h, *limit, *heap, KEEP, np.inf, 1 << 62)
-            sweep(mesh.points, axes, mesh.cells, h, *limit, candidate)
-            kernels.queue_lowered(h, candidate, _KEEP_ROUGHLY, *heap)
-            while heap[3][0] > 0:
-                march(*geometry, h, *limit, *heap, _KEEP_ROUGHLY, np.inf, CHUNK)
-                report("limiting the gradient", 1.0)
+            sweep_into_heap(mesh, sweep, h, limit, _KEEP_ROUGHLY, heap)
+            accept_all(march, geometry, h, limit, heap, report, _TEXT, keep=_KEEP_ROUGHLY)
             h, unfinished = iterate_policies(mesh, slope, h, report)
 
     residual = partial(residual_of, mesh, slope, h, sweep) if with_residual else 0.0
     return Solution(h, accepted, residual, unfinished, stars)
-
-
-def new_heap(n: int) -> tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]:
-    """Return an empty heap of up to n nodes (see heap.py)."""
-    return np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64)
-
-
-def patience(n: int) -> int:
-    """Return the largest number of acceptances on n nodes before policy iteration is used."""
-    return _PATIENCE * n + CHUNK
-
-
-def accept_all(
-    march: Callable[..., int],
-    geometry: tuple[Any, ...],
-    h: FloatArray,
-    slope: Slope,
-    heap: tuple[Any, ...],
-    most: int | None,
-    report: ProgressCallback,
-    keep: float = KEEP,
-) -> int:
-    """March (In/Out: h, heap) until the heap is empty or ``most`` nodes were accepted.
-
-    ``geometry`` holds the leading arguments of the kernels of fast_marching.py.
-    """
-    accepted = 0
-    while heap[3][0] > 0 and (most is None or accepted < most):
-        accepted += march(*geometry, h, slope.values, slope.step, *heap, keep, np.inf, CHUNK)
-        report("limiting the gradient", min(accepted / len(h), 1.0))
-    return accepted
 
 
 def residual_of(
@@ -177,12 +129,3 @@ def largest_excess(
     sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, slope.values, slope.step, candidate)
     finite = np.isfinite(h)
     return float((h[finite] - candidate[finite]).max(initial=0.0))
-
-
-def stars_of(mesh: SimplexMesh, slope: Slope) -> Stars:
-    """Return the stars of the nodes, with owners only if g varies."""
-    star_ptr = np.empty(mesh.n_points + 1, np.int64)
-    star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
-    owner = np.empty(mesh.cells.size if slope.step else 0, np.int32)
-    kernels.fill_stars(mesh.cells, star_ptr, star, owner)
-    return Stars(star_ptr, star, owner)

@@ -8,22 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize._kernels import fast_marching_grid as kernels
-from adaptsize.background.padding import buckets_for, pad, strides_of_padded, unpad
+from adaptsize.background.marching import PaddedGrid, march_on_grid
+from adaptsize.background.padding import pad, strides_of_padded, unpad
 from adaptsize.limiting.solution import Solution, relative_to_largest
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid
     from adaptsize.limiting.gradient_limit import Slope
 
-# Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
-_CHUNK = 500_000
-
-# A candidate must be lower by more than rounding to count.
-_KEEP = 1.0 - 1e-14
-
 # Nodes of the second-order pass between two progress reports.
 _REFINED_AT_ONCE = 1_000_000
+
+_TEXT = "limiting the gradient"
 
 
 def solve_grid_marching(
@@ -101,24 +98,18 @@ def march_grid_until_converged(
     weights = tuple(float(w) for w in 1.0 / grid.spacing**2)
     g = pad(grid, slope.values) if slope.step else slope.values
     geometry = (strides_of_padded(grid), weights, g, slope.step)
-    candidate = np.empty(u.size)
-    kernels.sweep_grid(u, *geometry, edges, candidate)
-    seeds = np.flatnonzero(candidate < u * _KEEP).astype(np.int32)
-    u[seeds] = candidate[seeds]
-    del candidate
-
-    steepest = float(slope.values.max())
-    accepted = accept_all(grid, u, geometry, edges, steepest, seeds, report)
+    accepted = march_on_grid(grid, u, geometry, edges, report, _TEXT)
     residual = partial(residual_of, u, geometry, edges) if with_residual else 0.0
     if order == 2:
         u = _refine(grid, u, bounds, geometry, report)
-        _keep_edges(grid, u, geometry, steepest, report)
+        # A few sizes may be too steep along an edge.
+        march_on_grid(grid, u, geometry, True, report, _TEXT)
     return Solution(unpad(grid, u), accepted, residual)
 
 
 def residual_of(
     u: FloatArray,
-    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
+    geometry: PaddedGrid,
     edges: bool,
 ) -> float:
     """Return the largest excess of padded sizes over updates, relative to the largest finite h."""
@@ -129,51 +120,11 @@ def residual_of(
     return relative_to_largest(float(excess.max()), u)
 
 
-def accept_all(
-    grid: CartesianGrid,
-    u: FloatArray,
-    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
-    edges: bool,
-    steepest: float,
-    seeds: IntArray,
-    report: ProgressCallback,
-) -> int:
-    """March from the seeds, which are lowered already; return how many nodes were accepted."""
-    if len(seeds) == 0:
-        return 0
-    g = geometry[2]
-    least = float(np.min(g, where=g > 0.0, initial=steepest))
-    rises = least * float(grid.spacing.min()), steepest * float(grid.spacing.max())
-    queue = buckets_for(u, seeds, *rises)
-    accepted, newly = 0, _CHUNK
-    while newly == _CHUNK:
-        newly = kernels.march_grid(u, *geometry, edges, _KEEP, *queue, _CHUNK)
-        accepted += newly
-        report("limiting the gradient", min(accepted / grid.n_points, 1.0))
-    report("limiting the gradient", 1.0)
-    return accepted
-
-
-def _keep_edges(
-    grid: CartesianGrid,
-    u: FloatArray,
-    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
-    steepest: float,
-    report: ProgressCallback,
-) -> None:
-    """Lower the sizes (In/Out) that are too steep along an edge; at second order these are few."""
-    candidate = np.empty(u.size)
-    kernels.sweep_grid(u, *geometry, True, candidate)
-    seeds = np.flatnonzero(candidate < u * _KEEP).astype(np.int32)
-    u[seeds] = candidate[seeds]
-    accept_all(grid, u, geometry, True, steepest, seeds, report)
-
-
 def _refine(
     grid: CartesianGrid,
     u1: FloatArray,
     u0: FloatArray,
-    geometry: tuple[tuple[int, ...], tuple[float, ...], FloatArray, int],
+    geometry: PaddedGrid,
     report: ProgressCallback,
 ) -> FloatArray:
     """Return the second-order sizes from the first-order ones."""

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.fast_marching import fill_policy
+from adaptsize.background.marching import KEEP
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
 
 _MOST_STEPS = 200
 _ROUNDING = 1e-13
-
-# A size must be lower by more than rounding to change a policy.
-_KEEP = 1.0 - 1e-14
 
 
 class _Policy(NamedTuple):
@@ -73,7 +71,7 @@ def iterate_policies(
         fill_policy(mesh.points, axes, mesh.cells, h, h, *limit, value, *offer)
         # A policy is changed only if the size decreases.  Otherwise coincident nodes, or nodes
         # whose distance times g is below rounding, could all refer to each other.
-        lower = value < h * _KEEP
+        lower = value < h * KEEP
         if not lower.any():
             return h, ""
         policy.source[lower] = offer.source[lower]

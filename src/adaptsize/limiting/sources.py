@@ -37,7 +37,8 @@ class SizeSources:
     node is the source.  ``n_points + k`` is the k-th of the point sources."""
     bends: FloatArray
     """float64[n_points, dim]: the last point where the path from the source bends, nan if the path
-    is straight.  In a convex domain there are no rows."""
+    is straight.  In a convex domain there are no rows.  Where sizes propagate along edges of the
+    mesh, this is the neighbour."""
     bound: FloatArray
     """float64[n_points]: h0; transformed if g depends on h."""
     limited: FloatArray
@@ -62,15 +63,12 @@ class SizeSources:
         bends = np.full((n if any(map(len, bend)) else 0, dim), np.nan)
         for part, own_bends in zip(solution.parts, bend, strict=True):
             where = np.arange(n) if part.nodes is None else part.nodes
-            found = part.found
-            named = np.concatenate([wave.nodes for wave in found.field.waves])
-            has = found.source >= 0
-            own = named[found.source[has]]
+            own = part.found.named()
             if part.nodes is not None:
                 k = len(part.nodes)
                 inner = part.nodes[np.clip(own, 0, k - 1)]
                 own = np.where((own >= 0) & (own < k), inner, np.where(own < 0, -1, own - k + n))
-            nodes[where[has]] = own
+            nodes[where] = own
             if len(own_bends):
                 bends[where] = own_bends
         nodes[np.isinf(solution.h.ravel())] = -1

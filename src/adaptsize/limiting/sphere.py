@@ -13,6 +13,7 @@ from adaptsize._checks import (
     as_slope,
     refuse_where,
 )
+from adaptsize._progress import silent
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.limiting.arguments import as_count
@@ -114,7 +115,7 @@ def limit_on_sphere(
     field = ExactField(slope, None, False, [wave], radius=r)
     h, source = sizes.copy(), np.full(len(sizes), -1, np.int32)
     points = Points(places, along_curve(places), np.empty(0, np.int32))
-    field.lower_by_last(points, h, source, n_threads, _silent)
+    field.lower_by_last(points, h, source, n_threads, silent)
     h = h.reshape(shape)
     if active is not None:
         h[~active] = np.inf
@@ -134,7 +135,7 @@ def _is_lowered(field: ExactField, threads: int) -> npt.NDArray[np.bool_]:
     by = np.full(len(wave.nodes), -1, np.int32)
     order = np.arange(len(wave.nodes), dtype=np.int32)
     points = Points(wave.table[:, :3].copy(), order, np.empty(0, np.int32))
-    field.lower_by_last(points, wave.sizes[:, 0].copy(), by, threads, _silent, once=True)
+    field.lower_by_last(points, wave.sizes[:, 0].copy(), by, threads, silent, once=True)
     return by >= 0
 
 
@@ -152,7 +153,3 @@ def _nodes(
         shape = (len(where),)
     refuse_where("lon_lat", np.abs(where) > [np.inf, 90.0], where, "must have latitudes -90 to 90")
     return where, shape, active
-
-
-def _silent(text: str, share: float | None) -> None:
-    """Ignore a progress report."""

@@ -345,13 +345,15 @@ def _not_missing(size: npt.ArrayLike | None) -> npt.ArrayLike:
 def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
     if path is not None and as_path("path", path).suffix.lower() not in _SUFFIXES:
         raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, got {os.fspath(path)!r}")
-    if not _SMALLEST <= as_number("width", width, lower=-np.inf) <= _LARGEST:
-        raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} pixels, got {width}")
+    number = as_number("width", width, lower=-np.inf)
+    if not _SMALLEST <= number <= _LARGEST or number != int(number):
+        raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} whole pixels, got {width}")
     if find_spec("pyvista") is None:
         raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
 
 
 def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Image:
+    width = int(width)
     low, high = scene.frame
     across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
     height = int(np.clip(width * 0.76 * up / across, 0.4 * width, 0.9 * width))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background import SimplexMesh
+from adaptsize.background.topology import components_of
 from adaptsize.typing import FloatArray
 
 
@@ -66,13 +67,7 @@ def topology_of(skin: SimplexMesh) -> Topology | None:
 
 def n_components(mesh: SimplexMesh) -> int:
     """Return the number of components, which have no node in common."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    i, j = mesh.edges.T
-    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(mesh.n_points,) * 2)
-    labels = connected_components(graph, directed=False)[1]
-    return len(np.unique(labels[mesh.cells[:, 0]]))
+    return len(np.unique(components_of(mesh.edges, mesh.n_points)[mesh.cells[:, 0]]))
 
 
 def _enclosed(skin: SimplexMesh) -> float:

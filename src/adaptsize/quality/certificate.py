@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import as_number, check_type
+from adaptsize._checks import as_number, as_tolerance, check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.quality.boundary import (
     Distances,
@@ -119,7 +119,7 @@ def check_mesh(
         Requested edge lengths, as in `size_conformity`.
     tolerance : float
         Allowed distance of the boundaries from each other, over the diagonal of the bounding box
-        of ``original``.
+        of ``original``; at most 1.
     share_in_band : float
         Required share of the edges whose length is within a factor sqrt 2 of the size.
     n_places : int
@@ -163,7 +163,7 @@ def check_mesh(
     check_type("mesh", mesh, SimplexMesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
-    tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    tolerance = as_tolerance("tolerance", tolerance)
     share = as_number("share_in_band", share_in_band, lower=0.0)
     if share > 1.0:
         raise ValueError(f"share_in_band must be at most 1, got {share:g}")

@@ -142,14 +142,10 @@ def describe(
 
 def _components(mesh: SimplexMesh) -> npt.NDArray[np.integer]:
     """Return the component of each cell.  Components have no facet in common."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     n_facets = len(mesh.facets)
     cell = np.repeat(np.arange(mesh.n_cells), mesh.cells.shape[1]) + n_facets
-    shape = (n_facets + mesh.n_cells,) * 2
-    graph = coo_array((np.ones(len(cell), np.int8), (cell, mesh.cell_facets.ravel())), shape)
-    labels = connected_components(graph, directed=False)[1][n_facets:]
+    links = np.column_stack([cell, mesh.cell_facets.ravel()])
+    labels = topology.components_of(links, n_facets + mesh.n_cells)[n_facets:]
     return np.asarray(np.unique(labels, return_inverse=True)[1])
 
 

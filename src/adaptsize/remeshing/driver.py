@@ -11,7 +11,7 @@ from typing import Literal, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_number, describe, one_of
+from adaptsize._checks import as_flag, as_number, as_tolerance, describe, one_of
 from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
@@ -105,12 +105,12 @@ def remesh(
         Upper limit of the sizes, including those that grow into a volume.
     tolerance : float
         Allowed distance of the new boundary from the old one, over the diagonal of the bounding
-        box.  No generator guarantees it.  On 13 closed parts with the sizes of `size_function`,
-        the meshes on a first volume by Netgen kept it (scans: 1.4 times it), those by fTetWild
-        alone too (except for sizes above 1/12 of the diagonal), and the meshes by Mmg on a first
-        volume by fTetWild were up to 4 times as far.  Where larger sizes are requested than the
-        tolerance allows, Mmg makes smaller cells.  Open or self-intersecting surfaces are closed
-        by fTetWild and may deviate more.
+        box; at most 1.  No generator guarantees it.  On 13 closed parts with the sizes of
+        `size_function`, the meshes on a first volume by Netgen kept it (scans: 1.4 times it),
+        those by fTetWild alone too (except for sizes above 1/12 of the diagonal), and the meshes
+        by Mmg on a first volume by fTetWild were up to 4 times as far.  Where larger sizes are
+        requested than the tolerance allows, Mmg makes smaller cells.  Open or self-intersecting
+        surfaces are closed by fTetWild and may deviate more.
     required_facets : array_like of int, shape (n, cell_dim), optional
         Facets of ``mesh`` that must not change (Mmg only).
     max_elements : float
@@ -202,7 +202,7 @@ def remesh(
     adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
     task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
-    tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    tolerance = as_tolerance("tolerance", tolerance)
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
     g = as_number("g", g, lower=0.0)
     hmax = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
+from adaptsize.background.topology import components_of
 from adaptsize.errors import MeshRepairWarning
 from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
 from adaptsize.typing import FloatArray, IntArray
@@ -110,18 +111,8 @@ def _repaired(surface: SimplexMesh) -> RepairedMesh:
 
 def bodies_of(surface: SimplexMesh) -> npt.NDArray[np.intp]:
     """Return the number 0, 1, ... of the connected component of each triangle."""
-    label = connected_parts(surface.facets, surface.n_points)[surface.cells[:, 0]]
+    label = components_of(surface.facets, surface.n_points)[surface.cells[:, 0]]
     return np.asarray(np.unique(label, return_inverse=True)[1], np.intp)
-
-
-def connected_parts(edges: IntArray, n_points: int) -> npt.NDArray[np.intp]:
-    """Return the number of the connected component of each point."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    i, j = edges.T
-    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(n_points, n_points))
-    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
 
 
 def boundary_loops(surface: SimplexMesh) -> Iterator[list[int]]:

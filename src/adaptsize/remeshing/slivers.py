@@ -7,8 +7,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_matrix, csr_matrix
 
 from adaptsize.background import SimplexMesh
-from adaptsize.background.flipping import pairs_of_cells
-from adaptsize.background.topology import are_among
+from adaptsize.background.topology import are_among, pairs_of_cells
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Triangles that keep their height may turn by no more than the angle of this cosine.

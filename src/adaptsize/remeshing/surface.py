@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.background.flipping import flip_edges, pairs_of_cells
+from adaptsize.background.flipping import flip_edges
 from adaptsize.background.folds import folds_of, halved_edges, renumbered_edges
 from adaptsize.background.splitting import split_edges
-from adaptsize.background.topology import are_among
+from adaptsize.background.topology import are_among, pairs_of_cells
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.slivers import remove_slivers
 from adaptsize.typing import FloatArray, IntArray

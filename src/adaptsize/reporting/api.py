@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_path, check_type
+from adaptsize._checks import as_path, as_tolerance, check_type
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.report import SizeReport
@@ -49,7 +49,7 @@ def report(
     size_report : SizeReport, optional
         Of ``size_function(..., full_output=True)``, to show causes and predicted elements.
     tolerance : float
-        Allowed distance of the boundaries, over the diagonal of ``original``.
+        Allowed distance of the boundaries, over the diagonal of ``original``; at most 1.
     title : str, optional
         Heading of the page; by default the name of the file.
     times : sequence of (str, float)
@@ -85,7 +85,7 @@ def report(
     ):
         if value is not None:
             check_type(name, value, kind)
-    tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True)
+    tolerance = as_tolerance("tolerance", tolerance)
     check_plotly()
     from adaptsize.reporting.charts import histograms
     from adaptsize.reporting.page import page_of
@@ -104,7 +104,8 @@ def report(
         rows=_rows(mesh, outcome, size_report, times),
         warnings=outcome.warnings() if outcome else [],
         check=check,
-        figures=[figure_of(views), histograms(mesh, size)],
+        scene=figure_of(views),
+        charts=histograms(mesh, size),
     )
     _write(text, target)
 
@@ -138,10 +139,10 @@ def _rows(
     """Return the rows of the table: topic and finding."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     rows = [
-        ("points", f"{mesh.n_points:,}"),
+        ("points", str(mesh.n_points)),
         ("extents", " x ".join(f"{x:.4g}" for x in np.asarray(high - low))),
     ]
-    rows += outcome.rows if outcome else [("cells", f"{mesh.n_cells:,} {kind_of(mesh)}")]
+    rows += outcome.rows if outcome else [("cells", f"{mesh.n_cells} {kind_of(mesh)}")]
     if size_report is not None:
         rows.append(("sizes", size_report.choices))
     if times:

@@ -14,40 +14,49 @@ if TYPE_CHECKING:
 
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
-    from adaptsize.typing import FloatArray, IntArray
+    from adaptsize.typing import FloatArray
 
 _COLOUR = "#31688e"
 _ROOT = float(np.sqrt(2.0))
 
 
-def histograms(mesh: SimplexMesh, size: SizeFunction | None) -> go.Figure:
-    """Return the histograms side by side; that of lengths only where sizes are known."""
-    from plotly.subplots import make_subplots
+def histograms(mesh: SimplexMesh, size: SizeFunction | None) -> list[go.Figure]:
+    """Return the histograms of lengths, only where sizes are known, and of angles."""
+    return ([] if size is None else [_lengths(mesh, size)]) + [_angles(mesh)]
 
-    solid = mesh.cell_dim == 3
-    angle = f"smallest {'dihedral ' if solid else ''}angle of a cell, degrees"
-    titles = (
-        [angle]
-        if size is None
-        else ["edge length over requested size (dashed: factor sqrt 2)", angle]
+
+def _lengths(mesh: SimplexMesh, size: SizeFunction) -> go.Figure:
+    ratio = edge_ratios(mesh, size)
+    logs = np.log2(ratio[np.isfinite(ratio) & (ratio > 0.0)])
+    figure = _bars(np.clip(logs, -2.0, 2.0), np.linspace(-2.0, 2.0, 49), "edges")
+    ticks = [0.25, 0.5, 1 / _ROOT, 1.0, _ROOT, 2.0, 4.0]
+    figure.update_xaxes(
+        title_text="edge length over requested size<br>(dashed: factor sqrt 2)",
+        tickvals=np.log2(ticks),
+        ticktext=[f"{x:.3g}" for x in ticks],
     )
-    figure = make_subplots(1, len(titles), horizontal_spacing=0.1)
-    if size is not None:
-        ratio = edge_ratios(mesh, size)
-        logs = np.log2(ratio[np.isfinite(ratio) & (ratio > 0.0)])
-        counts, ends = np.histogram(np.clip(logs, -2.0, 2.0), np.linspace(-2.0, 2.0, 49))
-        figure.add_trace(_bars(counts, 0.5 * (ends[1:] + ends[:-1])), 1, 1)
-        ticks = [0.25, 0.5, 1 / _ROOT, 1.0, _ROOT, 2.0, 4.0]
-        text = [f"{x:.3g}" for x in ticks]
-        figure.update_xaxes(tickvals=np.log2(ticks), ticktext=text, row=1, col=1)
-        for bound in (-0.5, 0.5):
-            figure.add_vline(bound, line={"dash": "dash", "color": "#888"}, row=1, col=1)
+    for bound in (-0.5, 0.5):
+        figure.add_vline(bound, line={"dash": "dash", "color": "#888"})
+    return figure
+
+
+def _angles(mesh: SimplexMesh) -> go.Figure:
+    solid = mesh.cell_dim == 3
     limit = 75.0 if solid else 61.0
-    counts, ends = np.histogram(np.clip(minimum_angles(mesh), 0.0, limit), np.arange(0, limit, 1.5))
-    figure.add_trace(_bars(counts, 0.5 * (ends[1:] + ends[:-1])), 1, len(titles))
-    for column, title in enumerate(titles, 1):
-        figure.update_xaxes(title_text=title, row=1, col=column)
-        figure.update_yaxes(title_text="cells" if title == angle else "edges", row=1, col=column)
+    angles = np.clip(minimum_angles(mesh), 0.0, limit)
+    figure = _bars(angles, np.arange(0.0, limit, 1.5), "cells")
+    figure.update_xaxes(
+        title_text=f"smallest {'dihedral ' if solid else ''}angle of a cell, degrees"
+    )
+    return figure
+
+
+def _bars(values: FloatArray, ends: FloatArray, counted: str) -> go.Figure:
+    import plotly.graph_objects as go
+
+    counts, _ = np.histogram(values, ends)
+    figure = go.Figure(go.Bar(x=0.5 * (ends[1:] + ends[:-1]), y=counts, marker_color=_COLOUR))
+    figure.update_yaxes(title_text=counted)
     figure.update_layout(
         template="plotly_white",
         height=340,
@@ -56,9 +65,3 @@ def histograms(mesh: SimplexMesh, size: SizeFunction | None) -> go.Figure:
         bargap=0.04,
     )
     return figure
-
-
-def _bars(counts: IntArray, middles: FloatArray) -> go.Bar:
-    import plotly.graph_objects as go
-
-    return go.Bar(x=middles, y=counts, marker_color=_COLOUR)

@@ -20,6 +20,10 @@ td, th { border-bottom: 1px solid #ddd; padding: 0.25rem 0.9rem 0.25rem 0; text-
   vertical-align: top; }
 th { font-weight: 600; white-space: nowrap; } .number { font-variant-numeric: tabular-nums; }
 .failed { color: #a33c00; font-weight: 600; } footer { color: #666; margin: 2rem 0; }
+/* The scale of a scene follows its height: on narrow pages the mesh would be cut at its sides. */
+.scene { height: min(640px, 60px + 64vw); } .scene > div { height: 100%; }
+.charts { display: grid; gap: 1rem;
+  grid-template-columns: repeat(auto-fill, minmax(min(26rem, 100%), 1fr)); }
 .warning { background: #fff6e0; border-left: 4px solid #d99a00; padding: 0.3rem 0.8rem; }
 """
 
@@ -31,20 +35,18 @@ def page_of(
     rows: Sequence[tuple[str, str]],
     warnings: Sequence[str],
     check: MeshCheck,
-    figures: Sequence[go.Figure],
+    scene: go.Figure,
+    charts: Sequence[go.Figure],
 ) -> str:
     """Return the page as text."""
     import adaptsize
 
     heading = f"{escape(title)}: {escape(kind)}"
-    scene, charts = (
-        figure.to_html(
-            full_html=False,
-            include_plotlyjs=number == 0,
-            config={"responsive": True, "displaylogo": False},
-        )
-        for number, figure in enumerate(figures)
-    )
+    config = {"responsive": True, "displaylogo": False}
+    mesh = scene.to_html(full_html=False, include_plotlyjs=True, config=config)
+    bars = [
+        chart.to_html(full_html=False, include_plotlyjs=False, config=config) for chart in charts
+    ]
     parts = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
@@ -53,11 +55,13 @@ def page_of(
         f"<h1>{heading}</h1>",
         *(f'<p class="warning">{escape(text)}</p>' for text in warnings),
         "<h2>Mesh</h2><p>Choose what to show from the list; drag to turn, scroll to zoom.</p>",
-        scene,
+        f'<div class="scene">{mesh}</div>',
         "<h2>Summary</h2>",
         _table(rows),
         "<h2>Edge lengths and angles</h2>",
-        charts,
+        '<div class="charts">',
+        *bars,
+        "</div>",
         "<h2>Demands</h2>",
         _demands(check),
         f"<footer>adaptsize {escape(adaptsize.__version__)}</footer>",

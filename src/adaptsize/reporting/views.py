@@ -99,7 +99,6 @@ def figure_of(views: list[View]) -> go.Figure:
     axis = {"showbackground": False, "showspikes": False}
     figure = go.Figure(traces)
     figure.update_layout(
-        height=640,
         margin={"l": 0, "r": 0, "t": 50, "b": 0},
         scene={
             "aspectmode": "data",
@@ -148,13 +147,11 @@ def _colours(scene: Scene) -> tuple[npt.NDArray[np.float64], dict[str, Any]]:
         return values, {"colorscale": scale, "colorbar": {"title": title, **ticks}, **limits}
     low, high = scene.limits
     values = np.where(np.isfinite(scene.values), scene.values, high)
-    ticks = {}
+    at, text = scene.ticks, [f"{tick:.4g}" for tick in scene.ticks]
     if scene.is_logarithmic:
-        values = np.log10(values)
-        at = np.linspace(np.log10(low), np.log10(high), 6)
-        ticks = {"tickvals": at.tolist(), "ticktext": [f"{10**x:.3g}" for x in at]}
-        low, high = float(at[0]), float(at[-1])
-    bar = {"title": title, **ticks}
+        values, at = np.log10(values), np.log10(at)
+        low, high = np.log10([low, high]).tolist()
+    bar = {"title": title, "tickvals": at.tolist(), "ticktext": text}
     return values, {"colorscale": "Viridis", "colorbar": bar, "cmin": low, "cmax": high}
 
 

@@ -38,7 +38,7 @@ def lower_along(
     start, stop = (
         (1.0 - t)[:, None] * curve.points[a] + t[:, None] * curve.points[b] for t in (first, last)
     )
-    at_start, at_stop = (_size_at(t, size[a], size[b]) for t in (first, last))
+    at_start, at_stop = (size_between(t, size[a], size[b]) for t in (first, last))
     nodes, piece = _corners_around(grid, 0.5 * (start + stop), np.arange(len(segment)))
     ends = (start[piece], stop[piece], at_start[piece], at_stop[piece])
     _lower(h0, nodes, _least_from_segment(_coordinates(grid, nodes), *ends, g))
@@ -228,7 +228,7 @@ def _pieces_in_boxes(
     return segment[1:][is_piece], at[:-1][is_piece], at[1:][is_piece]
 
 
-def _size_at(t: FloatArray, at_a: FloatArray, at_b: FloatArray) -> FloatArray:
+def size_between(t: FloatArray, at_a: FloatArray, at_b: FloatArray) -> FloatArray:
     """Return sizes between two ends.  An end of share 0 is ignored, because inf would give nan."""
     size: FloatArray = np.where(t < 1.0, at_a, 0.0) * (1.0 - t) + np.where(t > 0.0, at_b, 0.0) * t
     return size

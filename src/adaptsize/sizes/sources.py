@@ -116,10 +116,7 @@ class CurveSource:
         cells, segments, along, _ = _touched.cells_along(around, curve)
         a, b = curve.cells[segments].T
         points = (1.0 - along)[:, None] * curve.points[a] + along[:, None] * curve.points[b]
-        # inf - inf must not arise where a size is inf at one end only.
-        at_points = np.where(along < 1.0, size[a], 0.0) * (1.0 - along)
-        at_points += np.where(along > 0.0, size[b], 0.0) * along
-        _lower_around(around, cells, points, at_points, g, h0)
+        _lower_around(around, cells, points, _on_grid.size_between(along, size[a], size[b]), g, h0)
         # The samples above are not the closest points of the curve.  These are.
         nodes = np.unique(around.cells[cells])
         at_nearest, distances = curve.locator.interpolate(size, around.points[nodes])

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
+from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
@@ -76,17 +77,13 @@ def _consistent(
     Each cell is in a graph twice, flipped and not flipped.  Neighbours are joined in consistent
     states.  An orientable piece then has two components.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     n = mesh.n_cells
     one, other, same = _neighbours(mesh)
     contradicts = np.zeros(n, np.bool_)
     contradicts[one[~same]] = contradicts[other[~same]] = True
     ones = np.concatenate([one, one + n])
     others = np.concatenate([np.where(same, other, other + n), np.where(same, other + n, other)])
-    graph = coo_matrix((np.ones(len(ones)), (ones, others)), shape=(2 * n, 2 * n))
-    label = connected_components(graph, directed=False)[1]
+    label = components_of(np.column_stack([ones, others]), 2 * n)
     as_is, reversed_ = label[:n], label[n:]
     _, piece = np.unique(np.minimum(as_is, reversed_), return_inverse=True)
     # Of the two components of a piece, take the one in which less area is flipped.
@@ -101,10 +98,7 @@ def _neighbours(
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Return the pairs of cells at facets of two cells, and whether their orientations agree."""
     width = mesh.cells.shape[1]
-    order = np.argsort(mesh.cell_facets, axis=None, kind="stable")
-    facet = mesh.cell_facets.ravel()[order]
-    first = np.flatnonzero((mesh.facet_cell_counts == 2)[facet])[::2]
-    corner, corner_other = order[first], order[first + 1]
+    corner, corner_other = pairs_of_cells(mesh, mesh.facet_cell_counts == 2).T
     forward = [_runs_forward(mesh, at, width) for at in (corner, corner_other)]
     return corner // width, corner_other // width, forward[0] != forward[1]
 

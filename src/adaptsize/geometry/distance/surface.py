@@ -169,8 +169,6 @@ def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
     there is no facet between them.
     """
     from scipy import ndimage
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
     if isinstance(background, CartesianGrid):
         apart = distance > 0.5 * float(background.spacing.max()) * (1.0 + 1e-9)
@@ -180,11 +178,8 @@ def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
         groups[alone] = n + np.arange(int(alone.sum()))
         return groups
     mesh = background if isinstance(background, SimplexMesh) else background.mesh
-    i, j = mesh.edges.T
-    joined = distance[i] + distance[j] > mesh.edge_lengths * (1.0 + 1e-9)
-    n = mesh.n_points
-    graph = coo_array((np.ones(int(joined.sum())), (i[joined], j[joined])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1]).astype(np.int64)
+    joined = distance[mesh.edges].sum(axis=1) > mesh.edge_lengths * (1.0 + 1e-9)
+    return topology.components_of(mesh.edges[joined], mesh.n_points)
 
 
 def _nodes_of(background: AnyBackground) -> Iterator[FloatArray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._progress import silent
 from adaptsize.background import Octree, SimplexMesh
 from adaptsize.geometry.distance.closest_points import Depths, FunctionBoundary, depths_of
 from adaptsize.geometry.distance.implicit import crossings_of
@@ -58,12 +59,12 @@ class ZeroLevelBoundary:
     def distance(self, points: FloatArray) -> FloatArray:
         """Return distances without sign."""
         rows = points.reshape(-1, points.shape[-1])
-        found = np.linalg.norm(self._feet(rows, _silent) - rows, axis=1)
+        found = np.linalg.norm(self._feet(rows, silent) - rows, axis=1)
         return np.asarray(found.reshape(points.shape[:-1]))
 
     def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
         """Return what points see."""
-        return self._seen(points, _silent)
+        return self._seen(points, silent)
 
     def _seen(self, points: FloatArray, report: ProgressCallback) -> Depths:
         feet = self._feet(points, report)
@@ -88,10 +89,6 @@ class ZeroLevelBoundary:
         beside = distance**2 - height**2 <= self._spacings[near] ** 2
         best = np.where(beside, height, distance).argmin(axis=1)
         return np.asarray(near[np.arange(len(points)), best])
-
-
-def _silent(text: str, share: float | None) -> None:
-    """Report nothing."""
 
 
 def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:

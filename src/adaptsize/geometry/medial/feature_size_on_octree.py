@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
+from adaptsize.background.topology import components_of
 from adaptsize.geometry.distance.closest_points import Boundary, Depths, SurfaceBoundary
 from adaptsize.geometry.distance.fast_marching import march_through_mesh
 from adaptsize.geometry.distance.orientation import oriented
@@ -188,9 +189,6 @@ def _copies(
     cells: npt.NDArray[np.int64], inside: BoolArray
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the outside corners of cells (flat numbers), and the number of the copy for each."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     width = cells.shape[1]
     corner = np.flatnonzero(~inside[cells])
     if len(corner) == 0:
@@ -205,10 +203,8 @@ def _copies(
         hubs.append(outer[linked] * len(inside) + other[linked])
     row, hub = np.concatenate(rows), np.unique(np.concatenate(hubs), return_inverse=True)[1]
     n = len(corner)
-    size = n + int(hub.max()) + 1
-    graph = coo_array((np.ones(len(row)), (row, n + hub.reshape(-1))), shape=(size, size))
-    group = connected_components(graph, directed=False)[1][:n]
-    return corner, np.unique(group, return_inverse=True)[1].reshape(-1)
+    links = np.column_stack([row, n + hub.reshape(-1)])
+    return corner, components_of(links, n + int(hub.max()) + 1)[:n]
 
 
 def _add_deepest(
@@ -264,16 +260,11 @@ def edge_lengths(line: SimplexMesh, crease_angle: float) -> FloatArray:
     float64[n_cells]
         inf for closed lines without corners.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     whole = oriented(line)[0]
     passed, one, other, turn = _passages(whole)
     smooth = turn <= np.radians(crease_angle)
-    links = coo_array(
-        (np.ones(int(smooth.sum())), (one[smooth], other[smooth])), shape=(whole.n_cells,) * 2
-    )
-    n, edge = connected_components(links, directed=False)
+    edge = components_of(np.column_stack([one[smooth], other[smooth]]), whole.n_cells)
+    n = int(edge.max()) + 1
     has_corner = np.zeros(n, np.bool_)
     is_smooth = np.zeros(whole.n_points, np.bool_)
     is_smooth[passed[smooth]] = True

@@ -10,6 +10,7 @@ import numpy as np
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.sight import Sight
+from adaptsize._progress import silent
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
@@ -107,7 +108,7 @@ class ExactField:
         points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
         source = np.empty(len(places), np.int32)
         for number in range(len(self.waves)):
-            self._lower(number, points, sizes, source, 1, _silent)
+            self._lower(number, points, sizes, source, 1, silent)
         return sizes
 
     def _lower(
@@ -165,7 +166,3 @@ def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: fl
         items = np.concatenate([items, cells])
     field.add(wave_at(points, sizes, items))
     return field
-
-
-def _silent(text: str, share: float | None) -> None:
-    """Ignore a progress report."""

@@ -12,6 +12,7 @@ from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.space_bends import LONGEST
 from adaptsize._kernels.space_paths import Bases, Choice, Field, Ways, new_block
 from adaptsize._kernels.space_sight import Sight
+from adaptsize._progress import silent
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.limiting.exact.reflex_edges import GRAZING, Knots
@@ -86,7 +87,7 @@ class Network:
             given = (places, nodes, along, span, self.ways, choice, tried)
             kernels.lower_by_ways(*given, self.sight, self.g, field, faces, new_block())
 
-        in_chunks(task, len(order), threads, report or _silent)
+        in_chunks(task, len(order), threads, report or silent)
 
     def set_knots(self, sizes: FloatArray) -> None:
         """Set the sizes at the nodes of reflex edges."""
@@ -217,10 +218,6 @@ class Network:
 def key_of(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
     """Return one number for an edge and a path that is extended over it."""
     return edge.astype(np.int64) << 32 | parent
-
-
-def _silent(text: str, share: float | None) -> None:
-    """Ignore a progress report."""
 
 
 def network_of(table: FloatArray, nodes: IntArray, g: float, sight: Sight, knots: Knots) -> Network:

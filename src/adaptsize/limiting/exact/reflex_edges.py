@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize._kernels.space_bends import Edges
 from adaptsize.background._curve import along_curve
-from adaptsize.background.topology import unique_rows
+from adaptsize.background.topology import components_of, unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.exact.space_sight import NO_VOLUME, heights_of, scales_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -93,9 +93,6 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
 
     A chain continues through nodes that have no other edge between facets of different planes.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     ends = ridges.ends[ridges.is_reflex]
     n = len(points)
     sharp = np.bincount(ridges.ends[ridges.is_sharp].ravel(), minlength=n)
@@ -108,9 +105,7 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     along = points[ends[:, 1]] - points[ends[:, 0]]
     along /= np.linalg.norm(along, axis=1)[:, None]
     turn = np.linalg.norm(np.cross(along[pairs[:, 0]], along[pairs[:, 1]]), axis=1)
-    pairs = pairs[turn < GRAZING]
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(ends), len(ends)))
-    chain = connected_components(graph, directed=False)[1]
+    chain = components_of(pairs[turn < GRAZING], len(ends))
     # Chains that are not straight are split into their edges.
     first = np.zeros(chain.max(initial=-1) + 1, np.int64)
     first[chain[::-1]] = np.arange(len(ends))[::-1]

@@ -13,6 +13,7 @@ from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.origins import Alone, Paths, complete
 from adaptsize.limiting.exact.plane import Plane, at_nodes, plane_of, with_corners
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.waves import Wave, node_wave
@@ -30,7 +31,8 @@ class Found:
 
     h: FloatArray
     source: IntArray
-    """int32[n]: number of the entry in ``field``; -1 if the bound is kept."""
+    """int32[n]: number of the entry in ``field``; -1 if the bound is kept, or if only ``nodes``
+    names the source."""
     field: ExactField
     bend: FloatArray | None = None
     """float64[n, dim]: last bend of the path, nan if there is none; None if it follows from
@@ -42,8 +44,21 @@ class Found:
     plane: Plane | None = None
     points: Points | None = None
     """Points for `solve_again`."""
+    nodes: IntArray | None = None
+    """int32[n, dim]: the nodes of each source; None if they follow from ``source``."""
     finished: bool = True
     """Whether the search for paths around reflex edges was completed."""
+
+    def named(self) -> IntArray:
+        """Return the nodes of the source of each size, padded with -1; the own one of a bound."""
+        if self.nodes is not None:
+            return self.nodes
+        every = np.concatenate([wave.nodes for wave in self.field.waves])
+        nodes = np.full((len(self.source), every.shape[1]), -1, np.int32)
+        nodes[:, 0] = np.arange(len(nodes))
+        has = self.source >= 0
+        nodes[has] = every[self.source[has]]
+        return nodes
 
     def bends(self) -> FloatArray:
         """Return the last bend of the path to each node, nan if none; no rows if convex."""
@@ -175,7 +190,7 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
         threads=problem.threads,
     )
     field.network = result.network
-    return Found(
+    found = Found(
         result.h,
         np.append(order, np.int32(-1))[result.entry],
         field,
@@ -184,6 +199,24 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
         result.lower,
         finished=result.finished,
     )
+    _name_all(problem, found, result.start)
+    return found
+
+
+def _name_all(problem: Problem, found: Found, start: IntArray) -> None:
+    """Name the sources of sizes that come along edges (In/Out: found)."""
+    mesh, h = problem.mesh, found.h
+    named, bend = found.named(), found.bends()
+    if len(bend) == 0:
+        bend = np.full(mesh.points.shape, np.nan)
+    known: BoolArray = (found.source >= 0) | (h >= problem.h0)
+    if known.all():
+        return
+    rows = np.column_stack([named, np.where(np.isnan(bend), np.inf, bend)])
+    ids = np.arange(mesh.n_points)
+    complete(Paths(mesh.points, ids, mesh.edges, h, problem.g, start), rows, known, Alone())
+    found.nodes, bend = rows[:, : mesh.dim].astype(np.int32), rows[:, mesh.dim :]
+    found.bend = np.where(np.isinf(bend), np.nan, bend)
 
 
 def _along_edges(problem: Problem) -> Found:
@@ -212,6 +245,7 @@ def _keep_edges(problem: Problem, found: Found) -> None:
         return
     found.h[lowered] = along[lowered]
     found.source[lowered] = -1
+    _name_all(problem, found, np.full(mesh.n_points, -1, np.int32))
     lower, source = problem.h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
     unhidden = ExactField(g, None, found.field.linear)

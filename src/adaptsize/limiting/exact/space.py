@@ -69,7 +69,10 @@ class SpaceResult(NamedTuple):
     h: FloatArray
     """float64[n]"""
     entry: IntArray
-    """int32[n]: the source at the origin of the path, -1 if there is none."""
+    """int32[n]: the source at the origin of the path; -1 if not known, or if there is none."""
+    start: IntArray
+    """int32[n]: the node of a reflex edge where the path starts, -1 if there is none.  The size at
+    that node comes along edges of the mesh."""
     bend: FloatArray
     """float64[n, 3]: last bend of the path, nan if it is straight."""
     proved: BoolArray
@@ -226,6 +229,8 @@ def _result(
     base = np.where(field.way >= 0, ways.base[field.way], -1)
     base[h < sizes * (1.0 - _TIE)] = -1
     bend = np.where((ways.edge[field.way] >= 0)[:, None], field.last, np.nan)
-    entry = np.where(base < m, base, -1)
+    entry = np.where(base < m, base, -1).astype(np.int32)
+    knots = np.append(network.knots.nodes, np.int32(-1))
+    start = knots[np.where(base < m, -1, base - m)].astype(np.int32)
     proved = h <= lower + _EQUAL * np.abs(lower)
-    return SpaceResult(h, entry.astype(np.int32), bend, proved, lower, network, finished)
+    return SpaceResult(h, entry, start, bend, proved, lower, network, finished)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.smoothing import MOST_AROUND, fill_quality, smooth_nodes, swap
+from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
+from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background import topology
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.rejection import Size
@@ -195,6 +196,7 @@ def improved(
 
 def _swapped(points: FloatArray, cells: IntArray) -> IntArray:
     """Return tetrahedra with edges and faces swapped until no swap improves the quality."""
+    work = new_work()
     for _ in range(_SWEEPS):
         quality = np.empty(len(cells))
         fill_quality(points, cells, quality)
@@ -203,7 +205,8 @@ def _swapped(points: FloatArray, cells: IntArray) -> IntArray:
         ring_ptr, ring = topology.rings(cells, len(points))
         removed = np.zeros(len(cells), np.bool_)
         made = np.empty((2 * MOST_AROUND * (len(bad) + 1), 4), np.int32)
-        n_made = swap(points, cells, ring_ptr, ring, bad, quality, removed, made)
+        mesh = Tetrahedra(points, cells, ring_ptr, ring, quality, removed)
+        n_made = swap(mesh, bad, work, made)
         if n_made == 0:
             break
         cells = np.concatenate([cells[~removed], made[:n_made]])

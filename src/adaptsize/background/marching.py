@@ -1,0 +1,136 @@
+"""Marching until no node is lowered any more: the loops around the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._kernels import fast_marching as mesh_kernels
+from adaptsize._kernels import fast_marching_grid as grid_kernels
+from adaptsize.background.padding import buckets_for
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+
+if TYPE_CHECKING:
+    from adaptsize.background import CartesianGrid, SimplexMesh
+
+# Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
+CHUNK = 50_000
+_CHUNK_OF_GRID = 500_000
+
+# A candidate must be lower by more than rounding to count.
+KEEP = 1.0 - 1e-14
+
+# Acceptances per node of a mesh after which marching should end.  Meshes of mesh generators need
+# 1.0 to 1.2; larger numbers mean that obtuse slivers cause cyclic dependencies between nodes.
+_PATIENCE = 8
+
+#: Strides, weights, g and its step, as the kernels of grids take them.
+PaddedGrid: TypeAlias = tuple[tuple[int, ...], tuple[float, ...], FloatArray, int]
+#: An indexed heap (see heap.py).
+Heap: TypeAlias = tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]
+#: g and its step.
+Limit: TypeAlias = tuple[FloatArray, int]
+
+
+class Stars(NamedTuple):
+    """For each node the other vertices of its cells (see `fill_stars`)."""
+
+    star_ptr: npt.NDArray[np.int64]
+    star: IntArray
+    owner: IntArray
+
+
+def march_on_grid(
+    grid: CartesianGrid,
+    u: FloatArray,
+    geometry: PaddedGrid,
+    edges: bool,
+    report: ProgressCallback,
+    text: str,
+) -> int:
+    """Lower padded values (In/Out) where their neighbours require it.
+
+    ``edges`` limits along edges only.  Returns the number of accepted nodes.
+    """
+    candidate = np.empty(u.size)
+    grid_kernels.sweep_grid(u, *geometry, edges, candidate)
+    seeds = np.flatnonzero(candidate < u * KEEP).astype(np.int32)
+    u[seeds] = candidate[seeds]
+    del candidate
+    accepted = 0
+    if len(seeds):
+        g = geometry[2]
+        steepest = float(np.nanmax(g))
+        least = float(np.min(g, where=g > 0.0, initial=steepest))
+        rises = least * float(grid.spacing.min()), steepest * float(grid.spacing.max())
+        queue, newly = buckets_for(u, seeds, *rises), _CHUNK_OF_GRID
+        while newly == _CHUNK_OF_GRID:
+            newly = grid_kernels.march_grid(u, *geometry, edges, KEEP, *queue, _CHUNK_OF_GRID)
+            accepted += newly
+            report(text, min(accepted / grid.n_points, 1.0))
+    report(text, 1.0)
+    return accepted
+
+
+def new_heap(n: int) -> Heap:
+    """Return an empty heap of up to n nodes."""
+    return np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64)
+
+
+def patience(n: int) -> int:
+    """Return the number of acceptances on n nodes after which dependencies count as cyclic."""
+    return _PATIENCE * n + CHUNK
+
+
+def sweep_into_heap(
+    mesh: SimplexMesh,
+    sweep: Callable[..., None],
+    h: FloatArray,
+    limit: Limit,
+    keep: float,
+    heap: Heap,
+) -> None:
+    """Lower all nodes once (In/Out: h) and queue those that were lowered (In/Out: heap)."""
+    candidate = np.empty(mesh.n_points)
+    sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, *limit, candidate)
+    mesh_kernels.queue_lowered(h, candidate, keep, *heap)
+
+
+def stars_of(mesh: SimplexMesh, limit: Limit) -> Stars:
+    """Return the stars of the nodes, with owners only if g varies."""
+    star_ptr = np.empty(mesh.n_points + 1, np.int64)
+    star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
+    owner = np.empty(mesh.cells.size if limit[1] else 0, np.int32)
+    mesh_kernels.fill_stars(mesh.cells, star_ptr, star, owner)
+    return Stars(star_ptr, star, owner)
+
+
+def stars_in(mesh: SimplexMesh, stars: Stars) -> tuple[Any, ...]:
+    """Return the leading arguments of the kernels that march on meshes."""
+    return (mesh.points, (0,) * mesh.dim, (0,) * mesh.cell_dim, *stars)
+
+
+def accept_all(
+    march: Callable[..., int],
+    geometry: tuple[Any, ...],
+    h: FloatArray,
+    limit: Limit,
+    heap: Heap,
+    report: ProgressCallback,
+    text: str,
+    *,
+    most: float = np.inf,
+    keep: float = KEEP,
+) -> int:
+    """March (In/Out: h, heap) until the heap is empty or ``most`` nodes were accepted.
+
+    ``geometry`` comes from `stars_in`.
+    """
+    accepted = 0
+    while heap[3][0] > 0 and accepted < most:
+        accepted += march(*geometry, h, *limit, *heap, keep, np.inf, CHUNK)
+        report(text, min(accepted / len(h), 1.0))
+    return accepted
