@@ -9,7 +9,7 @@ Measured, with the power of the number of unknowns over the last three:
 |---|---:|---:|---:|---:|---:|---:|
 | uniform | 172 032 | 25 695 | 0.363 | -0.25 | 45 | 104 |
 | Mmg | 60 369 | 8788 | 0.320 | -0.30 | 17.5 | 76 |
-| fTetWild | 18 287 | 2648 | 0.451 | -0.31 | 23.6 | 55 |
+| fTetWild | 15 360 | 2195 | 0.483 | -0.31 | 24.4 | 51 |
 
 In theory uniform meshes reach -2/9 and the best of isotropic elements -1/3, after a long
 way: the share of the error that is next to the edges falls slowly.  The angle is the smallest

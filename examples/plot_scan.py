@@ -5,8 +5,8 @@ scanner, with some noise).  The signed distance is put on a Cartesian grid, whos
 axis gives the feature size everywhere inside; curvature comes from the triangles, because
 second differences on a grid finer than these see every edge between them.  The smaller
 one is limited with g = 0.3.  Antlers are as thick as three to four spacings of the
-grid.  Netgen and Mmg make the tetrahedra: 81 000, 92 % of their edges within sqrt 2 of the size,
-no dihedral angle below 12 degrees, 0.22 % of the diagonal from the scan, in about five minutes of
+grid.  Netgen and Mmg make the tetrahedra: 83 000, 91 % of their edges within sqrt 2 of the size,
+no dihedral angle below 11 degrees, 0.26 % of the diagonal from the scan, in about five minutes of
 one processor.
 
 ```python

@@ -46,7 +46,7 @@ def main(
 
     panels = [
         ("which cause controls the size,\nin a section", plot_causes(report, width=width)),
-        ("size", plot_size(mesh, label="mesh size h, mm", width=width)),
+        ("size", plot_size(mesh, label="size h, mm", width=width)),
         ("regions", plot_mesh(mesh, color="region", clip=None, width=width)),
         ("quality of the tetrahedra", plot_mesh(mesh, color="quality", width=width)),
     ]
