@@ -29,9 +29,9 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 FULL = os.environ.get("ADAPTSIZE_PAGES") == "full"
 METHODS = [
-    "adaptation", "adaptive-loops", "anisotropic", "anisotropic-meshes", "complete-size", "distance",
-    "exact-limiting", "feature-size", "files", "images", "limiting", "medial-axis", "octrees",
-    "remeshing", "sizes", "smoothing",
+    "adaptation", "adaptive-loops", "anisotropic", "anisotropic-meshes", "complete-size",
+    "distance", "exact-limiting", "feature-size", "files", "images", "limiting", "medial-axis",
+    "octrees", "remeshing", "sizes", "smoothing",
 ]  # fmt: skip
 PAGES = [
     "README.md",
