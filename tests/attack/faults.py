@@ -6,6 +6,7 @@ found by that mark, and only those are ended.
 
 import contextlib
 import os
+import re
 import resource
 import secrets
 import shutil
@@ -143,8 +144,17 @@ def _check_output(folder: Path, job: _Job, code: int) -> None:
         raise Failure(f"an output that is not whole, {error}") from error
 
 
+def _interrupts_the_start(errors: str) -> bool:
+    """Whether Ctrl-C came before the command's own code, which is Python's to report."""
+    files = re.findall(r'File "[^"]*/adaptsize/(.*?)"', errors)
+    return errors.rstrip().endswith("KeyboardInterrupt") and set(files) <= {
+        "__init__.py",
+        "_lazy.py",
+    }
+
+
 def _check_errors(errors: str) -> None:
-    if "Traceback" in errors:
+    if "Traceback" in errors and not _interrupts_the_start(errors):
         raise Failure(f"a traceback, {errors[-300:]!r}")
     if any(len(line) > _LONGEST for line in errors.splitlines()):
         raise Failure(f"a message of more than {_LONGEST} characters")

@@ -11,6 +11,8 @@ import pytest
 
 import adaptsize as ads
 
+from . import faults
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -73,6 +75,19 @@ def test_a_result_that_depends_on_the_form_of_an_argument_is_noticed(monkeypatch
     assert len(list(outcomes(good))) == 20
     with pytest.raises(Failure, match="not float64"):
         list(outcomes(bad))
+
+
+@pytest.mark.parametrize(("file", "is_ours"), [("__init__.py", False), ("cli/entry.py", True)])
+def test_tracebacks_of_interrupts_count_once_the_command_runs(file, is_ours):
+    package = "".join(f'  File "/x/adaptsize/{name}", line 7\n' for name in ("__init__.py", file))
+    errors = f'Traceback (most recent call last):\n  File "<frozen runpy>"\n{package}'
+    if is_ours:
+        with pytest.raises(faults.Failure, match="a traceback"):
+            faults._check_errors(errors + "KeyboardInterrupt\n")
+    else:
+        faults._check_errors(errors + "KeyboardInterrupt\n")
+    with pytest.raises(faults.Failure, match="a traceback"):
+        faults._check_errors(errors + "ValueError\n")
 
 
 def test_no_case_starts_after_the_time_limit():
