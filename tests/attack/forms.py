@@ -35,6 +35,10 @@ _KEEPS_INTEGERS = {
 }  # fmt: skip
 
 
+#: The finite numbers of float32.
+_RANGE = (float(np.finfo(np.float32).min), float(np.finfo(np.float32).max))
+
+
 def run(rng: np.random.Generator, folder: Path) -> str:
     """Call a random subject twice: with float64 arrays, and with one or all arguments converted."""
     known = [subject for subject in subjects() if _has_result(subject.name)]
@@ -105,6 +109,8 @@ def _exact(value: Any, whole: bool) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         return np.ceil(8.0 * value) if whole else value.astype(np.float32).astype(np.float64)
     if isinstance(value, float):
+        if np.isfinite(value):
+            value = float(np.clip(value, *_RANGE))
         return float(np.ceil(value)) if whole else float(np.float32(value))
     if inspect.isfunction(value):
         return lambda *a: _exact(np.asarray(value(*a), float), whole)
