@@ -128,7 +128,8 @@ def _converted(value: Any, whole: bool, rng: np.random.Generator) -> Any:
         kinds = [kind for kind in kinds if np.iinfo(kind).min <= value <= np.iinfo(kind).max]
         return _pick([*kinds, np.array, float], rng, False)(value)
     if isinstance(value, float):
-        return _pick(_NUMBERS, rng, value.is_integer())(value)
+        is_small = value.is_integer() and abs(value) < 2.0**31
+        return _pick(_NUMBERS, rng, is_small)(value)
     if inspect.isfunction(value):
         change = _pick(_ARRAYS["f"], rng, whole)
         return lambda *a: change(value(*a))
