@@ -28,7 +28,7 @@ _PARTS = (
     "matrices", "mesh", "global_ids", "owner",
 )  # fmt: skip
 
-#: Integers are labels there, which are not interpolated, as documented.
+#: Integers are labels there, which are not interpolated, as documented; and in all images.
 _KEEPS_INTEGERS = {
     "transfer_fields", "distributed.transfer_fields", "FieldTransfer.nodal", "FieldTransfer.cells",
     "adapt", "distributed.adapt", "write", "SimplexMesh.to_meshio",
@@ -52,7 +52,8 @@ def run(rng: np.random.Generator, folder: Path) -> str:
     names = [name for name, value in given.items() if _has_forms(value)]
     if not names:
         return f"no argument with other forms: {subject.name}"
-    whole = bool(rng.random() < 0.2) and subject.name not in _KEEPS_INTEGERS
+    keeps_integers = subject.name in _KEEPS_INTEGERS or "image" in given
+    whole = bool(rng.random() < 0.2) and not keeps_integers
     chosen = names if rng.random() < 0.3 else [str(rng.choice(names))]
     plain = {k: _exact(v, whole) if k in chosen else v for k, v in given.items()}
     other = {k: _converted(v, whole, rng) if k in chosen else v for k, v in plain.items()}
