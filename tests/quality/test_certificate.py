@@ -121,9 +121,19 @@ def test_a_volume_is_compared_within_what_the_tolerance_allows():
     for move, tolerance, failures in [(1e-3, 1.1e-3, []), (1e-2, 1e-3, ["boundary", "measure"])]:
         larger = moved(sphere, 0.0, scale=1.0 + move * diagonal)
         assert missed(larger, original=sphere, tolerance=tolerance) == failures
-    check = check_mesh(sphere, original=sphere)
+    # In all directions by d: the distance is at most d, and d at nodes.
+    d = 1e-3 * diagonal
+    check = check_mesh(moved(sphere, 0.0, scale=1.0 + d), original=sphere, tolerance=0.9)
     volume = np.linalg.det(sphere.points[sphere.cells]).sum() / 6.0
-    assert f"{1e-3 * diagonal * area / volume:.3%} allowed" in str(check)
+    text = next(demand.text for demand in check.demands if demand.name == "measure")
+    change, allowed = (float(part.split("%")[0]) / 100 for part in text.split("by ")[1].split(", "))
+    assert change == pytest.approx((1.0 + d) ** 3 - 1.0, rel=5e-3)
+    assert allowed == pytest.approx(2.0 * d * area / volume, rel=0.05)
+
+
+def test_cells_that_fill_a_thin_plate_twice_are_noticed_at_a_tolerance_of_its_thickness():
+    plate = SimplexMesh(CUBE.points * [1.0, 1.0, 0.01], CUBE.cells)
+    assert missed(joined(plate, plate), original=plate, tolerance=0.01) == ["measure", "topology"]
 
 
 def test_edges_off_their_size_are_a_fault_with_the_worst_places():
