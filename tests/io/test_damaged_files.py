@@ -62,6 +62,11 @@ BAD_FILES = {
     "garbage.mesh": (b"MeshVersionFormatted 2\nVertices\n5\n0 0 0\nEnd\n", "cannot be read"),
     "no_end.mesh": (b"MeshVersionFormatted 2\nDimension 3\nVertices\n5\n0 0 0", "no End"),
     "garbage.meshb": (b"\x01\x00\x00\x00\x09", "truncated"),
+    "tags.msh": (
+        b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
+        b'$NodeData\n1\n"h"\n18446744073709551616\n0\n3\n0\n1\n3\n1 1\n2 1\n3 1\n$EndNodeData\n',
+        "promises 18446744073709551616 real tags of a field in 16 lines",
+    ),
     "other.msh": (b"(1 (an Ansys file))", "MeshFormat"),
     "square.wkt": (b"TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0", r"knows \(\.wkt\).*from_meshio"),
     "tecplot.dat": (b"TITLE = x\n", r"knows \(\.dat\)"),

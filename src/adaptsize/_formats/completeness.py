@@ -5,6 +5,7 @@ The readers of other packages do not check it.
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable
 
@@ -32,7 +33,8 @@ def check_end(suffix: str, content: bytes) -> None:
     """Refuse a file that lacks the end mark of its format, before it is read.
 
     Some readers of other packages run forever at the end of such a file.  Also refused are Gmsh
-    files whose node numbers would take gigabytes, and SU2 files without points.
+    files whose node numbers would take gigabytes or whose fields promise more tags than there are
+    lines, and SU2 files without points.
 
     Raises
     ------
@@ -68,7 +70,23 @@ def _check_gmsh_sections(content: bytes) -> None:
 
 def _check_gmsh(content: bytes) -> None:
     _check_gmsh_sections(content)
+    _check_gmsh_tags(content)
     gmsh_nodes.check(content)
+
+
+def _check_gmsh_tags(content: bytes) -> None:
+    """Refuse fields with more tags than the file has lines; meshio tries to read them all."""
+    n_lines = content.count(b"\n")
+    file = io.BytesIO(content)
+    for begun in re.finditer(rb"^\$(?:Node|Element)Data[ \t\r]*\n", content, re.MULTILINE):
+        file.seek(begun.end())
+        for kind in ("text", "real"):
+            line = file.readline().strip()
+            count = int(line) if line.isdigit() else 0
+            if count > n_lines:
+                raise MeshFileError(f"promises {count} {kind} tags of a field in {n_lines} lines")
+            for _ in range(count):
+                file.readline()
 
 
 def _check_medit_end(content: bytes) -> None:
