@@ -221,6 +221,9 @@ def test_bad_arguments_are_refused():
         medial_axis(tree, lambda x: (x**2).sum(axis=1) ** 2 - 1.0)
     with pytest.raises(ValueError, match=r"boundary\(points\) must be finite"):
         medial_axis(tree, lambda x: x[:, 0] * np.nan)
+    point = SimplexMesh(np.zeros((3, 2)), [[0, 1, 2]])
+    with pytest.raises(ValueError, match="background must have an extent, got one with diagonal 0"):
+        medial_axis(point, planar.disc(1.0))
     with pytest.raises(ValueError, match="background must be a SimplexMesh, a CartesianGrid"):
         medial_axis(None, boundary)
     with pytest.raises(ValueError, match="background must have triangles in the plane"):

@@ -154,8 +154,8 @@ class FunctionBoundary:
     Raises
     ------
     ValueError
-        On evaluation, if the function does not return one finite number per point, or is not a
-        distance.
+        If the extent is so small that differences underflow.  On evaluation, if the function does
+        not return one finite number per point, or is not a distance.
     """
 
     vertices = np.empty((0, 3))
@@ -163,6 +163,8 @@ class FunctionBoundary:
     def __init__(self, function: DistanceFunction, extent: float) -> None:
         self._function = function
         self._step = _STEP_SHARE * extent
+        if self._step < np.finfo(np.float64).tiny:
+            raise ValueError(f"background must have an extent, got one with diagonal {extent:g}")
 
     def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
         """Return what the nodes see."""
