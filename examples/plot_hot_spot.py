@@ -19,7 +19,7 @@ the materials are those of before, but for the round hole (0.02 %).
 
 The first cycle is also run on the command line, from a file with the bounds h0 as a nodal field:
 
-    adaptsize remesh plate_sizes.vtu --field h0 -g 0.2 -K 0 --elements-across 0 -o plate_fine.vtu
+    adaptsize remesh plate_sizes.vtu --field h0 -g 0.2 -o plate_fine.vtu
 
 Without Python, regions are prescribed by hand: `--source ball:35,38,2=0.6`.
 
@@ -110,7 +110,7 @@ def remeshed_by_command(output_dir: Path, mesh: ads.SimplexMesh, h0: FloatArray)
     """Return what the command in the docstring makes."""
     sizes, new = output_dir / "plate_sizes.vtu", output_dir / "plate_fine.vtu"
     ads.write(sizes, mesh, fields={"h0": h0})
-    options = f"--field h0 -g {G} -K 0 --elements-across 0"
+    options = f"--field h0 -g {G}"
     command = [sys.executable, "-m", "adaptsize", "remesh", str(sizes), *options.split()]
     subprocess.run([*command, "-o", str(new)], check=True, capture_output=True)
     return ads.read(new)

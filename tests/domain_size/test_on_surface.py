@@ -251,11 +251,24 @@ def test_sizes_on_round_surfaces_allow_the_tolerance():
         assert_allclose(size(mesh.points), expected, rtol=0.02)
         assert report.tolerance == tolerance
         assert f"tolerance {tolerance:g}" in report.choices
-    for default in ({}, {"elements_per_radian": 4.0}, {"elements_per_radian": 2.0}):
+    for default in ({}, *({"elements_per_radian": k} for k in (4.0, 2.0, 0.0))):
         other = size_function(mesh, **default, **options)
         assert_allclose(other(mesh.points), size(mesh.points))
     size = size_function(mesh, tolerance=np.inf, **options)
     assert_allclose(size(mesh.points), radius / 4.0, rtol=0.02)
+
+
+def test_without_elements_per_radian_the_tolerance_alone_bounds_the_sizes_on_a_disc():
+    angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    points = np.vstack([np.transpose([np.cos(angle), np.sin(angle)]), [[0.0, 0.0]]])
+    disc = SimplexMesh(points, [[i, (i + 1) % 40, 40] for i in range(40)])
+    options = {"elements_per_radian": 0.0, "elements_across": 0.0, "g": 0.25, "hmax": 2.0}
+    size, report = size_function(disc, **options, full_output=True)
+    expected = 2.0 * np.sqrt(1e-3 * disc.diagonal)
+    assert_allclose(size.values[:40], expected, rtol=0.01)
+    assert size.values[40] == pytest.approx(size.values[0] + 0.25, rel=0.01)
+    assert report.choices.startswith("tolerance 0.001, g = 0.25, ")
+    assert (size_function(disc, tolerance=np.inf, **options).values == 2.0).all()
 
 
 def test_the_default_tolerance_is_relaxed_for_the_number_of_elements_and_reported():
@@ -317,7 +330,8 @@ def test_a_size_along_a_tagged_edge_of_a_surface_is_kept_by_its_refinement():
     plain = cylinder(12)
     part = SimplexMesh(plain.points, plain.cells, tagged_facets=[[0, 12]], facet_tags=[5])
     along = BoundarySource(0.3, tags=5)
-    size = size_function(part, sources=along, hmax=2.0, elements_per_radian=0, elements_across=0)
+    only = {"elements_per_radian": 0, "elements_across": 0, "tolerance": np.inf}
+    size = size_function(part, sources=along, hmax=2.0, **only)
     assert_allclose(size(np.linspace([1.0, 0.0, 0.0], [1.0, 0.0, 20.0], 9)), 0.3)
 
 

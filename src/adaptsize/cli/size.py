@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -150,7 +151,8 @@ def size_of_mesh(
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the size function and its report, and print the parameters used.
 
-    With a field, curvature and feature size are off unless they are requested.
+    With a field, curvature and feature size are off unless they are requested, and so is the
+    tolerance where it is no option.
     """
     from adaptsize.domain_size import size_function
 
@@ -159,6 +161,7 @@ def size_of_mesh(
         for name in ("elements_per_radian", "elements_across"):
             if options[name] is None:
                 options[name] = 0.0
+        options.setdefault("tolerance", math.inf)
     found, report = size_function(mesh, **options, full_output=True)
     console.say(f"sizes: {report.choices}")
     return found, report

@@ -124,7 +124,8 @@ def size_function(
     elements_per_radian : float, optional
         Elements per radian of curved boundaries, K of `size_from_curvature`.  In a mesh that
         carries its own sizes, also of curved interfaces: between regions (``cell_tags``), and
-        tagged facets inside.  The default is 4.  0 disables curvature.
+        tagged facets inside.  The default is 4.  0 disables this bound, but not that of the
+        tolerance.
     elements_across : float, optional
         Elements across narrow regions, 2R of `size_from_feature`.  In a mesh that carries its own
         sizes, also across thin layers between regions (``cell_tags``).  The default is 2.  0
@@ -142,8 +143,7 @@ def size_function(
         Allowed distance of the boundary of a mesh of these sizes from that of the domain, over
         the diagonal, as in `remesh`.  Sizes on boundaries and interfaces of radius r are at most
         2 sqrt(tolerance * diagonal * r), if the mesh or the surface itself carries the sizes.
-        The default is 1e-3, as in `remesh`.  inf disables this bound, and so does
-        ``elements_per_radian=0``.
+        The default is 1e-3, as in `remesh`.  inf disables this bound.
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional

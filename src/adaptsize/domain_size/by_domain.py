@@ -236,20 +236,31 @@ class MeshDomain:
         self, background: AnyBackground, boundary: SimplexMesh | None, request: Request
     ) -> dict[str, FloatArray]:
         bounds = {}
-        angle: dict[str, Any] = {"crease_angle": request.crease_angle}
-        if request.per_radian > 0.0:
-            options = {"elements_per_radian": request.per_radian, **angle}
-            h = size_from_curvature(background, boundary, **options)
-            if boundary is None:  # on other backgrounds, h is not the size on the boundary alone
-                if (inner := self._interfaces) is not None:
-                    facets, nodes = inner
-                    h[nodes] = np.minimum(h[nodes], size_from_curvature(facets, **options))
-                h = request.within_tolerance(h, self.mesh.diagonal)
-            bounds["curvature"] = h
+        if boundary is None and request.bounds_curvature:
+            bounds["curvature"] = request.on_curves(
+                lambda k: self._from_curvature(k, request.crease_angle), self.mesh.diagonal
+            )
+        elif request.per_radian > 0.0:  # not the size on the boundary alone: no tolerance
+            bounds["curvature"] = size_from_curvature(
+                background,
+                boundary,
+                elements_per_radian=request.per_radian,
+                crease_angle=request.crease_angle,
+            )
         if request.across > 0.0:
             width = self._width.get(lambda: self._widths(background, boundary, request))
             bounds["feature size"] = width / request.across
         return bounds
+
+    def _from_curvature(self, per_radian: float, crease_angle: float) -> FloatArray:
+        """Return the sizes 1 / (K kappa) of boundaries and interfaces at the nodes of the mesh."""
+        k, angle = per_radian, crease_angle
+        h = size_from_curvature(self.mesh, elements_per_radian=k, crease_angle=angle)
+        if self._interfaces is not None:
+            facets, nodes = self._interfaces
+            inner = size_from_curvature(facets, elements_per_radian=k, crease_angle=angle)
+            h[nodes] = np.minimum(h[nodes], inner)
+        return h
 
     def _widths(
         self, background: AnyBackground, boundary: SimplexMesh | None, request: Request

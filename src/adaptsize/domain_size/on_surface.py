@@ -154,11 +154,13 @@ def across_surface(lfs: FloatArray, request: Request) -> FloatArray:
 def _bounds_at_nodes(mesh: SimplexMesh, request: Request) -> dict[str, FloatArray]:
     """Return the bounds that new nodes inherit from the nodes of the file."""
     bounds = {}
-    if request.per_radian > 0.0:
-        bounds["curvature"] = size_from_curvature(
-            mesh, elements_per_radian=request.per_radian, crease_angle=request.crease_angle
+    if request.bounds_curvature:
+        bounds["curvature"] = request.on_curves(
+            lambda k: size_from_curvature(
+                mesh, elements_per_radian=k, crease_angle=request.crease_angle
+            ),
+            mesh.diagonal,
         )
-        bounds["curvature"] = request.within_tolerance(bounds["curvature"], mesh.diagonal)
     if request.h0 is not None:
         bounds["h0"] = bound_at_nodes(request.h0, mesh)
     return bounds

@@ -76,14 +76,28 @@ class Request:
             return self.tolerance
         return TOLERANCE * self.relaxation**2  # sizes are in proportion to its square root
 
-    def within_tolerance(self, h: FloatArray, diagonal: float) -> FloatArray:
-        """Return sizes 1 / (K kappa) lowered to those of a mesh within the tolerance.
+    @property
+    def bounds_curvature(self) -> bool:
+        """Whether sizes at curved boundaries are bounded, if these carry the sizes."""
+        return self.per_radian > 0.0 or self.chord_tolerance < np.inf
+
+    def on_curves(self, size_with: Callable[[float], FloatArray], diagonal: float) -> FloatArray:
+        """Return sizes that resolve curved boundaries and leave a mesh within the tolerance.
 
         An edge of length l on a curve of radius r leaves the distance l^2 / (8 r).  Edges may be
         longer than the size by sqrt 2, so the size is at most 2 sqrt(tolerance r).
+
+        Parameters
+        ----------
+        size_with : callable
+            Takes K > 0; returns the sizes 1 / (K kappa).
+        diagonal : float
+            Of the domain.
         """
-        radius = self.per_radian * h
-        return np.minimum(h, 2.0 * np.sqrt(self.chord_tolerance * diagonal * radius))
+        per_radian = self.per_radian or 1.0
+        h = size_with(per_radian)
+        chords = 2.0 * np.sqrt(self.chord_tolerance * diagonal * (per_radian * h))
+        return np.minimum(h, chords) if self.per_radian else chords
 
     def relaxed(self, relaxation: float) -> Request:
         """Return the same request with another relaxation factor."""
