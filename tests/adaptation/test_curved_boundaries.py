@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from meshes import jittered_cube, jittered_square, random_sphere, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, adapt
 from adaptsize.adaptation.boundary_moves import move_to_boundary
+from adaptsize.adaptation.next_sizes import bound_by_tolerance
 from adaptsize.errors import ResolutionWarning
 
 
@@ -45,6 +47,22 @@ def test_a_boundary_that_drifts_off_in_a_loop_is_reported_once():
     assert [w.category for w in caught] == [ResolutionWarning]
     assert "pass project= for a curved boundary" in str(caught[0].message)
     assert caught[0].filename == __file__
+
+
+def test_sizes_in_space_are_those_that_the_tolerance_allows_at_curved_boundaries():
+    pytest.importorskip("mmgpy")
+    rng = np.random.default_rng(SEED)
+    inner = rng.uniform(-0.5, 0.5, (200, 3))
+    points = np.vstack([random_sphere(800, SEED).points, inner])
+    mesh = SimplexMesh(points, Delaunay(points).simplices)
+    options = {"h0": 0.9, "boundary_tolerance": 8e-3, "enough": 1.1, "backend": "mmg"}
+    report = adapt(mesh, **options, project=lambda x: x / np.linalg.norm(x, axis=1)[:, None]).report
+    # For the tolerance, Mmg made 1 000 cells of sizes that are for 60, none of them in band.
+    assert report.n_cells_after == pytest.approx(report.predicted_elements, rel=0.35)
+    assert report.after.share_in_band > 0.8
+    radius = bound_by_tolerance(mesh, 1e-3)[mesh.boundary().nodes] ** 2 / (4e-3 * mesh.diagonal)
+    assert np.median(radius) == pytest.approx(1.0, rel=0.02)
+    assert bound_by_tolerance(disc(5), 1e-3) is None  # corners of polygons are kept
 
 
 def test_moves_that_would_invert_cells_are_shortened():

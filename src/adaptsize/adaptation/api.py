@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
@@ -22,6 +23,7 @@ from adaptsize.adaptation.next_sizes import (
     SizeRequest,
     as_bound,
     as_indicator,
+    bound_by_tolerance,
     check_goal,
     decide_remeshing,
     refuse_two_targets,
@@ -139,7 +141,8 @@ def adapt(
         Whether to remesh, and coarsen where possible, if the error is within the tolerance.
     boundary_tolerance : float
         Allowed distance of the new boundary from the old one, over the diagonal; see
-        `remesh`.
+        `remesh`.  In space, unless Gmsh makes the mesh, it bounds the sizes at curved boundaries as
+        in `size_function`, since the generators refine there: large sizes need a larger tolerance.
     max_elements : float
         If the sizes require more elements than this, no generator is started.
     timeout : float or None
@@ -278,6 +281,8 @@ def adapt(
     }
     with reporting(progress) as report:
         report("sizes", None)
+        if isinstance(request, SizeRequest) and generator != "gmsh":  # it has no tolerance
+            request = replace(request, chords=bound_by_tolerance(mesh, options["tolerance"]))
         sizes = request.next(mesh, calibration(generator, mesh.cell_dim))
         decision = decide_remeshing(mesh, sizes, request, enough, coarsen_converged)
         if not decision.remesh:

@@ -17,6 +17,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.sizes.budget import CellSums, count_elements, scale_to
+from adaptsize.sizes.chords import size_at_curves, size_of_chords
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.error import scaled_by_error
 from adaptsize.typing import FloatArray, GradientLimit
@@ -54,6 +55,8 @@ class SizeRequest:
     """Estimated error on the present mesh."""
     target_nodes: float | None = None
     """Number of nodes instead of ``target_elements``, which is then the one expected with it."""
+    chords: FloatArray | None = None
+    """Largest sizes that leave curved boundaries within the tolerance of the generator."""
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
@@ -172,6 +175,17 @@ def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
     return values
 
 
+def bound_by_tolerance(mesh: SimplexMesh, tolerance: float) -> FloatArray | None:
+    """Return the largest sizes that leave curved boundaries within a share of the diagonal.
+
+    In space, generators refine to stay within it.  In the plane they keep the nodes of polygons.
+    """
+    if mesh.dim < 3:
+        return None
+    radius = size_at_curves(mesh, elements_per_radian=1.0)
+    return size_of_chords(radius, tolerance * mesh.diagonal)
+
+
 def refuse_two_targets(target_elements: float | None) -> None:
     """Raise a ValueError if a number of elements is given besides one of nodes."""
     if target_elements is not None:
@@ -223,8 +237,9 @@ def next_sizes(
     """
 
     def finished(h: FloatArray) -> FloatArray:
-        bounds = [h] if request.h0 is None or request.indicator is None else [h, request.h0]
-        held = minimum(*bounds, hmin=request.hmin, hmax=request.hmax)
+        further = [None if request.indicator is None else request.h0, request.chords]
+        bounds = [bound for bound in further if bound is not None]
+        held = minimum(h, *bounds, hmin=request.hmin, hmax=request.hmax)
         return held if request.g is None else limit(held, request.g)
 
     def count(h: FloatArray) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,7 +12,6 @@ import numpy.typing as npt
 from adaptsize._checks import check_type
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.background.interfaces import interfaces
 from adaptsize.domain_size.image_mask import Mask
 from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.report import SizeReport, nodal_measures
@@ -21,7 +19,7 @@ from adaptsize.domain_size.request import AnyBackground, Request, limit_requeste
 from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.geometry.medial.layers import half_thickness
 from adaptsize.sizes import size_from_curvature, size_from_feature
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray
 
 #: The smallest size for an image, in pixels.  Smaller details may not belong to the object.
 _PIXELS_IN_SMALLEST = 2.0
@@ -207,11 +205,6 @@ class MeshDomain:
         """Number of coordinates."""
         return self.mesh.dim
 
-    @cached_property
-    def _interfaces(self) -> tuple[SimplexMesh, IntArray] | None:
-        """Facets inside the mesh that remeshing keeps, within the tolerance, and their nodes."""
-        return interfaces(self.mesh) if self.mesh.cell_dim == self.mesh.dim else None
-
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes and which cause controls them where."""
         mesh, background = self.mesh, self.background
@@ -237,9 +230,7 @@ class MeshDomain:
     ) -> dict[str, FloatArray]:
         bounds = {}
         if boundary is None and request.bounds_curvature:
-            bounds["curvature"] = request.on_curves(
-                lambda k: self._from_curvature(k, request.crease_angle), self.mesh.diagonal
-            )
+            bounds["curvature"] = request.on_curves(self.mesh)
         elif request.per_radian > 0.0:  # not the size on the boundary alone: no tolerance
             bounds["curvature"] = size_from_curvature(
                 background,
@@ -252,16 +243,6 @@ class MeshDomain:
             bounds["feature size"] = width / request.across
         return bounds
 
-    def _from_curvature(self, per_radian: float, crease_angle: float) -> FloatArray:
-        """Return the sizes 1 / (K kappa) of boundaries and interfaces at the nodes of the mesh."""
-        k, angle = per_radian, crease_angle
-        h = size_from_curvature(self.mesh, elements_per_radian=k, crease_angle=angle)
-        if self._interfaces is not None:
-            facets, nodes = self._interfaces
-            inner = size_from_curvature(facets, elements_per_radian=k, crease_angle=angle)
-            h[nodes] = np.minimum(h[nodes], inner)
-        return h
-
     def _widths(
         self, background: AnyBackground, boundary: SimplexMesh | None, request: Request
     ) -> FloatArray:
@@ -270,7 +251,7 @@ class MeshDomain:
         width = size_from_feature(
             background, boundary, elements_across=1.0, progress=request.report, **angle
         )
-        if boundary is not None or self._interfaces is None:
+        if boundary is not None or self.mesh.cell_dim < self.mesh.dim:
             return width
         return np.minimum(width, 2.0 * half_thickness(self.mesh, **angle))
 

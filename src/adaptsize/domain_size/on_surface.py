@@ -21,7 +21,7 @@ from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.medial.inscribed_spheres import InscribedSpheres, SphereFinder
 from adaptsize.remeshing.overlaps import overlapping_bodies
-from adaptsize.sizes import size_from_curvature, size_from_feature
+from adaptsize.sizes import size_from_feature
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: The background of a surface is refined until no edge is longer than this many sizes ...
@@ -155,12 +155,7 @@ def _bounds_at_nodes(mesh: SimplexMesh, request: Request) -> dict[str, FloatArra
     """Return the bounds that new nodes inherit from the nodes of the file."""
     bounds = {}
     if request.bounds_curvature:
-        bounds["curvature"] = request.on_curves(
-            lambda k: size_from_curvature(
-                mesh, elements_per_radian=k, crease_angle=request.crease_angle
-            ),
-            mesh.diagonal,
-        )
+        bounds["curvature"] = request.on_curves(mesh)
     if request.h0 is not None:
         bounds["h0"] = bound_at_nodes(request.h0, mesh)
     return bounds

@@ -14,6 +14,7 @@ from adaptsize._defaults import CREASE_ANGLE, MAX_ELEMENTS, TOLERANCE
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport, limit_bounds
 from adaptsize.sizes import PointSource, size_from_sources
+from adaptsize.sizes.chords import size_at_curves, size_of_chords
 from adaptsize.typing import FloatArray, ProgressCallback
 
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -81,22 +82,11 @@ class Request:
         """Whether sizes at curved boundaries are bounded, if these carry the sizes."""
         return self.per_radian > 0.0 or self.chord_tolerance < np.inf
 
-    def on_curves(self, size_with: Callable[[float], FloatArray], diagonal: float) -> FloatArray:
-        """Return sizes that resolve curved boundaries and leave a mesh within the tolerance.
-
-        An edge of length l on a curve of radius r leaves the distance l^2 / (8 r).  Edges may be
-        longer than the size by sqrt 2, so the size is at most 2 sqrt(tolerance r).
-
-        Parameters
-        ----------
-        size_with : callable
-            Takes K > 0; returns the sizes 1 / (K kappa).
-        diagonal : float
-            Of the domain.
-        """
+    def on_curves(self, mesh: SimplexMesh) -> FloatArray:
+        """Return sizes that resolve curved boundaries and leave a mesh within the tolerance."""
         per_radian = self.per_radian or 1.0
-        h = size_with(per_radian)
-        chords = 2.0 * np.sqrt(self.chord_tolerance * diagonal * (per_radian * h))
+        h = size_at_curves(mesh, elements_per_radian=per_radian, crease_angle=self.crease_angle)
+        chords = size_of_chords(per_radian * h, self.chord_tolerance * mesh.diagonal)
         return np.minimum(h, chords) if self.per_radian else chords
 
     def relaxed(self, relaxation: float) -> Request:

@@ -1,0 +1,48 @@
+"""Sizes at curved boundaries of meshes, and those that leave a mesh within a tolerance of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptsize._defaults import CREASE_ANGLE
+from adaptsize.background import SimplexMesh
+from adaptsize.background.interfaces import interfaces
+from adaptsize.sizes.curvature import size_from_curvature
+from adaptsize.typing import FloatArray
+
+
+def size_at_curves(
+    mesh: SimplexMesh, *, elements_per_radian: float, crease_angle: float = CREASE_ANGLE
+) -> FloatArray:
+    """Return the sizes 1 / (K kappa) of the boundary of a mesh, and of interfaces inside.
+
+    Mesh generators keep both within their tolerance.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Or a surface, which is a boundary itself.
+    elements_per_radian, crease_angle
+        As in `size_from_curvature`.
+
+    Returns
+    -------
+    float64[n_points]
+        inf off the curves.
+    """
+    options = {"elements_per_radian": elements_per_radian, "crease_angle": crease_angle}
+    h = size_from_curvature(mesh, smoothing=0, **options)
+    inner = interfaces(mesh) if mesh.cell_dim == mesh.dim else None
+    if inner is not None:
+        facets, nodes = inner
+        h[nodes] = np.minimum(h[nodes], size_from_curvature(facets, smoothing=0, **options))
+    return h
+
+
+def size_of_chords(radius: FloatArray, tolerance: float) -> FloatArray:
+    """Return the sizes that leave a mesh within a distance of curves of given radii.
+
+    An edge of length l on a curve of radius r leaves the distance l^2 / (8 r).  Edges may be
+    longer than the size by sqrt 2, so the size is at most 2 sqrt(tolerance r).
+    """
+    return np.asarray(2.0 * np.sqrt(tolerance * radius))
