@@ -1,4 +1,4 @@
-"""Measure the figures of docs/anisotropic.md; needs Mmg.
+"""Measure the figures of docs/anisotropic-meshes.md and decision 27; needs Mmg.
 
 python docs/measurements/anisotropic.py space      (the picture of layers in space; seconds)
 python docs/measurements/anisotropic.py gradation  (the price of gradient limiting; ten minutes)

@@ -1,4 +1,4 @@
-"""Measure the figures of docs/limiting.md; takes about ten minutes, --quick one.
+"""Measure the figures of docs/limiting.md and decisions 3 and 4: ten minutes, --quick one.
 
 python docs/measurements/limiting.py [--quick]
 """

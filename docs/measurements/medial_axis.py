@@ -1,4 +1,4 @@
-"""Measure the figures of docs/medial-axis.md; takes about two minutes.
+"""Measure the figures of docs/medial-axis.md and decision 17; takes about two minutes.
 
 python docs/measurements/medial_axis.py
 """

@@ -1,4 +1,4 @@
-"""Measure the figures on octrees in docs/medial-axis.md; takes about three minutes.
+"""Measure the figures on octrees in docs/medial-axis.md and decision 17; takes about three minutes.
 
 python docs/measurements/octree_feature_size.py [NAME ...]
 """

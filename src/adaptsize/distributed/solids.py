@@ -2,7 +2,7 @@
 
 All ranks have the boundary, the cells at it, and the reflex edges, and compute the sizes at the
 nodes of these edges alike.  For its other nodes each rank does what a single process does.  See
-docs/distributed.md.
+docs/decisions/0030-one-exchange-between-ranks.md.
 """
 
 from __future__ import annotations
