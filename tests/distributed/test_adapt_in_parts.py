@@ -2,15 +2,22 @@
 
 import numpy as np
 import pytest
-from meshes import jittered_cube, jittered_square
+from meshes import jittered_cube, jittered_square, random_sphere
 from partitions import KINDS, on_ranks, partition
+from scipy.spatial import Delaunay
 
 import adaptsize as ads
 from adaptsize import CartesianGrid, SimplexMesh
-from adaptsize.adaptation.next_sizes import NextSizes, Present, edge_weights
+from adaptsize.adaptation.next_sizes import (
+    NextSizes,
+    Present,
+    bound_by_tolerance,
+    edge_weights,
+)
 from adaptsize.distributed import adapt
 from adaptsize.distributed.whole import boundary_distance, compare_with, lost_tags
 from adaptsize.errors import ResolutionWarning
+from adaptsize.sizes import predicted_elements
 
 
 def _indicator(mesh, rows=slice(None)):
@@ -41,15 +48,31 @@ def test_mesh_is_compared_with_sizes_as_in_one_process(mesh, kind):
         assert own.longest == expected.longest
 
 
+def _ball():
+    """Tetrahedra in a ball of radius 1 with edges of about .3."""
+    steps = np.arange(-0.8, 0.81, 0.28)
+    inner = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    inner = inner + np.random.default_rng(76).uniform(-0.02, 0.02, inner.shape)
+    inner = inner[np.linalg.norm(inner, axis=1) < 0.78]
+    points = np.vstack([random_sphere(170, 77).points, inner])
+    return SimplexMesh(points, Delaunay(points).simplices)
+
+
 @pytest.mark.parametrize("kind", ["random", "some empty"])
-def test_sizes_from_bounds_are_those_of_one_process(kind, monkeypatch):
+@pytest.mark.parametrize("mesh", [jittered_square(9, 74), _ball()])
+def test_sizes_from_bounds_are_those_of_one_process(mesh, kind, monkeypatch):
     monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
-    mesh = jittered_square(9, 74)
     rng = np.random.default_rng(75)
     # About the sizes that the mesh has, so that it is kept.
-    h0 = np.sqrt(mesh.measures.mean() * 4.0 / 3.0**0.5) * rng.uniform(0.95, 1.1, mesh.n_points)
-    options = {"g": 0.05, "hmin": 0.01, "enough": 0.0}
+    of_size_1 = predicted_elements(mesh, np.ones(mesh.n_points))
+    size = (1.1 if mesh.dim == 3 else 1.0) * (of_size_1 / mesh.n_cells) ** (1.0 / mesh.dim)
+    h0 = size * rng.uniform(0.95, 1.1, mesh.n_points)
+    options = {"g": 0.05, "hmin": 0.01, "enough": 0.0, "boundary_tolerance": 8.5e-3}
     whole = ads.adapt(mesh, h0=h0, **options, backend="mmg")
+    if mesh.dim == 3:
+        bound = bound_by_tolerance(mesh, 8.5e-3)
+        assert 0.2 < (bound < h0).mean() < 0.8
+        assert (whole.size.values <= bound).all()
 
     def run(part):
         result = adapt(part, h0=h0[part.global_ids], **options)

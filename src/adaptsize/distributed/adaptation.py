@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_number, check_type, one_of
+from adaptsize._checks import as_flag, as_number, as_tolerance, check_type, one_of
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
@@ -31,6 +31,7 @@ from adaptsize.adaptation.next_sizes import (
 )
 from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.distributed.api import limit_gradient
+from adaptsize.distributed.boundary_sizes import size_from_curvature
 from adaptsize.distributed.interface_quality import measure_interfaces
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.migration import boundary_facets
@@ -48,6 +49,7 @@ from adaptsize.distributed.whole import (
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.sizes.budget import calibration
+from adaptsize.sizes.chords import size_of_chords
 from adaptsize.sizes.node_counts import cells_for_nodes
 from adaptsize.typing import GradientLimit, ProgressCallback
 
@@ -133,7 +135,8 @@ def adapt(
     Notes
     -----
     Up to three meshes are made to meet the number of elements or nodes within 15 %, as in one
-    process.  Metrics, ``project`` and ``keep_integral`` are available in one process only.
+    process.  Metrics, ``project`` and ``keep_integral`` are available in one process only, and so
+    is the bound of sizes by ``boundary_tolerance`` at curved interfaces inside the mesh.
 
     Examples
     --------
@@ -147,7 +150,7 @@ def adapt(
     check_type("part", part, PartitionedMesh)
     comm = part.comm
 
-    def check() -> tuple[SizeRequest, TransferredFields, float]:
+    def check() -> tuple[SizeRequest, TransferredFields, float, float]:
         if isinstance(h0, Metric | MetricFunction):
             raise ValueError("h0 must be sizes on several ranks, got a metric")
         nodes: Any = part
@@ -170,14 +173,15 @@ def adapt(
             as_fields("fields", fields, part.n_points),
             as_fields("cell_fields", cell_fields, part.n_cells),
         )
-        return request, old_fields, as_number("enough", enough, lower=0.0)
+        allowed = as_tolerance("boundary_tolerance", boundary_tolerance)
+        return request, old_fields, as_number("enough", enough, lower=0.0), allowed
 
-    request, old_fields, enough = comm.agree(check)
+    request, old_fields, enough, allowed = comm.agree(check)
     comm.require_equal(
         indicator=_given(indicator), h0=_given(h0), g=_given(g), order=order, tolerance=tolerance,
         target_elements=target_elements, target_nodes=target_nodes, hmin=hmin, hmax=hmax,
         max_refine=max_refine, max_coarsen=max_coarsen, enough=enough,
-        coarsen_converged=coarsen_converged,
+        coarsen_converged=coarsen_converged, boundary_tolerance=allowed,
     )  # fmt: skip
     if request.target_nodes is not None:
         request = replace(request, target_elements=_expected(part, request.target_nodes))
@@ -192,7 +196,7 @@ def adapt(
     def make(sizes: NextSizes) -> RemeshedParts:
         h = np.where(np.isinf(sizes.h), 1.0, sizes.h)  # nodes in no cell may have no size
         return remesh(
-            part, h, how=how, rounds=rounds, tolerance=boundary_tolerance,
+            part, h, how=how, rounds=rounds, tolerance=allowed,
             max_elements=max_elements, timeout=timeout, progress=report,
         )  # fmt: skip
 
@@ -202,6 +206,9 @@ def adapt(
     with reporting(progress if comm.rank == 0 else None) as report:
         report("sizes", None)
         extent = diagonal_of(part)
+        if part.dim == 3:
+            radius = size_from_curvature(part, elements_per_radian=1.0)
+            request = replace(request, chords=size_of_chords(radius, allowed * extent))
         sizes = next_for(calibration("mmg", part.cell_dim))
         decision = decide(compare_with(part, sizes), sizes, request, enough, coarsen_converged)
         if not decision.remesh:
@@ -216,7 +223,7 @@ def adapt(
         )  # fmt: skip
         result = _result(part, request, decision, best, new_fields)
     if comm.rank == 0:
-        _warn(result.report, boundary_tolerance * extent)
+        _warn(result.report, allowed * extent)
     return result
 
 
