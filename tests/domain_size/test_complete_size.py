@@ -156,7 +156,7 @@ def test_sources_and_separate_runs_tell_the_same_causes(kind, monkeypatch):
     h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
     assert report.info.method == "exact"
     if kind == "other":  # as on surfaces and lines
-        monkeypatch.setattr("adaptsize.domain_size.report._measure_dim", lambda background: 1)
+        monkeypatch.setattr("adaptsize.domain_size.report.measure_dim", lambda background: 1)
         h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
     alone = {name: limit_gradient(mesh, bound, 0.5) for name, bound in bounds.items()}
     alone["hmax"] = np.full(mesh.n_points, 0.3)

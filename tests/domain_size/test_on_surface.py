@@ -279,6 +279,15 @@ def test_the_default_tolerance_is_relaxed_for_the_number_of_elements_and_reporte
     assert report.relaxation > 1.0
 
 
+def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
+    mesh = cylinder(60, radius=10.0)
+    options = {"elements_per_radian": 6.0, "elements_across": 0.0, "g": 1.0, "max_elements": 4000}
+    report = size_function(mesh, **options, full_output=True)[1]
+    # Chords of length l leave l^2 / (8 r); edges may be longer than the size by sqrt 2.
+    assert report.tolerance == pytest.approx((10.0 / 6.0) ** 2 / (4.0 * 10.0 * mesh.diagonal))
+    assert report.tolerance < 0.7e-3 * report.relaxation**2
+
+
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])
 def test_a_tolerance_must_be_positive(tolerance):
     with pytest.raises(ValueError, match="tolerance must be"):

@@ -94,7 +94,7 @@ class SizeReport:
 
     def __str__(self) -> str:
         """Return one line per cause, with the share it controls."""
-        what = {1: "length", 2: "area", 3: "volume"}[_measure_dim(self.background)]
+        what = {1: "length", 2: "area", 3: "volume"}[measure_dim(self.background)]
         by_share = self._by_share()
         width = max(len(name) for name, _ in by_share)
         lines = [
@@ -183,7 +183,7 @@ def limit_bounds(
         requested[smaller], own[smaller] = bound[smaller], k
     own[requested < low] = len(names) - 2
     requested = np.maximum(requested, low)
-    if points is not None and _measure_dim(background) < background.dim:
+    if points is not None and measure_dim(background) < background.dim:
         points = None  # on surfaces, point sources act at the nodes around them
     if points is not None:
         points = (points[0], np.clip(points[1], low, high))
@@ -255,7 +255,8 @@ def _grid_measures(grid: CartesianGrid) -> FloatArray:
     return measures
 
 
-def _measure_dim(background: SimplexMesh | CartesianGrid | Octree) -> int:
+def measure_dim(background: SimplexMesh | CartesianGrid | Octree) -> int:
+    """Return the dimension of the measure of the cells of a background."""
     return background.cell_dim if isinstance(background, SimplexMesh) else background.dim
 
 
@@ -271,7 +272,7 @@ def _report(
     """Return the report with the shares and the smallest size of each cause."""
     inside: BoolArray = cause != NONE
     k, sizes, measure = cause[inside], h[inside], weights[inside]
-    elements = measure / sizes ** _measure_dim(background)
+    elements = measure / sizes ** measure_dim(background)
     count = len(names)
     domain = np.bincount(k, weights=measure, minlength=count) / max(measure.sum(), 1e-300)
     share = np.bincount(k, weights=elements, minlength=count) / max(elements.sum(), 1e-300)
@@ -290,7 +291,7 @@ def _report(
         g=0.0,
         hmin=0.0,
         hmax=np.inf,
-        n_elements=float(ELEMENTS_PER_MEASURE[_measure_dim(background)] * elements.sum()),
+        n_elements=float(ELEMENTS_PER_MEASURE[measure_dim(background)] * elements.sum()),
     )
 
 

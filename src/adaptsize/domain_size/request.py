@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_limits, as_number, as_sizes
 from adaptsize._defaults import CREASE_ANGLE, MAX_ELEMENTS, TOLERANCE
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.domain_size.report import SizeReport, limit_bounds
+from adaptsize.domain_size.report import SizeReport, limit_bounds, measure_dim, nodal_measures
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.chords import size_at_curves, size_of_chords
 from adaptsize.typing import FloatArray, ProgressCallback
@@ -26,6 +26,8 @@ ELEMENTS_ACROSS = 2.0
 
 _LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
 _SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
+#: A relaxed tolerance is that of this share of the elements at curved boundaries.
+_KEPT = 0.95
 
 
 @dataclass(frozen=True)
@@ -236,8 +238,34 @@ def limit_requested(
         report,
         elements_per_radian=request.per_radian,
         elements_across=request.across,
-        tolerance=request.chord_tolerance if with_tolerance else np.inf,
+        tolerance=_tolerance_of(h, bounds, background, request) if with_tolerance else np.inf,
     )
+
+
+def _tolerance_of(
+    h: FloatArray, bounds: dict[str, FloatArray], background: AnyBackground, request: Request
+) -> float:
+    """Return the tolerance for a mesh of these sizes.
+
+    Where it is relaxed, other bounds may keep the sizes smaller than it requires.  Then it is the
+    one that they require at all but a twentieth of the elements at curved boundaries.
+    """
+    largest = request.chord_tolerance
+    if request.tolerance is not None or largest <= TOLERANCE:
+        return largest
+    bound, diagonal = bounds["curvature"], background.diagonal
+    curved = np.isfinite(bound) & np.isfinite(h)
+    if not curved.any():
+        return TOLERANCE
+    bound, size = bound[curved], h[curved]
+    # The bound is the smaller one of radius / K and the size of chords.
+    radius = np.maximum(request.per_radian * bound, np.square(bound) / (4.0 * largest * diagonal))
+    required = np.square(size) / (4.0 * radius * diagonal)
+    order = np.argsort(required)
+    per_node = nodal_measures(background)[curved] / size ** measure_dim(background)
+    elements = np.cumsum(per_node[order])
+    most = required[order[np.searchsorted(elements, _KEPT * elements[-1])]]
+    return float(np.clip(most, TOLERANCE, largest))
 
 
 def bound_at_nodes(h0: npt.ArrayLike | Implicit, background: AnyBackground) -> FloatArray:
