@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -53,18 +53,20 @@ def lower_along(
     """Lower ``h0`` (In/Out) to the least of ``size + g |x - y|`` over y on pieces of a curve."""
     a, b = curve.cells[pieces.segments].T
     shares = (pieces.first, pieces.last)
-    ends = [(1.0 - t)[:, None] * curve.points[a] + t[:, None] * curve.points[b] for t in shares]
-    at_ends = [_size_between(t, size[a], size[b]) for t in shares]
-    which, nodes, x = pieces.nearby
-    of_pair = (values[which] for values in (*ends, *at_ends))
-    _lower(h0, nodes, _least_from_segment(x, *of_pair, g))
+    start, stop = (
+        (1.0 - t)[:, None] * curve.points[a] + t[:, None] * curve.points[b] for t in shares
+    )
+    at_start, at_stop = (_size_between(t, size[a], size[b]) for t in shares)
+    k, nodes, x = pieces.nearby
+    requested = _least_from_segment(x, start[k], stop[k], at_start[k], at_stop[k], g)
+    _lower(h0, nodes, requested)
     # The closest point of the curve may lie in a cell that is not at the node.
-    nodes, place = np.unique(nodes, return_index=True)
+    unique, place = np.unique(nodes, return_index=True)
     at_nearest, distances = curve.locator.interpolate(size, x[place])
-    _lower(h0, nodes, at_nearest + g * distances)
+    _lower(h0, unique, at_nearest + g * distances)
 
 
-def _lower(h0: FloatArray, nodes: _Integers, requested: FloatArray) -> None:
+def _lower(h0: FloatArray, nodes: npt.NDArray[Any], requested: FloatArray) -> None:
     np.minimum.at(h0, np.unravel_index(nodes, h0.shape), requested)
 
 
