@@ -7,7 +7,8 @@ second differences on a grid finer than these see every edge between them.  The 
 one is limited with g = 0.3.  Antlers are as thick as three to four spacings of the
 grid.  Netgen and Mmg make the tetrahedra: 83 000, 91 % of their edges within sqrt 2 of the size,
 no dihedral angle below 11 degrees, 0.26 % of the diagonal from the scan, in about five minutes of
-one processor.
+one processor.  The noise makes the scan intersect itself: 23 triangles of the antlers cross others
+by up to 0.024 mm, less than the tolerance of 0.3 mm.  `remesh` warns of them.
 
 ```python
 import numpy as np

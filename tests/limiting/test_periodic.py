@@ -8,6 +8,7 @@ from meshes import structured_square
 from numpy.testing import assert_allclose
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
+from adaptsize.limiting import periodic
 
 G = 0.3
 SQUARE = np.eye(2)
@@ -210,6 +211,17 @@ def test_g_of_h_and_point_sources_are_periodic_too():
     assert_allclose(h.ravel(), 0.05 + G * away, rtol=1e-13)
     of_h = limit_gradient(grid, free, lambda h: 2.0 * h, point_sources=at, periodic=SQUARE)
     assert_allclose(of_h.ravel(), 0.05 * np.exp(2.0 * away), rtol=1e-8)
+
+
+def test_pairs_of_nodes_are_found_once_per_mesh_and_translations(monkeypatch):
+    mesh = unit_square(4)
+    h0 = sparse_bounds(mesh.n_points, 5)
+    first = [limit_gradient(mesh, h0, G, periodic=vectors) for vectors in (SQUARE[:1], SQUARE)]
+    monkeypatch.setattr(periodic, "_checked_pairs", None)
+    assert_allclose(limit_gradient(mesh, h0, G, periodic=SQUARE), first[1], rtol=0.0)
+    with pytest.raises(TypeError, match="not callable"):
+        limit_gradient(mesh, h0, G, periodic=SQUARE[:1])
+    assert not np.array_equal(*first)
 
 
 @pytest.mark.parametrize(

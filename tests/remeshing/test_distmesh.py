@@ -189,6 +189,15 @@ def test_a_function_without_slope_is_reported():
     assert report.boundary_residual == np.inf
 
 
+def test_a_point_beside_a_corner_is_moved_onto_it_although_forward_steps_lead_along_the_faces():
+    # Both differences of max(-x, -y) from (t, t) to the right are zero, those to the left are not.
+    quadrant = ImplicitDomain(lambda x: (-x).max(axis=1), np.full(2, -1.0), np.full(2, 1.0))
+    beside = np.array([[1e-6, 1e-6], [1e-6, 1.001e-6]])
+    moved, residual = quadrant.project(beside, np.full(2, 0.1), tolerance=1e-6, max_steps=20)
+    assert (np.linalg.norm(moved, axis=1) <= 2e-7).all()
+    assert ((residual > 0.0) & (residual <= 1e-7)).all()
+
+
 def test_too_few_steps_are_reported():
     with pytest.warns(ConvergenceWarning, match="max_iter"):
         mesh_of(ring, ring_size, 1.2, max_iter=1)

@@ -9,6 +9,7 @@ from shapes import joined
 
 from adaptsize import SimplexMesh, remesh, size_conformity, size_function
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
+from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.quality import minimum_angles
 from adaptsize.remeshing import driver, first_volume, mmg, netgen, slivers
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -59,10 +60,6 @@ def distance(one, other):
     """Sampled Hausdorff distance of two surfaces."""
     there = other.locator.nearest(sampled(one))[2].max()
     return max(there, one.locator.nearest(sampled(other))[2].max())
-
-
-def is_closed(mesh):
-    return netgen._is_closed(mesh)
 
 
 @pytest.fixture
@@ -131,7 +128,7 @@ def test_a_result_that_is_not_the_surface_is_refused():
 def test_refined_surface_is_the_same_surface():
     surface = cylinder(12)
     refined, _ = refine_surface(surface, lambda x: np.full(len(x), 0.02), 1e-3)
-    assert is_closed(refined)
+    assert is_oriented(refined)
     assert refined.edge_lengths.max() <= 4.0 * 0.02
     assert distance(refined, surface) <= 3e-4
     assert_allclose(enclosed(refined), enclosed(surface), rtol=1e-3)
@@ -183,7 +180,7 @@ def test_the_adapted_surface_has_the_sizes_and_keeps_tags_and_ridges(run):
     tolerance = 1e-3 * surface.diagonal
     refined, ridges = refine_surface(surface, size, tolerance)
     new, kept = adapt_surface(refined, ridges, size, tolerance, run)
-    assert is_closed(new)
+    assert is_oriented(new)
     assert size_conformity(new, size).share_in_band > 0.8
     assert distance(new, surface) <= tolerance
     on_top = new.points[new.cells[new.cell_tags == 7]]
@@ -266,10 +263,10 @@ def test_caps_are_not_flipped_to_and_fro():
 
 def test_a_strip_of_rounding_width_is_removed():
     surface = strip(1e-6)
-    assert is_closed(surface)
+    assert is_oriented(surface)
     clean, new_node = remove_slivers(surface, 1e-4)
     assert (clean.n_points, clean.n_cells) == (8, 12)
-    assert is_closed(clean)
+    assert is_oriented(clean)
     assert_allclose(enclosed(clean), 1.0, rtol=1e-5)
     assert new_node[8] == new_node[0]
     assert new_node[9] == new_node[1]
@@ -288,9 +285,9 @@ def test_a_node_close_to_an_edge_is_connected_across_it():
     cells.remove([0, 6, 4])  # the bottom beside the edge 0-4 ...
     cells += [[0, 6, 8], [8, 6, 4], [0, 8, 4]]  # ... has a cap on it
     surface = SimplexMesh(points, cells)
-    assert is_closed(surface)
+    assert is_oriented(surface)
     clean, _ = remove_slivers(surface, 1e-4)
-    assert is_closed(clean)
+    assert is_oriented(clean)
     longest = clean.edge_lengths[clean.cell_facets].max(axis=1)
     assert (2.0 * clean.measures / longest).min() > 0.1
     assert_allclose(enclosed(clean), 1.0, rtol=1e-5)
@@ -303,7 +300,7 @@ def test_slivers_are_removed_within_their_height_from_any_surface():
     moved = refined.points + 1e-4 * rng.standard_normal(refined.points.shape)
     rough = SimplexMesh(moved, refined.cells)
     clean, new_node = remove_slivers(rough, 5e-3)
-    assert is_closed(clean)
+    assert is_oriented(clean)
     assert clean.n_points - len(clean.edges) + clean.n_cells == 2  # still a sphere
     assert clean.n_points < rough.n_points
     assert distance(clean, rough) < 3.0 * 5e-3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -22,6 +22,7 @@ from adaptsize.cli.sources import controlling_nodes, describe_roots
 from adaptsize.cli.warmup import announce_compilation, warmup
 
 if TYPE_CHECKING:
+    from adaptsize.limiting import LimitingInfo
     from adaptsize.limiting.options import Method
 
 app = typer.Typer(
@@ -127,6 +128,20 @@ def limit(
         refuse_in_parts({"--sources": sources is not None, "--plot": plot is not None})
         limit_in_parts(console, file, output, field, gradient, method)
         return
+    _limit_sizes(console, file, output, field, gradient, cast("Method", method), sources, plot)
+
+
+def _limit_sizes(
+    console: Console,
+    file: Path,
+    output: Path,
+    field: str,
+    gradient: float,
+    method: Method,
+    sources: Path | None,
+    plot: Path | None,
+) -> None:
+    """Limit a field of sizes on one process."""
     from adaptsize.io import read
     from adaptsize.limiting import limit_gradient
 
@@ -145,19 +160,13 @@ def limit(
         h0 = nodal_field(mesh, field)
         steps.begin("limiting")
         h, found = limit_gradient(
-            mesh,
-            h0,
-            gradient,
-            method=cast("Method", method),
-            full_output=True,
-            progress=steps.report,
+            mesh, h0, gradient, method=method, full_output=True, progress=steps.report
         )
         if sources is not None and found.sources is None:
             raise ValueError(
                 "--sources needs the exact method (a flat mesh, one gradient limit), "
                 f"got method {found.method!r}"
             )
-        quantiles = found.cell_gradient_quantiles
         steps.begin("writing")
         written = [write_sizes(output, mesh, {"h": h})]
         roots = None
@@ -165,25 +174,28 @@ def limit(
             roots = found.sources.roots()
             written.append(write_sizes(sources, mesh, {"h": h, "source": roots}))
         draw(console, plot, mesh, h)
-    result: dict[str, Any] = {
-        "method": found.method,
-        "g": gradient,
-        "n_points": mesh.n_points,
-        "n_lowered": found.n_changed,
-        "largest_edge_slope": found.largest_edge_slope,
-        "cell_gradient_quantiles": quantiles,
-    }
-    console.record(input=str(file), **result)
-    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in quantiles.items())
-    console.print(f"{found.method}: {found.n_changed} of {mesh.n_points} nodes lowered")
-    console.print(f"largest slope along an edge over g: {found.largest_edge_slope:.6f}")
-    console.print(f"gradient in the cells over g, quantiles: {levels}")
+    console.record(input=str(file), method=found.method, g=gradient, n_points=mesh.n_points)
+    _print_limited(console, found, mesh.n_points)
     print_written(console, written[0])
     if roots is not None:
         console.record(sources=controlling_nodes(mesh.points, roots))
         for line in describe_roots(mesh.points, roots):
             console.print(line)
         print_written(console, written[1])
+
+
+def _print_limited(console: Console, found: LimitingInfo, n_points: int) -> None:
+    """Print how far sizes were limited, and record it."""
+    quantiles = found.cell_gradient_quantiles
+    console.record(
+        n_lowered=found.n_changed,
+        largest_edge_slope=found.largest_edge_slope,
+        cell_gradient_quantiles=quantiles,
+    )
+    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in quantiles.items())
+    console.print(f"{found.method}: {found.n_changed} of {n_points} nodes lowered")
+    console.print(f"largest slope along an edge over g: {found.largest_edge_slope:.6f}")
+    console.print(f"gradient in the cells over g, quantiles: {levels}")
 
 
 app.command()(remesh)

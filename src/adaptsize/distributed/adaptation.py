@@ -99,15 +99,15 @@ def adapt(
     order, target_elements, target_nodes, tolerance, g, hmin, hmax, max_refine, max_coarsen
         As for `adaptsize.adapt`.  Elements, nodes and errors are those of the whole mesh.
     how, rounds
-        See `remesh`.
+        See `distributed.remesh`.
     fields, cell_fields : mapping of str to array_like, optional
         Fields at the local nodes and cells; of the same names on all ranks.
     conservative : bool, default True
-        See `transfer_fields`.
+        See `distributed.transfer_fields`.
     enough, coarsen_converged
         As for `adaptsize.adapt`.
     boundary_tolerance, max_elements, timeout
-        As ``tolerance``, ``max_elements`` and ``timeout`` of `remesh`.
+        As ``tolerance``, ``max_elements`` and ``timeout`` of `distributed.remesh`.
     progress : callable, bool or None
         Only that of rank 0 is used.
 

@@ -41,7 +41,7 @@ How = Literal["parts", "gather"]
 
 
 class RemeshedParts(NamedTuple):
-    """Result of `remesh`."""
+    """Result of `distributed.remesh`."""
 
     part: PartitionedMesh
     """The new mesh."""
@@ -76,7 +76,7 @@ def remesh(
         Triangles in the plane or tetrahedra.
     h : array_like of float, shape (n_local,)
         Requested edge lengths at the local nodes, finite.  Their gradient is not limited here:
-        apply `limit_gradient` first.
+        apply `distributed.limit_gradient` first.
     how : {"parts", "gather"}
         "parts": each rank remeshes its part by Mmg, with the facets between parts frozen.  Then
         parts move, so that these facets lie inside, and the next round begins.

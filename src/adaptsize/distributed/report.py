@@ -1,4 +1,4 @@
-"""What `adapt` on distributed meshes returns."""
+"""What `distributed.adapt` returns."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class PartsReport(CycleReport):
 
 @dataclass(frozen=True)
 class AdaptedParts:
-    """What `adapt` on distributed meshes returns.
+    """What `distributed.adapt` returns.
 
     Attributes
     ----------

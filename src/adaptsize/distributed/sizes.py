@@ -137,7 +137,7 @@ def size_from_error(
     Notes
     -----
     About ten trials of the scale, each with one exchange and one reduction, and with those of
-    `limit_gradient` if ``g`` is given.
+    `distributed.limit_gradient` if ``g`` is given.
     """
     check_type("part", part, PartitionedMesh)
     return scaled_by_error(
@@ -192,7 +192,7 @@ def size_from_hessian(
     -----
     Derivatives are recovered from the nodes around each node, on all ranks: four exchanges, and
     two more when a mesh is used for the first time, for two layers of cells.  With
-    ``target_elements``, the trials are those of `size_from_error`.
+    ``target_elements``, the trials are those of `distributed.size_from_error`.
 
     Examples
     --------

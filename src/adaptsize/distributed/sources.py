@@ -32,10 +32,10 @@ class Traced(NamedTuple):
 class PartsSources:
     """The controlling source of each size at the nodes of a rank.
 
-    They are ``info.sources`` of `limit_gradient` with ``full_output=True``, and equal those of one
-    process, `adaptsize.limiting.SizeSources`.  If several sources allow exactly the same size, it
-    depends on the partition which of them is named, and ranks that share a node may name
-    different ones.
+    They are ``info.sources`` of `distributed.limit_gradient` with ``full_output=True``, and equal
+    those of one process, `adaptsize.limiting.SizeSources`.  If several sources allow exactly the
+    same size, it depends on the partition which of them is named, and ranks that share a node may
+    name different ones.
 
     Examples
     --------

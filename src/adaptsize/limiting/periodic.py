@@ -140,12 +140,27 @@ def as_periodicity(
     refuse_where("periodic", ~np.isfinite(given), given, "must be finite")
     if np.linalg.matrix_rank(given, tol=_SAME * domain.diagonal) < len(given):
         raise ValueError(f"periodic must hold linearly independent vectors, got {given.tolist()}")
+    return Periodicity(domain, given, _kept_pairs(domain, given))
+
+
+def _kept_pairs(domain: SimplexMesh | CartesianGrid, vectors: FloatArray) -> IntArray:
+    """Return the pairs of nodes, which are kept with the domain as its derived data are."""
+    kept, key = vars(domain), vectors.tobytes()
+    found = kept.get("_periodic_pairs")
+    if found is None or found[0] != key:
+        found = kept["_periodic_pairs"] = key, _checked_pairs(domain, vectors)
+    pairs: IntArray = found[1]
+    return pairs
+
+
+def _checked_pairs(domain: SimplexMesh | CartesianGrid, vectors: FloatArray) -> IntArray:
+    """Return the pairs of nodes and their images, int32[n, 2]; refuse images that do not fit."""
     points, outer = domain.points, _on_boundary(domain)
     found = []
-    for steps in product((-1, 0, 1), repeat=len(given)):
+    for steps in product((-1, 0, 1), repeat=len(vectors)):
         if next((s for s in steps if s), 0) != 1:  # each pair of opposite translations once
             continue
-        shift = np.array(steps, dtype=np.float64) @ given
+        shift = np.array(steps, dtype=np.float64) @ vectors
         pairs = _pairs_along(points, shift, domain.diagonal)
         _refuse_overlap(domain, outer, shift, pairs)
         if sum(map(abs, steps)) == 1 and len(pairs) == 0:
@@ -154,7 +169,7 @@ def as_periodicity(
                 "to another node"
             )
         found.append(pairs)
-    return Periodicity(domain, given, np.concatenate(found))
+    return np.concatenate(found)
 
 
 def _pairs_along(points: FloatArray, shift: FloatArray, diagonal: float) -> IntArray:
@@ -162,7 +177,7 @@ def _pairs_along(points: FloatArray, shift: FloatArray, diagonal: float) -> IntA
     from scipy.spatial import cKDTree
 
     near = _SAME * diagonal
-    sent, received = _in_box(points, points + shift, near), _in_box(points, points - shift, near)
+    sent, received = _within_box_after(points, shift, near), _within_box_after(points, -shift, near)
     if len(sent) == 0 or len(received) == 0:
         return np.empty((0, 2), np.int32)
     away, which = cKDTree(points[received]).query(points[sent] + shift)
@@ -170,10 +185,15 @@ def _pairs_along(points: FloatArray, shift: FloatArray, diagonal: float) -> IntA
     return np.column_stack([sent[same], received[which[same]]]).astype(np.int32)
 
 
-def _in_box(points: FloatArray, moved: FloatArray, near: float) -> npt.NDArray[np.intp]:
-    """Return which of the moved points are in the bounding box of points."""
-    lower, upper = points.min(axis=0) - near, points.max(axis=0) + near
-    return np.flatnonzero(((moved >= lower) & (moved <= upper)).all(axis=1))
+def _within_box_after(points: FloatArray, shift: FloatArray, near: float) -> npt.NDArray[np.intp]:
+    """Return which points a translation leaves in their bounding box."""
+    within = np.ones(len(points), np.bool_)
+    for x, step in zip(points.T, shift, strict=True):
+        if step > near:
+            within &= x <= x.max() - step + near
+        elif step < -near:
+            within &= x >= x.min() - step - near
+    return np.flatnonzero(within)
 
 
 def _refuse_overlap(
@@ -189,7 +209,7 @@ def _refuse_overlap(
             f"periodic must be translations to the next cell, but {shift.tolist()} maps node {i} "
             f"to node {j}, which are not both on the boundary: the domain overlaps its image"
         )
-    alone = np.setdiff1d(_in_box(points, points + shift, near), pairs[:, 0])
+    alone = np.setdiff1d(_within_box_after(points, shift, near), pairs[:, 0])
     if active is not None:
         alone = alone[active.ravel()[alone]]
     if len(alone) == 0:

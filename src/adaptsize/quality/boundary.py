@@ -8,6 +8,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
+from adaptsize.geometry.enclosed import enclosed_measure
 from adaptsize.typing import FloatArray
 
 
@@ -69,22 +70,9 @@ def topology_of(skin: SimplexMesh) -> Topology | None:
     if not (skin.facet_cell_counts == 2).all():
         return None
     euler = len(np.unique(skin.cells)) - len(skin.edges) + (skin.cell_dim == 2) * skin.n_cells
-    return Topology(n_components(skin), int(euler), _enclosed(skin))
+    return Topology(n_components(skin), int(euler), enclosed_measure(skin))
 
 
 def n_components(mesh: SimplexMesh) -> int:
     """Return the number of components, which have no node in common."""
     return len(np.unique(components_of(mesh.edges, mesh.n_points)[mesh.cells[:, 0]]))
-
-
-def _enclosed(skin: SimplexMesh) -> float:
-    cells = skin.cells.astype(np.int64)
-    if skin.cell_dim == 1:
-        starts = cells[:, 0]
-    else:
-        following = np.roll(cells, -1, axis=1)
-        starts = (cells * skin.n_points + following).ravel()
-    if len(np.unique(starts)) < len(starts):  # two facets run along an edge in the same direction
-        return float("nan")
-    corners = skin.points[cells] - skin.points.mean(axis=0)
-    return abs(float(np.linalg.det(corners).sum())) / (2.0 if skin.cell_dim == 1 else 6.0)

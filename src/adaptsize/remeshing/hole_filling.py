@@ -14,6 +14,7 @@ from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
 from adaptsize.errors import MeshRepairWarning
+from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
 from adaptsize.typing import FloatArray, IntArray
 
@@ -203,7 +204,6 @@ def _triangle_cost(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
 def _encloses_volume(closed: SimplexMesh) -> bool:
     """Return whether some component of a closed surface encloses a volume."""
     body = bodies_of(closed)
-    corners = closed.points[closed.cells] - closed.points.mean(axis=0)
-    volume = np.abs(np.bincount(body, np.linalg.det(corners))) / 6.0
+    volume = np.abs(np.bincount(body, cone_measures(closed, closed.points.mean(axis=0))))
     area = np.bincount(body, closed.measures)
     return bool((volume > _FLAT * closed.diagonal * area).any())

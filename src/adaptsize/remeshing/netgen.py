@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.errors import BackendError
+from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.processor_time import limit_processor_time
 from adaptsize.remeshing.protocol import RawMesh
@@ -70,16 +71,7 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
 
 def can_fill(surface: SimplexMesh) -> bool:
     """Whether Netgen is installed, and the surface is closed and oriented."""
-    return find_spec("netgen") is not None and _is_closed(surface)
-
-
-def _is_closed(surface: SimplexMesh) -> bool:
-    """Whether each edge has two triangles of opposite direction along it."""
-    if not (surface.facet_cell_counts == 2).all():
-        return False
-    ends = surface.cells[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
-    keys = ends @ np.array([surface.n_points, 1])
-    return len(np.unique(keys)) == len(keys)
+    return find_spec("netgen") is not None and is_oriented(surface)
 
 
 def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
@@ -92,7 +84,7 @@ def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
         return False
     mesh = SimplexMesh(made["points"], made["cells"])
     volumes = mesh.signed_measures
-    enclosed = abs(float(np.linalg.det(surface.points[surface.cells]).sum())) / 6.0
+    enclosed = enclosed_measure(surface)
     if not (volumes > 0.0).all() or abs(volumes.sum() - enclosed) > _VOLUME_ERROR * enclosed:
         return False
     boundary = mesh.facets[mesh.facet_cell_counts == 1]

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.domain_size.report import SizeReport
     from adaptsize.quality import Conformity
-    from adaptsize.typing import FloatArray
 
 # What is worth a warning: a number of cells off the predicted one by more than this share, ...
 _FAR_OFF = 0.25
@@ -168,18 +167,9 @@ def _predicted(new: SimplexMesh, size: SizeFunction, report: SizeReport) -> floa
 
 def _change(new: SimplexMesh, old: SimplexMesh) -> float | None:
     """Return the relative change of the area or volume; None if the old one has no volume."""
-    before = old.measures.sum() if old.cell_dim == new.cell_dim else _enclosed(old)
-    if before is None or not before > 0.0:
-        return None
-    return float(new.measures.sum() / before - 1.0)
-
-
-def _enclosed(surface: SimplexMesh) -> float | None:
-    """Return the volume that a closed surface encloses; None if it is open."""
+    from adaptsize.geometry.enclosed import enclosed_measure
     from adaptsize.remeshing.hole_filling import merged_surface
 
-    mesh = merged_surface(surface)
-    if not (mesh.facet_cell_counts == 2).all():
-        return None
-    corners: FloatArray = mesh.points[mesh.cells] - mesh.points.mean(axis=0)
-    return abs(float(np.linalg.det(corners).sum())) / 6.0
+    same_kind = old.cell_dim == new.cell_dim
+    before = old.measures.sum() if same_kind else enclosed_measure(merged_surface(old))
+    return float(new.measures.sum() / before - 1.0) if before > 0.0 else None

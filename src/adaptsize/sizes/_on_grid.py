@@ -8,44 +8,45 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import product
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.sizes._lowering import Nearby, Pieces
 from adaptsize.typing import BoolArray, FloatArray
 
 _Indices = npt.NDArray[np.int64]
 
 
-def lower_at_points(
-    grid: CartesianGrid, points: FloatArray, size: FloatArray, g: float, h0: FloatArray
-) -> None:
-    """Lower ``h0`` (In/Out) at the corners of the boxes around points, or nearest to them."""
-    nodes, which = _corners_around(grid, points, np.arange(len(points)))
-    distance = np.linalg.norm(_coordinates(grid, nodes) - points[which], axis=1)
-    _lower(h0, nodes, size[which] + g * distance)
+def nodes_around(grid: CartesianGrid, points: FloatArray) -> Nearby:
+    """Return the active corners of the boxes around points.
+
+    A point outside belongs to the closest box.  If no corner of it is active, it belongs to
+    the nearest active node.
+    """
+    boxes = _boxes_around(grid, points)
+    corners = np.array(list(product((0, 1), repeat=grid.dim)))
+    nodes = (boxes[:, None, :] + corners).reshape(-1, grid.dim)
+    which = np.repeat(np.arange(len(points)), len(corners))
+    if grid.active is not None:
+        good = grid.active[tuple(nodes.T)]
+        lost = ~good.reshape(len(points), -1).any(axis=1)
+        nodes, which = nodes[good], which[good]
+        if lost.any():
+            nodes = np.concatenate([nodes, _nearest_active(grid, points[lost])])
+            which = np.concatenate([which, np.flatnonzero(lost)])
+    flat = np.ravel_multi_index(tuple(nodes.T), grid.shape)
+    return Nearby(which, flat, _coordinates(grid, nodes))
 
 
-def lower_along(
-    grid: CartesianGrid, curve: SimplexMesh, size: FloatArray, g: float, h0: FloatArray
-) -> None:
-    """Lower ``h0`` (In/Out) at the corners of all boxes that segments pass through."""
+def pieces_along(grid: CartesianGrid, curve: SimplexMesh) -> Pieces:
+    """Return the pieces of a curve in all boxes that it passes through."""
     segment, first, last = _pieces_in_boxes(grid, curve)
-    a, b = curve.cells[segment].T
-    start, stop = (
-        (1.0 - t)[:, None] * curve.points[a] + t[:, None] * curve.points[b] for t in (first, last)
-    )
-    at_start, at_stop = (size_between(t, size[a], size[b]) for t in (first, last))
-    nodes, piece = _corners_around(grid, 0.5 * (start + stop), np.arange(len(segment)))
-    ends = (start[piece], stop[piece], at_start[piece], at_stop[piece])
-    _lower(h0, nodes, _least_from_segment(_coordinates(grid, nodes), *ends, g))
-    # The closest point of the curve may lie in a box that is not at the node.
-    nodes = np.unique(nodes, axis=0)
-    at_nearest, distances = curve.locator.interpolate(size, _coordinates(grid, nodes))
-    _lower(h0, nodes, at_nearest + g * distances)
+    a, b = (curve.points[nodes] for nodes in curve.cells[segment].T)
+    middle = 0.5 * (first + last)[:, None]
+    return Pieces(segment, first, last, nodes_around(grid, a + middle * (b - a)))
 
 
 def lower_in_box(
@@ -137,34 +138,6 @@ def boundary_nodes(grid: CartesianGrid) -> BoolArray:
     return active & ~inner
 
 
-def _corners_around(
-    grid: CartesianGrid, points: FloatArray, number: npt.NDArray[Any]
-) -> tuple[_Indices, npt.NDArray[Any]]:
-    """Return active corners of the boxes around points, and ``number`` of their points.
-
-    A point outside belongs to the closest box.  If no corner of it is active, it belongs to
-    the nearest active node.
-
-    Returns
-    -------
-    nodes : int64[n, dim]
-    number : of shape (n,)
-    """
-    boxes = _boxes_around(grid, points)
-    corners = np.array(list(product((0, 1), repeat=grid.dim)))
-    nodes = (boxes[:, None, :] + corners).reshape(-1, grid.dim)
-    if grid.active is None:
-        return nodes, np.repeat(number, len(corners))
-    good = grid.active[tuple(nodes.T)].reshape(len(points), -1)
-    lost = ~good.any(axis=1)
-    found = np.repeat(number, good.sum(axis=1))
-    nodes = nodes[good.ravel()]
-    if lost.any():
-        nodes = np.concatenate([nodes, _nearest_active(grid, points[lost])])
-        found = np.concatenate([found, number[lost]])
-    return nodes, found
-
-
 def _boxes_around(grid: CartesianGrid, points: FloatArray) -> _Indices:
     """Return the indices of the box around each point, or of the closest box."""
     last = np.array(grid.shape) - 2
@@ -186,10 +159,6 @@ def _nearest_active(grid: CartesianGrid, points: FloatArray) -> _Indices:
 def _coordinates(grid: CartesianGrid, nodes: _Indices) -> FloatArray:
     """Return the coordinates of nodes, float64[n, dim]."""
     return grid.origin + grid.spacing * nodes
-
-
-def _lower(h0: FloatArray, nodes: _Indices, requested: FloatArray) -> None:
-    np.minimum.at(h0, tuple(nodes.T), requested)
 
 
 def _pieces_in_boxes(
@@ -226,39 +195,6 @@ def _pieces_in_boxes(
     at, segment = at[order], segment[order]
     is_piece = (segment[1:] == segment[:-1]) & (at[1:] > at[:-1])
     return segment[1:][is_piece], at[:-1][is_piece], at[1:][is_piece]
-
-
-def size_between(t: FloatArray, at_a: FloatArray, at_b: FloatArray) -> FloatArray:
-    """Return sizes between two ends.  An end of share 0 is ignored, because inf would give nan."""
-    size: FloatArray = np.where(t < 1.0, at_a, 0.0) * (1.0 - t) + np.where(t > 0.0, at_b, 0.0) * t
-    return size
-
-
-def _least_from_segment(
-    x: FloatArray, a: FloatArray, b: FloatArray, at_a: FloatArray, at_b: FloatArray, g: float
-) -> FloatArray:
-    """Return the minimum of ``s(y) + g |x - y|`` over y on segments with sizes linear along them.
-
-    With the slope m of the size along the segment, the foot of x at t and its height H, the
-    minimum is at ``t - m H / sqrt(g^2 - m^2)``, clipped to the segment, or at an end if
-    ``|m| >= g``.
-    """
-    length = np.linalg.norm(b - a, axis=1)
-    along = (b - a) / np.where(length > 0.0, length, 1.0)[:, None]
-    foot = ((x - a) * along).sum(axis=1)
-    height = np.linalg.norm(x - a - foot[:, None] * along, axis=1)
-    ends = np.minimum(
-        at_a + g * np.linalg.norm(x - a, axis=1), at_b + g * np.linalg.norm(x - b, axis=1)
-    )
-    # Where a size is inf at one end it is inf up to the other: only the ends count.
-    linear = np.isfinite(at_a) & np.isfinite(at_b) & (length > 0.0)
-    rise = np.where(linear, at_b, 0.0) - np.where(linear, at_a, 0.0)
-    slope = rise / np.where(length > 0.0, length, 1.0)
-    linear &= np.abs(slope) < g
-    root = np.sqrt(np.where(linear, g**2 - slope**2, 1.0))
-    t = np.clip(foot - slope * height / root, 0.0, length)
-    between = at_a + slope * t + g * np.hypot(height, t - foot)
-    return np.asarray(np.where(linear, np.minimum(between, ends), ends))
 
 
 def _window(grid: CartesianGrid, lower: FloatArray, upper: FloatArray) -> tuple[slice, ...]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array
 from adaptsize.background import SimplexMesh
+from adaptsize.sizes._lowering import Nearby, Pieces
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
@@ -153,6 +154,18 @@ def cells_along(
         )
     cells, segment, along, inside = (np.concatenate(part) for part in zip(*found, strict=True))
     return cells, segment, along, inside
+
+
+def nodes_of(mesh: SourceMesh, cells: IntArray, which: npt.NDArray[np.int64]) -> Nearby:
+    """Return the nodes of ``cells[k]``, which belong to the point or piece ``which[k]``."""
+    nodes = mesh.cells[cells].ravel()
+    return Nearby(np.repeat(which, mesh.cell_dim + 1), nodes, mesh.points[nodes])
+
+
+def pieces_along(mesh: SourceMesh, curve: SimplexMesh) -> Pieces:
+    """Return samples of a curve as pieces of it."""
+    cells, segments, along, _ = cells_along(mesh, curve)
+    return Pieces(segments, along, along, nodes_of(mesh, cells, np.arange(len(cells))))
 
 
 def cells_within(mesh: SourceMesh, curve: SimplexMesh) -> IntArray:

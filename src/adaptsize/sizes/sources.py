@@ -20,8 +20,9 @@ from adaptsize._checks import (
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import OutsideWarning
 from adaptsize.sizes import _on_grid, _touched
+from adaptsize.sizes._lowering import lower_along, lower_at_points
 from adaptsize.sizes._touched import SourceMesh, as_source_mesh
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _OUTSIDE = 1e-9
@@ -67,14 +68,15 @@ class PointSource:
         points, size = self.rows(mesh.dim)
         if isinstance(mesh, CartesianGrid):
             _warn_of_outside(points, mesh.locator.weights(points)[2], mesh.diagonal)
-            _on_grid.lower_at_points(mesh, points, size, g, h0)
-            return
-        around = as_source_mesh(mesh)
-        at = around.touched(points)
-        # No point lies on a curved surface exactly.
-        if around.speaks and around.cell_dim == around.dim:
-            _warn_of_outside(points, at.distances, around.diagonal)
-        _lower_around(around, at.cells, points[at.which], size[at.which], g, h0)
+            nearby = _on_grid.nodes_around(mesh, points)
+        else:
+            around = as_source_mesh(mesh)
+            at = around.touched(points)
+            # No point lies on a curved surface exactly.
+            if around.speaks and around.cell_dim == around.dim:
+                _warn_of_outside(points, at.distances, around.diagonal)
+            nearby = _touched.nodes_of(around, at.cells, at.which)
+        lower_at_points(points, size, nearby, g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return checked positions and sizes, float64[n, dim] and float64[n]."""
@@ -110,17 +112,10 @@ class CurveSource:
         curve = _as_curve(self.curve, mesh.dim)
         size = self.rows(mesh.dim)[1]
         if isinstance(mesh, CartesianGrid):
-            _on_grid.lower_along(mesh, curve, size, g, h0)
-            return
-        around = as_source_mesh(mesh)
-        cells, segments, along, _ = _touched.cells_along(around, curve)
-        a, b = curve.cells[segments].T
-        points = (1.0 - along)[:, None] * curve.points[a] + along[:, None] * curve.points[b]
-        _lower_around(around, cells, points, _on_grid.size_between(along, size[a], size[b]), g, h0)
-        # The samples above are not the closest points of the curve.  These are.
-        nodes = np.unique(around.cells[cells])
-        at_nearest, distances = curve.locator.interpolate(size, around.points[nodes])
-        np.minimum.at(h0, nodes, at_nearest + g * distances)
+            pieces = _on_grid.pieces_along(mesh, curve)
+        else:
+            pieces = _touched.pieces_along(as_source_mesh(mesh), curve)
+        lower_along(curve, size, pieces, g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
@@ -297,20 +292,6 @@ def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> N
             OutsideWarning,
             stacklevel=2,
         )
-
-
-def _lower_around(
-    mesh: SourceMesh,
-    cells: IntArray,
-    points: FloatArray,
-    size: FloatArray,
-    g: float,
-    h0: FloatArray,
-) -> None:
-    """Lower ``h0`` (In/Out) at the nodes of ``cells[k]`` to ``size[k] + g |x - points[k]|``."""
-    nodes = mesh.cells[cells]
-    distance = np.linalg.norm(mesh.points[nodes] - points[:, None, :], axis=2)
-    np.minimum.at(h0, nodes, size[:, None] + g * distance)
 
 
 def _refuse_tags(grid: CartesianGrid) -> NoReturn:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, pairs_of_cells
+from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
@@ -114,13 +115,13 @@ def _runs_forward(
 
 
 def _volumes(mesh: SimplexMesh, piece: npt.NDArray[np.intp]) -> FloatArray:
-    """Return the contribution of each cell to the volume of its piece, relative to the centre."""
+    """Return the contribution of each cell to the volume of its piece."""
     corners = mesh.points[mesh.cells]
     count = np.bincount(piece)
     middle = np.stack(
         [np.bincount(piece, x) / count for x in corners.mean(axis=1).T], axis=1
     )  # as many rows as pieces
-    return np.asarray(np.linalg.det(corners - middle[piece][:, None, :]))
+    return cone_measures(mesh, middle[piece][:, None, :])
 
 
 def _are_sheets(

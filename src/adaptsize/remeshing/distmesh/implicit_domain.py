@@ -16,6 +16,8 @@ from adaptsize.typing import FloatArray
 _STEP = 1e-4
 #: Gradients shorter than this times the steepest slope are not used to locate the boundary.
 _FLAT = 1e-3
+#: Newton steps with a gradient that is too short by this factor overshoot by 10 of the steps above.
+_SHALLOW = 0.1
 
 
 @dataclass(frozen=True)
@@ -66,11 +68,22 @@ class ImplicitDomain:
         return -phi / self.slope
 
     def gradient(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
-        """Return forward differences of phi over ``1e-4 h``, float64[n, dim]."""
+        """Return differences of phi over ``1e-4 h``, float64[n, dim].
+
+        Forward ones, or backward ones where forward ones are shallow and these steeper: beside an
+        edge of the domain, forward steps along all axes may lead inside along the other face.
+        """
+        gradient = self._differences(points, phi, _STEP * h)
+        shallow = np.flatnonzero(np.linalg.norm(gradient, axis=1) < _SHALLOW * self.slope)
+        back = self._differences(points[shallow], phi[shallow], -_STEP * h[shallow])
+        steeper = np.linalg.norm(back, axis=1) > np.linalg.norm(gradient[shallow], axis=1)
+        gradient[shallow[steeper]] = back[steeper]
+        return gradient
+
+    def _differences(self, points: FloatArray, phi: FloatArray, step: FloatArray) -> FloatArray:
         if len(points) == 0:
             return np.empty_like(points)
         n, dim = points.shape
-        step = _STEP * h
         moved = np.repeat(points[None], dim, axis=0)
         for d in range(dim):
             moved[d, :, d] += step
