@@ -81,6 +81,7 @@ def test_remesh_follows_the_metric(capsys, square, name, given, g):
         ("limit", ["--metric", "missing.sol"], "missing.sol: No such file"),
         ("limit", ["--metric", "demand", "--method", "exact"], "--metric does not go with --me"),
         ("remesh", ["--metric", "demand", "--field", "h0"], "--metric does not go with --field"),
+        ("remesh", ["--metric", "demand", "--nodes", "9"], "--metric does not go with --nodes"),
         ("remesh", ["--metric", "demand", "--hmax", "-1"], "hmax must be"),
     ],
 )

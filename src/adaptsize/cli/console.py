@@ -188,16 +188,19 @@ class Console:
 def with_console(function: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options ``--json``, ``--quiet`` and ``--verbose``.
 
-    The command takes a `Console` as its first argument.
+    The command takes a `Console` as its first argument.  The others are its arguments and options,
+    or there is one other, ``options``, a dataclass that has these as fields.
     """
     own = inspect.signature(function, eval_str=True)
+    record = own.parameters["options"].annotation if "options" in own.parameters else None
+    listed = own if record is None else inspect.signature(record, eval_str=True)
     keyword = inspect.Parameter.KEYWORD_ONLY
     context = inspect.Parameter("context", keyword, annotation=typer.Context)
     shared = [
         inspect.Parameter(name, keyword, default=False, annotation=annotation)
         for name, annotation in (("as_json", AsJson), ("quiet", Quiet), ("verbose", Verbose))
     ]
-    options = [p.replace(kind=keyword) for p in list(own.parameters.values())[1:]]
+    options = [p.replace(kind=keyword) for p in listed.parameters.values() if p.name != "console"]
 
     @functools.wraps(function)
     def command(
@@ -209,7 +212,10 @@ def with_console(function: Callable[..., None]) -> Callable[..., None]:
             raise ValueError(f"{name} runs in one process; on several ranks run limit and remesh")
         console.configure(name, as_json=as_json, quiet=quiet, verbose=verbose)
         with console.messages_of_generators():
-            function(console, **given)
+            if record is None:
+                function(console, **given)
+            else:
+                function(console, record(**given))
         console.finish()
 
     parameters = [context, *options, *shared]

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from adaptsize._checks import as_limits
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import check_files, check_place, nodal_field
 
 if TYPE_CHECKING:
+    from adaptsize.cli.remesh_options import Options
     from adaptsize.distributed import Communicator, PartitionedMesh
     from adaptsize.typing import FloatArray
+
+#: Options of ``remesh`` that are passed on to `distributed.remesh`, and all that it takes; of
+#: ``target`` and ``backend`` only some values.
+_OF_MESHING = "tolerance max_elements timeout"
+_OF_REMESH = f"file output field gradient hmin hmax target backend mpi gather {_OF_MESHING}"
 
 
 def runs_in_parts(console: Console, file: Path, output: Path, *, mpi: bool) -> bool:
@@ -84,30 +91,24 @@ def limit_in_parts(
     _finish(console, part, files)
 
 
-def remesh_in_parts(
-    console: Console,
-    file: Path,
-    output: Path,
-    field: str | None,
-    gradient: float,
-    limits: tuple[float | None, float | None],
-    options: Mapping[str, Any],
-    refused: Mapping[str, bool],
-) -> None:
-    """Remesh a distributed mesh with the sizes in a nodal field, limited.
-
-    ``options`` are those of `distributed.remesh`; None stands for its defaults.
-    """
+def remesh_in_parts(console: Console, options: Options) -> None:
+    """Remesh a distributed mesh with the sizes in a nodal field, limited."""
     from adaptsize.distributed import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
     from adaptsize.distributed.remeshing import remesh
     from adaptsize.distributed.transfer import interpolate
 
-    refuse_in_parts(refused)
-    options = {name: value for name, value in options.items() if value is not None}
+    file, output, field, backend = options.file, options.output, options.field, options.backend
+    values = {
+        "--target triangles": options.target == "triangles",
+        f"--backend {backend}": backend not in ("auto", "mmg"),
+    }
+    refuse_in_parts(options.besides(_OF_REMESH) | values)
     if field is None:
         raise ValueError("--field is required for distributed meshes")
-    low, high = as_limits(*limits)
+    gradient = GRADIENT_LIMIT if options.gradient is None else options.gradient
+    how: Literal["parts", "gather"] = "gather" if options.gather else "parts"
+    low, high = as_limits(options.hmin, options.hmax)
     comm = _ranks(console)
     with console.steps(4) as steps:
         steps.begin("reading")
@@ -117,7 +118,7 @@ def remesh_in_parts(
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, progress=steps.report)
         steps.begin("meshing")
-        made = remesh(part, h, progress=steps.report, **options)
+        made = remesh(part, h, how=how, progress=steps.report, **options.given(_OF_MESHING))
         sizes = interpolate(part, h, made.part.points)
         steps.begin("writing")
         files = write_parts(output, made.part, fields={"h": sizes})

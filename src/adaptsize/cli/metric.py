@@ -14,9 +14,13 @@ from adaptsize.cli.output import contents, draw_metric, print_written
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.cli.files import Content
+    from adaptsize.cli.remesh_options import Options
     from adaptsize.metrics import Metric, MetricFunction
 
 _FILES = (".sol", ".solb")
+#: Options of ``remesh`` that are passed on to the mesh generators, and all that it takes.
+_OF_MESHING = "target backend tolerance max_elements timeout strict"
+_OF_REMESH = f"file output metric gradient hmin hmax plot mpi {_OF_MESHING}"
 
 
 def check_metric_options(
@@ -94,52 +98,30 @@ def limit_with_metric(
         print_written(console, held)
 
 
-def remesh_with_metric(
-    console: Console,
-    file: Path,
-    output: Path,
-    metric: str,
-    g: float | None,
-    limits: tuple[float | None, float | None],
-    plot: Path | None,
-    *,
-    options: Mapping[str, Any],
-    refused: Mapping[str, bool],
-) -> None:
-    """Make a mesh with the sizes of a metric whose gradient is limited first.
-
-    Parameters
-    ----------
-    g : float or None
-        Gradient limit; None is the default of metrics.
-    limits : tuple of float or None
-        Smallest and largest size.
-    options : mapping
-        Those of `adaptsize.remesh`; None is its default.
-    refused : mapping of str to bool
-        Options that have no meaning for metrics, and whether they are given.
-    """
+def remesh_with_metric(console: Console, options: Options) -> None:
+    """Make a mesh with the sizes of a metric whose gradient is limited first."""
     from adaptsize import remeshing
     from adaptsize.metrics import MetricFunction, limit_metric
     from adaptsize.quality import size_conformity
 
-    g = METRIC_GRADIENT_LIMIT if g is None else g
-    check_metric_options(file, metric, refused, output, plot)
-    given_options = {name: value for name, value in options.items() if value is not None}
+    file, output, metric = options.file, options.output, str(options.metric)
+    g = METRIC_GRADIENT_LIMIT if options.gradient is None else options.gradient
+    refused = options.besides(_OF_REMESH) | {"--mpi": options.mpi or console.world is not None}
+    check_metric_options(file, metric, refused, output, options.plot)
     with console.steps(5) as steps:
         steps.begin("reading")
-        mesh, given = read_with_metric(file, metric, *limits)
+        mesh, given = read_with_metric(file, metric, options.hmin, options.hmax)
         steps.begin("sizes")
         limited = MetricFunction(mesh, limit_metric(mesh, given, g, progress=steps.report))
         new = remeshing.remesh(
-            mesh, limited, progress=steps.following(lambda text: text), **given_options
+            mesh, limited, progress=steps.following(lambda text: text), **options.given(_OF_MESHING)
         )
         steps.begin("writing")
         function = MetricFunction(new, limited(new.points))
         written = _write(output, function)
         steps.begin("checks")
         conformity = size_conformity(new, limited)
-        draw_metric(console, plot, function)
+        draw_metric(console, options.plot, function)
     console.record(input=str(file), g=g, mesh=conformity.as_dict(), metric=_summary(function))
     console.print(conformity)
     for held in written:

@@ -5,46 +5,25 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-import typer
-
-from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, TOLERANCE
+from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize.cli.console import Console, with_console
 from adaptsize.cli.files import beside, check_files, read_mesh
 from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
 from adaptsize.cli.memory import announce_memory_of_mesh, announce_memory_of_sizes
 from adaptsize.cli.metric import remesh_with_metric
-from adaptsize.cli.options import (
-    Across,
-    Crease,
-    Elements,
-    Field,
-    Input,
-    Largest,
-    MaxElements,
-    MeshOutput,
-    MetricField,
-    Mpi,
-    Nodes,
-    PerRadian,
-    Picture,
-    Report,
-    Smallest,
-    Sources,
-)
 from adaptsize.cli.output import draw, print_written, write_mesh
+from adaptsize.cli.remesh_options import Options
 from adaptsize.cli.size import as_dict, size_of_mesh
 from adaptsize.cli.sources import parse_source
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
+    from adaptsize.cli.steps import Steps
     from adaptsize.domain_size.report import SizeReport
     from adaptsize.reporting.outcome import Outcome
-
-_BACKENDS = ("auto", "tetwild", "mmg", "gmsh")
-_TARGETS = ("auto", "tetrahedra", "triangles")
 
 #: Names of the parts of meshing by the texts of the generators' progress.
 _PARTS = {
@@ -56,222 +35,107 @@ _PARTS = {
 }
 _PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
 
+#: Options passed on to the sizes.
+_OF_SIZES = "elements_per_radian elements_across hmin hmax crease_angle tolerance max_elements"
+
 
 @with_console
-def remesh(
-    console: Console,
-    file: Input,
-    output: MeshOutput,
-    elements_per_radian: PerRadian = None,
-    elements_across: Across = None,
-    gradient: Annotated[
-        float | None,
-        typer.Option(
-            "-g",
-            "--gradient",
-            metavar="NUMBER",
-            help="Gradient limit: growth of the size per length.  [default: 0.25; 1 with --metric]",
-        ),
-    ] = None,
-    hmin: Smallest = None,
-    hmax: Largest = None,
-    crease_angle: Crease = CREASE_ANGLE,
-    source: Sources = None,
-    field: Field = None,
-    metric: MetricField = None,
-    target: Annotated[
-        str,
-        typer.Option(
-            metavar="KIND",
-            autocompletion=lambda: list(_TARGETS),
-            help="Cells to make from a surface: auto, tetrahedra or triangles.",
-        ),
-    ] = "auto",
-    backend: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            autocompletion=lambda: list(_BACKENDS),
-            help="Mesh generator: auto, tetwild, mmg or gmsh.",
-        ),
-    ] = "auto",
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            metavar="NUMBER",
-            help="Distance of the new boundary from the old one, over the diagonal.  "
-            "[default: 0.001, more if --max-elements or --elements requires it]",
-        ),
-    ] = None,
-    close: Annotated[
-        bool,
-        typer.Option("--close", help="Close the holes of a surface first, by nearly plane caps."),
-    ] = False,
-    strict: Annotated[
-        bool,
-        typer.Option(
-            "--strict",
-            help="Write only a mesh that meets the demands of check; refuse open surfaces, and "
-            "bodies that overlap or are closer than the tolerance.",
-        ),
-    ] = False,
-    max_elements: MaxElements = None,
-    elements: Elements = None,
-    nodes: Nodes = None,
-    timeout: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time limit of the mesh generators.")
-    ] = 3600.0,
-    plot: Picture = None,
-    page: Report = None,
-    mpi: Mpi = False,
-    gather: Annotated[
-        bool, typer.Option("--gather", help="Under MPI, mesh on one rank instead of in parts.")
-    ] = False,
-) -> None:
+def remesh(console: Console, options: Options) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
     Parameters that are not given are chosen from the part, and the values are printed.
     """
-    if metric is not None:
-        return remesh_with_metric(
-            console,
-            file,
-            output,
-            metric,
-            gradient,
-            (hmin, hmax),
-            plot,
-            options={
-                "target": target,
-                "backend": backend,
-                "tolerance": tolerance,
-                "max_elements": max_elements,
-                "timeout": timeout,
-                "strict": strict,
-            },
-            refused={
-                "--elements-per-radian": elements_per_radian is not None,
-                "--elements-across": elements_across is not None,
-                "--source": bool(source),
-                "--field": field is not None,
-                "--close": close,
-                "--elements": elements is not None,
-                "--report": page is not None,
-                "--mpi": mpi or console.world is not None,
-            },
-        )
-    from adaptsize.domain_size.request import check_elements
+    if options.metric is not None:
+        remesh_with_metric(console, options)
+    elif runs_in_parts(console, options.file, options.output, mpi=options.mpi):
+        remesh_in_parts(console, options)
+    else:
+        _remesh_whole(console, options)
 
-    g = GRADIENT_LIMIT if gradient is None else gradient
-    if runs_in_parts(console, file, output, mpi=mpi):
-        refused = {
-            "--elements-per-radian": elements_per_radian is not None,
-            "--elements-across": elements_across is not None,
-            "--source": bool(source),
-            "--close": close,
-            "--strict": strict,
-            "--plot": plot is not None,
-            "--report": page is not None,
-            "--elements": elements is not None,
-            "--nodes": nodes is not None,
-            "--target triangles": target == "triangles",
-            f"--backend {backend}": backend not in ("auto", "mmg"),
-        }
-        remesh_in_parts(
-            console,
-            file,
-            output,
-            field,
-            g,
-            (hmin, hmax),
-            {
-                "how": "gather" if gather else "parts",
-                "tolerance": tolerance,
-                "max_elements": max_elements,
-                "timeout": timeout,
-            },
-            refused,
-        )
-        return
-    from adaptsize import remeshing
+
+def _remesh_whole(console: Console, options: Options) -> None:
+    """Make a mesh in this process, with sizes that do not depend on the direction."""
     from adaptsize._checks import as_number, as_tolerance
-    from adaptsize.domain_size.elements import reach_number, tolerance_of
-    from adaptsize.errors import OpenSurfaceWarning
-    from adaptsize.remeshing.driver import check_backend
+    from adaptsize.domain_size.elements import tolerance_of
+    from adaptsize.domain_size.request import check_elements
     from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
-    _check_outputs(file, output, plot, page)
-    check_installed(backend)
-    allowed = as_tolerance("tolerance", TOLERANCE if tolerance is None else tolerance)
-    as_number("timeout", timeout, lower=0.0, strict=True)
-    check_elements(elements, max_elements, nodes)
-    sources = [parse_source(text) for text in source or ()]
+    output, plot, page = options.output, options.plot, options.report
+    _check_outputs(options.file, output, plot, page)
+    check_installed(options.backend)
+    as_tolerance("tolerance", TOLERANCE if options.tolerance is None else options.tolerance)
+    as_number("timeout", options.timeout, lower=0.0, strict=True)
+    check_elements(options.elements, options.max_elements, options.nodes)
+    sources = [parse_source(text) for text in options.source or ()]
     with console.steps(5) as steps:
         steps.begin("reading")
-        mesh = read_mesh(file)
-        check_backend(mesh, target, backend)  # type: ignore[arg-type]
-        if mesh.cell_dim < mesh.dim and target != "triangles":
-            mesh = _accepted(console, mesh, allowed * mesh.diagonal, close=close, strict=strict)
-        elif close:
-            raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
-        _announce(console, output, mesh, target)
-
-        def sized(elements: float | None, nodes: float | None) -> tuple[SizeFunction, SizeReport]:
-            steps.begin("sizes")
-            return size_of_mesh(
-                console,
-                mesh,
-                field,
-                elements_per_radian=elements_per_radian,
-                elements_across=elements_across,
-                g=g,
-                hmin=hmin,
-                hmax=hmax,
-                crease_angle=crease_angle,
-                tolerance=tolerance,
-                sources=sources,
-                max_elements=max_elements,
-                elements=elements,
-                nodes=nodes,
-                progress=steps.report,
-            )
-
-        def meshed(old: SimplexMesh, found: SizeFunction, report: SizeReport) -> SimplexMesh:
-            announce_memory_of_mesh(console, mesh, target, report.n_elements)
-            return cast(
-                "SimplexMesh",
-                remeshing.remesh(
-                    old,
-                    found,
-                    target=target,
-                    backend=backend,
-                    g=g,
-                    hmax=report.hmax,
-                    tolerance=tolerance_of(report, tolerance),
-                    timeout=timeout,
-                    strict=strict,
-                    progress=steps.following(_names_of_parts(backend)),
-                ),
-            )
-
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
-            if elements is None and nodes is None:
-                found, report = sized(None, None)
-                new = meshed(mesh, found, report)
-            else:
-                new, found, report = reach_number(mesh, elements, nodes, sized, meshed)
-        allowed = tolerance_of(report, tolerance)
+        mesh = _read(console, options)
+        new, found, report = _made(console, steps, mesh, options, sources)
+        allowed = tolerance_of(report, options.tolerance)
         new = new.with_data(point_data={"h": found(new.points)})
         steps.begin("writing")
         written = write_mesh(output, new)
         steps.begin("checks")
-        outcome = outcome_of_remeshing(new, mesh, found, report, allowed, elements)
+        outcome = outcome_of_remeshing(new, mesh, found, report, allowed, options.elements)
         draw(console, plot, new)
         _write_page(console, page, new, found, original=mesh, size_report=report, tolerance=allowed)
-    console.record(input=str(file), size=as_dict(report), mesh=outcome.as_dict())
-    _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
+    console.record(input=str(options.file), size=as_dict(report), mesh=outcome.as_dict())
+    nodes = None if options.nodes is None else (new.n_points, options.nodes)
+    _print_report(console, outcome, written, nodes)
+
+
+def _read(console: Console, options: Options) -> SimplexMesh:
+    """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
+    from adaptsize.remeshing.driver import check_backend
+
+    mesh = read_mesh(options.file)
+    check_backend(mesh, options.target, options.backend)  # type: ignore[arg-type]
+    if mesh.cell_dim < mesh.dim and options.target != "triangles":
+        share = TOLERANCE if options.tolerance is None else options.tolerance
+        mesh = _accepted(
+            console, mesh, share * mesh.diagonal, close=options.close, strict=options.strict
+        )
+    elif options.close:
+        raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
+    _announce(console, options.output, mesh, options.target)
+    return mesh
+
+
+def _made(
+    console: Console, steps: Steps, mesh: SimplexMesh, options: Options, sources: list[Any]
+) -> tuple[SimplexMesh, SizeFunction, SizeReport]:
+    """Return the new mesh, and the sizes that it was made for with their report."""
+    from adaptsize import remeshing
+    from adaptsize.domain_size.elements import reach_number, tolerance_of
+    from adaptsize.errors import OpenSurfaceWarning
+
+    elements, nodes = options.elements, options.nodes
+    g = GRADIENT_LIMIT if options.gradient is None else options.gradient
+    for_sizes = options.named(_OF_SIZES) | {"g": g, "sources": sources, "progress": steps.report}
+
+    def sized(elements: float | None, nodes: float | None) -> tuple[SizeFunction, SizeReport]:
+        steps.begin("sizes")
+        return size_of_mesh(
+            console, mesh, options.field, elements=elements, nodes=nodes, **for_sizes
+        )
+
+    def meshed(old: SimplexMesh, found: SizeFunction, report: SizeReport) -> SimplexMesh:
+        announce_memory_of_mesh(console, mesh, options.target, report.n_elements)
+        for_mesh = options.named("target backend timeout strict") | {
+            "g": g,
+            "hmax": report.hmax,
+            "tolerance": tolerance_of(report, options.tolerance),
+            "progress": steps.following(_names_of_parts(options.backend)),
+        }
+        return cast("SimplexMesh", remeshing.remesh(old, found, **for_mesh))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
+        if elements is None and nodes is None:
+            found, report = sized(None, None)
+            return meshed(mesh, found, report), found, report
+        return reach_number(mesh, elements, nodes, sized, meshed)
 
 
 def _names_of_parts(backend: str) -> Callable[[str], str]:
