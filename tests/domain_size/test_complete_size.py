@@ -112,6 +112,12 @@ def test_further_bounds_count(given):
     assert report.domain_shares["h0"] == pytest.approx(1.0)
 
 
+def test_a_line_has_no_curvature():
+    line = SimplexMesh([[0.0], [1.0], [2.0]], [[0, 1], [1, 2]])
+    size = size_function(line, h0=[0.1, 1.0, 1.0], elements_across=0.0, g=0.25, hmax=9.0)
+    assert_allclose(size.values, [0.1, 0.35, 0.6])
+
+
 # --- who controls what ------------------------------------------------------------
 
 

@@ -28,8 +28,10 @@ def size_at_curves(
     Returns
     -------
     float64[n_points]
-        inf off the curves.
+        inf off the curves, and on lines in 1-D.
     """
+    if mesh.dim == 1:
+        return np.full(mesh.n_points, np.inf)
     options = {"elements_per_radian": elements_per_radian, "crease_angle": crease_angle}
     h = size_from_curvature(mesh, smoothing=0, **options)
     inner = interfaces(mesh) if mesh.cell_dim == mesh.dim else None
