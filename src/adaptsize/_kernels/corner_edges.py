@@ -7,7 +7,7 @@ from adaptsize._kernels.distance import closest_on_segment
 
 
 @inner
-def _is_near(points, cells, boxes, x, within, stack):
+def _is_near(points, cells, boxes, x, within, stack, found, which):
     """Return whether a segment comes as near to x as ``within``.
 
     Parameters
@@ -20,8 +20,16 @@ def _is_near(points, cells, boxes, x, within, stack):
     within : float64
     stack : int64[64]
         Scratch.
+    found : int32[k]
+        In/Out: segments found before, which are tried first; -1: none.
+    which : int
+        Place of this search in ``found``.
     """
+    m = cells.shape[0]
     n_leaves = boxes.shape[0] // 2
+    c = found[which]
+    if c >= 0 and closest_on_segment(points, cells[c, 0], cells[c, 1], x)[0] <= within * within:
+        return True
     stack[0] = 1
     top = 1
     while top > 0:
@@ -39,18 +47,19 @@ def _is_near(points, cells, boxes, x, within, stack):
             stack[top + 1] = 2 * node + 1
             top += 2
             continue
-        m = cells.shape[0]
         leaf = node - n_leaves
         for c in range(leaf * m // n_leaves, (leaf + 1) * m // n_leaves):
             if closest_on_segment(points, cells[c, 0], cells[c, 1], x)[0] <= within * within:
+                found[which] = c
                 return True
     return False
 
 
 @part
 def meet_at_edge(
-    edge_points, edges, edge_boxes, p, n, q, normal, above, height, cos, share, reach, stack
-):
+    edge_points, edges, edge_boxes, p, n, q, normal, above, height, cos, share, reach, stack,
+    found,
+):  # fmt: skip
     """Return whether the tangent plane at p and the plane of q meet at an edge of the boundary.
 
     Parameters
@@ -69,6 +78,8 @@ def meet_at_edge(
         Distance of the probe to the edges.
     stack : int64[64]
         Scratch.
+    found : int32[2]
+        In/Out: edges found for q and p by the call before, -1: none.  The next cells are near by.
     """
     sin2 = 1.0 - cos * cos
     for seen_from in range(2):
@@ -92,6 +103,8 @@ def meet_at_edge(
             way += (foot[d] - p[d]) ** 2
         within = share * far * math.sqrt(sin2)
         in_reach = reach <= math.sqrt(way) + within
-        if in_reach and _is_near(edge_points, edges, edge_boxes, foot, within, stack):
+        if in_reach and _is_near(
+            edge_points, edges, edge_boxes, foot, within, stack, found, seen_from
+        ):
             return True
     return False

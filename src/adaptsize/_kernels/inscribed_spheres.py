@@ -207,6 +207,7 @@ def shrink_balls(
     """
     stack = np.empty(_STACK, np.int64)
     edge_stack = np.empty(_STACK, np.int64)
+    edges_found = np.full(2, -1, np.int32)
     held = np.empty((N_DIRECTIONS, 6))
     m = cells.shape[0]
     n_leaves = boxes.shape[0] // 2
@@ -291,7 +292,7 @@ def shrink_balls(
                     q = (x, y, z)
                     in_corner = meet_at_edge(
                         edge_points, edges, edge_boxes, p, n, q, normal, above, height, cos, share,
-                        reaches[i], edge_stack,
+                        reaches[i], edge_stack, edges_found,
                     )  # fmt: skip
                     if tip_of[i] >= 0 and not in_corner:
                         in_corner = _are_near_tip(tips, tip_of[i], p, q, tip_share * rr)
