@@ -316,7 +316,8 @@ class Metric(ReadOnlyState):
         h = np.clip(self.sizes, *as_limits(hmin, hmax))
         if max_aspect is not None:
             ratio = as_number("max_aspect", max_aspect, lower=1.0)
-            h = np.minimum(h, ratio * h[:, :1])
+            with np.errstate(over="ignore"):  # inf is no limit
+                h = np.minimum(h, ratio * h[:, :1])
         return Metric.of(h, self.directions)
 
     def intersect(self, *others: Metric) -> Metric:
