@@ -29,7 +29,7 @@ PLAIN_CASES ?= 1500
 # does not distinguish them.
 test-bounds: export NUMBA_BOUNDSCHECK = 1
 test-bounds: export NUMBA_OPT = 1
-test-bounds: export ADAPTSIZE_PROBLEMS = 300
+test-bounds: export ADAPTSIZE_PROBLEMS = 200
 test-bounds: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
 test-bounds:
 	$(PYTHON) -m pytest -n 2 tests/kernels tests/limiting/exact tests/adaptation/test_transfer.py \

@@ -26,7 +26,7 @@ def attack(*options, module="tests.attack"):
 # Few: continuous integration also runs 1 000 cases.  Each kind has a share in the numbers.
 @pytest.mark.parametrize(
     ("only", "cases"),
-    [("calls", 50), ("forms", 60), ("limiting", 50), ("files", 300), ("faults", 50)],
+    [("calls", 20), ("forms", 25), ("limiting", 20), ("files", 100), ("faults", 20)],
 )
 def test_survives_a_short_attack(only, cases, tmp_path):
     report = tmp_path / "report.jsonl"

@@ -141,7 +141,8 @@ def _names(anisotropic: bool | list[str], fields: Mapping[str, npt.NDArray[Any]]
         if name not in usable:
             listed = ", ".join(usable) or "none"
             raise ValueError(
-                f"anisotropic must name fields with one float per node ({listed}), got {name!r}"
+                f"anisotropic must name fields with one float per node ({listed}), "
+                f"got {describe(name)}"
             )
     return anisotropic
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_limits, as_number, as_sizes
+from adaptsize._checks import as_angle, as_limits, as_number, as_sizes
 from adaptsize._defaults import CREASE_ANGLE, MAX_ELEMENTS, TOLERANCE
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport, limit_bounds, measure_dim, nodal_measures
@@ -166,7 +166,7 @@ def as_request(
         as_number("g", g, lower=0.0),
         hmin,
         hmax,
-        crease_angle,
+        as_angle("crease_angle", crease_angle),
         sources,
         h0,
         most,

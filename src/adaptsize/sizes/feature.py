@@ -136,8 +136,8 @@ def size_from_feature(
     by_medial_axis = method == "medial-axis" or by_distance
     if tolerance is not None and (by_medial_axis or boundary is None):
         raise ValueError(
-            f"tolerance is for method='spheres' with a SimplexMesh as boundary, got {tolerance!r} "
-            f"for method={method!r} and {describe(boundary)}"
+            "tolerance is for method='spheres' with a SimplexMesh as boundary, "
+            f"got {describe(tolerance)} for method={method!r} and {describe(boundary)}"
         )
     if by_medial_axis and isinstance(background, CartesianGrid) and crease_angle != CREASE_ANGLE:
         raise ValueError(

@@ -178,7 +178,7 @@ def signed_distance(
         raise ValueError(f"method='reinitialization' needs a CartesianGrid, got {background!r}")
     if smoothing is not None and not _is_mask(boundary):
         raise ValueError(
-            f"smoothing is for boolean images, got {smoothing!r} for {describe(boundary)}"
+            f"smoothing is for boolean images, got {describe(smoothing)} for {describe(boundary)}"
         )
     with reporting(progress) as report:
         if boundary is None:
