@@ -78,6 +78,8 @@ def test_complexity_of_a_surface_is_its_area_in_the_metric():
     mesh = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     metric = Metric(np.tile([0.001, 0.1, 0.5], (3, 1)), np.tile(np.eye(3)[:, [2, 0, 1]], (3, 1, 1)))
     assert_allclose(metric.complexity(mesh), 0.5 / (0.1 * 0.5))
+    far = ads.SimplexMesh(1e100 * mesh.points, mesh.cells)
+    assert_allclose(metric.complexity(far), 1e200 * metric.complexity(mesh))
 
 
 def test_clip_limits_sizes_and_then_the_aspect_ratio():
