@@ -23,7 +23,7 @@ def attack(*options, module="tests.attack"):
     )
 
 
-# Few: continuous integration also runs 1 000 cases.  Each kind has a share in the numbers.
+# Few: continuous integration also runs 600 cases.  Each kind has a share in the numbers.
 @pytest.mark.parametrize(
     ("only", "cases"),
     [("calls", 20), ("forms", 25), ("limiting", 20), ("files", 100), ("faults", 20)],
