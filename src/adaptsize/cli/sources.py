@@ -86,6 +86,7 @@ def _curve_source(where: str, size_text: str, text: str) -> Any:
 
 def _read_curve(path: Path) -> Any:
     """Return the segments in a mesh file, or the points in a text."""
+    from adaptsize._checks import describe
     from adaptsize.errors import MeshFileError
     from adaptsize.io import read
 
@@ -103,7 +104,8 @@ def _read_curve(path: Path) -> Any:
     except OSError as error:
         raise MeshFileError(f"{path}: {error.strerror}") from error
     except ValueError as error:
-        raise MeshFileError(f"{path}: line {line!r} must have 2 or 3 coordinates") from error
+        given = describe(line)
+        raise MeshFileError(f"{path}: line {given} must have 2 or 3 coordinates") from error
     return _joined(rows, str(path))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_path, check_type, one_of
+from adaptsize._checks import as_float_array, as_number, as_path, check_type, describe, one_of
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport
@@ -302,7 +302,7 @@ def _color_range(limits: tuple[float, float] | None) -> tuple[float, float] | No
         return None
     low, high = as_float_array("limits", limits, (2,)).tolist()
     if not (np.isfinite([low, high]).all() and low < high):
-        raise ValueError(f"limits must be finite and in ascending order, got {limits!r}")
+        raise ValueError(f"limits must be finite and in ascending order, got {describe(limits)}")
     return low, high
 
 

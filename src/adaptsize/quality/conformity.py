@@ -9,7 +9,14 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array, as_sizes, check_range, check_type, refuse_where
+from adaptsize._checks import (
+    FARTHEST,
+    as_plain_array,
+    as_sizes,
+    check_range,
+    check_type,
+    refuse_where,
+)
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.metrics import Metric, MetricFunction
@@ -157,8 +164,8 @@ def size_conformity(
     Raises
     ------
     ValueError
-        If the mesh consists of segments, a size is not positive or NaN, no edge has a
-        finite size, or ``surface`` does not fit the mesh.
+        If the mesh consists of segments, a size is not positive or NaN or below 1e-60 of an
+        edge, no edge has a finite size, or ``surface`` does not fit the mesh.
 
     Notes
     -----
@@ -237,14 +244,17 @@ def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     Raises
     ------
     ValueError
-        If a size is not positive or NaN, or no edge has a finite size.
+        If a size is not positive or NaN or below 1e-60 of an edge, or no edge has a finite size.
     """
     wanted = _size_at_midpoints(mesh, size)
     finite = np.isfinite(wanted)
     if not finite.any():
         raise ValueError("size must be finite on one edge at least, got inf everywhere")
     with np.errstate(over="ignore"):
-        return np.where(finite, mesh.edge_lengths / wanted, np.nan)
+        ratio = np.where(finite, mesh.edge_lengths / wanted, np.nan)
+    least = f"must be at least {1.0 / FARTHEST:g} of an edge"
+    refuse_where("size(midpoints)", ratio > FARTHEST, wanted, least)
+    return ratio
 
 
 def is_in_band(ratio: FloatArray) -> BoolArray:

@@ -147,7 +147,7 @@ def size_from_curvature(
     """
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if boundary is None and tolerance is not None:
-        raise ValueError(f"tolerance needs boundary, got tolerance={tolerance!r} without one")
+        raise ValueError(f"tolerance needs boundary, got {describe(tolerance)} without one")
     crease_angle = as_angle("crease_angle", crease_angle)
     g = as_slope("g", g)
     if g != _SLOPE and (boundary is None or isinstance(boundary, SimplexMesh)):
