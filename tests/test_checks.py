@@ -192,6 +192,15 @@ def test_whole_numbers_and_slopes_have_an_upper_end():
         as_slope("g", 1e300)
 
 
+def test_numbers_are_in_a_range_in_which_they_can_be_squared():
+    for number in (0.0, 1e-60, 1e60, np.inf):
+        assert as_number("h", number, lower=0.0, allow_inf=True) == number
+    with message("h must be at least 1e-60, got 4.94066e-324"):
+        as_number("h", 5e-324, lower=0.0)
+    with message("h must be at most 1e+60, got 1e+155"):
+        as_number("h", 1e155, lower=0.0)
+
+
 ANY = "background must be a SimplexMesh, a CartesianGrid or an Octree, got "
 MESH = "mesh must be a SimplexMesh, got "
 TRIANGLE = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])

@@ -34,7 +34,7 @@ WRONG = {
         lambda: ads.write("x" * 5000, SQUARE),
         "path must be the path of a file, got str 'xxx",
     ),
-    "a null character": (lambda: ads.read("\0"), "name of a file"),
+    "a null character": (lambda: ads.read("\0"), "path must be the path of a file, got '\\x00'"),
     "a surrogate": (lambda: ads.read_size("\ud800"), "name of a file"),
     "fields that are a number": (
         lambda: ads.write("x.vtu", SQUARE, fields=1),

@@ -17,6 +17,7 @@ from adaptsize.typing import FloatArray, IntArray
 STEEPEST = 1e30
 #: Products of four lengths and two such gradients must stay in the range of float64.
 FARTHEST = 1e60
+NEAREST = 1.0 / FARTHEST
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -118,9 +119,18 @@ def as_sizes(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatAr
 
 
 def as_number(
-    name: str, value: Any, *, lower: float, strict: bool = False, allow_inf: bool = False
+    name: str,
+    value: Any,
+    *,
+    lower: float,
+    strict: bool = False,
+    allow_inf: bool = False,
+    within: tuple[float, float] = (NEAREST, FARTHEST),
 ) -> float:
-    """Return a float with ``value >= lower``, or ``> lower`` if ``strict``."""
+    """Return a float with ``value >= lower``, or ``> lower`` if ``strict``.
+
+    Positive numbers but inf are ``within`` a range, so that they can be squared and divided by.
+    """
     try:
         if isinstance(value, str | bytes) or np.iscomplexobj(value) or value is np.ma.masked:
             raise TypeError("text, which float() would take for a number, or a complex number")
@@ -132,6 +142,11 @@ def as_number(
         sign = ">" if strict else ">="
         finite = "" if allow_inf else "finite and "
         raise ValueError(f"{name} must be {finite}{sign} {lower:g}, got {number:g}")
+    least, most = within
+    if 0.0 < number < least:
+        raise ValueError(f"{name} must be at least {least:g}, got {number:g}")
+    if most < number < np.inf:
+        raise ValueError(f"{name} must be at most {most:g}, got {number:g}")
     return number
 
 
@@ -150,10 +165,7 @@ def as_limits(
 
 def as_slope(name: str, value: Any) -> float:
     """Return a gradient of sizes: >= 0, with a square in the range of float64."""
-    slope = as_number(name, value, lower=0.0)
-    if slope > STEEPEST:
-        raise ValueError(f"{name} must be at most {STEEPEST:g}, got {slope:g}")
-    return slope
+    return as_number(name, value, lower=0.0, within=(0.0, STEEPEST))
 
 
 def as_tolerance(name: str, value: Any) -> float:
@@ -185,9 +197,9 @@ def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
 def check_range(name: str, points: FloatArray) -> None:
     """Raise a ValueError unless products of four lengths stay in the range of float64."""
     farthest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))
-    if farthest != 0.0 and not 1.0 / FARTHEST <= farthest <= FARTHEST:
+    if farthest != 0.0 and not NEAREST <= farthest <= FARTHEST:
         raise ValueError(
-            f"{name} must have coordinates of {1.0 / FARTHEST:g} to {FARTHEST:g} in size, "
+            f"{name} must have coordinates of {NEAREST:g} to {FARTHEST:g} in size, "
             f"got {farthest:g} as the largest: choose another unit of length"
         )
 
@@ -224,8 +236,9 @@ def as_flag(name: str, value: Any) -> bool:
 
 def as_path(name: str, value: Any) -> Path:
     """Return the path of a file."""
+    is_path = isinstance(value, str | os.PathLike)
     # No system has longer paths, and its own message would repeat all of it.
-    if not isinstance(value, str | os.PathLike) or len(os.fspath(value)) > 4096:
+    if not is_path or len(text := os.fsdecode(value)) > 4096 or "\0" in text:
         raise ValueError(f"{name} must be the path of a file, got {describe(value)}")
     return Path(value)
 

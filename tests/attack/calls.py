@@ -159,7 +159,13 @@ def _has_nan(value: Any) -> bool:
     if isinstance(value, float):
         return bool(np.isnan(value))
     # From 3 on: deeper down are tables that fill up their rows with NaN.
-    return any(a.dtype.kind in "fc" and bool(np.isnan(a).any()) for a in _arrays(value, 3))
+    return any(map(_holds_nan, _arrays(value, 3)))
+
+
+def _holds_nan(array: np.ndarray) -> bool:
+    if array.dtype.hasobject:
+        return any(isinstance(item, float) and np.isnan(item) for item in array.flat)
+    return array.dtype.kind in "fc" and bool(np.isnan(array).any())
 
 
 def _arrays(value: Any, depth: int) -> Iterator[np.ndarray]:

@@ -86,8 +86,8 @@ def test_clip_limits_sizes_and_then_the_aspect_ratio():
     metric = Metric([[0.001, 5.0]], [np.eye(2)])
     assert_allclose(metric.clip(hmin=0.01, hmax=2.0).sizes, [[0.01, 2.0]])
     assert_allclose(metric.clip(hmin=0.01, max_aspect=10.0).sizes, [[0.01, 0.1]])
-    wide = metric.clip(hmin=1e155, max_aspect=1e300)
-    assert_allclose(wide.sizes, 1e155)
+    wide = metric.clip(hmin=1e60, max_aspect=1e60)
+    assert_allclose(wide.sizes, 1e60)
     with pytest.raises(ValueError, match="hmin must be at most hmax = 1, got 2"):
         metric.clip(2.0, 1.0)
 

@@ -245,7 +245,7 @@ def test_the_table_holds_the_figures():
     ("size", "message"),
     [
         (-1.0, "size must be positive"),
-        (5e-324, r"size\(midpoints\) must be at least 1e-60 of an edge"),
+        (5e-324, r"edges / size must be at most 1e\+60, got edges / size\[0\] = inf"),
         (np.inf, "size must be finite on one edge at least"),
         (np.ones(3), r"size must have shape \(25,\), got \(3,\)"),
         (np.where(np.arange(25) == 7, np.nan, 1.0), r"size\[7\] = nan"),

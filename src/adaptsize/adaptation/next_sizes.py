@@ -10,7 +10,15 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_plain_array, describe, refuse_where
+from adaptsize._checks import (
+    FARTHEST,
+    NEAREST,
+    as_float_array,
+    as_number,
+    as_plain_array,
+    describe,
+    refuse_where,
+)
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import SimplexMesh
@@ -172,6 +180,8 @@ def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
     else:
         values = as_float_array("h0", h0, mesh.nodal_shape)
     refuse_where("h0", ~(values > 0.0), values, "must be positive (inf where there is no bound)")
+    far = np.isfinite(values) & ((values < NEAREST) | (values > FARTHEST))
+    refuse_where("h0", far, values, f"must be from {NEAREST:g} to {FARTHEST:g}, or inf")
     return values
 
 

@@ -142,13 +142,14 @@ class CartesianGrid(ReadOnlyState):
         steps = _as_spacing(spacing, inside.shape[1])
         beyond = as_number("margin", margin, lower=0.0)
         lower, upper = inside.min(axis=0) - beyond, inside.max(axis=0) + beyond
-        n_boxes = np.maximum(np.ceil((upper - lower) / steps - _ROUNDING), 1.0)
+        with np.errstate(over="ignore"):
+            extent = upper - lower
+            n_boxes = np.maximum(np.ceil(extent / steps - _ROUNDING), 1.0)
         if not (n_boxes < _MOST_NODES).all():
             raise ValueError(
-                f"spacing must leave at most {_MOST_NODES} nodes, got {steps} "
-                f"for a box of {upper - lower}"
+                f"spacing must leave at most {_MOST_NODES} nodes, got {steps} for a box of {extent}"
             )
-        excess = n_boxes * steps - (upper - lower)
+        excess = n_boxes * steps - extent
         return cls(lower - 0.5 * excess, steps, [int(n) + 1 for n in n_boxes])
 
     def __repr__(self) -> str:

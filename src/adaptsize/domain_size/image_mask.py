@@ -115,7 +115,7 @@ def mask_of(
     if label is not None and threshold is not None:
         raise ValueError(f"label or threshold must be given, got both: {label} and {threshold}")
     if threshold is not None:
-        limit = as_number("threshold", threshold, lower=-np.inf)
+        limit = as_number("threshold", threshold, lower=-np.inf, within=(0.0, np.inf))
         return _cut(image, values > limit, f"above {limit:g}", None)
     if values.dtype.kind == "f":
         raise ValueError(

@@ -112,7 +112,7 @@ class SizeTransform:
 
     def _extend_to(self, largest: float) -> None:
         start = float(self._h[-1])
-        count = max(2, math.ceil(_PER_E_FOLD * math.log(largest / start)))
+        count = max(2, math.ceil(_PER_E_FOLD * (math.log(largest) - math.log(start))))
         h = np.geomspace(start, largest, count + 1)
         step = np.diff(h)
         middle = 0.5 * (h[1:] + h[:-1])

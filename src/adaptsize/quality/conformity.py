@@ -194,6 +194,7 @@ def size_conformity(
         ratio = edge_ratios(mesh, cast(SizeLike, size))
     else:
         ratio = metric.edge_lengths(mesh.points, mesh.edges)
+    refuse_where("edges / size", ratio > FARTHEST, ratio, f"must be at most {FARTHEST:g}")
     edges = _ratio_statistics(ratio)
     assert edges is not None
     ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
@@ -244,17 +245,14 @@ def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     Raises
     ------
     ValueError
-        If a size is not positive or NaN or below 1e-60 of an edge, or no edge has a finite size.
+        If a size is not positive or NaN, or no edge has a finite size.
     """
     wanted = _size_at_midpoints(mesh, size)
     finite = np.isfinite(wanted)
     if not finite.any():
         raise ValueError("size must be finite on one edge at least, got inf everywhere")
     with np.errstate(over="ignore"):
-        ratio = np.where(finite, mesh.edge_lengths / wanted, np.nan)
-    least = f"must be at least {1.0 / FARTHEST:g} of an edge"
-    refuse_where("size(midpoints)", ratio > FARTHEST, wanted, least)
-    return ratio
+        return np.where(finite, mesh.edge_lengths / wanted, np.nan)
 
 
 def is_in_band(ratio: FloatArray) -> BoolArray:

@@ -101,7 +101,7 @@ def find_meetings(
     mesh: SimplexMesh,
     boundary: Boundary,
     nodes: Depths,
-    separation: float,
+    least: float,
     report: ProgressCallback,
 ) -> Meetings:
     """Return the points inside where fronts from different parts of a boundary meet.
@@ -113,8 +113,8 @@ def find_meetings(
     boundary : Boundary
     nodes : Depths
         Depths of the nodes of the mesh.
-    separation : float
-        Smallest angle between the directions to the boundary, in radians.
+    least : float
+        Cosine of the smallest angle between the directions to the boundary.
     report : callable
 
     Returns
@@ -122,7 +122,6 @@ def find_meetings(
     Meetings
         Points on edges where the directions jump, and off edges where they only turn rapidly.
     """
-    least = float(np.cos(separation))
     edges = mesh.edges
     found = []
     for first in range(0, len(edges), _EDGES_AT_ONCE):
@@ -346,10 +345,11 @@ def medial_axis_on_mesh(
     report: ProgressCallback,
 ) -> MedialAxis:
     """Return the medial axis, given the depths of the nodes of a mesh; angles in degrees."""
-    found = find_meetings(mesh, boundary, nodes, np.radians(separation_angle), report)
+    # Below 1, as the normal of the axis is a difference of directions.
+    least = min(float(np.cos(np.radians(separation_angle))), 1.0 - _ROUNDING)
+    found = find_meetings(mesh, boundary, nodes, least, report)
     if len(found.ends) == 0 and not (nodes.depth > 0.0).any():
         raise ValueError("boundary must have a node or an edge of the background in it, got none")
-    least = float(np.cos(np.radians(separation_angle)))
     meet, apex = meet_at_corner(boundary.distance, 0.0, found.fronts, corner_angle)
     at_corner = meet | _at_vertex(mesh.points, boundary, found, corner_angle)
     rim = _beyond_corners(mesh.points, boundary, found.taken(at_corner), least)
