@@ -17,7 +17,7 @@ from adaptsize.typing import FloatArray, IntArray
 STEEPEST = 1e30
 #: Products of four lengths and two such gradients must stay in the range of float64.
 FARTHEST = 1e60
-NEAREST = 1.0 / FARTHEST
+NEAREST = 1e-60
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:

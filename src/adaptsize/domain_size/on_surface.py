@@ -34,6 +34,8 @@ _MAX_NODES = 400_000
 _NODES_PER_ELEMENT = 1.0 / 10.0
 #: Distance from the surface over its diagonal at which a point is outside or in another body.
 _BESIDE = 1e-6
+#: Sizes grow from a surface to the middle by at most this power of e.
+_MOST_E_FOLDS = 100.0
 #: From `SurfaceDomain.of` to the caller of `size_function`.
 _STACK_LEVEL = 5
 
@@ -147,7 +149,8 @@ def across_surface(lfs: FloatArray, request: Request) -> FloatArray:
     """
     if request.g == 0.0:
         return 2.0 / request.across * lfs
-    share: float = request.g / np.expm1(0.5 * request.g * request.across)
+    growth = min(0.5 * request.g * request.across, _MOST_E_FOLDS)
+    share: float = request.g / np.expm1(growth)
     return share * lfs
 
 

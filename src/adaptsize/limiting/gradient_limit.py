@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -69,7 +70,7 @@ class SizeTransform:
         self._g_of_h = g_of_h
         self._h = np.array([smallest])
         self._phi = np.array([0.0])
-        self._extend_to(max(largest, smallest * math.e))
+        self._extend_to(max(largest, min(smallest * math.e, sys.float_info.max)))
 
     def forward(self, h: FloatArray) -> FloatArray:
         """Return Phi(h) for sizes within the table; inf stays inf."""
