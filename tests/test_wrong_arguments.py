@@ -91,7 +91,7 @@ WRONG = {
     ),
     "points out of range": (
         lambda: ads.SignedDistance(SQUARE)([[1e155, 0.0]]),
-        "points must be at most 1e150 in size, got points[0, 0] = 1e+155",
+        "points must be at most 1e+60 in size, got points[0, 0] = 1e+155",
     ),
     "a ragged number": (lambda: SIZE.clip(hmin=RAGGED), "hmin must be a number, got [[1.0], [1.0"),
     "a number that is too large": (
@@ -159,14 +159,6 @@ WRONG = {
     "names of tags that are a function": (
         lambda: ads.SimplexMesh(SQUARE.points, SQUARE.cells, tag_names=distance),
         "tag_names must be a Mapping, got <function distance",
-    ),
-    "a surface out of range": (
-        lambda: geometry.surface_curvature(ads.SimplexMesh(1e-150 * SURFACE.points, SURFACE.cells)),
-        "surface must have coordinates of 1e-60 to 1e+60 in size, got 1e-150 as the largest",
-    ),
-    "a line out of range": (
-        lambda: geometry.polyline_curvature(ads.SimplexMesh(1e-150 * LINE.points, LINE.cells)),
-        "line must have coordinates of 1e-60 to 1e+60 in size",
     ),
     "values out of range": (
         lambda: ads.zz_indicator(SQUARE, 1e200 * np.arange(4.0)),
@@ -279,6 +271,6 @@ def test_wrong_arguments_are_refused_by_one_clear_line(case, tmp_path, monkeypat
 
 
 def test_angles_and_ratios_of_cells_as_small_as_the_range_allows():
-    tiny = ads.SimplexMesh(1e-150 * TETRAHEDRON.points, TETRAHEDRON.cells)
+    tiny = ads.SimplexMesh(1e-59 * TETRAHEDRON.points, TETRAHEDRON.cells)
     assert quality.minimum_angles(tiny) == pytest.approx(quality.minimum_angles(TETRAHEDRON))
     assert quality.radius_ratios(tiny) == pytest.approx(quality.radius_ratios(TETRAHEDRON))

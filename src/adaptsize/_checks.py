@@ -18,6 +18,7 @@ STEEPEST = 1e30
 #: Products of four lengths and two such gradients must stay in the range of float64.
 FARTHEST = 1e60
 NEAREST = 1e-60
+_LARGEST_ASPECT = 1e15
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -80,11 +81,30 @@ def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatA
     return points
 
 
-def as_near_points(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
-    """Return coordinates as `as_points` does, if squares of their differences are in range."""
-    points = as_points(name, value, dim)
-    refuse_where(name, np.abs(points) > 1e150, points, "must be at most 1e150 in size")
+def as_nodes(name: str, value: npt.ArrayLike) -> FloatArray:
+    """Return coordinates as `as_points` does, if products of lengths are in range."""
+    points = as_points(name, value)
+    check_range(name, points)
     return points
+
+
+def as_near_points(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
+    """Return coordinates as `as_points` does, if they are as near as those of meshes."""
+    points = as_points(name, value, dim)
+    _refuse_far(name, points)
+    return points
+
+
+def as_values(name: str, value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
+    """Return finite numbers as `as_float_array` does, if their squares are in range."""
+    values = as_float_array(name, value, shape)
+    refuse_where(name, ~np.isfinite(values), values, "must be finite")
+    _refuse_far(name, values)
+    return values
+
+
+def _refuse_far(name: str, values: FloatArray) -> None:
+    refuse_where(name, np.abs(values) > FARTHEST, values, f"must be at most {FARTHEST:g} in size")
 
 
 def holds_whole_numbers(array: npt.NDArray[Any]) -> bool:
@@ -166,6 +186,11 @@ def as_limits(
 def as_slope(name: str, value: Any) -> float:
     """Return a gradient of sizes: >= 0, with a square in the range of float64."""
     return as_number(name, value, lower=0.0, within=(0.0, STEEPEST))
+
+
+def as_aspect(name: str, value: Any) -> float:
+    """Return a ratio of sizes in different directions, which float64 resolves."""
+    return as_number(name, value, lower=1.0, within=(1.0, _LARGEST_ASPECT))
 
 
 def as_tolerance(name: str, value: Any) -> float:

@@ -7,7 +7,7 @@ from meshes import jittered_square, random_sphere, slit_square, structured_squar
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import facet_areas, two_region_block, two_region_rectangle
 
-from adaptsize import SimplexMesh, adapt, remesh
+from adaptsize import SimplexMesh, adapt, isotropic_metric, remesh
 from adaptsize.adaptation import new_mesh
 from adaptsize.errors import BackendUnavailableError, ResolutionWarning
 from adaptsize.remeshing import registry
@@ -130,6 +130,9 @@ ETA = np.ones(MESH.n_cells)
         ({"h0": 0.1, "project": {"wall": to_circle}}, "project must be a callable .* mapping"),
         ({"h0": 0.1, "enough": -1}, "enough must be finite and >= 0"),
         ({"h0": 0.1, "corner_angle": "x"}, "corner_angle must be a number"),
+        ({"h0": 0.1, "max_aspect": 0.3}, "max_aspect must be finite and >= 1"),
+        ({"h0": 0.1, "norm": "x"}, "norm must be a number"),
+        ({"h0": isotropic_metric(np.full(16, 0.1), 2), "max_refine": "x"}, "max_refine must be"),
         ({"h0": 0.1, "boundary_tolerance": 0}, "boundary_tolerance must be"),
         ({"h0": 0.1, "boundary_tolerance": 2}, "boundary_tolerance must be at most 1"),
         ({"h0": 0.1, "max_elements": 0}, "max_elements must be"),

@@ -32,6 +32,7 @@ _LONGEST = 1000
 _MAY_BE_NAN = {
     "inscribed_spheres": "centres and contacts of spheres of infinite radius, as documented",
     "level_set_curvature": "where the curvature is not known, as documented",
+    "interpolate": "points outside with outside='nan', as documented",
     "CartesianGrid.sample": "what the function of the caller returns",
 }
 

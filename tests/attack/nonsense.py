@@ -67,7 +67,7 @@ _FUNCTIONS: tuple[Callable[..., Any], ...] = (
     lambda x, *a, **k: np.full((len(x), 1), 0.2),
     lambda x, *a, **k: np.full(len(x), 0.2j),
     lambda x, *a, **k: np.where(np.arange(len(x)) == 1, np.nan, 0.2),
-    len,
+    lambda x, *a, **k: len(x),
 )
 
 _ARRAYS = (

@@ -97,9 +97,8 @@ def test_any_sensible_unit_of_length_gives_the_same_sizes(exponent, method):
 
 @pytest.mark.parametrize("scale", [1e-62, 1e62, 1e200])
 def test_lengths_whose_powers_leave_the_range_are_refused(scale):
-    mesh = SimplexMesh(scale * SQUARE.points, SQUARE.cells)
-    with message(f"background must have coordinates of 1e-60 to 1e+60 in size, got {scale:g}"):
-        limit_gradient(mesh, H0, 0.3)
+    with message(f"points must have coordinates of 1e-60 to 1e+60 in size, got {scale:g}"):
+        SimplexMesh(scale * SQUARE.points, SQUARE.cells)
 
 
 @pytest.mark.parametrize("gap", [1e-90, 1e-200, 5e-324])

@@ -78,15 +78,15 @@ def test_complexity_of_a_surface_is_its_area_in_the_metric():
     mesh = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     metric = Metric(np.tile([0.001, 0.1, 0.5], (3, 1)), np.tile(np.eye(3)[:, [2, 0, 1]], (3, 1, 1)))
     assert_allclose(metric.complexity(mesh), 0.5 / (0.1 * 0.5))
-    far = ads.SimplexMesh(1e100 * mesh.points, mesh.cells)
-    assert_allclose(metric.complexity(far), 1e200 * metric.complexity(mesh))
+    far = ads.SimplexMesh(1e60 * mesh.points, mesh.cells)
+    assert_allclose(metric.complexity(far), 1e120 * metric.complexity(mesh))
 
 
 def test_clip_limits_sizes_and_then_the_aspect_ratio():
     metric = Metric([[0.001, 5.0]], [np.eye(2)])
     assert_allclose(metric.clip(hmin=0.01, hmax=2.0).sizes, [[0.01, 2.0]])
     assert_allclose(metric.clip(hmin=0.01, max_aspect=10.0).sizes, [[0.01, 0.1]])
-    wide = metric.clip(hmin=1e60, max_aspect=1e60)
+    wide = metric.clip(hmin=1e60, max_aspect=1e15)
     assert_allclose(wide.sizes, 1e60)
     with pytest.raises(ValueError, match="hmin must be at most hmax = 1, got 2"):
         metric.clip(2.0, 1.0)

@@ -150,7 +150,9 @@ def test_layers_end_where_they_are_as_high_as_long():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"distance": [np.nan]}, r"distance must be numbers, got distance\[0\] = nan"),
+        ({"distance": [np.nan]}, r"distance must be inf or at most 1e\+60 in size, got .* = nan"),
+        ({"distance": [-1e61]}, r"distance must be inf or at most 1e\+60 in size, got .* = 1e\+61"),
+        ({"max_aspect": 1e16}, r"max_aspect must be at most 1e\+15, got 1e\+16"),
         ({"normals": [[1.0]]}, r"normals must have shape \(1, 2\) or \(1, 3\)"),
         ({"first_height": 0.0}, "first_height must be finite and > 0"),
         ({"growth": 0.9}, "growth must be finite and >= 1"),

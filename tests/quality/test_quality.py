@@ -80,7 +80,7 @@ def test_degenerate_cells_have_quality_zero(name):
     assert_array_equal(minimum_angles(mesh), 0.0)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(3, 4), st.sampled_from([1e-100, 1e-3, 1e50]))
+@given(st.integers(0, 2**32 - 1), st.integers(3, 4), st.sampled_from([1e-50, 1e-3, 1e50]))
 def test_quality_does_not_depend_on_unit_order_of_corners_or_place(seed, width, unit):
     rng = np.random.default_rng(seed)
     corners = rng.normal(size=(width, 3))

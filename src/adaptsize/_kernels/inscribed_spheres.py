@@ -87,6 +87,8 @@ def _touch(points, cells, t, p, n, bound, r):
         touches = d2 >= (rr * (1.0 - 1e-7)) ** 2  # the next radius is accurate to rounding
         v = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
         above = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+        if not above > 0.0:  # rounding, far from the origin
+            break
         rr = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / (2.0 * above)
         if touches:
             break

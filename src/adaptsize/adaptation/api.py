@@ -10,7 +10,15 @@ from typing import Any, Literal, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_number, as_tolerance, check_type, describe, one_of
+from adaptsize._checks import (
+    as_aspect,
+    as_flag,
+    as_number,
+    as_tolerance,
+    check_type,
+    describe,
+    one_of,
+)
 from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
@@ -22,8 +30,8 @@ from adaptsize.adaptation.next_sizes import (
     Request,
     SizeRequest,
     as_bound,
-    as_indicator,
     bound_by_tolerance,
+    check_factors,
     check_goal,
     decide_remeshing,
     refuse_two_targets,
@@ -35,6 +43,7 @@ from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration
+from adaptsize.sizes.error import as_indicator
 from adaptsize.sizes.node_counts import elements_with_nodes
 from adaptsize.typing import GradientLimit, ProgressCallback
 
@@ -220,8 +229,8 @@ def adapt(
     task = _task(mesh)
     enough = as_number("enough", enough, lower=0.0)
     corner_angle = as_number("corner_angle", corner_angle, lower=0.0)
-    if project is not None:
-        check_projection(project)
+    _check_numbers(order, max_refine, max_coarsen, norm, max_aspect)
+    check_projection(project)
     to_transfer = FieldsToTransfer(
         as_fields("fields", fields, mesh.n_points),
         as_fields("cell_fields", cell_fields, mesh.n_cells),
@@ -258,7 +267,7 @@ def adapt(
             interpolation_error=tolerance, **limits,
         )  # fmt: skip
     else:
-        eta = as_indicator(indicator, mesh)
+        eta = None if indicator is None else as_indicator(indicator, mesh)
         request = SizeRequest(
             indicator=eta, h0=as_bound(cast("BoundLike | None", h0), mesh),
             error=None if eta is None else float(np.linalg.norm(eta)),
@@ -303,6 +312,15 @@ def adapt(
             if project is not None:
                 made = made.projected(project, corner_angle)
         return result_of(mesh, sizes, request, decision, made, to_transfer, generator, report)
+
+
+def _check_numbers(
+    order: float, max_refine: float, max_coarsen: float, norm: float, max_aspect: float
+) -> None:
+    """Check numbers of which requests of sizes and of a metric each use some only."""
+    check_factors(order, max_refine, max_coarsen)
+    as_number("norm", norm, lower=1.0, allow_inf=True)
+    as_aspect("max_aspect", max_aspect)
 
 
 def _task(mesh: SimplexMesh) -> _Task:

@@ -66,8 +66,8 @@ class BoundaryMoves:
 
 
 def check_projection(project: object) -> None:
-    """Raise a ValueError if ``project`` is not a callable or a mapping of tags to callables."""
-    good = callable(project)
+    """Raise a ValueError unless ``project`` is None, a callable or maps tags to callables."""
+    good = project is None or callable(project)
     if isinstance(project, Mapping):
         good = all(callable(p) and isinstance(t, int | np.integer) for t, p in project.items())
     if not good:

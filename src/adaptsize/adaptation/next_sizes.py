@@ -160,15 +160,6 @@ class Decision(NamedTuple):
     too_short: float
 
 
-def as_indicator(value: npt.ArrayLike | None, mesh: SimplexMesh) -> FloatArray | None:
-    """Return checked indicators."""
-    if value is None:
-        return None
-    eta = as_float_array("indicator", value, (mesh.n_cells,))
-    refuse_where("indicator", ~(eta >= 0.0) | np.isinf(eta), eta, "must be finite and >= 0")
-    return eta
-
-
 def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
     """Return upper bounds at the nodes of the mesh."""
     if h0 is None:
@@ -219,13 +210,18 @@ def check_goal(request: SizeRequest) -> None:
     if request.target_elements is not None:
         as_number("target_elements", request.target_elements, lower=1.0)
     minimum(1.0, hmin=request.hmin, hmax=request.hmax)
-    as_number("order", request.order, lower=0.0, strict=True)
-    as_number("max_refine", request.max_refine, lower=1.0)
-    as_number("max_coarsen", request.max_coarsen, lower=1.0, allow_inf=True)
+    check_factors(request.order, request.max_refine, request.max_coarsen)
     if isinstance(request.g, str) or (
         isinstance(request.g, int | float) and not 0.0 <= request.g < math.inf
     ):
         raise ValueError(f"g must be finite and >= 0, or None, got {describe(request.g)}")
+
+
+def check_factors(order: float, max_refine: float, max_coarsen: float) -> None:
+    """Raise a ValueError if an option of the change of sizes is out of range."""
+    as_number("order", order, lower=0.0, strict=True)
+    as_number("max_refine", max_refine, lower=1.0)
+    as_number("max_coarsen", max_coarsen, lower=1.0, allow_inf=True)
 
 
 def next_sizes(

@@ -12,11 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
+    FARTHEST,
+    NEAREST,
     as_float_array,
+    as_nodes,
     as_number,
     as_plain_array,
-    as_points,
     check_function,
+    check_range,
     describe,
     holds_whole_numbers,
     refuse_where,
@@ -47,8 +50,8 @@ class CartesianGrid(ReadOnlyState):
     origin : array_like of float, shape (dim,)
         Node with the lowest coordinates; ``dim`` is 1 to 3.
     spacing : float or array_like of float, shape (dim,)
-        Distance between neighbouring nodes, positive: one number for all axes, or one for
-        each.
+        Distance between neighbouring nodes, 1e-60 to 1e60: one number for all axes, or one
+        for each.
     shape : sequence of int
         Number of nodes along each axis, at least 2.
     active : array_like of bool, of shape ``shape``, optional
@@ -59,8 +62,8 @@ class CartesianGrid(ReadOnlyState):
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, a spacing is not positive or is lost
-        in the rounding of the coordinates, no node is active, or there are more than
+        If a shape is wrong, a coordinate or spacing is out of range, a spacing is lost in
+        the rounding of the coordinates, no node is active, or there are more than
         2**31 - 1 nodes.
 
     Examples
@@ -136,15 +139,14 @@ class CartesianGrid(ReadOnlyState):
         >>> CartesianGrid.around([[0.0, 0.0], [2.0, 1.2]], spacing=0.5, margin=1.0)
         CartesianGrid(9 x 8 nodes, (-1, -1.15) to (3, 2.35))
         """
-        inside = as_points("points", points)
+        inside = as_nodes("points", points)
         if len(inside) == 0:
             raise ValueError("points must hold at least one point, got an empty array")
         steps = _as_spacing(spacing, inside.shape[1])
         beyond = as_number("margin", margin, lower=0.0)
         lower, upper = inside.min(axis=0) - beyond, inside.max(axis=0) + beyond
-        with np.errstate(over="ignore"):
-            extent = upper - lower
-            n_boxes = np.maximum(np.ceil(extent / steps - _ROUNDING), 1.0)
+        extent = upper - lower
+        n_boxes = np.maximum(np.ceil(extent / steps - _ROUNDING), 1.0)
         if not (n_boxes < _MOST_NODES).all():
             raise ValueError(
                 f"spacing must leave at most {_MOST_NODES} nodes, got {steps} for a box of {extent}"
@@ -319,16 +321,15 @@ def _as_spacing(value: npt.ArrayLike, dim: int) -> FloatArray:
         spacing = np.full(dim, spacing)
     if spacing.shape != (dim,):
         raise ValueError(f"spacing must be a number or have shape {(dim,)}, got {spacing.shape}")
-    good = np.isfinite(spacing) & (spacing > 0.0)
-    refuse_where("spacing", ~good, spacing, "must be finite and > 0")
+    good = (spacing >= NEAREST) & (spacing <= FARTHEST)
+    refuse_where("spacing", ~good, spacing, f"must be from {NEAREST:g} to {FARTHEST:g}")
     return spacing.copy()
 
 
 def _check_resolution(origin: FloatArray, spacing: FloatArray, shape: tuple[int, ...]) -> None:
-    """Refuse grids whose coordinates overflow or do not resolve the spacing."""
-    with np.errstate(over="ignore"):
-        upper = origin + spacing * (np.array(shape) - 1)
-    refuse_where("spacing", ~np.isfinite(upper), spacing, "must keep the coordinates finite")
+    """Refuse grids whose coordinates are out of range or do not resolve the spacing."""
+    upper = origin + spacing * (np.array(shape) - 1)
+    check_range("grid", np.stack([origin, upper]))
     farthest = np.maximum(np.abs(origin), np.abs(upper))
     lost = spacing < 1e3 * np.finfo(float).eps * farthest
     refuse_where("spacing", lost, spacing, "must be well above the rounding of the coordinates")

@@ -11,11 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
+    NEAREST,
     as_flag,
     as_float_array,
     as_plain_array,
     as_whole_number,
     check_function,
+    check_range,
     refuse_where,
 )
 from adaptsize._pickling import ReadOnlyState
@@ -47,7 +49,7 @@ class Octree(ReadOnlyState):
     Parameters
     ----------
     lower, upper : array_like of float, shape (dim,)
-        Corners of the box, finite, ``lower < upper``; dim is 2 or 3.
+        Corners of the box, up to 1e60 in size, ``lower < upper``; dim is 2 or 3.
     root_shape : sequence of int, shape (dim,)
         Number of cells of level 0 along each axis.
     levels : array_like of int, shape (n_leaves,)
@@ -309,8 +311,8 @@ def _as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, Flo
     for name, corner in (("lower", low), ("upper", high)):
         refuse_where(name, ~np.isfinite(corner), corner, "must be finite")
     refuse_where("upper", high <= low, high, f"must be greater than lower = {low.tolist()}")
-    with np.errstate(over="ignore"):
-        refuse_where("upper - lower", ~np.isfinite(high - low), high - low, "must be finite")
+    check_range("box", np.stack([low, high]))
+    refuse_where("upper - lower", high - low < NEAREST, high - low, f"must be at least {NEAREST:g}")
     return low, high
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_points
+from adaptsize._checks import as_nodes
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _mesh_arrays as arrays
@@ -44,7 +44,7 @@ class SimplexMesh(ReadOnlyState):
     Parameters
     ----------
     points : array_like of float, shape (n_points, dim)
-        Finite coordinates in any unit of length; ``dim`` is 1 to 3.
+        Coordinates, the largest from 1e-60 to 1e60 in size (or 0); ``dim`` is 1 to 3.
     cells : array_like of int, shape (n_cells, k + 1)
         Point indices of the simplices of dimension ``k <= dim``.  There must be at least one
         cell.
@@ -67,8 +67,8 @@ class SimplexMesh(ReadOnlyState):
     Raises
     ------
     ValueError
-        If a shape is wrong, a coordinate is not finite, an index is out of range, a cell
-        contains a node twice, there is no cell, or a tag is not a 32-bit integer.
+        If a shape is wrong, a coordinate or an index is out of range, a cell contains a node
+        twice, there is no cell, or a tag is not a 32-bit integer.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class SimplexMesh(ReadOnlyState):
         point_data: Mapping[str, npt.ArrayLike] | None = None,
         cell_data: Mapping[str, npt.ArrayLike] | None = None,
     ) -> None:
-        own_points = arrays.own(as_points("points", points), points)
+        own_points = arrays.own(as_nodes("points", points), points)
         own_cells = arrays.own(arrays.as_cells(cells, own_points), cells)
         n_points, (n_cells, width) = len(own_points), own_cells.shape
         facets, tags = arrays.as_tagged_facets(tagged_facets, facet_tags, n_points, width - 1)

@@ -23,7 +23,6 @@ from adaptsize.adaptation.next_sizes import (
     NextSizes,
     SizeRequest,
     as_bound,
-    as_indicator,
     check_goal,
     decide,
     next_sizes,
@@ -50,6 +49,7 @@ from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.sizes.budget import calibration
 from adaptsize.sizes.chords import size_of_chords
+from adaptsize.sizes.error import as_indicator
 from adaptsize.sizes.node_counts import cells_for_nodes
 from adaptsize.typing import GradientLimit, ProgressCallback
 
@@ -155,7 +155,7 @@ def adapt(
             raise ValueError("h0 must be sizes on several ranks, got a metric")
         nodes: Any = part
         request = SizeRequest(
-            indicator=as_indicator(indicator, nodes),
+            indicator=None if indicator is None else as_indicator(indicator, nodes),
             h0=as_bound(h0 if part.n_points or not callable(h0) else np.empty(0), nodes),
             g=GRADIENT_LIMIT if isinstance(g, str) and one_of("g", g, ("auto",)) else g,
             order=order, tolerance=tolerance, target_elements=target_elements, hmin=hmin,

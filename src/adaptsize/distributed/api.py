@@ -11,15 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize import limiting
-from adaptsize._checks import (
-    as_flag,
-    as_float_array,
-    as_plain_array,
-    as_sizes,
-    check_range,
-    check_type,
-    one_of,
-)
+from adaptsize._checks import as_flag, as_float_array, as_plain_array, as_sizes, check_type, one_of
 from adaptsize._progress import reporting
 from adaptsize.distributed.exact import Given, solve_exact
 from adaptsize.distributed.info import PartsLimitingInfo, Solved, info_from, info_of
@@ -233,7 +225,6 @@ def _checked(
     refuse_idle(method, METHODS, idle)
     as_count("threads", threads)
     as_flag("full_output", full_output)
-    check_range("part", part.points)
     given = as_float_array("h0", h0)
     if given.ndim == 0:
         given = np.full(part.n_points, float(given))

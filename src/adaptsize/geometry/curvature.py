@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_angle, as_whole_number, check_range, check_type
+from adaptsize._checks import as_angle, as_whole_number, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels import normals as normal_kernels
@@ -267,7 +267,6 @@ def polyline_curvature(line: SimplexMesh, *, crease_angle: float = CREASE_ANGLE)
     array([0. , 0.2, 0.2, 0. , 0. ])
     """
     check_type("line", line, SimplexMesh)
-    check_range("line", line.points)
     if line.cell_dim != 1 or line.dim == 1:
         raise ValueError(f"line must consist of segments in 2-D or 3-D, got {line!r}")
     angle = math.radians(as_angle("crease_angle", crease_angle))
@@ -365,6 +364,5 @@ def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: f
 
 def _refuse_other_than_surface(surface: SimplexMesh) -> None:
     check_type("surface", surface, SimplexMesh)
-    check_range("surface", surface.points)
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")

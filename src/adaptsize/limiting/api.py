@@ -182,10 +182,9 @@ def limit_gradient(
     ------
     ValueError
         If a shape is wrong; if ``h0`` is NaN, zero, negative or inf throughout; if g is
-        negative, NaN or above 1e30; if the largest coordinate is outside 1e-60 to 1e60; if the
-        method does not support the background, order or g; if an option that the method does
-        not use differs from its default; or if ``initial`` is the info of a call with another
-        background, g, method or option.
+        negative, NaN or above 1e30; if the method does not support the background, order or g;
+        if an option that the method does not use differs from its default; or if ``initial`` is
+        the info of a call with another background, g, method or option.
 
     Warns
     -----

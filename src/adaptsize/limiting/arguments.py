@@ -10,7 +10,6 @@ from adaptsize._checks import (
     as_points,
     as_sizes,
     as_whole_number,
-    check_range,
     check_type,
     describe,
 )
@@ -22,12 +21,8 @@ from adaptsize.typing import FloatArray
 def as_domain(
     background: SimplexMesh | CartesianGrid | Octree,
 ) -> SimplexMesh | CartesianGrid:
-    """Return the mesh or grid that the schemes run on; refuse coordinates out of range."""
+    """Return the mesh or grid that the schemes run on."""
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
-    if isinstance(background, CartesianGrid):
-        check_range("background", np.stack([background.lower, background.upper]))
-    else:
-        check_range("background", background.points)
     return background.mesh if isinstance(background, Octree) else background
 
 

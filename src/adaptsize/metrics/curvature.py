@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptsize._checks import as_number, check_type
+from adaptsize._checks import as_aspect, as_number, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.curvature import crease_edges, polyline_curvature
@@ -78,7 +78,7 @@ def metric_from_curvature(
     array([0.25, 2.5 , 2.5 ])
     """
     check_type("mesh", mesh, SimplexMesh)
-    aspect = as_number("max_aspect", max_aspect, lower=1.0)
+    aspect = as_aspect("max_aspect", max_aspect)
     per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)
     if mesh.dim != 3 or mesh.cell_dim == 1:
         size = size_from_curvature(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, check_type, refuse_where
+from adaptsize._checks import NEAREST, as_aspect, as_number, as_values, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.metrics.metric import Metric
 from adaptsize.metrics.surface import in_frames, surface_hessian, tangents
@@ -116,7 +116,7 @@ def metric_from_hessian(
     frames = tangents(mesh) if (mesh.cell_dim, mesh.dim) == (2, 3) else None
     second = _second_derivatives(mesh, values, hessian, frames)
     q = as_number("norm", norm, lower=1.0, allow_inf=True)
-    aspect = as_number("max_aspect", max_aspect, lower=1.0)
+    aspect = as_aspect("max_aspect", max_aspect)
     goal, wanted = as_goal(tolerance, target_elements)
     d = mesh.cell_dim
     steepness, directions = _eigen(second, aspect)
@@ -188,11 +188,12 @@ def _second_derivatives(
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     if values is not None:
         if frames is None:
-            return recovered_hessian(mesh, values)
-        return surface_hessian(mesh, values, frames)
+            found = recovered_hessian(mesh, values)
+        else:
+            found = surface_hessian(mesh, values, frames)
+        return as_values("second derivatives", found)
     assert hessian is not None
-    second = as_float_array("hessian", hessian, (mesh.n_points, mesh.dim, mesh.dim))
-    refuse_where("hessian", ~np.isfinite(second), second, "must be finite")
+    second = as_values("hessian", hessian, (mesh.n_points, mesh.dim, mesh.dim))
     skew = np.abs(second - second.swapaxes(1, 2)).max(axis=(1, 2))
     largest = np.abs(second).max(axis=(1, 2))
     refuse_where("hessian", skew > _SKEW * largest, second, "must be symmetric")
@@ -207,7 +208,7 @@ def _eigen(second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
     values = np.take_along_axis(values, order, axis=1)
     vectors = np.take_along_axis(vectors, order[:, None, :], axis=2)
     largest = values[:, -1:]
-    values[largest[:, 0] <= _NOISE * largest.max(initial=0.0)] = 0.0
+    values[largest[:, 0] <= max(_NOISE * largest.max(initial=0.0), NEAREST)] = 0.0
     return np.maximum(values, largest / aspect**2), vectors
 
 

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_sizes, refuse_where
+from adaptsize._checks import (
+    FARTHEST,
+    as_aspect,
+    as_float_array,
+    as_number,
+    as_sizes,
+    as_values,
+    refuse_where,
+)
 from adaptsize.metrics.metric import Metric
 from adaptsize.typing import FloatArray
 
@@ -76,14 +84,14 @@ def metric_from_layers(
     """
     d = np.abs(as_float_array("distance", distance))
     d = as_float_array("distance", d, d.shape[:1] if d.ndim else (1,))
-    refuse_where("distance", np.isnan(d), d, "must be numbers")
-    n = as_float_array("normals", normals)
+    far = ~(np.abs(d) <= FARTHEST) & ~np.isinf(d)
+    refuse_where("distance", far, d, f"must be inf or at most {FARTHEST:g} in size")
+    n = as_values("normals", normals)
     if n.ndim != 2 or n.shape[1] not in (2, 3) or len(n) != len(d):
         raise ValueError(f"normals must have shape ({len(d)}, 2) or ({len(d)}, 3), got {n.shape}")
-    refuse_where("normals", ~np.isfinite(n), n, "must be finite")
     first = as_number("first_height", first_height, lower=0.0, strict=True)
     slope = as_number("growth", growth, lower=1.0) - 1.0
-    aspect = as_number("max_aspect", max_aspect, lower=1.0)
+    aspect = as_aspect("max_aspect", max_aspect)
     given = as_float_array("tangential", tangential)
     along = as_sizes("tangential", np.broadcast_to(given, d.shape) if given.ndim == 0 else given,
                      d.shape)  # fmt: skip

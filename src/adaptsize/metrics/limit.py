@@ -12,7 +12,6 @@ from adaptsize._checks import (
     as_plain_array,
     as_slope,
     as_whole_number,
-    check_range,
     check_type,
     describe,
 )
@@ -111,8 +110,8 @@ def limit_metric(
     Raises
     ------
     ValueError
-        If the metric has other nodes than the background or no bound at all, g is negative, NaN
-        or above 1e30, or the largest coordinate is outside 1e-60 to 1e60.
+        If the metric has other nodes than the background or no bound at all, or g is negative,
+        NaN or above 1e30.
 
     Notes
     -----
@@ -164,7 +163,6 @@ def limit_metric(
             f"metric must have {len(points)} nodes in {background.dim}-D, as the background has, "
             f"got {metric!r}"
         )
-    check_range("background", points)
     slope = as_gradient_limit(g)
     if threads is not None:
         threads = as_whole_number("threads", threads, lower=1, upper=_MOST_THREADS)

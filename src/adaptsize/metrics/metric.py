@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
+    as_aspect,
     as_float_array,
     as_index_array,
     as_limits,
-    as_number,
     as_points,
     as_sizes,
     check_type,
@@ -315,7 +315,7 @@ class Metric(ReadOnlyState):
         """
         h = np.clip(self.sizes, *as_limits(hmin, hmax))
         if max_aspect is not None:
-            ratio = as_number("max_aspect", max_aspect, lower=1.0)
+            ratio = as_aspect("max_aspect", max_aspect)
             with np.errstate(over="ignore"):  # inf is no limit
                 h = np.minimum(h, ratio * h[:, :1])
         return Metric.of(h, self.directions)

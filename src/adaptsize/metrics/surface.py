@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, check_range, refuse_where
+from adaptsize._checks import as_values
 from adaptsize.background import SimplexMesh
 from adaptsize.sizes.quadratic_fits import second_derivatives_of_fits
 from adaptsize.typing import FloatArray
@@ -49,9 +49,7 @@ def surface_hessian(surface: SimplexMesh, values: npt.ArrayLike, frames: FloatAr
     -------
     float64[n_points, 2, 2]
     """
-    check_range("mesh", surface.points)
-    nodal = as_float_array("values", values, (surface.n_points,))
-    refuse_where("values", ~np.isfinite(nodal), nodal, "must be finite")
+    nodal = as_values("values", values, (surface.n_points,))
     return second_derivatives_of_fits(surface, nodal, frames)
 
 

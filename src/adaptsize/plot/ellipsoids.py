@@ -62,7 +62,7 @@ def scene_of_metric(mesh: SimplexMesh, metric: Metric, n_glyphs: int, clip: str 
 
 def _spacing(extents: FloatArray, n: int) -> float:
     """Return the distance between so many points in a rectangle."""
-    return float(np.sqrt(max(extents.prod(), 1e-12 * extents.max() ** 2) / n))
+    return float(np.sqrt(max(extents.prod(), 1e-12 * extents.max() ** 2) / n)) or 1.0
 
 
 def _spread(points: FloatArray, spacing: float) -> IntArray:

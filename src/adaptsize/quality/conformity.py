@@ -9,14 +9,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    FARTHEST,
-    as_plain_array,
-    as_sizes,
-    check_range,
-    check_type,
-    refuse_where,
-)
+from adaptsize._checks import FARTHEST, as_plain_array, as_sizes, check_type, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.metrics import Metric, MetricFunction
@@ -200,7 +193,6 @@ def size_conformity(
     ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
     distance = relative = None
     if surface is not None:
-        check_range("surface", surface.points)
         distance = _hausdorff(mesh, surface)
         relative = distance / surface.diagonal if surface.diagonal > 0.0 else np.inf
     return Conformity(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, check_type, refuse_where
+from adaptsize._checks import as_number, as_values, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.sizes.budget import (
@@ -134,6 +134,13 @@ def size_from_error(
     )  # fmt: skip
 
 
+def as_indicator(value: npt.ArrayLike, mesh: SimplexMesh) -> FloatArray:
+    """Return checked indicators of the error in each cell."""
+    eta = as_values("indicator", value, (mesh.n_cells,))
+    refuse_where("indicator", eta < 0.0, eta, "must be finite and >= 0")
+    return eta
+
+
 def scaled_by_error(
     mesh: SimplexMesh,
     indicator: npt.ArrayLike,
@@ -153,8 +160,7 @@ def scaled_by_error(
     """
 
     def check() -> tuple[FloatArray, float, float, float, str, float]:
-        eta = as_float_array("indicator", indicator, (mesh.n_cells,))
-        refuse_where("indicator", ~(eta >= 0.0) | np.isinf(eta), eta, "must be finite and >= 0")
+        eta = as_indicator(indicator, mesh)
         p = as_number("order", order, lower=0.0, strict=True)
         finest = 1.0 / as_number("max_refine", max_refine, lower=1.0)
         coarsest = as_number("max_coarsen", max_coarsen, lower=1.0, allow_inf=True)

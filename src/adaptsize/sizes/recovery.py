@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import FARTHEST, as_float_array, check_range, check_type, refuse_where
+from adaptsize._checks import as_values, check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.sizes.quadratic_fits import (
     DETERMINED,
@@ -301,8 +301,4 @@ def as_nodal_field(name: str, value: npt.ArrayLike, mesh: SimplexMesh) -> FloatA
     check_type("mesh", mesh, SimplexMesh)
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(f"mesh must consist of triangles in 2-D or tetrahedra, got {mesh!r}")
-    check_range("mesh", mesh.points)
-    nodal = as_float_array(name, value, (mesh.n_points,))
-    refuse_where(name, ~np.isfinite(nodal), nodal, "must be finite")
-    refuse_where(name, np.abs(nodal) > FARTHEST, nodal, f"must be at most {FARTHEST:g} in size")
-    return nodal
+    return as_values(name, value, (mesh.n_points,))

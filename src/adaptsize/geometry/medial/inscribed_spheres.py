@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_angle, as_points, check_type
+from adaptsize._checks import as_angle, as_near_points, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import inscribed_spheres as kernels
 from adaptsize._kernels import interpolate as tree_kernels
@@ -220,7 +220,7 @@ class SphereFinder:
         self, points: npt.ArrayLike, progress: ProgressCallback | bool | None = None
     ) -> InscribedSpheres:
         """Return the spheres at the points of the boundary closest to given ones, float[n, dim]."""
-        given = as_points("points", points, self._boundary.dim)
+        given = as_near_points("points", points, self._boundary.dim)
         return self._spheres(self._solid.probes_near(given), len(given), progress)
 
     def _spheres(

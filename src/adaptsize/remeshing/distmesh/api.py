@@ -11,8 +11,8 @@ import numpy.typing as npt
 from adaptsize._checks import (
     as_flag,
     as_float_array,
+    as_near_points,
     as_number,
-    as_points,
     as_whole_number,
     check_range,
     refuse_where,
@@ -286,7 +286,7 @@ def _refuse_cut(domain: ImplicitDomain, size: Size) -> None:
 def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain, size: Size) -> FloatArray:
     if points is None:
         return np.empty((0, domain.dim))
-    fixed = as_points("fixed_points", points, domain.dim)
+    fixed = as_near_points("fixed_points", points, domain.dim)
     if len(fixed) == 0:
         return fixed
     depth = domain.depth(domain.phi(fixed))
