@@ -35,7 +35,7 @@ WRONG = {
         "path must be the path of a file, got str 'xxx",
     ),
     "a null character": (lambda: ads.read("\0"), "path must be the path of a file, got '\\x00'"),
-    "a surrogate": (lambda: ads.read_size("\ud800"), "name of a file"),
+    "a surrogate": (lambda: ads.write("\ud800.vtu", SQUARE), "path must be the path of a file"),
     "fields that are a number": (
         lambda: ads.write("x.vtu", SQUARE, fields=1),
         "fields must be a Mapping, got 1",

@@ -261,9 +261,15 @@ def as_flag(name: str, value: Any) -> bool:
 
 def as_path(name: str, value: Any) -> Path:
     """Return the path of a file."""
-    is_path = isinstance(value, str | os.PathLike)
-    # No system has longer paths, and its own message would repeat all of it.
-    if not is_path or len(text := os.fsdecode(value)) > 4096 or "\0" in text:
+    is_good = isinstance(value, str | os.PathLike)
+    if is_good:
+        try:
+            text = os.fsencode(value)
+        except UnicodeEncodeError:
+            is_good = False
+        else:  # no system has longer paths, and its own message would repeat all of it
+            is_good = len(text) <= 4096 and b"\0" not in text
+    if not is_good:
         raise ValueError(f"{name} must be the path of a file, got {describe(value)}")
     return Path(value)
 

@@ -74,6 +74,12 @@ def test_a_number_returned_by_g_of_h_counts_for_every_size():
     assert_allclose(transform.forward(np.array([1.0, 2.0, 3.0])), [0.0, 4.0, 8.0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("sizes", [(1e-61, 1.0), (1.0, 1e62), (1e308, 1e308)])
+def test_sizes_out_of_range_are_refused(sizes):
+    with pytest.raises(ValueError, match=re.escape("finite sizes must be from 1e-60 to 1e+60")):
+        SizeTransform(lambda h: 0.25, *sizes)
+
+
 def test_sizes_that_overflow_are_refused():
     transform = SizeTransform(lambda h: h**2, 1.0, 2.0)  # Phi = 1 - 1/h never reaches 2
     with pytest.raises(ValueError, match=re.escape("g(h) must be bounded")):

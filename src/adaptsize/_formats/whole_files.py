@@ -26,10 +26,6 @@ def check_readable(path: Path) -> None:
             empty = not opened.read(1)
     except OSError as error:
         raise MeshFileError(f"{error.strerror or error}") from error
-    except MeshFileError:
-        raise
-    except ValueError as error:  # a null character, or one that no name of a file can have
-        raise MeshFileError("cannot be the name of a file") from error
     if empty:
         raise MeshFileError("is empty")
 

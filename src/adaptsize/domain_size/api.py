@@ -7,7 +7,14 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_float_array, as_points, check_type, describe
+from adaptsize._checks import (
+    as_flag,
+    as_float_array,
+    as_plain_array,
+    as_points,
+    check_type,
+    describe,
+)
 from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
@@ -262,7 +269,7 @@ def _as_domain(
         return LevelSet(grid, as_float_array("phi", phi, grid.shape))
     if background is not None:
         raise ValueError(f"background must be None for an image, got {background!r}")
-    if not isinstance(domain, Image) and np.asarray(domain).dtype.kind not in "biuf":
+    if not isinstance(domain, Image) and as_plain_array("domain", domain).dtype.kind not in "biuf":
         raise ValueError(
             "domain must be a SimplexMesh, a callable, an Image or an array of numbers, or a tuple "
             f"(CartesianGrid, distances), got {describe(domain)}"
@@ -297,7 +304,10 @@ def _corners_of(
         )
     if not isinstance(box, tuple | list) or len(box) != 2:
         raise ValueError(f"box must be a pair (lower, upper), got {describe(box)}")
-    lower, upper = as_points("box", np.stack([np.asarray(end, dtype=np.float64) for end in box]))
+    ends = [as_float_array(f"box[{number}]", end) for number, end in enumerate(box)]
+    if ends[0].shape != ends[1].shape:
+        raise ValueError(f"box must be a pair of points, got shapes {[e.shape for e in ends]}")
+    lower, upper = as_points("box", np.stack(ends))
     if len(lower) not in (2, 3) or not (upper > lower).all():
         raise ValueError(f"box must be (lower, upper) in 2-D or 3-D, lower < upper, got {box}")
     return lower, upper

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe, refuse_where
+from adaptsize._checks import as_number, as_plain_array, describe, refuse_where
 from adaptsize.background import CartesianGrid
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning
@@ -52,7 +52,7 @@ def as_image(image: Image | npt.ArrayLike, spacing: npt.ArrayLike | None = None)
     if isinstance(image, Image):
         same = image if spacing is None else Image(image.values, spacing, image.origin)
         return _in_range(same)
-    values = np.asarray(image)
+    values = as_plain_array("image", image)
     if values.ndim == 3 and values.shape[2] in (3, 4) and min(values.shape[:2]) > 16:
         raise ValueError(
             f"image must have one number per pixel, got an array of shape {values.shape}, which "

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import STEEPEST, as_float_array, refuse_where
+from adaptsize._checks import FARTHEST, NEAREST, STEEPEST, as_float_array, refuse_where
 from adaptsize.background import CartesianGrid
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 _PER_E_FOLD = 8192
 
 # Larger sizes mean that g(h) is unbounded and the solution overflows.
-_LARGEST = 1e60
+_SMALLEST, _LARGEST = NEAREST, FARTHEST
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class SizeTransform:
         self._g_of_h = g_of_h
         self._h = np.array([smallest])
         self._phi = np.array([0.0])
-        self._extend_to(max(largest, min(smallest * math.e, sys.float_info.max)))
+        self._extend_to(max(largest, min(smallest, _LARGEST) * math.e))
 
     def forward(self, h: FloatArray) -> FloatArray:
         """Return Phi(h) for sizes within the table; inf stays inf."""
@@ -112,8 +111,13 @@ class SizeTransform:
             self._extend_to(largest)
 
     def _extend_to(self, largest: float) -> None:
+        if not _SMALLEST <= self._h[0] <= largest <= 4.0 * math.e * _LARGEST:
+            raise ValueError(
+                f"finite sizes must be from {_SMALLEST:g} to {_LARGEST:g} with g(h), "
+                f"got {float(self._h[0]):g} to {largest:g}"
+            )
         start = float(self._h[-1])
-        count = max(2, math.ceil(_PER_E_FOLD * (math.log(largest) - math.log(start))))
+        count = max(2, math.ceil(_PER_E_FOLD * math.log(largest / start)))
         h = np.geomspace(start, largest, count + 1)
         step = np.diff(h)
         middle = 0.5 * (h[1:] + h[:-1])

@@ -93,7 +93,8 @@ class Scene:
     @property
     def class_labels(self) -> list[str]:
         """Labels of ``names`` in the picture."""
-        return [self.class_names.get(int(name), f"{name:g}") for name in self.names]
+        names = [self.class_names.get(int(name), f"{name:g}") for name in self.names]
+        return [_printable(name) for name in names]
 
     @property
     def is_logarithmic(self) -> bool:
@@ -183,7 +184,12 @@ def scene_of_cells(
     """Return a scene in which nodal values that are not finite are left out of the cells."""
     if on_nodes and not np.isfinite(values).all():
         values, on_nodes = _means_of_finite(values[cells]), False
-    return Scene(points, cells, values, on_nodes, label, classes, flat)
+    return Scene(points, cells, values, on_nodes, _printable(label), classes, flat)
+
+
+def _printable(text: str) -> str:
+    """Return a text in which characters that have no encoding are replaced."""
+    return text.encode(errors="replace").decode()
 
 
 def _means_of_finite(corners: FloatArray) -> FloatArray:

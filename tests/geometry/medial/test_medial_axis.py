@@ -336,7 +336,7 @@ def test_bad_arguments_are_refused():
         medial_axis(grid, phi, gamma=0.0)
     with pytest.raises(ValueError, match="curvature_tolerance must be finite and >= 0"):
         medial_axis(grid, phi, curvature_tolerance=-1.0)
-    with pytest.raises(ValueError, match="corner_angle must be 0 to 180"):
+    with pytest.raises(ValueError, match="corner_angle must be at most 180"):
         medial_axis(grid, phi, corner_angle=190.0)
     with pytest.raises(ValueError, match="patches must be integers of shape"):
         medial_axis(grid, phi, patches=phi)

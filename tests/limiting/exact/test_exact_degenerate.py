@@ -8,6 +8,7 @@ import pytest
 from exact_oracle import edge_sizes, plane_domain, plane_sizes, straight_sizes
 from meshes import jittered_cube, jittered_square, random_square, slit_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 
@@ -303,3 +304,13 @@ def test_cubes_that_share_an_edge_a_node_or_nothing():
     h0 = np.full(mesh.n_points, INF)
     h0[node_at(mesh, (1, 0, 0))] = 1.0
     assert_array_equal(np.isinf(limit(mesh, h0)), mesh.points[:, 0] > 1.2)
+
+
+def test_bounds_that_satisfy_the_limit_need_no_paths():
+    # Regression: the set of paths was empty, and was indexed.
+    points = np.random.default_rng(2).random((20, 3))
+    cells = Delaunay(points).simplices
+    doubled = SimplexMesh(points, np.concatenate([cells, cells]))
+    h, info = limit_gradient(doubled, np.full(20, 0.5), 0.3, method="exact", full_output=True)
+    assert (h == 0.5).all()
+    assert info.n_proved == 20

@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_plain_array, refuse_where
+from adaptsize._checks import (
+    as_angle,
+    as_float_array,
+    as_number,
+    as_plain_array,
+    check_type,
+    refuse_where,
+)
 from adaptsize._progress import reporting
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.propagation import AnyBackground
@@ -165,9 +172,8 @@ def medial_axis(
     >>> bool(np.allclose(np.linalg.norm(medial.points, axis=1), 1.5, atol=1e-4))
     True
     """
-    as_number("corner_angle", corner_angle, lower=0.0)
-    if corner_angle > 180.0:
-        raise ValueError(f"corner_angle must be 0 to 180 degrees, got {corner_angle:g}")
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    corner_angle = as_angle("corner_angle", corner_angle)
     with reporting(progress) as report:
         if isinstance(background, CartesianGrid):
             if separation_angle is not None:
@@ -182,7 +188,7 @@ def medial_axis(
                 tolerance=tolerance,
                 gamma=as_number("gamma", factor, lower=0.0, strict=True),
                 patches=None if patches is None else _checked_patches(background, patches),
-                corner_angle=float(corner_angle),
+                corner_angle=corner_angle,
                 report=report,
             )
         given = {"curvature_tolerance": curvature_tolerance, "gamma": gamma, "patches": patches}
@@ -199,7 +205,7 @@ def medial_axis(
             raise ValueError(f"separation_angle must be at most 180 degrees, got {angle:g}")
         mesh, found = boundary_on(background, boundary)
         nodes = found.from_nodes(background, report)
-        return medial_axis_on_mesh(mesh, found, nodes, angle, float(corner_angle), report)
+        return medial_axis_on_mesh(mesh, found, nodes, angle, corner_angle, report)
 
 
 def distance_on(

@@ -226,9 +226,12 @@ def _result(
     """Return sizes h, which satisfy the limit g along all edges, and the sources of ``sizes``."""
     ways = network.ways
     m = network.n_sources
-    base = np.where(field.way >= 0, ways.base[field.way], -1)
+    reached = np.flatnonzero(field.way >= 0)  # none if the bounds satisfy the limit
+    base, bend = np.full(len(h), -1, ways.base.dtype), np.full_like(field.last, np.nan)
+    base[reached] = ways.base[field.way[reached]]
     base[h < sizes * (1.0 - _TIE)] = -1
-    bend = np.where((ways.edge[field.way] >= 0)[:, None], field.last, np.nan)
+    bent = reached[ways.edge[field.way[reached]] >= 0]
+    bend[bent] = field.last[bent]
     entry = np.where(base < m, base, -1).astype(np.int32)
     knots = np.append(network.knots.nodes, np.int32(-1))
     start = knots[np.where(base < m, -1, base - m)].astype(np.int32)
