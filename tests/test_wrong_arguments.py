@@ -160,6 +160,26 @@ WRONG = {
         lambda: ads.SimplexMesh(SQUARE.points, SQUARE.cells, tag_names=distance),
         "tag_names must be a Mapping, got <function distance",
     ),
+    "sources that are an array": (
+        lambda: ads.size_function(SQUARE, sources=np.array(0.1)),
+        "sources must be a list of them, got array(0.1)",
+    ),
+    "a background that is a long text": (
+        lambda: ads.size_function(distance, background="x" * 5000),
+        "background must be a SimplexMesh, a CartesianGrid or an Octree, got str 'xxx",
+    ),
+    "a label and a threshold": (
+        lambda: ads.size_function_from_image(np.eye(9), label="x" * 5000, threshold=0.5),
+        "label or threshold must be given, got both: str 'xxx",
+    ),
+    "smoothing over more than an image": (
+        lambda: ads.size_function_from_image(np.eye(9), threshold=0.5, smoothing=2**63),
+        "smoothing must be at most 1000, got 9.22337e+18",
+    ),
+    "directions out of range": (
+        lambda: ads.isotropic_metric(H0, 2).size_along([1e300, 0.0]),
+        "directions must be at most 1e+60 in size, got directions[0] = 1e+300",
+    ),
     "values out of range": (
         lambda: ads.zz_indicator(SQUARE, 1e200 * np.arange(4.0)),
         "values must be at most 1e+60 in size, got values[1] = 1e+200 (and 2 more)",

@@ -64,8 +64,9 @@ def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
         size_function(strip, elements_per_radian=0.0, elements_across=4.0, **options),
         size_function(strip, elements_per_radian=0.0, elements_across=0.0, sources=ball, **options),
     ]
+    once = (source for source in [ball])  # a generator can be read once only
     size, report = size_function(
-        strip, elements_across=4.0, sources=ball, **options, full_output=True
+        strip, elements_across=4.0, sources=once, **options, full_output=True
     )
     inside = report.cause >= 0
     least = np.minimum.reduce([one.values for one in alone])

@@ -10,14 +10,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from adaptsize._checks import as_float_array, as_sizes, as_slope, check_type, describe
+from adaptsize._checks import as_float_array, as_sizes, as_slope, check_type
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import SimplexMesh
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.migration import boundary_facets
 from adaptsize.distributed.whole import diagonal_of
 from adaptsize.sizes._touched import SourceMesh
-from adaptsize.sizes.from_sources import SizeOfPoint
 from adaptsize.sizes.sources import (
     BallSource,
     BoundarySource,
@@ -25,7 +24,9 @@ from adaptsize.sizes.sources import (
     CurveSource,
     PointSource,
     RegionSource,
+    SizeOfPoint,
     Source,
+    as_sources,
 )
 from adaptsize.typing import FloatArray, IntArray
 
@@ -85,14 +86,7 @@ def size_from_sources(
     check_type("part", part, PartitionedMesh)
     comm = part.comm
 
-    def check() -> tuple[list[Any], float]:
-        try:
-            several = list(sources) if isinstance(sources, Iterable) else [sources]
-        except TypeError as error:  # an array without an axis
-            raise ValueError(f"sources must be a list of them, got {describe(sources)}") from error
-        return several, as_slope("g", g)
-
-    several, slope = comm.agree(check)
+    several, slope = comm.agree(lambda: (as_sources(sources), as_slope("g", g)))
     digests = [_digest(source) for source in several]
     comm.require_equal(sources=len(several), g=slope)
     comm.require_equal(**{f"sources[{k}]": digest for k, digest in enumerate(digests)})
@@ -111,13 +105,9 @@ def _lower_on(part: PartitionedMesh, number: int, source: Any, g: float, h0: Flo
     if isinstance(source, Source):
         if part.mesh is not None:
             source.lower_sizes(part.mesh, g, h0)
-    elif callable(source):
+    else:
         sizes = as_sizes(f"sources[{number}](points)", source(part.points), h0.shape)
         np.minimum(h0, sizes, out=h0)
-    else:
-        raise ValueError(
-            f"sources[{number}] must be a source or a function, got {describe(source)}"
-        )
 
 
 def _digest(source: Any) -> str:

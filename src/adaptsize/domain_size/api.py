@@ -226,7 +226,9 @@ def size_function(
     SizeReport(curvature 100.0%)
     """
     full_output = as_flag("full_output", full_output)
-    if background is not None and not isinstance(background, str):
+    if isinstance(background, str) and background == "auto":
+        background = None
+    if background is not None:
         check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     with reporting(progress) as report:
         request = as_request(
@@ -244,7 +246,7 @@ def size_function(
             report=report,
             tolerance=tolerance,
         )
-        domain_ = _as_domain(domain, None if background == "auto" else background, box, report)
+        domain_ = _as_domain(domain, background, box, report)
         size, found = within_budget(domain_, request)
     return (size, found) if full_output else size
 

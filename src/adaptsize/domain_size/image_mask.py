@@ -21,6 +21,7 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 MARGIN = 6
 #: Standard deviation of the low-pass filter, in pixels.
 SMOOTHING = 2.0
+_SMOOTHEST = 1000.0
 # Objects less deep than this, in pixels, are too thin for a useful distance function.
 _LEAST_DEPTH = 0.9
 # In a mask, neighbouring pixels differ only at boundaries.  A larger share means a photo.
@@ -113,7 +114,8 @@ def mask_of(
     if values.dtype.kind == "f":
         refuse_where("image", np.isnan(values), values, "must hold no NaN")
     if label is not None and threshold is not None:
-        raise ValueError(f"label or threshold must be given, got both: {label} and {threshold}")
+        given = f"{describe(label)} and {describe(threshold)}"
+        raise ValueError(f"label or threshold must be given, got both: {given}")
     if threshold is not None:
         limit = as_number("threshold", threshold, lower=-np.inf, within=(0.0, np.inf))
         return _cut(image, values > limit, f"above {limit:g}", None)
@@ -228,7 +230,9 @@ def distance_to_edge(
     ImageWarning
         If smoothing removes some objects.
     """
-    kept = _low_pass(mask.inside, as_number("smoothing", smoothing, lower=0.0))
+    kept = _low_pass(
+        mask.inside, as_number("smoothing", smoothing, lower=0.0, within=(0.0, _SMOOTHEST))
+    )
     _report_lost_objects(mask.inside, kept)
     phi = signed_distance(mask.grid, kept, progress=progress)
     if -float(phi.min()) < _LEAST_DEPTH * float(mask.grid.spacing.min()):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,13 +17,13 @@ from adaptsize.typing import FloatArray
 _NEAR = 1.2
 
 
-def warn_where_missed(size: SizeFunction, sources: Any, hmin: float) -> None:
+def warn_where_missed(size: SizeFunction, sources: Sequence[Any], hmin: float) -> None:
     """Warn if the sizes of a solid, carried by its surface, miss those of a source off it.
 
     A surface has nodes only where the solid ends.  A source inside acts on the closest of these,
     and the size grows from there back to the source.  ``hmin``: sizes are not below it anywhere.
     """
-    for source in sources if isinstance(sources, Iterable) else [sources]:
+    for source in sources:
         places, requested = _samples(source, size.background.dim)
         given = size(places)
         excess = given / np.maximum(requested, hmin)

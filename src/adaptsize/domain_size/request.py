@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -15,6 +15,7 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport, limit_bounds, measure_dim, nodal_measures
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.chords import size_at_curves, size_of_chords
+from adaptsize.sizes.sources import as_sources
 from adaptsize.typing import FloatArray, ProgressCallback
 
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -40,7 +41,7 @@ class Request:
     hmin: float | None
     hmax: float | None
     crease_angle: float
-    sources: Any
+    sources: Sequence[Any]
     h0: npt.ArrayLike | Implicit | None
     max_elements: float
     report: ProgressCallback | None
@@ -107,8 +108,7 @@ class Request:
         return low, high
 
     def _point_sources(self) -> list[PointSource]:
-        sources = self.sources if isinstance(self.sources, Iterable) else [self.sources]
-        return [source for source in sources if isinstance(source, PointSource)]
+        return [source for source in self.sources if isinstance(source, PointSource)]
 
     def points(self, dim: int) -> tuple[FloatArray, FloatArray] | None:
         """Return the positions and sizes of the point sources, or None if there are none."""
@@ -127,8 +127,7 @@ class Request:
 
     def from_sources(self, background: AnyBackground) -> dict[str, FloatArray]:
         """Return the bounds from the sources."""
-        given = self.sources is not None
-        if not given or (isinstance(self.sources, Sequence) and len(self.sources) == 0):
+        if len(self.sources) == 0:
             return {}
         return {"sources": size_from_sources(background, self.sources, g=self.g)}
 
@@ -167,7 +166,7 @@ def as_request(
         hmin,
         hmax,
         as_angle("crease_angle", crease_angle),
-        sources,
+        [] if sources is None else as_sources(sources),
         h0,
         most,
         report,

@@ -14,6 +14,7 @@ from adaptsize._checks import (
     as_limits,
     as_points,
     as_sizes,
+    as_values,
     check_type,
     refuse_where,
 )
@@ -207,13 +208,13 @@ class Metric(ReadOnlyState):
         ndarray of float64, shape (n,)
             inf where there is no bound.
         """
-        u = as_float_array("directions", directions)
+        u = as_values("directions", directions)
         if u.shape not in ((self.dim,), (self.n, self.dim)):
             raise ValueError(
                 f"directions must have shape ({self.dim},) or ({self.n}, {self.dim}), got {u.shape}"
             )
         norm = np.linalg.norm(u, axis=-1)
-        refuse_where("directions", ~((norm > 0.0) & np.isfinite(norm)), norm, "must not be zero")
+        refuse_where("directions", norm == 0.0, norm, "must not be zero")
         along = np.einsum("nij,ni->nj", self.directions, np.broadcast_to(u, (self.n, self.dim)))
         with np.errstate(divide="ignore"):
             return np.asarray(norm / np.linalg.norm(along / self.sizes, axis=1))

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import TypeAlias
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, as_slope, check_type, describe
+from adaptsize._checks import as_sizes, as_slope, check_type
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.sizes import _on_grid
-from adaptsize.sizes.sources import Source
+from adaptsize.sizes.sources import SizeOfPoint, Source, as_sources
 from adaptsize.typing import FloatArray
-
-SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 
 def size_from_sources(
@@ -96,16 +93,12 @@ def size_from_sources(
     """
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     slope = as_slope("g", g)
-    try:
-        several = list(sources) if isinstance(sources, Iterable) else [sources]
-    except TypeError as error:  # an array without an axis
-        raise ValueError(f"sources must be a list of them, got {describe(sources)}") from error
     on = background.mesh if isinstance(background, Octree) else background
     h0 = np.full(background.nodal_shape, np.inf)
-    for number, source in enumerate(several):
+    for number, source in enumerate(as_sources(sources)):
         if isinstance(source, Source):
             source.lower_sizes(on, slope, h0)
-        elif callable(source):
+        else:
             name = f"sources[{number}](points)"
             given: npt.ArrayLike
             if isinstance(on, CartesianGrid):
@@ -113,8 +106,4 @@ def size_from_sources(
             else:
                 given = source(on.points)
             np.minimum(h0, as_sizes(name, given, h0.shape), out=h0)
-        else:
-            raise ValueError(
-                f"sources[{number}] must be a source or a function, got {describe(source)}"
-            )
     return h0

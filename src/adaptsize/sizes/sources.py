@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NoReturn, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    as_float_array,
-    as_number,
-    as_points,
-    as_sizes,
-    refuse_where,
-)
+from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import OutsideWarning
 from adaptsize.sizes import _on_grid, _touched
@@ -27,6 +21,7 @@ from adaptsize.typing import FloatArray
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _OUTSIDE = 1e-9
 
+SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 _Mesh: TypeAlias = SimplexMesh | CartesianGrid | SourceMesh
 
 
@@ -39,6 +34,26 @@ class Source(Protocol):
 
         ``h0`` has the nodal shape of ``mesh``.  An octree is passed as its mesh.
         """
+
+
+def as_sources(value: object) -> list[Source | SizeOfPoint]:
+    """Return one source or function, or several, as a list.
+
+    Raises
+    ------
+    ValueError
+        If there is something else.
+    """
+    try:
+        several = list(value) if isinstance(value, Iterable) else [value]
+    except TypeError as error:  # an array without an axis
+        raise ValueError(f"sources must be a list of them, got {describe(value)}") from error
+    for number, source in enumerate(several):
+        if not (isinstance(source, Source) or callable(source)):
+            raise ValueError(
+                f"sources[{number}] must be a source or a function, got {describe(source)}"
+            )
+    return several
 
 
 @dataclass(frozen=True, eq=False)
