@@ -173,7 +173,9 @@ WRONG = {
         "label or threshold must be given, got both: str 'xxx",
     ),
     "smoothing over more than an image": (
-        lambda: ads.size_function_from_image(np.eye(9), threshold=0.5, smoothing=2**63),
+        lambda: ads.size_function_from_image(
+            np.pad(np.ones((9, 9)), 2), threshold=0.5, smoothing=2**63
+        ),
         "smoothing must be at most 1000, got 9.22337e+18",
     ),
     "directions out of range": (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NoReturn, Protocol, TypeAlias, runtime_checkable
+from typing import Any, NoReturn, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,7 @@ class Source(Protocol):
         """
 
 
-def as_sources(value: object) -> list[Source | SizeOfPoint]:
+def as_sources(value: Any) -> list[Source | SizeOfPoint]:
     """Return one source or function, or several, as a list.
 
     Raises
