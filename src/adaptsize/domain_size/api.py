@@ -311,5 +311,7 @@ def _corners_of(
         raise ValueError(f"box must be a pair of points, got shapes {[e.shape for e in ends]}")
     lower, upper = as_points("box", np.stack(ends))
     if len(lower) not in (2, 3) or not (upper > lower).all():
-        raise ValueError(f"box must be (lower, upper) in 2-D or 3-D, lower < upper, got {box}")
+        raise ValueError(
+            f"box must be (lower, upper) in 2-D or 3-D, lower < upper, got {describe(box)}"
+        )
     return lower, upper

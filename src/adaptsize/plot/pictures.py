@@ -319,7 +319,9 @@ def _scene_of_sizes(
         values = as_float_array("size", _not_missing(given), background.shape)
         return scene_of_grid(background, values, label=label, clip=clip)
     if not isinstance(background, SimplexMesh | Octree):
-        raise ValueError(f"mesh must be a mesh, grid or octree, or live on one, got {background!r}")
+        raise ValueError(
+            f"mesh must be a mesh, grid or octree, or live on one, got {describe(background)}"
+        )
     if size is None and isinstance(background, SimplexMesh):
         size = _field_h(background)
     given = size(background.points) if callable(size) else size
