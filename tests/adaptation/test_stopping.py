@@ -75,6 +75,14 @@ def test_a_tolerance_that_the_limits_do_not_allow_ends_the_loop_too(generator):
     assert "the limits allow no better" in result.reason
 
 
+def test_a_number_that_the_limits_do_not_allow_is_told_with_the_limits(generator):
+    mesh = structured_square(20, half_width=1.0)
+    h = 0.1145
+    result = adapt(mesh, indicator(mesh), target_elements=10 * mesh.n_cells, hmin=h, hmax=h)
+    assert (result.remeshed, result.converged) == (False, False)
+    assert f"do not allow {10 * mesh.n_cells} elements (see hmin, hmax, g," in result.reason
+
+
 def test_a_tolerance_needs_no_more_than_the_number_given(generator):
     mesh = jittered_square(12, SEED, half_width=1.0)
     eta = indicator(mesh)

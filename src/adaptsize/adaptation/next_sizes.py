@@ -342,7 +342,10 @@ def decide(
         goal = f"{target:.0f} elements"
         if request.target_nodes is not None:
             goal = f"{request.target_nodes:.0f} nodes"
-        reason += f"; the limits do not allow {goal}"
+        reason += (
+            f"; the limits do not allow {goal} (see hmin, hmax, g, max_refine, max_coarsen and "
+            "boundary_tolerance)"
+        )
     return Decision(False, met, reason, *shares)
 
 
