@@ -11,8 +11,9 @@ from meshes import jittered_cube, jittered_square, random_sphere, structured_squ
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh, adapt
+from adaptsize import SimplexMesh, adapt, isotropic_metric
 from adaptsize.adaptation.boundary_moves import move_to_boundary
+from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
 from adaptsize.errors import ResolutionWarning
 
@@ -60,8 +61,30 @@ def test_sizes_in_space_are_those_that_the_tolerance_allows_at_curved_boundaries
     # For the tolerance, Mmg made 1 000 cells of sizes that are for 60, none of them in band.
     assert report.n_cells_after == pytest.approx(report.predicted_elements, rel=0.35)
     assert report.after.share_in_band > 0.8
-    radius = bound_by_tolerance(mesh, 1e-3)[mesh.boundary().nodes] ** 2 / (4e-3 * mesh.diagonal)
+
+
+def test_bounds_by_the_tolerance_are_those_of_chords():
+    mesh = random_sphere(800, SEED)
+    sizes = bound_by_tolerance(mesh, 1e-3)
+    radius = sizes**2 / (4e-3 * mesh.diagonal)
     assert np.median(radius) == pytest.approx(1.0, rel=0.02)
+    of_metric = metric_by_tolerance(mesh, 1e-3)
+    assert np.median(of_metric.sizes[:, 0] / sizes) == pytest.approx(1.0, rel=0.05)
+    metric = isotropic_metric(np.full(mesh.n_points, 0.9), 3)
+    limits = dict.fromkeys(("interpolation_error", "target_elements", "g", "hmin", "hmax"))
+    request = metric_request(mesh, False, metric, {}, norm=2.0, max_aspect=10.0, **limits)
+    found = request.within(mesh, 1e-3).next(mesh, 1.0).metric
+    assert_allclose(found.sizes, np.minimum(of_metric.sizes, 0.9), rtol=1e-9)
+    # Around a tube of radius 1, and along it.
+    angle, z = np.meshgrid(np.arange(32) * np.pi / 16, np.arange(4.0))
+    points = np.column_stack([np.cos(angle.ravel()), np.sin(angle.ravel()), z.ravel()])
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(32), np.arange(3)))
+    a, b = 32 * j + i, 32 * j + (i + 1) % 32
+    tube = SimplexMesh(points, np.vstack([np.c_[a, b, a + 32], np.c_[b, b + 32, a + 32]]))
+    around = 2.0 * np.sqrt(1e-3 * tube.diagonal)
+    expected = [around, 10.0 * around, 10.0 * around]
+    assert_allclose(metric_by_tolerance(tube, 1e-3).sizes[40], expected, rtol=0.01)
+    assert metric_by_tolerance(disc(5), 1e-3) is None
     assert bound_by_tolerance(disc(5), 1e-3) is None  # corners of polygons are kept
 
 

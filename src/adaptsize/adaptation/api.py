@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
@@ -30,7 +29,6 @@ from adaptsize.adaptation.next_sizes import (
     Request,
     SizeRequest,
     as_bound,
-    bound_by_tolerance,
     check_factors,
     check_goal,
     decide_remeshing,
@@ -290,8 +288,8 @@ def adapt(
     }
     with reporting(progress) as report:
         report("sizes", None)
-        if isinstance(request, SizeRequest) and generator != "gmsh":  # it has no tolerance
-            request = replace(request, chords=bound_by_tolerance(mesh, options["tolerance"]))
+        if generator != "gmsh":  # it has no tolerance
+            request = request.within(mesh, options["tolerance"])
         sizes = request.next(mesh, calibration(generator, mesh.cell_dim))
         decision = decide_remeshing(mesh, sizes, request, enough, coarsen_converged)
         if not decision.remesh:

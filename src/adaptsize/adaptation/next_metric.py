@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -15,15 +15,18 @@ from adaptsize._checks import as_number, describe, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.next_sizes import REACHED, BoundLike, NextSizes, as_bound
 from adaptsize.background import SimplexMesh
+from adaptsize.background.interfaces import interfaces
 from adaptsize.metrics import (
     Metric,
     MetricFunction,
     isotropic_metric,
     limit_metric,
+    metric_from_curvature,
     metric_from_hessian,
     predicted_simplices,
 )
 from adaptsize.metrics.limit import as_gradient_limit
+from adaptsize.sizes.chords import size_of_chords
 from adaptsize.typing import FloatArray
 
 #: The scale of a metric is corrected at most so often to meet the number of elements; each time
@@ -31,6 +34,8 @@ from adaptsize.typing import FloatArray
 _MOST_SCALES = 5
 #: ... and not if the number is this close to the requested one.
 _CLOSE = 0.03
+#: Where the tolerance bounds edges around a cylinder, those along it are at most so much longer.
+_ALONG = 10.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,8 @@ class MetricRequest:
     hmin: float | None
     hmax: float | None
     target_nodes: float | None = None
+    chords: Metric | None = None
+    """Largest sizes that leave curved boundaries within the tolerance of the generator."""
     #: The error of the present mesh is not estimated.
     error: None = None
     tolerance: None = None
@@ -55,6 +62,10 @@ class MetricRequest:
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the metric for a generator that makes ``factor`` cells per predicted cell."""
         return next_metric(mesh, self, factor)
+
+    def within(self, mesh: SimplexMesh, tolerance: float) -> MetricRequest:
+        """Return the request with a bound that leaves curved boundaries within a tolerance."""
+        return replace(self, chords=metric_by_tolerance(mesh, tolerance))
 
 
 def as_metric_bound(h0: Any, mesh: SimplexMesh) -> Metric | None:
@@ -147,6 +158,30 @@ def _names(anisotropic: bool | list[str], fields: Mapping[str, npt.NDArray[Any]]
     return anisotropic
 
 
+def metric_by_tolerance(mesh: SimplexMesh, tolerance: float) -> Metric | None:
+    """Return the largest metric that leaves curved boundaries within a share of the diagonal.
+
+    Edges along a cylinder may be `_ALONG` times as long as those around it.  See
+    `bound_by_tolerance` for sizes.
+    """
+    if mesh.dim < 3:
+        return None
+    radii = _radii(mesh)
+    inner = interfaces(mesh) if mesh.cell_dim == mesh.dim else None
+    if inner is not None:
+        facets, nodes = inner
+        sizes, directions = np.full_like(radii.sizes, np.inf), np.array(radii.directions)
+        of_facets = _radii(facets)
+        sizes[nodes], directions[nodes] = of_facets.sizes, of_facets.directions
+        radii = radii.intersect(Metric.of(sizes, directions))
+    return Metric.of(size_of_chords(radii.sizes, tolerance * mesh.diagonal), radii.directions)
+
+
+def _radii(mesh: SimplexMesh) -> Metric:
+    """Return the radii of curvature as a metric."""
+    return metric_from_curvature(mesh, elements_per_radian=1.0, max_aspect=_ALONG**2)
+
+
 def next_metric(mesh: SimplexMesh, request: MetricRequest, factor: float) -> NextSizes:
     """Return the metric for a generator that makes ``factor`` cells per predicted cell.
 
@@ -192,6 +227,8 @@ def _finished(mesh: SimplexMesh, request: MetricRequest, metric: Metric) -> Metr
     """Apply bounds and limits."""
     if request.bound is not None and request.fields:
         metric = metric.intersect(request.bound)
+    if request.chords is not None:
+        metric = metric.intersect(request.chords)
     metric = metric.clip(request.hmin, request.hmax)
     return metric if request.g is None else limit_metric(mesh, metric, request.g)
 

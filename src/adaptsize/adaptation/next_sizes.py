@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -70,6 +70,10 @@ class SizeRequest:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
         return next_sizes(mesh, self, factor, lambda h, g: limit_gradient(mesh, h, g), CellSums())
 
+    def within(self, mesh: SimplexMesh, tolerance: float) -> SizeRequest:
+        """Return the request with a bound that leaves curved boundaries within a tolerance."""
+        return replace(self, chords=bound_by_tolerance(mesh, tolerance))
+
 
 class NextSizes(NamedTuple):
     """Sizes of the next mesh."""
@@ -130,6 +134,10 @@ class Request(Protocol):
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
+        ...
+
+    def within(self, mesh: SimplexMesh, tolerance: float) -> Request:
+        """Return the request with a bound that leaves curved boundaries within a tolerance."""
         ...
 
 
