@@ -32,10 +32,11 @@ def _raises(*arguments, **options):
 
 
 _NUMBERS = (
-    np.nan, np.inf, -np.inf, -1.0, 0.0, -0.0, 1e300, 1e155, 1e-300, 5e-324, -1e30, 1e30, 1e9, 0.5,
-    180.0, 360.0, 1, 0, -1, 2, 3, 7, 10**30, 2**31, 2**63, -(2**63), True, False, np.int8(3),
-    np.float32(0.3), np.float64(np.nan), np.bool_(True), 1j, complex(0.3, 0.0),
-    decimal.Decimal("0.3"), fractions.Fraction(1, 3), decimal.Decimal("nan"),
+    np.nan, np.inf, -np.inf, -1.0, 0.0, -0.0, 0.5, 0.999999, -1e30, 1e9, 1e30, 1e60, 1e100, 1e155,
+    1e300, 1e308, 1e-12, 1e-30, 1e-60, 1e-100, 1e-155, 1e-300, 5e-324, 180.0, 360.0, 1, 0, -1, 2,
+    3, 7, 10**30, 2**31, 2**63, -(2**63), True, False, np.int8(3), np.float32(0.3),
+    np.float64(np.nan), np.bool_(True), 1j, complex(0.3, 0.0), decimal.Decimal("0.3"),
+    fractions.Fraction(1, 3), decimal.Decimal("nan"),
 )  # fmt: skip
 
 _OBJECTS: tuple[Any, ...] = (
@@ -110,8 +111,13 @@ def spoiled(value: Any, rng: np.random.Generator) -> Any:
     return nonsense(rng)
 
 
+_STRANGE = (
+    np.nan, np.inf, -np.inf, -1.0, 0.0, -1e30, 1e30, 1e77, 1e155, 1e300, 5e-324, 1e-300, 1e-77,
+)  # fmt: skip
+
+
 def _spoiled_array(array: np.ndarray, rng: np.random.Generator) -> Any:
-    strange = _pick(rng, (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e300, 1e155, 1e-300, 1e30, -1e30))
+    strange = _pick(rng, _STRANGE)
 
     def at(where: np.ndarray) -> np.ndarray:
         changed = array.astype(float)
@@ -142,6 +148,10 @@ def _spoiled_array(array: np.ndarray, rng: np.random.Generator) -> Any:
         lambda: np.ma.array(array, mask=rng.random(array.shape) < 0.2),
         lambda: array * 0.0,
         lambda: array * 1e150,
+        lambda: array * 1e77,
+        lambda: array * 1e30,
+        lambda: array * 1e-30,
+        lambda: array * 1e-77,
         lambda: array * 1e-150,
         lambda: array + 1e9,
         lambda: -array,
@@ -160,8 +170,8 @@ def _spoiled_mesh(mesh: Any, rng: np.random.Generator) -> Any:
         lambda: (points[:0], cells[:0]),
         lambda: (points, cells[:1]),
         lambda: (points * 0.0, cells),
-        lambda: (points * 1e-150, cells),
-        lambda: (points * 1e100, cells),
+        lambda: (points * 1e-59, cells),
+        lambda: (points * 1e59, cells),
         lambda: (points * 1e-9, cells),
         lambda: (points + 1e6, cells),
         lambda: (points + 1e15, cells),
