@@ -178,6 +178,10 @@ WRONG = {
         ),
         "smoothing must be at most 1000, got 9.22337e+18",
     ),
+    "None among numbers": (
+        lambda: ads.SizeFunction(SQUARE, [0.1, None, 0.1, 0.1]),
+        "must be an array of numbers, got [0.1, None, 0.1, 0.1]",
+    ),
     "directions out of range": (
         lambda: ads.isotropic_metric(H0, 2).size_along([1e300, 0.0]),
         "directions must be at most 1e+60 in size, got directions[0] = 1e+300",

@@ -60,6 +60,8 @@ def as_float_array(
     try:
         if np.asarray(raw).dtype.kind in "SU":
             raise TypeError("text, which numpy would take for numbers")
+        if raw.dtype.hasobject and any(item is None for item in raw.flat):
+            raise TypeError("None, which numpy would take for NaN")
         array = np.ascontiguousarray(raw, dtype=np.float64).reshape(raw.shape)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {describe(value)}") from error

@@ -68,7 +68,9 @@ def test_an_error_lists_what_was_tried_and_the_worst_places(sloppy):
 def test_failures_of_the_generator_are_among_what_was_tried(monkeypatch):
     monkeypatch.setattr(registry, "_BACKENDS", dict(registry._BACKENDS))
     register_backend(FakeBackend("fail"))
-    with pytest.raises(MeshingError, match=r"fake: fake failed: .*; fake with 0.4 x") as caught:
+    with pytest.raises(
+        MeshingError, match=r"tried fake, fake with 0.4 x .*: fake failed: "
+    ) as caught:
         remesh(CUBE, 0.5, backend="fake", strict=True)
     assert caught.value.check is None
 

@@ -17,8 +17,8 @@ from adaptsize.remeshing.sizing import Size
 #: Tolerances passed to a generator, over the allowed one.  Generators keep a smaller tolerance than
 #: the one they are given, at most 2.2 times.
 _FACTORS, _LAST_FACTOR = (1.0, 0.4), 0.15
-#: Length of an error in the message about all routes.
-_LONGEST = 160
+#: Length of a failure in the message about all routes, of which there are five.
+_LONGEST = 120
 
 
 class Route(NamedTuple):
@@ -66,34 +66,37 @@ def remesh_strictly(
         If the first attempt failed, with what was tried.
     """
     deadline = None if timeout is None else time.monotonic() + timeout
-    failures: list[str] = []
+    failures: dict[str, list[str]] = {}  # routes by what was wrong
     last: MeshCheck | None = None
     for route in ways:
         left = None if deadline is None else deadline - time.monotonic()
         if left is not None and left <= 0.0:
-            failures.append(f"{route}: no time left")
+            failures.setdefault("no time left", []).append(str(route))
             break
         try:
             new = attempt(backend=route.backend, tolerance=route.factor * tolerance, timeout=left)
         except BackendError as error:
             if isinstance(error, BackendTimeoutError) and not failures:
                 raise
-            failures.append(f"{route}: {_in_short(error)}")
+            failures.setdefault(_in_short(str(error)), []).append(str(route))
             continue
         last = check_mesh(new, original=original, size=size, tolerance=tolerance)
         if last.is_met:
             if failures:
-                tried = "; ".join(failures)
-                warnings.warn(f"made by {route} after {tried}", ResolutionWarning, stacklevel=4)
+                text = f"made by {route} after {_listed(failures)}"
+                warnings.warn(text, ResolutionWarning, stacklevel=4)
             return new
         missed = ", ".join(f"{demand.name} {demand.text}" for demand in last.failures)
-        failures.append(f"{route}: {missed}")
-    message = f"no mesh meets the demands; tried {'; '.join(failures)}"
+        failures.setdefault(_in_short(missed), []).append(str(route))
+    message = f"no mesh meets the demands; tried {_listed(failures)}"
     raise MeshingError(message if last is None else f"{message}{_worst(last)}", last)
 
 
-def _in_short(error: BackendError) -> str:
-    text = str(error)
+def _listed(failures: dict[str, list[str]]) -> str:
+    return "; ".join(f"{', '.join(tried)}: {wrong}" for wrong, tried in failures.items())
+
+
+def _in_short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
