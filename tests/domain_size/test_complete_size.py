@@ -64,9 +64,8 @@ def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
         size_function(strip, elements_per_radian=0.0, elements_across=4.0, **options),
         size_function(strip, elements_per_radian=0.0, elements_across=0.0, sources=ball, **options),
     ]
-    once = (source for source in [ball])  # a generator can be read once only
     size, report = size_function(
-        strip, elements_across=4.0, sources=once, **options, full_output=True
+        strip, elements_across=4.0, sources=ball, **options, full_output=True
     )
     inside = report.cause >= 0
     least = np.minimum.reduce([one.values for one in alone])
@@ -76,6 +75,19 @@ def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
         controlled = report.cause == report.causes.index(name)
         assert controlled.any()
         assert_allclose(size.values[controlled], alone[k].values[controlled], rtol=5e-3)
+
+
+def test_sources_may_come_from_a_generator():
+    # Regression: the first of several passes used it up.
+    once = (source for source in [PointSource([0.3, 0.1], 0.005)])
+    options = {"elements_per_radian": 2.0, "elements_across": 1.0}
+    size = size_function(
+        lambda x: np.linalg.norm(x, axis=1) - 1.0,
+        box=([-1.2] * 2, [1.2] * 2),
+        sources=once,
+        **options,
+    )
+    assert size([[0.3, 0.1]]) < 0.006
 
 
 def test_sizes_do_not_pass_through_the_outside():

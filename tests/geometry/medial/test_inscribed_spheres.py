@@ -6,6 +6,7 @@ from curved_shapes import irregular_ellipsoid, irregular_torus, sliver_cylinder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import random_sphere
+from scipy.spatial import ConvexHull
 from solids import box, circle, hull, outline, wedge_plate
 from sphere_radii import EXCESS, assert_radii, sagitta, smallest
 
@@ -300,3 +301,12 @@ def test_no_points_and_progress():
     torus, _ = irregular_torus(30, 831)
     inscribed_spheres(torus, progress=lambda text, share: reports.append(share))
     assert reports[-1] == 1.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_radii_are_positive_where_coordinates_are_rounded_coarsely(seed):
+    # Regression: division by zero, and a negative radius.
+    corners = np.random.default_rng(seed).normal(size=(60, 3))
+    corners = np.round(4.0 * corners / np.linalg.norm(corners, axis=1)[:, None])
+    far = SimplexMesh(corners / 8.0 + 1e15, ConvexHull(corners).simplices)
+    assert (inscribed_spheres(far).radii > 0.0).all()
