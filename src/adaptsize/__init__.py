@@ -22,6 +22,7 @@ _HOMES = {
     "feature_size": "geometry",
     "size_from_curvature": "sizes",
     "size_from_feature": "sizes",
+    "size_from_separation": "sizes",
     "size_from_error": "sizes",
     "size_from_hessian": "sizes",
     "zz_indicator": "sizes",

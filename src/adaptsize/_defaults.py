@@ -7,6 +7,8 @@ GRADIENT_LIMIT = 0.25
 METRIC_GRADIENT_LIMIT = 1.0
 #: Angle in degrees above which an edge is a feature edge, not curvature.
 CREASE_ANGLE = 40.0
+#: Smallest angle in degrees between two faces that form a corner; below, they are narrow.
+CORNER_ANGLE = 30.0
 #: Share of the diagonal by which the boundary of a new mesh may deviate.
 TOLERANCE = 1e-3
 #: Most elements of a mesh whose sizes are chosen by the domain alone.

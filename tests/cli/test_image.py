@@ -61,7 +61,7 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "curvature " in printed
     assert "% of the area" in printed
-    assert "field cause: 0 curvature, 1 feature size, 2 hmin, 3 hmax" in printed
+    assert "field cause: 0 curvature, 1 width, 2 hmin, 3 hmax" in printed
     assert read_size(output).background.spacing.tolist() == [0.5, 0.5]
     with pytest.raises(ValueError, match=r"cause: .*must be positive"):
         read_size(output, name="cause")  # -1 outside
@@ -71,7 +71,7 @@ def test_size_of_a_mesh_writes_its_causes(tmp_path, capsys):
     output = tmp_path / "size.vtu"
     assert call("size", DATA / "slit.vtu", "-o", output, "--elements-across", "3") == 0
     printed = capsys.readouterr().out
-    assert "feature size" in printed
+    assert "width" in printed
     cause = read(output).point_data["cause"]
     assert set(np.unique(cause)) <= {0, 1, 2, 3}
     assert len(set(cause)) > 1

@@ -25,6 +25,7 @@ SECTIONS = {
 CHOSEN = {
     "elements_per_radian": f"{request.ELEMENTS_PER_RADIAN:g}",
     "elements_across": f"{request.ELEMENTS_ACROSS:g}",
+    "elements_between": f"{request.ELEMENTS_BETWEEN:g}",
     "hmin": f"1/{1 / request._SMALLEST_SHARE:g} of the diagonal",
     "hmax": f"1/{1 / request._LARGEST_SHARE:g} of the diagonal",
     "tolerance": f"{TOLERANCE:g}",

@@ -71,7 +71,7 @@ def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
     least = np.minimum.reduce([one.values for one in alone])
     # Limiting and minimum commute; sources on edges differ by what limiting along them rounds off.
     assert_allclose(size.values[inside], least[inside], rtol=5e-3)
-    for k, name in enumerate(("curvature", "feature size", "sources")):
+    for k, name in enumerate(("curvature", "width", "sources")):
         controlled = report.cause == report.causes.index(name)
         assert controlled.any()
         assert_allclose(size.values[controlled], alone[k].values[controlled], rtol=5e-3)
@@ -206,7 +206,7 @@ def test_shares_add_up_and_nodes_outside_have_no_cause():
     phi = strip(GRID.points).reshape(GRID.shape)
     assert (report.cause[phi < -0.01] >= 0).all()
     assert (report.cause[phi > 0.011] == -1).all()  # half a pixel may count by parts
-    assert set(report.bounds) == {"curvature", "feature size"}
+    assert set(report.bounds) == {"curvature", "width"}
 
 
 def test_measures_of_nodes_fill_the_domain():
@@ -279,7 +279,7 @@ def test_of_a_surface_the_copy_is_refined_and_each_bound_with_it():
     assert size.background.n_points > 100
     assert report.cause.shape == size.values.shape
     assert all(bound.shape == size.values.shape for bound in report.bounds.values())
-    assert report.domain_shares["feature size"] == pytest.approx(1.0)
+    assert report.domain_shares["width"] == pytest.approx(1.0)
     # From h on both sides sizes grow to the middle, 0.25 away: the integral of 1 / h is 2.
     assert np.median(size.values) == pytest.approx(G * 0.25 / np.expm1(0.5 * G * 2.0), rel=0.02)
 

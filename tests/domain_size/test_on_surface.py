@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from meshes import jittered_cube, random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
-from scipy.spatial import Delaunay
 
 from adaptsize import (
     BallSource,
@@ -20,8 +19,6 @@ from adaptsize import (
     read,
     size_function,
 )
-from adaptsize.background.flipping import flip_edges
-from adaptsize.background.folds import folds_of
 from adaptsize.background.splitting import split_edges
 from adaptsize.errors import OutsideWarning, ResolutionWarning
 
@@ -84,50 +81,7 @@ def test_splitting_wants_triangles():
         split_edges(jittered_cube(3, 615), np.ones(1, bool))
 
 
-# --- flipping edges ---------------------------------------------------------------
-
-
-def edge_set(mesh):
-    return {tuple(edge) for edge in mesh.edges.tolist()}
-
-
-def test_flipping_gives_the_delaunay_triangulation_of_a_stretched_one():
-    # Delaunay where x was twice as long; on the hull nothing can be flipped.
-    stretched = random_square(300, 621)
-    mesh = SimplexMesh(stretched.points * (0.5, 1.0), stretched.cells)
-    flipped = flip_edges(mesh, np.empty((0, 2), np.int32))
-    hull = mesh.edges[mesh.facet_cell_counts == 1]
-    wanted = SimplexMesh(mesh.points, Delaunay(mesh.points).simplices)
-    assert edge_set(flipped) != edge_set(mesh)
-    assert {tuple(edge) for edge in hull.tolist()} <= edge_set(flipped)
-    assert flipped.signed_measures.min() > 0.0
-    assert flipped.measures.sum() == pytest.approx(mesh.measures.sum(), rel=1e-12)
-    same = edge_set(flipped) & edge_set(wanted)
-    # Both fill the hull of the points but for slivers on its outside.
-    assert len(same) > 0.98 * len(mesh.edges)
-
-
-def test_kept_edges_and_borders_of_tags_are_not_flipped():
-    kite = np.array([[0, 0], [4, 0], [2, 1], [2, -1]], float)
-    cells = [[0, 1, 2], [1, 0, 3]]
-    assert (2, 3) in edge_set(flip_edges(SimplexMesh(kite, cells), np.empty((0, 2), np.int32)))
-    kept = flip_edges(SimplexMesh(kite, cells), np.array([[0, 1]], np.int32))
-    tagged = flip_edges(SimplexMesh(kite, cells, cell_tags=[1, 2]), np.empty((0, 2), np.int32))
-    assert (0, 1) in edge_set(kept)
-    assert (0, 1) in edge_set(tagged)
-
-
 # --- sizes on surfaces ------------------------------------------------------------
-
-
-def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
-    n = 24
-    mesh = cylinder(n)
-    bent, sharp = folds_of(mesh, np.deg2rad(40.0))
-    i, j = bent.T
-    assert len(i) == n
-    np.testing.assert_array_equal(j - i, n)
-    assert len(sharp) == 2 * n
 
 
 def test_cad_cylinder_is_fine_all_along_and_coarse_in_the_middle_of_its_caps():
@@ -262,7 +216,8 @@ def test_without_elements_per_radian_the_tolerance_alone_bounds_the_sizes_on_a_d
     angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
     points = np.vstack([np.transpose([np.cos(angle), np.sin(angle)]), [[0.0, 0.0]]])
     disc = SimplexMesh(points, [[i, (i + 1) % 40, 40] for i in range(40)])
-    options = {"elements_per_radian": 0.0, "elements_across": 0.0, "g": 0.25, "hmax": 2.0}
+    off = dict.fromkeys(("elements_per_radian", "elements_across", "elements_between"), 0.0)
+    options = {**off, "g": 0.25, "hmax": 2.0}
     size, report = size_function(disc, **options, full_output=True)
     expected = 2.0 * np.sqrt(1e-3 * disc.diagonal)
     assert_allclose(size.values[:40], expected, rtol=0.01)
@@ -322,17 +277,6 @@ def test_splitting_halves_tagged_edges_and_keeps_those_that_are_not_edges_of_the
         (*sorted(edge), tag) for edge, tag in zip(new.tagged_facets, new.facet_tags, strict=True)
     }
     assert found == {(0, 4, 7), (1, 4, 7), (1, 2, 8), (1, 3, 9)}
-
-
-def test_tagged_edges_are_not_flipped():
-    corners = [[0, 0], [4, 0], [2, 1], [2, -1]]
-    mesh = SimplexMesh(corners, [[0, 1, 2], [1, 0, 3]], tagged_facets=[[1, 0]], facet_tags=[7])
-    none = np.empty((0, 2), np.int32)
-    assert flip_edges(mesh, none).cells.tolist() == [[0, 1, 2], [1, 0, 3]]
-    plain = SimplexMesh(corners, mesh.cells, tagged_facets=[[0, 2]], facet_tags=[7])
-    flipped = flip_edges(plain, none)
-    assert flipped.cells.tolist() == [[2, 0, 3], [2, 3, 1]]
-    assert flipped.facet_tags.tolist() == [7]
 
 
 def test_a_size_along_a_tagged_edge_of_a_surface_is_kept_by_its_refinement():

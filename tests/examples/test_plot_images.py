@@ -21,7 +21,7 @@ def test_limiting_takes_the_jumps_out_of_width_and_curvature(run, tmp_path):
     assert found["steepest size over g"] < 1.0 + 1e-9
     assert found["smallest angle"] > 20.0
     assert found["share of curvature"] > 0.2
-    assert found["share of feature size"] > 0.2
+    assert found["share of width"] > 0.2
     assert (tmp_path / "feature_and_curvature.png").stat().st_size > 10_000
 
 

@@ -1,4 +1,4 @@
-"""Faces of surfaces: regions between feature edges."""
+"""Faces of surfaces: regions between feature edges; curves, corners and tips."""
 
 import re
 
@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from shapes import block
+from solids import circle, hull, outline
 
 from adaptsize import SimplexMesh
 from adaptsize.geometry import tag_faces
+from adaptsize.geometry.faces import Faces
 
 CUBE = block(3).boundary().mesh
 
@@ -93,3 +95,158 @@ def test_all_but_the_tags_of_cells_and_their_names_is_kept():
 def test_bad_arguments_are_refused(surface, angle, message):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
         tag_faces(surface, angle)
+
+
+# --- faces, curves, corners -------------------------------------------------------
+
+
+def numbers(faces):
+    """Return the number of faces, of curves, and of corners."""
+    return faces.n_faces, len(set(faces.curve.tolist())), int(faces.is_corner.sum())
+
+
+def meeting(faces):
+    """Return the pairs of faces that meet, the smaller one first."""
+    first, items = faces.meets
+    owners = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    pairs = set(zip(owners.tolist(), items.tolist(), strict=True))
+    assert pairs == {(b, a) for a, b in pairs}
+    return {(a, b) for a, b in pairs if a <= b}
+
+
+def cone(degrees, n=32):
+    """A cone over the unit circle with a given angle at its tip."""
+    tip = [0.0, 0.0, 1.0 / np.tan(np.radians(degrees / 2.0))]
+    return hull(np.concatenate([np.column_stack([circle(n), np.zeros(n)]), [tip]]))
+
+
+def test_a_cube_has_6_faces_12_curves_and_8_corners_and_each_face_meets_4():
+    faces = Faces.of(CUBE)
+    assert numbers(faces) == (6, 12, 8)
+    assert len(faces.features) == 12 * 3
+    assert (np.diff(faces.meets.first) == 4).all()
+    assert len(meeting(faces)) == 12
+    assert not faces.is_rough
+
+
+def test_a_cylinder_has_3_faces_and_2_curves_without_corners():
+    faces = Faces.of(cylinder(24))
+    assert numbers(faces) == (3, 2, 0)
+    mantle, *caps = faces.face[[0, 48, 72]].tolist()
+    assert meeting(faces) == {tuple(sorted((mantle, cap))) for cap in caps}
+
+
+def test_the_mantle_of_a_cone_meets_itself_at_its_tip():
+    mesh = cone(60.0)
+    faces = Faces.of(mesh)
+    assert numbers(faces) == (2, 1, 0)
+    mantle = int(faces.face[np.flatnonzero((mesh.points[mesh.cells][..., 2] > 0).any(axis=1))[0]])
+    assert meeting(faces) == {(0, 1), (mantle, mantle)}
+
+
+def test_a_tip_lacks_more_than_half_a_radian_of_a_full_turn():
+    # Unrolled, a cone is a sector of 2 pi sin(half its angle).
+    limit = 2.0 * np.degrees(np.arcsin(1.0 - 0.5 / (2.0 * np.pi)))
+    for degrees, has_tip in ((limit - 2.0, True), (limit + 2.0, False)):
+        faces = Faces.of(cone(degrees, 256), crease_angle=20.0)
+        assert numbers(faces) == (2, 1, 0)
+        assert any(a == b for a, b in meeting(faces)) == has_tip
+
+
+def sheet(n, lifted=(), height=0.0):
+    """A square of n x n squares of two triangles; some of its nodes (i, j) are lifted."""
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
+    points = np.column_stack([i, j, np.zeros(len(i))]).astype(float)
+    nodes = [(n + 1) * a + b for a, b in lifted]
+    points[nodes, 2] = height
+    a = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    corners = [c.ravel() for c in (a[:-1, :-1], a[1:, :-1], a[1:, 1:], a[:-1, 1:])]
+    cells = np.concatenate(
+        [np.column_stack([corners[v] for v in t]) for t in ((0, 1, 2), (0, 2, 3))]
+    )
+    return points, cells, nodes
+
+
+def test_feature_edges_with_a_loose_end_are_removed_and_leave_a_face_that_meets_itself():
+    # Two edges in line fold by twice 25 degrees; all around them fold less than 40.
+    points, cells, ridge = sheet(8, [(3, 4), (4, 4), (5, 4)], np.tan(np.radians(25.0)))
+    faces = Faces.of(SimplexMesh(points, cells))
+    assert numbers(faces) == (1, 4, 4)
+    assert not np.isin(faces.features, ridge).any()
+    assert meeting(faces) == {(0, 0)}
+
+
+def test_what_a_loose_edge_hung_on_is_removed_too_but_not_what_has_no_loose_end():
+    mesh = SimplexMesh(*sheet(8, [(i, 4) for i in range(1, 6)], np.tan(np.radians(25.0)))[:2])
+    assert numbers(Faces.of(mesh)) == (1, 4, 4)
+    across = SimplexMesh(*sheet(8, [(i, 4) for i in range(9)], np.tan(np.radians(25.0)))[:2])
+    faces = Faces.of(across)
+    assert faces.n_faces == 2
+    assert meeting(faces) == {(0, 1)} | {(0, 0), (1, 1)}  # at the rim, each alone
+
+
+def test_tagged_edges_are_kept_though_their_ends_are_loose():
+    points, cells, ridge = sheet(8, [(3, 4), (4, 4), (5, 4)], np.tan(np.radians(25.0)))
+    edges = [ridge[:2], [0, 1]]
+    mesh = SimplexMesh(points, cells, tagged_facets=edges, facet_tags=[7, 0])
+    faces = Faces.of(mesh)
+    assert faces.n_faces == 1
+    assert ridge[:2] in faces.features.tolist()
+    assert ridge[1:] not in faces.features.tolist()
+    assert np.flatnonzero(faces.is_corner[ridge]).tolist() == [0, 1]
+    flat = SimplexMesh(*sheet(4)[:2], tagged_facets=[[6, 11], [11, 16]], facet_tags=[1, 1])
+    assert numbers(Faces.of(flat)) == (1, 5, 6)
+
+
+def test_a_curve_has_a_corner_where_it_turns_by_more_than_the_crease_angle():
+    def prism(n):
+        flat = np.column_stack([circle(n), np.zeros(n)])
+        return Faces.of(hull(np.concatenate([flat, flat + np.array([0.0, 0.0, 1.0])])))
+
+    assert numbers(prism(8)) == (10, 24, 16)  # 45 degrees
+    assert numbers(prism(10)) == (3, 2, 0)  # 36 degrees
+
+
+def test_faces_of_a_line_in_the_plane_are_its_parts_between_corners():
+    square = outline([[0, 0], [1, 0], [2, 0], [2, 2], [0, 2]], 0.3 * circle(20)[::-1] + 1.0)
+    faces = Faces.of(square)
+    assert numbers(faces) == (5, 4, 4)
+    assert faces.features.tolist() == [[0], [2], [3], [4]]
+    assert len(meeting(faces)) == 4  # the hole meets nothing
+    drop = outline(np.concatenate([[[0.0, -2.0]], circle(36)[np.arange(-2, 21)]]))
+    assert numbers(Faces.of(drop)) == (1, 1, 1)
+    assert meeting(Faces.of(drop)) == {(0, 0)}
+
+
+def test_a_surface_is_rough_if_most_of_its_faces_are_single_facets():
+    rng = np.random.default_rng(4177)
+    points, cells, _ = sheet(10)
+    points[:, 2] = rng.uniform(0.0, 5.0, len(points))
+    assert Faces.of(SimplexMesh(points, cells)).is_rough
+    points[:, 2] *= 0.001
+    assert not Faces.of(SimplexMesh(points, cells)).is_rough
+    assert not Faces.of(cylinder(24)).is_rough
+
+
+def test_nodes_at_one_place_are_merged_and_repeated_facets_left_out():
+    soup = SimplexMesh(
+        CUBE.points[CUBE.cells].reshape(-1, 3), np.arange(CUBE.cells.size).reshape(-1, 3)
+    )
+    twice = SimplexMesh(soup.points, np.concatenate([soup.cells, soup.cells[::2]]))
+    faces = Faces.of(twice)
+    assert numbers(faces) == (6, 12, 8)
+    assert_array_equal(faces.kept, np.arange(CUBE.n_cells))
+    assert_array_equal(soup.points[faces.targets], soup.points)
+    assert len(np.unique(faces.targets)) == CUBE.n_points
+
+
+def test_normals_point_outward_and_are_zero_where_a_facet_has_no_area():
+    middle = 0.5 * (CUBE.points[CUBE.edges[0, 0]] + CUBE.points[CUBE.edges[0, 1]])
+    flat = [*CUBE.edges[0], CUBE.n_points]
+    mesh = SimplexMesh([*CUBE.points, middle], [*CUBE.cells, flat])
+    normals = Faces.of(mesh).normals
+    assert_array_equal(normals[-1], 0.0)
+    corners = CUBE.points[CUBE.cells]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    assert np.abs(normals[:-1] - across).max() < 1e-14

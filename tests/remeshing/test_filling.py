@@ -169,6 +169,23 @@ def strip(width):
     return SimplexMesh(points, cells)
 
 
+@pytest.mark.parametrize("width", [0.3, 1e-5])
+def test_tagged_edges_are_ridges_whether_slivers_are_removed_or_not(width):
+    part = strip(width)
+    tagged = SimplexMesh(
+        part.points, part.cells, tagged_facets=[[7, 2], [0, 3]], facet_tags=[1, 0]
+    )  # diagonals of flat sides
+    plain, tagged = (
+        refine_surface(m, lambda x: np.full(len(x), 2.0), 1e-3) for m in (part, tagged)
+    )
+    before, after = (
+        {tuple(sorted(map(tuple, ends))) for ends in m.points[ridges].round(9).tolist()}
+        for m, ridges in (plain, tagged)
+    )
+    assert len(plain[0].points) == (10 if width > 0.1 else 8)
+    assert after - before == {tuple(sorted(map(tuple, CUBE[[2, 7]].tolist())))}
+
+
 def test_the_adapted_surface_has_the_sizes_and_keeps_tags_and_ridges(run):
     surface = cylinder(24, radius=0.5)
     top = (surface.points[surface.cells, 2] == 1.0).all(axis=1)

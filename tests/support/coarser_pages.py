@@ -66,7 +66,7 @@ COARSER = {
         ("hmax          controls   0.6% of the area,   0.0% of the elements, h from 6.164\n", ""),
         words("14763 points, 29546 triangles, fields"),
         ("curvature     controls  51.9% of the area,  48.2% of the elements, h from 2.25\n", ""),
-        ("feature size  controls  24.7% of the area,  44.3% of the elements, h from 1.69\n", ""),
+        ("width  controls  24.7% of the area,  44.3% of the elements, h from 1.69\n", ""),
         words("23.4% of the area,   7.5% of the elements, h from 5.991"),
         words("3905 points in 3-D, 16098 tetrahedra"),
         words(
@@ -100,9 +100,9 @@ COARSER = {
         ("organs.vtu: 964 points, 3990 tetrahedra, 1126", "...\norgans.vtu: ... tetrahedra, ..."),
         (
             "curvature     controls  71.0% of the area,  63.8% of the elements, h from 1\n"
-            "feature size  controls  15.8% of the area,   8.9% of the elements, h from 1.05\n"
+            "width      controls  15.8% of the area,   8.9% of the elements, h from 1.05\n"
             "hmin          controls  13.2% of the area,  27.3% of the elements, h from 1\n",
-            "hmin  ...\ncurvature  ...\nfeature size  ...\n",
+            "hmin  ...\ncurvature  ...\nwidth  ...\n",
         ),
     ],
     "docs/tutorials/coast.md": [

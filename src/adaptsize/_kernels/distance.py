@@ -333,3 +333,24 @@ def find_inside(points, cells, c, x):
         )
     inside = accuracy != NO_WEIGHTS and min(s, t, u, v) >= 0.0
     return inside, (s, t, u, v)
+
+
+@kernel
+def fill_closest(points, cells, which, queries, weights):
+    """Fill the weights of the point of a given cell that is closest to each query.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k + 1]
+    which : int32[n_queries]
+        Rows of ``cells``.
+    queries : float64[n_queries, 3]
+    weights : float64[n_queries, k + 1]
+        Out.
+    """
+    for q in range(which.shape[0]):
+        x = (queries[q, 0], queries[q, 1], queries[q, 2])
+        _, w = closest_on_cell(points, cells, which[q], x)
+        for v in range(cells.shape[1]):
+            weights[q, v] = w[v]

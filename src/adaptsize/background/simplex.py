@@ -16,6 +16,7 @@ from adaptsize._kernels.simplex import fill_measures
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _mesh_arrays as arrays
 from adaptsize.background import topology
+from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.location import SimplexLocator
 from adaptsize.typing import FloatArray, IntArray
 
@@ -159,6 +160,16 @@ class SimplexMesh(ReadOnlyState):
         in_a_cell[self.cells] = True
         used = self.points[in_a_cell]
         return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+
+    @cached_property
+    def diameter(self) -> float:
+        """Diameter of the smallest ball around the nodes that belong to a cell.
+
+        It does not depend on the orientation of the mesh, as the diagonal does.
+        """
+        in_a_cell = np.zeros(self.n_points, bool)
+        in_a_cell[self.cells] = True
+        return enclosing_diameter(self.points[in_a_cell])
 
     @cached_property
     def measures(self) -> FloatArray:

@@ -9,24 +9,34 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import unique_rows
+from adaptsize.background.topology import are_among, unique_rows
 from adaptsize.typing import FloatArray, IntArray
+
+
+# Lengths that differ by a smaller share are equal.
+_EQUAL = 1e-9
 
 
 class SplitMesh(NamedTuple):
     """A mesh in which some edges were split."""
 
     mesh: SimplexMesh
-    """The old nodes, then one new node per split edge; with tags, without data."""
+    """The old nodes, then one per split edge, then those inside triangles; with tags, no data."""
     split_edges: npt.NDArray[np.intp]
     """New node k lies in the middle of edge ``split_edges[k]`` of the old mesh."""
+    inside: npt.NDArray[np.intp]
+    """The triangle of the old mesh in which each of the last nodes lies."""
+    parents: npt.NDArray[np.intp]
+    """The triangle of the old mesh of which each triangle is a part."""
 
 
 def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     """Return triangles with a new node in the middle of each chosen edge.
 
     A triangle is split into 2, 3 or 4 triangles, depending on the number of chosen edges.
-    They keep its tag and orientation.  Halves of tagged edges keep the tag.
+    They keep its tag and orientation.  Halves of tagged edges keep the tag.  With two chosen
+    edges, the rest is cut along its shorter diagonal, or along both if they are of equal length,
+    so that the result does not depend on the order of the nodes.
 
     Parameters
     ----------
@@ -50,13 +60,18 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     middles = middle[mesh.cell_facets]  # the facets of triangles are their edges, in this order
     count = (middles >= 0).sum(axis=1)
     parts, owners = [mesh.cells[count == 0]], [np.flatnonzero(count == 0)]
-    for n, cut in ((1, _into_two), (2, _into_three), (3, _into_four)):
+    isosceles = np.zeros(mesh.n_cells, np.bool_)
+    isosceles[count == 2] = _have_equal_sides(mesh, middles, count == 2)
+    count[isosceles] = 5
+    for n, cut in ((1, _into_two), (2, _into_three), (3, _into_four), (5, _into_five)):
         rows = np.flatnonzero(count == n)
         # Rotate each triangle so that the edge that differs from the others is opposite to 0.
         odd = (middles[rows] >= 0) if n == 1 else (middles[rows] < 0)
         turn = (np.argmax(odd, axis=1)[:, None] + np.arange(3)) % 3
         corners = np.take_along_axis(mesh.cells[rows], turn, axis=1)
         new = np.take_along_axis(middles[rows], turn, axis=1)
+        if n == 5:
+            points, new = _with_centres(points, corners, new)
         pieces = cut(corners, new, points)
         parts.extend(pieces)
         owners.extend([rows] * len(pieces))
@@ -71,7 +86,30 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
         facet_tags=facet_tags,
         tag_names=mesh.tag_names,
     )
-    return SplitMesh(new_mesh, where)
+    return SplitMesh(new_mesh, where, np.flatnonzero(isosceles), owner)
+
+
+def _have_equal_sides(
+    mesh: SimplexMesh, middles: IntArray, rows: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Return whether the two edges to be split are of equal length, of some triangles."""
+    lengths = np.where(middles[rows] >= 0, mesh.edge_lengths[mesh.cell_facets[rows]], np.nan)
+    return np.asarray(np.nanmax(lengths, axis=1) <= (1.0 + _EQUAL) * np.nanmin(lengths, axis=1))
+
+
+def _with_centres(
+    points: FloatArray, corners: IntArray, new: IntArray
+) -> tuple[FloatArray, IntArray]:
+    """Add the centres of the trapezia that are left of triangles; ``new`` gets their nodes.
+
+    A centre is in the middle between the middles of the parallel sides, whatever their order.
+    """
+    sides = (points[corners[:, 1:]].mean(axis=1), points[new[:, 1:]].mean(axis=1))
+    first = len(points)
+    numbers = np.arange(first, first + len(corners), dtype=np.int32)
+    return np.concatenate([points, 0.5 * (sides[0] + sides[1])]), np.column_stack(
+        [numbers, new[:, 1:]]
+    )
 
 
 def _halves_of_tagged(
@@ -93,6 +131,14 @@ def _halves_of_tagged(
     second = np.column_stack([new, tagged[:, 1]])[split]
     tags = mesh.facet_tags
     return np.concatenate([first, second]), np.concatenate([tags, tags[split]])
+
+
+def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
+    """Return ``edges`` with those in ``split`` halved; row k has the midpoint n_points + k."""
+    middle = np.arange(n_points, n_points + len(split), dtype=np.int32)
+    affected = are_among(split, edges)
+    halves = [np.column_stack([split[affected, end], middle[affected]]) for end in (0, 1)]
+    return np.concatenate([edges[~are_among(edges, split)], *halves]).astype(np.int32)
 
 
 def with_short_edges(
@@ -149,6 +195,14 @@ def _into_three(
     first = np.column_stack([b, c, np.where(by_b, on_ca, on_ab)])
     second = np.column_stack([np.where(by_b, b, c), on_ca, on_ab])
     return [np.column_stack([a, on_ab, on_ca]), first, second]
+
+
+def _into_five(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:
+    a, b, c = corners.T
+    centre, on_ca, on_ab = new.T
+    around = (on_ab, b, c, on_ca)
+    pieces = [(around[k], around[(k + 1) % 4], centre) for k in range(4)]
+    return [np.column_stack(three) for three in [(a, on_ab, on_ca), *pieces]]
 
 
 def _into_four(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:

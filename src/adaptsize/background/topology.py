@@ -177,3 +177,17 @@ def are_among(edges: IntArray, others: IntArray) -> BoolArray:
         return np.zeros(len(keys), bool)
     known.sort()  # np.isin hashes, which takes several times as long for millions of edges
     return np.asarray(known[np.searchsorted(known, keys).clip(max=len(known) - 1)] == keys)
+
+
+def is_tagged(mesh: SimplexMesh) -> BoolArray:
+    """Return which facets carry a tag other than 0, bool[n_facets]."""
+    if mesh.tagged_facets is None or mesh.facet_tags is None:
+        return np.zeros(len(mesh.facets), np.bool_)
+    tags = tags_of_facets(mesh.facets, mesh.tagged_facets, mesh.facet_tags, mesh.n_points)
+    return np.asarray(tags != 0)
+
+
+def renumbered_edges(edges: IntArray, new_node: IntArray) -> IntArray:
+    """Return the edges with other numbers of nodes, without those that have vanished."""
+    ends = np.sort(new_node[edges], axis=1)
+    return np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0).astype(np.int32)

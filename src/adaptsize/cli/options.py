@@ -52,6 +52,15 @@ Across = Annotated[
         help="Elements across narrow regions.  0 disables.  [default: 2; with --field: 0]",
     ),
 ]
+Between = Annotated[
+    float | None,
+    typer.Option(
+        "--elements-between",
+        metavar="NUMBER",
+        help="Elements between features that are close and do not meet.  0 disables.  "
+        "[default: 1, on rough surfaces 0; with --field: 0]",
+    ),
+]
 ImagePerRadian = Annotated[
     float | None,
     typer.Option(

@@ -37,7 +37,10 @@ _PARTS = {
 _PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
 
 #: Options passed on to the sizes.
-_OF_SIZES = "elements_per_radian elements_across hmin hmax crease_angle tolerance max_elements"
+_OF_SIZES = (
+    "elements_per_radian elements_across elements_between hmin hmax crease_angle tolerance "
+    "max_elements"
+)
 
 
 @with_console

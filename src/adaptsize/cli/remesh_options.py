@@ -10,6 +10,7 @@ import typer
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.cli.options import (
     Across,
+    Between,
     Crease,
     Elements,
     Field,
@@ -39,6 +40,7 @@ class Options:
     output: MeshOutput
     elements_per_radian: PerRadian = None
     elements_across: Across = None
+    elements_between: Between = None
     gradient: Annotated[
         float | None,
         typer.Option(

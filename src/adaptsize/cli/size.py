@@ -21,6 +21,7 @@ from adaptsize.cli.files import (
 from adaptsize.cli.memory import announce_memory_of_sizes
 from adaptsize.cli.options import (
     Across,
+    Between,
     Crease,
     Field,
     Gradient,
@@ -60,6 +61,7 @@ def size(
     output: SizesOutput,
     elements_per_radian: PerRadian = None,
     elements_across: Across = None,
+    elements_between: Between = None,
     gradient: Gradient = GRADIENT_LIMIT,
     hmin: ImageSmallest = None,
     hmax: Largest = None,
@@ -106,10 +108,13 @@ def size(
         "--spacing": spacing,
         "--smoothing": smoothing,
     }
-    _refuse_idle(
-        file,
-        {"--field": field, "--elements": elements, "--nodes": nodes} if of_image else for_images,
-    )
+    for_meshes = {
+        "--elements-between": elements_between,
+        "--field": field,
+        "--elements": elements,
+        "--nodes": nodes,
+    }
+    _refuse_idle(file, for_meshes if of_image else for_images)
     options: dict[str, Any] = {
         "elements_per_radian": elements_per_radian,
         "elements_across": elements_across,
@@ -132,7 +137,8 @@ def size(
             check_cells(output, mesh)
             announce_memory_of_sizes(console, mesh)
             steps.begin("sizes")
-            found, report = size_of_mesh(console, mesh, field, crease_angle=crease_angle, **options)
+            options |= {"elements_between": elements_between, "crease_angle": crease_angle}
+            found, report = size_of_mesh(console, mesh, field, **options)
         steps.begin("writing")
         fields = {"cause": report.cause.astype("int32")} if holds_more_than_sizes(output) else {}
         written = write_sizes(output, found, fields)
@@ -151,14 +157,14 @@ def size_of_mesh(
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the size function and its report, and print the parameters used.
 
-    With a field, curvature and feature size are off unless they are requested, and so is the
+    With a field, curvature, width and separation are off unless they are requested, and so is the
     tolerance where it is no option.
     """
     from adaptsize.domain_size import size_function
 
     if field is not None:
         options["h0"] = nodal_field(mesh, field)
-        for name in ("elements_per_radian", "elements_across"):
+        for name in ("elements_per_radian", "elements_across", "elements_between"):
             if options[name] is None:
                 options[name] = 0.0
         options.setdefault("tolerance", math.inf)
@@ -182,6 +188,8 @@ def as_dict(report: SizeReport) -> dict[str, Any]:
     return {
         "elements_per_radian": report.elements_per_radian,
         "elements_across": report.elements_across,
+        "elements_between": report.elements_between,
+        "is_rough": report.is_rough,
         "g": report.g,
         "hmin": report.hmin,
         "hmax": report.hmax,

@@ -16,7 +16,7 @@ from adaptsize.background.topology import oriented_facets, tags_of_facets
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.migration import interface_facets
 from adaptsize.sizes.combine import minimum
-from adaptsize.sizes.feature import SMALLEST_SHARE, radii_in
+from adaptsize.sizes.feature import SMALLEST_SHARE, widths_in
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 
@@ -106,7 +106,7 @@ def size_from_feature(
     """Return the size that puts a number of elements across narrow regions; collective.
 
     The result equals that of `adaptsize.size_from_feature` on the whole mesh, with the method
-    ``"spheres"``, bit by bit.
+    ``"rays"``, bit by bit.
 
     Parameters
     ----------
@@ -125,9 +125,7 @@ def size_from_feature(
 
     Notes
     -----
-    The nodes, without cells, are collected on rank 0, which computes all spheres.  Spheres depend
-    slightly on the order of the nodes, since the search at one node starts with what it found at
-    the node before.
+    The nodes, without cells, are collected on rank 0, which shoots all rays.
 
     Examples
     --------
@@ -159,16 +157,13 @@ def size_from_feature(
         if points is None or used is None:
             return None
         across = as_number("elements_across", elements_across, lower=0.0, strict=True)
-        angles = {
-            "crease_angle": as_angle("crease_angle", crease_angle),
-            "corner_angle": as_angle("corner_angle", corner_angle),
-        }
+        angles = as_angle("crease_angle", crease_angle), as_angle("corner_angle", corner_angle)
         row = np.full(len(points), -1, np.int32)
         row[boundary.ids] = np.arange(len(boundary.ids))
         with reporting(progress) as report:
-            radii = radii_in(boundary.mesh, points, row, used > 0.0, angles, report)
-        smallest = SMALLEST_SHARE * boundary.mesh.diagonal
-        return minimum(np.maximum(2.0 * radii / across, smallest), hmin=hmin, hmax=hmax)
+            widths = widths_in(boundary.mesh, points, row, used > 0.0, *angles, report)
+        smallest = SMALLEST_SHARE * boundary.mesh.diameter
+        return minimum(np.maximum(widths / across, smallest), hmin=hmin, hmax=hmax)
 
     return part.scatter_nodal(part.comm.agree(solve))
 

@@ -48,6 +48,7 @@ def size_function(
     box: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
     elements_per_radian: float | None = ...,
     elements_across: float | None = ...,
+    elements_between: float | None = ...,
     g: float = ...,
     hmin: float | None = ...,
     hmax: float | None = ...,
@@ -69,6 +70,7 @@ def size_function(
     box: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
     elements_per_radian: float | None = ...,
     elements_across: float | None = ...,
+    elements_between: float | None = ...,
     g: float = ...,
     hmin: float | None = ...,
     hmax: float | None = ...,
@@ -89,6 +91,7 @@ def size_function(
     box: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     elements_per_radian: float | None = None,
     elements_across: float | None = None,
+    elements_between: float | None = None,
     g: float = GRADIENT_LIMIT,
     hmin: float | None = None,
     hmax: float | None = None,
@@ -135,9 +138,15 @@ def size_function(
         tolerance.
     elements_across : float, optional
         Elements across narrow regions, 2R of `size_from_feature`.  In a mesh that carries its own
-        sizes, also across thin layers between regions (``cell_tags``).  The default is 2.  0
-        disables the feature size.  On a surface in space, the sizes are reduced to allow for their
-        growth from the surface to the middle of the region.
+        sizes, each region (``cell_tags``) counts separately.  The default is 2.  0 disables the
+        width.  On a surface in space, the sizes are reduced to allow for their growth from the
+        surface to the middle of the region.
+    elements_between : float, optional
+        Elements between features of the boundary that are close and do not meet, n of
+        `size_from_separation`: short edges, narrow faces, corners opposite a wall.  The default is
+        1, or 0 on rough surfaces, where most faces are single triangles.  0 disables the
+        separation.  It has no effect on functions, images and level sets.  Separations below the
+        tolerance have no effect.
     g : float, default 0.25
         Gradient limit, >= 0.
     hmin, hmax : float, optional
@@ -159,8 +168,8 @@ def size_function(
         ``background`` it must be a function.
     max_elements : float, optional
         Limit on the predicted number of elements, by default 300 000.  To stay within it, those
-        of ``elements_per_radian``, ``elements_across`` (both down to 1), ``hmin``, ``hmax`` and
-        ``tolerance`` that are not given are relaxed.  ``report.tolerance`` is the one that the
+        of ``elements_per_radian``, ``elements_across`` (both down to 1), ``elements_between``,
+        ``hmin``, ``hmax`` and ``tolerance`` that are not given are relaxed.  ``report.tolerance`` is the one that the
         sizes require at 95 % of the elements at curved boundaries.  inf disables the limit.
     elements : float, optional
         Predicted number of elements, instead of ``max_elements``.  The same parameters are
@@ -234,6 +243,7 @@ def size_function(
         request = as_request(
             elements_per_radian=elements_per_radian,
             elements_across=elements_across,
+            elements_between=elements_between,
             g=g,
             hmin=hmin,
             hmax=hmax,

@@ -12,7 +12,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
 from adaptsize.domain_size.off_surface import warn_where_missed
-from adaptsize.domain_size.on_surface import SurfaceDomain, through_the_inside
+from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
@@ -59,8 +59,8 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
     else:
         size, report = _with_fewer_elements(domain, request)
     if isinstance(domain, SurfaceDomain):
-        size = through_the_inside(size)
-        hmin, _ = request.relaxed(report.relaxation).limits(domain.mesh.diagonal)
+        size, report = domain.in_given_order(size, report)
+        hmin, _ = request.relaxed(report.relaxation).limits(domain.mesh.diameter)
         warn_where_missed(size, request.sources, hmin)
     return size, report
 

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import check_type
+from adaptsize._defaults import CORNER_ANGLE
+from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.image_mask import Mask
 from adaptsize.domain_size.on_surface import SurfaceDomain
-from adaptsize.domain_size.report import SizeReport, nodal_measures
+from adaptsize.domain_size.report import PointBounds, SizeReport, nodal_measures
 from adaptsize.domain_size.request import AnyBackground, Request, limit_requested
 from adaptsize.geometry.distance.api import signed_distance
-from adaptsize.geometry.medial.layers import half_thickness
+from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.separation import Separation
+from adaptsize.geometry.width import Walls
 from adaptsize.sizes import size_from_curvature, size_from_feature
+from adaptsize.sizes.feature import width_in_regions
 from adaptsize.typing import FloatArray
 
 #: The smallest size for an image, in pixels.  Smaller details may not belong to the object.
@@ -109,7 +114,7 @@ class LevelSet:
             width = self._width.get(
                 lambda: size_from_feature(grid, phi, elements_across=1.0, progress=request.report)
             )
-            bounds["feature size"] = width / request.across
+            bounds["width"] = width / request.across
         return _on_grid(grid, phi, bounds, limits, request, self.options)
 
 
@@ -155,6 +160,7 @@ def _on_grid(
     limits: tuple[float, float],
     request: Request,
     options: Mapping[str, Any] | None = None,
+    features: _Features | None = None,
 ) -> tuple[SizeFunction, SizeReport]:
     """Limit at the nodes inside and around the boundary.  Outside, take the nearest size."""
     from scipy import ndimage
@@ -166,7 +172,17 @@ def _on_grid(
     inner = grid.with_active(around)
     share = np.clip(0.5 - phi / float(grid.spacing.mean()), 0.0, 1.0)
     weights = share * nodal_measures(inner)
-    h, report = limit_requested(inner, bounds, limits, request, weights, options=options)
+    found = features or _Features()
+    h, report = limit_requested(
+        inner,
+        bounds,
+        limits,
+        request,
+        weights,
+        points=found.bounds(request),
+        options=options,
+        is_rough=found.is_rough,
+    )
     nearest = ndimage.distance_transform_edt(
         ~around, sampling=grid.spacing, return_distances=False, return_indices=True
     )
@@ -199,6 +215,7 @@ class MeshDomain:
     mesh: SimplexMesh
     background: AnyBackground | None
     _width: _Kept = field(default_factory=_Kept)
+    _features: _Features | None = None
 
     @property
     def dim(self) -> int:
@@ -208,22 +225,39 @@ class MeshDomain:
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes and which cause controls them where."""
         mesh, background = self.mesh, self.background
-        limits = request.limits(mesh.diagonal)
+        limits = request.limits(mesh.diameter)
+        features = self._separated(request)
         if background is None:
             bounds = self._bounds(mesh, None, request) | request.external(mesh)
-            return limited_on(mesh, bounds, limits, request, with_tolerance="curvature" in bounds)
+            return limited_on(mesh, bounds, limits, request, features, with_tolerance=True)
         encloses = mesh.cell_dim == mesh.dim - 1
         boundary = mesh if encloses else mesh.boundary().mesh
         bounds = self._bounds(background, boundary, request)
         if isinstance(background, SimplexMesh):
-            return limited_on(background, bounds | request.external(background), limits, request)
+            bounds |= request.external(background)
+            return limited_on(background, bounds, limits, request, features)
         phi = signed_distance(background, boundary, progress=request.report)
         if isinstance(background, CartesianGrid):
             _inside(background, phi)
-            return _on_grid(background, phi, bounds, limits, request)
+            return _on_grid(background, phi, bounds, limits, request, features=features)
         bounds |= request.external(background)
         weights = np.where(phi <= 0.0, nodal_measures(background), 0.0)
-        return limited_on(background, bounds, limits, request, weights)
+        return limited_on(background, bounds, limits, request, features, weights)
+
+    def _separated(self, request: Request) -> _Features:
+        """Return the features of the boundary, if they count, and the separations there."""
+        mesh = self.mesh
+        if request.elements_between == 0.0 or mesh.dim == 1 or mesh.cell_dim < mesh.dim - 1:
+            return _Features()
+        if self._features is None:
+            boundary = mesh if mesh.cell_dim < mesh.dim else mesh.boundary().mesh
+            faces = Faces.of(boundary, request.crease_angle)
+            found = Separation(faces, CORNER_ANGLE, Walls.of(faces))
+            report = request.report or silent
+            at_nodes = self.background is None
+            places, distances = found.at_nodes(report) if at_nodes else found.sampled(report)
+            self._features = _Features(places, distances, faces.is_rough, boundary.diameter)
+        return self._features
 
     def _bounds(
         self, background: AnyBackground, boundary: SimplexMesh | None, request: Request
@@ -240,20 +274,39 @@ class MeshDomain:
             )
         if request.across > 0.0:
             width = self._width.get(lambda: self._widths(background, boundary, request))
-            bounds["feature size"] = width / request.across
+            bounds["width"] = width / request.across
         return bounds
 
     def _widths(
         self, background: AnyBackground, boundary: SimplexMesh | None, request: Request
     ) -> FloatArray:
-        """Return the local width of the domain, and of thin layers between its regions."""
-        angle: dict[str, Any] = {"crease_angle": request.crease_angle}
+        """Return the width of the domain, and of each of its regions."""
+        angle = request.crease_angle
         width = size_from_feature(
-            background, boundary, elements_across=1.0, progress=request.report, **angle
+            background, boundary, elements_across=1.0, progress=request.report, crease_angle=angle
         )
         if boundary is not None or self.mesh.cell_dim < self.mesh.dim:
             return width
-        return np.minimum(width, 2.0 * half_thickness(self.mesh, **angle))
+        return np.minimum(width, width_in_regions(self.mesh, angle, request.report or silent))
+
+
+class _Features(NamedTuple):
+    """Points on the features of a boundary, and the separations there; None: they do not count."""
+
+    places: FloatArray | None = None
+    distances: FloatArray | None = None
+    is_rough: bool = False
+    diameter: float = 0.0
+    """Of the boundary."""
+
+    def bounds(self, request: Request) -> PointBounds:
+        """Return the sizes that a request asks for at the points."""
+        between = request.between(self.is_rough)
+        if self.places is None or self.distances is None or between == 0.0:
+            return []
+        counts = np.isfinite(self.distances)
+        counts &= self.distances >= request.least_separation * self.diameter
+        return [("separation", self.places[counts], self.distances[counts] / between)]
 
 
 def limited_on(
@@ -261,12 +314,21 @@ def limited_on(
     bounds: dict[str, FloatArray],
     limits: tuple[float, float],
     request: Request,
+    features: _Features,
     weights: FloatArray | None = None,
     *,
     with_tolerance: bool = False,
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the limited minimum of several bounds as a size function, and its report."""
     h, report = limit_requested(
-        background, bounds, limits, request, weights, with_tolerance=with_tolerance
+        background,
+        bounds,
+        limits,
+        request,
+        weights,
+        points=features.bounds(request),
+        is_rough=features.is_rough,
+        with_tolerance=with_tolerance and "curvature" in bounds,
     )
-    return SizeFunction(background, h, sources=report.info.sources), report
+    sources = None if report.info is None else report.info.sources
+    return SizeFunction(background, h, sources=sources), report

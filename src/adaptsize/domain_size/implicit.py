@@ -25,12 +25,7 @@ from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
 from adaptsize.geometry.distance.zero_level import boundary_of, is_distance
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
-from adaptsize.geometry.medial.axis_on_octree import SEPARATION_ANGLE, medial_axis_on_mesh
-from adaptsize.geometry.medial.feature_size_on_octree import (
-    InnerCells,
-    feature_size_around,
-    inner_cells,
-)
+from adaptsize.geometry.medial.on_meshes import DomainOnMesh, InnerCells
 from adaptsize.sizes.budget import calibration
 from adaptsize.typing import FloatArray
 
@@ -38,8 +33,6 @@ from adaptsize.typing import FloatArray
 MAX_LEAVES = {2: 100_000, 3: 400_000}
 # Rounds of refinement.
 _MOST_ROUNDS = 10
-# Smallest angle inside the domain between two pieces that form a corner, in degrees.
-_CORNER_ANGLE = 30.0
 # A boundary that turns by more than the crease angle within this share of the diagonal, or within
 # the given hmin if that is smaller, has a corner.
 _SMALLEST_SHARE = 1e-3
@@ -113,14 +106,10 @@ class ImplicitDomain:
         _check_signs(values, tree)
         boundary = boundary_of(self.function, tree, values, self._is_distance)
         nodes = boundary.from_nodes(tree, report)
-        medial = medial_axis_on_mesh(
-            tree.mesh, boundary, nodes, SEPARATION_ANGLE, _CORNER_ANGLE, report
-        )
-        inner = inner_cells(tree.mesh, nodes)
+        domain = DomainOnMesh(tree.mesh, boundary, nodes, report)
+        medial = domain.medial_axis()
+        everywhere, inner, width = domain.sizes_inside(medial, request.crease_angle)
         assert inner is not None
-        everywhere, width = feature_size_around(
-            tree.mesh, boundary, nodes, medial, inner, None, report
-        )
         feet = nodes.feet(tree.points)[inner.nodes]
         curvature = self._curvature_near(tree, nodes.depth[inner.nodes], inner, feet, request)
         beside = self._beside(tree, inner, feet, curvature, request)

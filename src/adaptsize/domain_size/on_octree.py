@@ -13,7 +13,7 @@ from adaptsize.background.reshaping import parent_errors, refined
 from adaptsize.domain_size.report import NONE, SizeReport
 from adaptsize.domain_size.request import Request, limit_requested
 from adaptsize.geometry.distance.closest_points import Depths
-from adaptsize.geometry.medial.feature_size_on_octree import InnerCells
+from adaptsize.geometry.medial.on_meshes import InnerCells
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Tolerance for sizes interpolated between the nodes, relative to the size.
@@ -82,7 +82,7 @@ def limited_on_octree(
     if request.per_radian > 0.0:
         bounds["curvature"] = _size_of_curvature(shape, request.per_radian, request.g)
     if request.across > 0.0:
-        bounds["feature size"] = 2.0 * shape.width / request.across
+        bounds["width"] = 2.0 * shape.width / request.across
     bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
     h, report = limit_requested(inner.mesh, bounds, limits, request, weights)

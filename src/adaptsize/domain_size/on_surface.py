@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
+from adaptsize._defaults import CORNER_ANGLE
+from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
-from adaptsize.background.flipping import flip_edges
-from adaptsize.background.folds import Folds, folds_of
-from adaptsize.background.splitting import split_edges
-from adaptsize.background.topology import are_among
-from adaptsize.domain_size.report import SizeReport
+from adaptsize.background.ordering import ordered_by_place
+from adaptsize.background.splitting import SplitMesh, split_edges
+from adaptsize.domain_size.report import PointBounds, SizeReport, locked
 from adaptsize.domain_size.request import Request, bound_at_nodes, limit_requested
 from adaptsize.errors import OpenSurfaceWarning
-from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.winding import WindingNumber
-from adaptsize.geometry.medial.inscribed_spheres import InscribedSpheres, SphereFinder
+from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.folds import folds_of
+from adaptsize.geometry.separation import FeaturePoints, Separation
+from adaptsize.geometry.width import Width
 from adaptsize.remeshing.overlaps import overlapping_bodies
-from adaptsize.sizes import size_from_feature
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: The background of a surface is refined until no edge is longer than this many sizes ...
 _EDGE_OVER_SIZE = 2.0
@@ -36,6 +38,8 @@ _NODES_PER_ELEMENT = 1.0 / 10.0
 _BESIDE = 1e-6
 #: Sizes grow from a surface to the middle by at most this power of e.
 _MOST_E_FOLDS = 100.0
+#: Rays start beside an edge by this share of the height of a triangle.
+_ASIDE = 1.0 / 24.0
 #: From `SurfaceDomain.of` to the caller of `size_function`.
 _STACK_LEVEL = 5
 
@@ -45,149 +49,336 @@ class SurfaceDomain:
     """The solid that a surface in space encloses."""
 
     mesh: SimplexMesh
+    """Its nodes and cells ordered by their places."""
+    nodes: npt.NDArray[np.intp]
+    """The node of the given surface at each node."""
     winding: WindingNumber | None = None
     """That of the surface if it has bodies that overlap."""
+    _shapes: dict[float, _Shape] = field(default_factory=dict)
 
     @classmethod
     def of(cls, mesh: SimplexMesh) -> SurfaceDomain:
         """Return the solid, and warn if bodies of the surface overlap."""
         overlapping = overlapping_bodies(mesh)
+        ordered, nodes = ordered_by_place(mesh)
         if overlapping is None:
-            return cls(mesh)
+            return cls(ordered, nodes)
         warnings.warn(
             f"{overlapping}; facets inside of bodies do not bound the sizes",
             OpenSurfaceWarning,
             stacklevel=_STACK_LEVEL,
         )
-        return cls(mesh, WindingNumber(oriented(mesh)[0]))
+        return cls(ordered, nodes, WindingNumber(Faces.of(ordered).mesh))
 
     @property
     def dim(self) -> int:
         """Number of coordinates."""
         return self.mesh.dim
 
-    @cached_property
-    def _width(self) -> FloatArray:
-        """Local feature size at the nodes, for the crease angle of the first request."""
-        if self.winding is not None:
-            return self._smallest(self._finder.at_nodes())
-        return size_from_feature(self.mesh, elements_across=2.0, crease_angle=self._crease_angle)
-
-    @cached_property
-    def _finder(self) -> SphereFinder:
-        return SphereFinder(self.mesh, crease_angle=self._crease_angle)
-
-    def _smallest(self, spheres: InscribedSpheres) -> FloatArray:
-        """Return the smallest radius of each owner, of the spheres between points of the boundary.
-
-        Where bodies overlap, facets of one are inside the other.  They are not the boundary of the
-        solid, and the spheres there become arbitrarily small where the bodies meet.
-        """
-        if self.winding is None:
-            return spheres.smallest()
-        met = np.flatnonzero(np.isfinite(spheres.radii))
-        outward = (spheres.contacts - spheres.centres)[met] / spheres.radii[met, None]
-        inner = self._are_inside(spheres.points, -spheres.normals)
-        inner[met] |= self._are_inside(spheres.contacts[met], outward)
-        return replace(spheres, radii=np.where(inner, np.inf, spheres.radii)).smallest()
-
-    def _are_inside(self, points: FloatArray, outward: FloatArray) -> BoolArray:
-        """Return whether points of a body with their normals are inside of another body."""
-        assert self.winding is not None
-        return self.winding.contains(points + _BESIDE * self.mesh.diagonal * outward)
-
-    def _without_inner(self, bound: FloatArray) -> FloatArray:
-        """Return a bound at the nodes, inf at those inside other bodies."""
-        if self.winding is None:
-            return bound
-        spheres = self._finder.at_nodes()
-        inner = self._are_inside(spheres.points, -spheres.normals)
-        outer = np.bincount(spheres.owners, ~inner, spheres.n_owners)
-        count = np.bincount(spheres.owners, minlength=spheres.n_owners)
-        return np.where((outer == 0) & (count > 0), np.inf, bound)
-
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes on a refined copy, and which cause controls them where.
 
-        A new node on an edge along which the surface bends gets the mean of the
-        curvatures at the ends.  A new node in a flat facet, or on a feature edge, gets no
-        curvature.  There the sizes may grow from the nodes of the file, however far apart
-        these are.  Edges in flat facets are flipped to avoid slivers, which makes gradient
-        limiting faster and more accurate.
+        The bounds are known at points: the width where rays start, in the facets; the separation
+        and the curvature of curves on feature edges; the curvature of the surface at its nodes.
+        From these points, sizes grow through space.  Edges that are long for the sizes are halved,
+        and the bounds are found at points between.  A new node on an edge along which the surface
+        bends gets the mean of the curvatures at the ends.
         """
-        self._crease_angle = request.crease_angle
-        mesh, max_nodes = self.mesh, float(_MAX_NODES)
+        angle = request.crease_angle
+        if angle not in self._shapes:
+            self._shapes[angle] = _Shape(Faces.of(self.mesh, angle), self.winding)
+        shape = self._shapes[angle]
+        if request.h0 is not None and not callable(request.h0):
+            request = replace(request, h0=np.asarray(request.h0)[self.nodes])
+        surface = _Surface.of(shape, self.mesh, request)
+        max_nodes = float(_MAX_NODES)
         if not request.is_fixed:
             max_nodes = min(max_nodes, _NODES_PER_ELEMENT * request.max_elements)
-        bounds = _bounds_at_nodes(mesh, request)
-        if "curvature" in bounds:
-            bounds["curvature"] = self._without_inner(bounds["curvature"])
-        folds = folds_of(mesh, np.deg2rad(request.crease_angle))
-        across = across_surface(self._width, request) if request.across > 0.0 else None
         while True:
-            mesh = flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
-            size, report = _limited(mesh, bounds, across, request)
-            ends = size.values[mesh.edges].min(axis=1)
-            long = mesh.edge_lengths > _EDGE_OVER_SIZE * ends
-            if not long.any() or mesh.n_points + int(long.sum()) > max_nodes:
+            size, report = surface.limited(request)
+            mesh = surface.mesh
+            ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)
+            long, room = ratio > _EDGE_OVER_SIZE, max_nodes - mesh.n_points
+            for power in range(2, 64):
+                if np.count_nonzero(long) <= room:
+                    break
+                long = ratio > _EDGE_OVER_SIZE**power  # the longest ones if not all
+            if not long.any():
                 return size, report
-            split = split_edges(mesh, long)
-            parents = mesh.edges[split.split_edges]
-            bounds = _at_middles(bounds, parents, folds)
-            folds = folds.split(parents, mesh.n_points)
-            if across is not None:
-                spheres = self._finder.near(split.mesh.points[mesh.n_points :])
-                across = np.concatenate([across, across_surface(self._smallest(spheres), request)])
-            mesh = split.mesh
+            surface = surface.split(long, request)
+
+    def in_given_order(
+        self, size: SizeFunction, report: SizeReport
+    ) -> tuple[SizeFunction, SizeReport]:
+        """Return sizes and report with the nodes of the given surface first, in their order.
+
+        Sizes at the nodes are lowered to those that cells around them allow through the solid.
+        """
+        mesh = size.background
+        assert isinstance(mesh, SimplexMesh)
+        number = np.arange(mesh.n_points, dtype=np.int32)
+        number[: len(self.nodes)] = self.nodes
+        place = np.argsort(number)
+        facets = mesh.tagged_facets
+        given = replace(
+            mesh,
+            points=mesh.points[place],
+            cells=number[mesh.cells],
+            tagged_facets=None if facets is None else number[facets],
+        )
+        values = size(mesh.points)[place]
+        report = replace(
+            report,
+            background=given,
+            cause=locked(report.cause[place]),
+            bounds={name: bound[place] for name, bound in report.bounds.items()},
+        )
+        return SizeFunction(given, values, g=size.g, hmax=size.hmax), report
 
 
-def across_surface(lfs: FloatArray, request: Request) -> FloatArray:
+@dataclass(eq=False)
+class _Shape:
+    """What the bounds of a surface are found with."""
+
+    faces: Faces
+    winding: WindingNumber | None
+
+    @cached_property
+    def width(self) -> Width:
+        return Width(self.faces, CORNER_ANGLE)
+
+    @cached_property
+    def separation(self) -> Separation:
+        return Separation(self.faces, CORNER_ANGLE, self.width.walls)
+
+    @cached_property
+    def first_samples(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The width at the nodes of the given surface, and points in its facets with theirs."""
+        faces = self.faces
+        found = self.width.samples(silent)
+        found.widths[self.are_inner(found.points, found.cell)] = np.inf
+        kept = (found.corner < 0) & np.isfinite(found.widths)
+        frame = faces.frame
+        places = found.points[kept] / frame.scale + frame.origin
+        return self.width.nodal(found), places, found.widths[kept] / frame.scale
+
+    def widths(
+        self, places: FloatArray, owners: npt.NDArray[np.intp], report: ProgressCallback
+    ) -> FloatArray:
+        """Return the width at points in given facets, places in the frame; inf in other bodies."""
+        found = self.width.shoot(places, owners, report)
+        found[self.are_inner(places, owners)] = np.inf
+        return found / self.faces.frame.scale
+
+    def are_inner(self, places: FloatArray, owners: npt.NDArray[np.intp]) -> BoolArray:
+        """Return which points on facets, in the frame, are inside of other bodies."""
+        if self.winding is None:
+            return np.zeros(len(places), np.bool_)
+        frame = self.faces.frame
+        beside = places + _BESIDE * self.faces.normals[owners]
+        return self.winding.contains(beside / frame.scale + frame.origin)
+
+    @cached_property
+    def first_separations(self) -> FloatArray:
+        """Separations at the nodes of the surface, inf off its feature edges."""
+        nodes = self.separation.nodes
+        return self.separations(nodes.node, nodes, silent, self.faces.mesh.n_points)
+
+    def separations(
+        self, at: npt.NDArray[np.intp], which: FeaturePoints, report: ProgressCallback, n: int
+    ) -> FloatArray:
+        """Return n separations, those at given places in the list and inf elsewhere."""
+        nodal = np.full(n, np.inf)
+        nodal[at] = self.separation.at(which, report) / self.faces.frame.scale
+        return nodal
+
+
+@dataclass(frozen=True, eq=False)
+class _Marked:
+    """Edges of the refined surface that lie on certain edges of the given one."""
+
+    edges: IntArray
+    """int32[k, 2], rows sorted."""
+    row: npt.NDArray[np.intp]
+    """int[k]: what each lies on."""
+
+    def find(self, edges: IntArray) -> npt.NDArray[np.intp]:
+        """Return for each edge, int32[n, 2], what it lies on, else -1."""
+        width = 1 + int(max(edges.max(initial=0), self.edges.max(initial=0)))
+        keys, known = (rows.astype(np.int64) @ [width, 1] for rows in (edges, self.edges))
+        if len(known) == 0:
+            return np.full(len(keys), -1)
+        order = np.argsort(known)
+        place = order[np.searchsorted(known[order], keys).clip(max=len(known) - 1)]
+        return np.where(known[place] == keys, self.row[place], -1)
+
+    def split(self, parents: IntArray, n_points: int) -> _Marked:
+        """Return the edges after those in ``parents`` were halved; row k has node n_points + k."""
+        found = self.find(parents)
+        cut = np.flatnonzero(found >= 0)
+        lost = _Marked(parents[cut], np.zeros(len(cut), np.intp)).find(self.edges) >= 0
+        middle = (n_points + cut).astype(np.int32)
+        halves = [np.column_stack([parents[cut, end], middle]) for end in (0, 1)]
+        return _Marked(
+            np.concatenate([self.edges[~lost], *halves]),
+            np.concatenate([self.row[~lost], found[cut], found[cut]]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """A refined copy of a surface, and the bounds at points of it."""
+
+    shape: _Shape
+    mesh: SimplexMesh
+    owner: npt.NDArray[np.intp]
+    """The facet of the given surface of which each triangle is a part."""
+    nodal: dict[str, FloatArray]
+    """Bounds at the nodes."""
+    in_facets: PointBounds
+    """Widths at points in the facets of the given surface."""
+    features: _Marked
+    bent: _Marked
+
+    @classmethod
+    def of(cls, shape: _Shape, mesh: SimplexMesh, request: Request) -> _Surface:
+        """Return the surface as it is given."""
+        faces = shape.faces
+        nodal = {}
+        if request.bounds_curvature:
+            nodal["curvature"] = request.on_curves(faces.mesh)
+            nodal["curvature"][cls._inner_nodes(shape)] = np.inf
+        if request.between(faces.is_rough) > 0.0:
+            nodal["separation"] = shape.first_separations.copy()
+            nodal["separation"][cls._inner_nodes(shape)] = np.inf
+        in_facets: PointBounds = []
+        if request.across > 0.0:
+            nodal["width"], *of_points = shape.first_samples
+            in_facets = [("width", *of_points)]
+        if request.h0 is not None:
+            nodal["h0"] = bound_at_nodes(request.h0, mesh)
+        bent = folds_of(faces.mesh, np.deg2rad(request.crease_angle)).bent
+        return cls(
+            shape,
+            faces.mesh,
+            np.arange(faces.mesh.n_cells),
+            nodal,
+            in_facets,
+            _Marked(faces.features, np.arange(len(faces.features))),
+            _Marked(bent, np.zeros(len(bent), np.intp)),
+        )
+
+    @staticmethod
+    def _inner_nodes(shape: _Shape) -> BoolArray:
+        """Return which nodes are inside of other bodies, with all facets around them."""
+        mesh = shape.faces.mesh
+        inner = np.zeros(mesh.n_points, np.bool_)
+        if shape.winding is None:
+            return inner
+        owners = np.repeat(np.arange(mesh.n_cells), 3)
+        own = shape.are_inner(shape.faces.frame.of(mesh.points)[mesh.cells.ravel()], owners)
+        inner[mesh.cells] = True
+        inner[mesh.cells.ravel()[~own]] = False
+        return inner
+
+    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
+        """Return the limited sizes, and which cause controls them where."""
+        mesh, faces = self.mesh, self.shape.faces
+        bounds = dict(self.nodal)
+        if "separation" in bounds:
+            separation = bounds["separation"]
+            dropped = separation < request.least_separation * faces.mesh.diameter
+            between = request.between(faces.is_rough)
+            bounds["separation"] = np.where(dropped, np.inf, separation / between)
+        points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
+        if "width" in bounds:
+            bounds["width"] = across_surface(bounds["width"], request)
+        h, report = limit_requested(
+            mesh,
+            bounds | request.from_sources(mesh),
+            request.limits(faces.mesh.diameter),
+            request,
+            points=points,
+            through_space=True,
+            with_tolerance="curvature" in bounds,
+            is_rough=faces.is_rough,
+        )
+        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax), report
+
+    def split(self, long: BoolArray, request: Request) -> _Surface:
+        """Return the surface with some edges halved, with bounds at the new nodes and facets."""
+        split = split_edges(self.mesh, long)
+        mesh, owner = split.mesh, self.owner[split.parents]
+        parents = self.mesh.edges[split.split_edges]
+        return _Surface(
+            self.shape,
+            mesh,
+            owner,
+            {name: self._at_new(name, bound, split, request) for name, bound in self.nodal.items()},
+            self.in_facets,
+            self.features.split(parents, self.mesh.n_points),
+            self.bent.split(parents, self.mesh.n_points),
+        )
+
+    def _at_new(
+        self, name: str, bound: FloatArray, split: SplitMesh, request: Request
+    ) -> FloatArray:
+        """Return a nodal bound extended to new nodes, inf where the surface is flat."""
+        n, parents = len(bound), self.mesh.edges[split.split_edges]
+        longer = np.full(split.mesh.n_points, np.inf)
+        longer[:n] = bound
+        report = request.report or silent
+        if name == "width":
+            node, places, owners = self._starts(split)
+            np.minimum.at(longer, node, self.shape.widths(places, owners, report))
+        elif name == "separation":
+            row = self.features.find(parents)
+            at = np.flatnonzero(row >= 0)
+            places = self.shape.faces.frame.of(split.mesh.points[n + at])
+            which = FeaturePoints(places, np.full(len(at), -1), row[at])
+            longer[n:] = self.shape.separations(at, which, report, len(longer) - n)
+        else:
+            curved = np.flatnonzero(self.bent.find(parents) >= 0)
+            longer[n + curved] = 2.0 / (1.0 / bound[parents[curved]]).sum(axis=1).clip(1e-300)
+        return longer
+
+    def _starts(
+        self, split: SplitMesh
+    ) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.intp]]:
+        """Return new nodes, points in the frame where rays for them start, and their facets.
+
+        On the edge between two facets of the given surface, a ray starts beside it on each.
+        """
+        mesh, n = self.mesh, self.mesh.n_points
+        places = self.shape.faces.frame.of(split.mesh.points)
+        number = np.full(len(mesh.edges), -1)
+        number[split.split_edges] = np.arange(n, n + len(split.split_edges))
+        cell, v = np.nonzero(number[mesh.cell_facets] >= 0)
+        node, owner = number[mesh.cell_facets[cell, v]], self.owner[cell]
+        first = np.full(split.mesh.n_points, -1)
+        first[node] = owner
+        is_between = np.zeros(split.mesh.n_points, np.bool_)
+        is_between[node[owner != first[node]]] = True
+        beside = np.flatnonzero(is_between[node])
+        inside = np.unique(node[~is_between[node]])
+        starts = places[node[beside]]
+        starts += _ASIDE * (places[mesh.cells[cell[beside], v[beside]]] - starts)
+        centres = np.arange(split.mesh.n_points - len(split.inside), split.mesh.n_points)
+        return (
+            np.concatenate([node[beside], inside, centres]),
+            np.concatenate([starts, places[inside], places[centres]]),
+            np.concatenate([owner[beside], first[inside], self.owner[split.inside]]),
+        )
+
+
+def across_surface(widths: FloatArray, request: Request) -> FloatArray:
     """Return the size on a surface for the requested number of elements across.
 
-    From the surface to the middle, at a distance lfs, sizes grow to h + g lfs.  The integral of
+    From the surface to the middle, at a distance W / 2, sizes grow to h + g W / 2.  The integral of
     1 / h along that path is half the number of elements.
     """
     if request.g == 0.0:
-        return 2.0 / request.across * lfs
+        return widths / request.across
     growth = min(0.5 * request.g * request.across, _MOST_E_FOLDS)
-    share: float = request.g / np.expm1(growth)
-    return share * lfs
-
-
-def _bounds_at_nodes(mesh: SimplexMesh, request: Request) -> dict[str, FloatArray]:
-    """Return the bounds that new nodes inherit from the nodes of the file."""
-    bounds = {}
-    if request.bounds_curvature:
-        bounds["curvature"] = request.on_curves(mesh)
-    if request.h0 is not None:
-        bounds["h0"] = bound_at_nodes(request.h0, mesh)
-    return bounds
-
-
-def _at_middles(
-    bounds: dict[str, FloatArray], parents: IntArray, folds: Folds
-) -> dict[str, FloatArray]:
-    """Return bounds extended to new nodes at edge midpoints, inf where the surface is flat."""
-    curved = are_among(parents, folds.bent)
-    longer = {}
-    for name, h0 in bounds.items():
-        at_middle = np.full(len(parents), np.inf)
-        at_middle[curved] = 2.0 / (1.0 / h0[parents[curved]]).sum(axis=1).clip(1e-300)
-        longer[name] = np.concatenate([h0, at_middle])
-    return longer
-
-
-def through_the_inside(size: SizeFunction) -> SizeFunction:
-    """Return sizes on the surface lowered to the growth through the solid."""
-    background = size.background
-    return SizeFunction(background, size(background.points), g=size.g, hmax=size.hmax)
-
-
-def _limited(
-    mesh: SimplexMesh, bounds: dict[str, FloatArray], across: FloatArray | None, request: Request
-) -> tuple[SizeFunction, SizeReport]:
-    every = bounds if across is None else bounds | {"feature size": across}
-    every = every | request.from_sources(mesh)
-    limits = request.limits(mesh.diagonal)
-    h, report = limit_requested(mesh, every, limits, request, with_tolerance="curvature" in bounds)
-    return SizeFunction(mesh, h, g=request.g, hmax=limits[1]), report
+    share: float = 0.5 * request.g / np.expm1(growth)
+    return share * widths

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_limits
+from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting import LimitingInfo, limit_gradient
+from adaptsize.limiting.exact import limit_points
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+
+#: Bounds at points between the nodes: the name of their cause, float64[k, dim] and float64[k].
+PointBounds: TypeAlias = Sequence[tuple[str, FloatArray, FloatArray]]
 
 #: Cause of nodes outside the domain, and of nodes that no bound reaches.
 NONE = -1
@@ -42,9 +47,10 @@ class SizeReport:
     largest: float
     """Largest size in the domain."""
     bounds: dict[str, FloatArray]
-    """Upper bounds of each cause, of the nodal shape; inf where there is none."""
-    info: LimitingInfo
-    """Information on the limiting of all bounds together."""
+    """Upper bounds of each cause at the nodes, of the nodal shape; inf where there is none."""
+    info: LimitingInfo | None
+    """Information on the limiting of all bounds together; None for surfaces in space, from which
+    sizes grow through the space around."""
     g: float
     hmin: float
     hmax: float
@@ -55,9 +61,13 @@ class SizeReport:
     elements_per_radian: float = 0.0
     """Elements per radian of curved boundaries; 0 if curvature is disabled."""
     elements_across: float = 0.0
-    """Elements across narrow regions; 0 if the feature size is disabled."""
+    """Elements across narrow regions; 0 if the width is disabled."""
+    elements_between: float = 0.0
+    """Elements between features that do not meet; 0 if the separation is disabled."""
+    is_rough: bool = False
+    """Whether the boundary is rough, so that the separation is disabled unless requested."""
     tolerance: float = np.inf
-    """Allowed distance of chords from curved boundaries, over the diagonal; inf if not limited."""
+    """Allowed distance of chords from curved boundaries, over the diameter; inf if not limited."""
     relaxation: float = 1.0
     """Factor by which parameters that were not given were relaxed.  Below 1 they were tightened."""
 
@@ -69,6 +79,10 @@ class SizeReport:
             parts.append(f"{self.elements_per_radian:.3g} elements per radian")
         if self.elements_across > 0.0:
             parts.append(f"{self.elements_across:.3g} across")
+        if self.elements_between > 0.0:
+            parts.append(f"{self.elements_between:.3g} between features")
+        elif self.is_rough:
+            parts.append("no separation of features (rough surface)")
         if np.isfinite(self.tolerance):
             parts.append(f"tolerance {self.tolerance:.3g}")
         least = min(self.smallest.values())
@@ -118,7 +132,8 @@ def limit_bounds(
     hmin: float,
     hmax: float,
     weights: FloatArray | None = None,
-    points: tuple[FloatArray, FloatArray] | None = None,
+    points: PointBounds = (),
+    through_space: bool = False,
     options: Mapping[str, Any] | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> tuple[FloatArray, SizeReport]:
@@ -136,11 +151,13 @@ def limit_bounds(
     weights : ndarray of float64, of the nodal shape, optional
         Length, area or volume of the domain that belongs to each node, 0 outside.  By default
         that of the cells of the background.
-    points : tuple of arrays, float64[k, dim] and float64[k], optional
-        Positions and sizes of point sources.  The exact method applies them at their exact
-        positions.  They count as the cause ``"sources"``, which must be one of ``bounds``.
+    points : sequence of tuples (name, places, sizes), optional
+        Bounds at points, float64[k, dim] and float64[k], of the cause with this name.  The exact
+        method applies them at their exact positions; on surfaces they need ``through_space``.
+    through_space : bool, optional
+        Whether sizes grow through the space around a surface, not along it.
     options : mapping of str to object, optional
-        Options of `limit_gradient`, such as ``method``.  Not used with point sources.
+        Options of `limit_gradient`, such as ``method``.  Not used with points.
     progress : callable, bool or None
         As in `limit_gradient`.
 
@@ -167,15 +184,17 @@ def limit_bounds(
     >>> curved = np.array([0.5, np.inf, np.inf, np.inf])
     >>> narrow = np.array([np.inf, np.inf, np.inf, 0.2])
     >>> h, report = limit_bounds(
-    ...     line, {"curvature": curved, "feature size": narrow}, 0.3, hmin=0.1, hmax=0.75
+    ...     line, {"curvature": curved, "width": narrow}, 0.3, hmin=0.1, hmax=0.75
     ... )
     >>> h
     array([0.5 , 0.75, 0.5 , 0.2 ])
     >>> [report.causes[k] for k in report.cause]
-    ['curvature', 'hmax', 'feature size', 'feature size']
+    ['curvature', 'hmax', 'width', 'width']
     """
     low, high = as_limits(hmin, hmax)
-    names = (*bounds, "hmin", "hmax")
+    if measure_dim(background) < background.dim and not through_space:
+        points = ()  # point sources act at the nodes around them
+    names = tuple(dict.fromkeys([*bounds, *(name for name, _, _ in points), "hmin", "hmax"]))
     requested = np.full(background.nodal_shape, high)
     own = np.full(background.nodal_shape, len(names) - 1, dtype=np.int8)
     for k, bound in enumerate(bounds.values()):
@@ -183,26 +202,45 @@ def limit_bounds(
         requested[smaller], own[smaller] = bound[smaller], k
     own[requested < low] = len(names) - 2
     requested = np.maximum(requested, low)
-    if points is not None and measure_dim(background) < background.dim:
-        points = None  # on surfaces, point sources act at the nodes around them
-    if points is not None:
-        points = (points[0], np.clip(points[1], low, high))
-        options = {"point_sources": points}
-    h, info = limit_gradient(
-        background, requested, g, full_output=True, progress=progress, **(options or {})
-    )
-    if info.sources is not None:
-        roots = info.sources.roots().reshape(own.shape)
-        of_node = own.ravel()[np.where(roots < own.size, roots, 0)]
-        of_point = names.index("sources") if points is not None else NONE
-        cause = np.where(roots < own.size, of_node, of_point)
-        cause = np.where(roots >= 0, cause, NONE).astype(np.int8)
+    places, sizes, of_points = _joined(points, names, low, high, background.dim)
+    info = None
+    if through_space:
+        assert isinstance(background, SimplexMesh)
+        every = np.concatenate([background.points, places])
+        bound = np.concatenate([requested, sizes])
+        with reporting(progress) as tell:
+            h, roots = limit_points(every, bound, len(own), g, tell)
+    else:
+        if len(sizes) > 0:
+            options = {"point_sources": (places, sizes)}
+        h, info = limit_gradient(
+            background, requested, g, full_output=True, progress=progress, **(options or {})
+        )
+        roots = None if info.sources is None else info.sources.roots().reshape(own.shape)
+    if roots is not None:
+        causes = np.append(np.concatenate([own.ravel(), of_points]), np.int8(NONE))
+        cause = causes[roots]
     else:
         cause = _by_separate_runs(background, requested, own, len(names) - 1, g)
     weights = nodal_measures(background) if weights is None else weights
     cause[weights <= 0.0] = NONE
-    report = _report(background, names, cause, h, weights, dict(bounds), info)
+    every_bound = {name: bounds.get(name, np.full(own.shape, np.inf)) for name in names[:-2]}
+    report = _report(background, names, cause, h, weights, every_bound, info)
     return h, replace(report, g=g, hmin=low, hmax=high)
+
+
+def _joined(
+    points: PointBounds, names: tuple[str, ...], low: float, high: float, dim: int
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int8]]:
+    """Return the places of all points, their sizes within the limits, and their causes."""
+    if len(points) == 0:
+        return np.empty((0, dim)), np.empty(0), np.empty(0, np.int8)
+    places = np.concatenate([at for _, at, _ in points])
+    sizes = np.concatenate([size for _, _, size in points])
+    causes = np.repeat([names.index(name) for name, _, _ in points], [len(s) for _, _, s in points])
+    causes[sizes < low] = len(names) - 2
+    kept = sizes < high  # others bound nothing
+    return places[kept], np.maximum(sizes[kept], low), causes[kept].astype(np.int8)
 
 
 def _by_separate_runs(
@@ -267,7 +305,7 @@ def _report(
     h: FloatArray,
     weights: FloatArray,
     bounds: dict[str, FloatArray],
-    info: LimitingInfo,
+    info: LimitingInfo | None,
 ) -> SizeReport:
     """Return the report with the shares and the smallest size of each cause."""
     inside: BoolArray = cause != NONE
@@ -281,7 +319,7 @@ def _report(
     return SizeReport(
         background=background,
         causes=names,
-        cause=_locked(cause),
+        cause=locked(cause),
         domain_shares=dict(zip(names, domain.tolist(), strict=True)),
         element_shares=dict(zip(names, share.tolist(), strict=True)),
         smallest=dict(zip(names, least.tolist(), strict=True)),
@@ -295,6 +333,6 @@ def _report(
     )
 
 
-def _locked(array: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+def locked(array: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     array.flags.writeable = False
     return array

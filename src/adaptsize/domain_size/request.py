@@ -12,7 +12,13 @@ import numpy.typing as npt
 from adaptsize._checks import as_angle, as_limits, as_number, as_sizes
 from adaptsize._defaults import CREASE_ANGLE, MAX_ELEMENTS, TOLERANCE
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.domain_size.report import SizeReport, limit_bounds, measure_dim, nodal_measures
+from adaptsize.domain_size.report import (
+    PointBounds,
+    SizeReport,
+    limit_bounds,
+    measure_dim,
+    nodal_measures,
+)
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.chords import size_at_curves, size_of_chords
 from adaptsize.sizes.sources import as_sources
@@ -24,9 +30,12 @@ AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 #: Defaults of `size_function`, of images and of the command line; see also `_defaults`.
 ELEMENTS_PER_RADIAN = 4.0
 ELEMENTS_ACROSS = 2.0
+ELEMENTS_BETWEEN = 1.0
+#: Features may be closer than this share of the size, if it is relaxed.
+_LEAST_BETWEEN = 0.25
 
-_LARGEST_SHARE = 1.0 / 20.0  # hmax over the diagonal
-_SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diagonal
+_LARGEST_SHARE = 1.0 / 20.0  # hmax over the diameter
+_SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diameter
 #: A relaxed tolerance is that of this share of the elements at curved boundaries.
 _KEPT = 0.95
 
@@ -37,6 +46,7 @@ class Request:
 
     elements_per_radian: float | None
     elements_across: float | None
+    elements_between: float | None
     g: float
     hmin: float | None
     hmax: float | None
@@ -56,7 +66,7 @@ class Request:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether all parameters that could be relaxed are given."""
+        """Whether all parameters that could be relaxed for any domain are given."""
         return None not in (self.elements_per_radian, self.elements_across, self.hmin, self.hmax)
 
     @property
@@ -73,9 +83,20 @@ class Request:
             return self.elements_across
         return max(ELEMENTS_ACROSS / self.relaxation, 1.0)
 
+    def between(self, is_rough: bool) -> float:
+        """Return the elements between features that are close; by default none if it is rough."""
+        if self.elements_between is not None:
+            return self.elements_between
+        return 0.0 if is_rough else max(ELEMENTS_BETWEEN / self.relaxation, _LEAST_BETWEEN)
+
+    @property
+    def least_separation(self) -> float:
+        """Separation over the diameter below which features need not be resolved."""
+        return self.chord_tolerance if np.isfinite(self.chord_tolerance) else TOLERANCE
+
     @property
     def chord_tolerance(self) -> float:
-        """Distance of chords from curved boundaries, over the diagonal; inf if not limited."""
+        """Distance of chords from curved boundaries, over the diameter; inf if not limited."""
         if self.tolerance is not None:
             return self.tolerance
         return TOLERANCE * self.relaxation**2  # sizes are in proportion to its square root
@@ -89,20 +110,20 @@ class Request:
         """Return sizes that resolve curved boundaries and leave a mesh within the tolerance."""
         per_radian = self.per_radian or 1.0
         h = size_at_curves(mesh, elements_per_radian=per_radian, crease_angle=self.crease_angle)
-        chords = size_of_chords(per_radian * h, self.chord_tolerance * mesh.diagonal)
+        chords = size_of_chords(per_radian * h, self.chord_tolerance * mesh.diameter)
         return np.minimum(h, chords) if self.per_radian else chords
 
     def relaxed(self, relaxation: float) -> Request:
         """Return the same request with another relaxation factor."""
         return replace(self, relaxation=relaxation)
 
-    def limits(self, diagonal: float, least: float = 0.0) -> tuple[float, float]:
-        """Return hmin and hmax; by default in proportion to the diagonal of the domain."""
+    def limits(self, diameter: float, least: float = 0.0) -> tuple[float, float]:
+        """Return hmin and hmax; by default in proportion to the diameter of the domain."""
         high, low = self.hmax, self.hmin
         if high is None:
-            high = max(self.relaxation * _LARGEST_SHARE * diagonal, low or 0.0, least)
+            high = max(self.relaxation * _LARGEST_SHARE * diameter, low or 0.0, least)
         if low is None:
-            low = min(max(self.relaxation * _SMALLEST_SHARE * diagonal, least), high)
+            low = min(max(self.relaxation * _SMALLEST_SHARE * diameter, least), high)
             for source in self._point_sources():  # prescribed sizes are not raised
                 low = min(low, float(np.min(source.size)))
         return low, high
@@ -110,13 +131,9 @@ class Request:
     def _point_sources(self) -> list[PointSource]:
         return [source for source in self.sources if isinstance(source, PointSource)]
 
-    def points(self, dim: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the positions and sizes of the point sources, or None if there are none."""
-        rows = [source.rows(dim) for source in self._point_sources()]
-        if not rows:
-            return None
-        places, sizes = zip(*rows, strict=True)
-        return np.concatenate(places), np.concatenate(sizes)
+    def points(self, dim: int) -> list[tuple[str, FloatArray, FloatArray]]:
+        """Return the positions and sizes of the point sources."""
+        return [("sources", *source.rows(dim)) for source in self._point_sources()]
 
     def external(self, background: AnyBackground) -> dict[str, FloatArray]:
         """Return the bounds that do not depend on the shape."""
@@ -136,6 +153,7 @@ def as_request(
     *,
     elements_per_radian: float | None,
     elements_across: float | None,
+    elements_between: float | None = None,
     g: float,
     hmin: float | None,
     hmax: float | None,
@@ -159,9 +177,12 @@ def as_request(
         elements_per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0)
     if elements_across is not None:
         elements_across = as_number("elements_across", elements_across, lower=0.0)
+    if elements_between is not None:
+        elements_between = as_number("elements_between", elements_between, lower=0.0)
     request = Request(
         elements_per_radian,
         elements_across,
+        elements_between,
         as_number("g", g, lower=0.0),
         hmin,
         hmax,
@@ -214,14 +235,19 @@ def limit_requested(
     request: Request,
     weights: FloatArray | None = None,
     *,
+    points: PointBounds = (),
+    through_space: bool = False,
     options: Mapping[str, Any] | None = None,
     with_tolerance: bool = False,
+    is_rough: bool = False,
 ) -> tuple[FloatArray, SizeReport]:
     """Return the minimum of several bounds, limited as requested, and its report.
 
-    ``options`` are those of `limit_gradient`.  With ``with_tolerance``, the bound from curvature is
-    within the tolerance.
+    ``points`` and the further arguments are those of `limit_bounds`; point sources are added.  With
+    ``with_tolerance``, the bound from curvature is within the tolerance.  ``is_rough``: whether the
+    boundary is.
     """
+    has_features = "separation" in (*bounds, *(name for name, _, _ in points))
     h, report = limit_bounds(
         background,
         bounds,
@@ -229,20 +255,27 @@ def limit_requested(
         hmin=limits[0],
         hmax=limits[1],
         weights=weights,
-        points=request.points(background.dim),
+        points=[*points, *request.points(background.dim)],
+        through_space=through_space,
         options=options,
         progress=request.report,
     )
+    tolerance = np.inf
+    if with_tolerance:
+        assert isinstance(background, SimplexMesh)
+        tolerance = _tolerance_of(h, bounds, background, request)
     return h, replace(
         report,
         elements_per_radian=request.per_radian,
         elements_across=request.across,
-        tolerance=_tolerance_of(h, bounds, background, request) if with_tolerance else np.inf,
+        elements_between=request.between(is_rough) if has_features else 0.0,
+        is_rough=is_rough,
+        tolerance=tolerance,
     )
 
 
 def _tolerance_of(
-    h: FloatArray, bounds: dict[str, FloatArray], background: AnyBackground, request: Request
+    h: FloatArray, bounds: dict[str, FloatArray], background: SimplexMesh, request: Request
 ) -> float:
     """Return the tolerance for a mesh of these sizes.
 
@@ -252,14 +285,14 @@ def _tolerance_of(
     largest = request.chord_tolerance
     if request.tolerance is not None or largest <= TOLERANCE:
         return largest
-    bound, diagonal = bounds["curvature"], background.diagonal
+    bound, diameter = bounds["curvature"], background.diameter
     curved = np.isfinite(bound) & np.isfinite(h)
     if not curved.any():
         return TOLERANCE
     bound, size = bound[curved], h[curved]
     # The bound is the smaller one of radius / K and the size of chords.
-    radius = np.maximum(request.per_radian * bound, np.square(bound) / (4.0 * largest * diagonal))
-    required = np.square(size) / (4.0 * radius * diagonal)
+    radius = np.maximum(request.per_radian * bound, np.square(bound) / (4.0 * largest * diameter))
+    required = np.square(size) / (4.0 * radius * diameter)
     order = np.argsort(required)
     per_node = nodal_measures(background)[curved] / size ** measure_dim(background)
     elements = np.cumsum(per_node[order])

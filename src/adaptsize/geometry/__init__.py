@@ -11,44 +11,45 @@ if TYPE_CHECKING:
     from adaptsize.geometry.curvature import (
         corner_curvature,
         crease_curvature,
-        crease_edges,
         polyline_curvature,
         surface_curvature,
     )
     from adaptsize.geometry.distance.api import signed_distance
     from adaptsize.geometry.distance.function import SignedDistance
-    from adaptsize.geometry.faces import tag_faces
+    from adaptsize.geometry.faces import crease_edges, tag_faces
     from adaptsize.geometry.level_sets import level_set_curvature
-    from adaptsize.geometry.medial.axis import MedialAxis, medial_axis
-    from adaptsize.geometry.medial.feature_size import feature_size
-    from adaptsize.geometry.medial.inscribed_spheres import InscribedSpheres, inscribed_spheres
+    from adaptsize.geometry.medial.api import MedialAxis, feature_size, medial_axis
+    from adaptsize.geometry.separation import BoundarySeparation, boundary_separation
+    from adaptsize.geometry.width import boundary_width
 
 _HOMES = {
     "corner_curvature": "curvature",
     "crease_curvature": "curvature",
-    "crease_edges": "curvature",
+    "crease_edges": "faces",
     "polyline_curvature": "curvature",
     "surface_curvature": "curvature",
     "SignedDistance": "distance.function",
     "signed_distance": "distance.api",
     "tag_faces": "faces",
     "level_set_curvature": "level_sets",
-    "MedialAxis": "medial.axis",
-    "medial_axis": "medial.axis",
-    "feature_size": "medial.feature_size",
-    "InscribedSpheres": "medial.inscribed_spheres",
-    "inscribed_spheres": "medial.inscribed_spheres",
+    "MedialAxis": "medial.api",
+    "medial_axis": "medial.api",
+    "feature_size": "medial.api",
+    "BoundarySeparation": "separation",
+    "boundary_separation": "separation",
+    "boundary_width": "width",
 }
 
 __all__ = [
-    "InscribedSpheres",
+    "BoundarySeparation",
     "MedialAxis",
     "SignedDistance",
+    "boundary_separation",
+    "boundary_width",
     "corner_curvature",
     "crease_curvature",
     "crease_edges",
     "feature_size",
-    "inscribed_spheres",
     "level_set_curvature",
     "medial_axis",
     "polyline_curvature",

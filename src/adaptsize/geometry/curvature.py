@@ -13,21 +13,19 @@ from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels import normals as normal_kernels
 from adaptsize._kernels import sectors as sector_kernels
 from adaptsize.background import SimplexMesh
-from adaptsize.background.folds import is_tagged
+from adaptsize.geometry.faces import (
+    Normals,
+    crease_edges,
+    feature_facets,
+    normals_of,
+    refuse_other_than_surface,
+)
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Largest number of averages; each spreads a value by one layer of neighbours.
 MOST_TURNS = 1000
 #: Curvatures below this, in units of one over the diagonal, are noise.
 FLAT = 1e-7
-# A triangle whose area is below this share of its longest edge squared has no normal.
-_FLAT_SHARE = 1e-12
-
-
-class _Faces(NamedTuple):
-    normals: FloatArray  # unit, in the orientation of each triangle; borrowed where degenerate
-    areas: FloatArray  # zero where degenerate
-    facet_cells: IntArray
 
 
 class _Sectors(NamedTuple):
@@ -139,11 +137,11 @@ def tensors_of(
     surface: SimplexMesh, crease_angle: float, smoothing: int
 ) -> tuple[_Sectors, FloatArray, FloatArray]:
     """Return the sectors of a surface, their normals and their curvature tensors."""
-    _refuse_other_than_surface(surface)
+    refuse_other_than_surface(surface)
     turns = as_whole_number("smoothing", smoothing, lower=0, upper=MOST_TURNS)
     angle = math.radians(as_angle("crease_angle", crease_angle))
-    faces = _faces_of(surface)
-    sectors = _sectors_of(surface, faces, _creases_of(surface, faces, angle))
+    faces = normals_of(surface)
+    sectors = _sectors_of(surface, faces, feature_facets(surface, faces, angle))
     normals = _normals_of(surface, faces, sectors, angle)
     tensors = np.zeros((len(normals), 6))
     kernels.fill_tensors(
@@ -158,40 +156,6 @@ def tensors_of(
         )  # fmt: skip
         tensors = smoothed
     return sectors, normals, tensors
-
-
-def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:
-    """Return the feature edges of a surface: boundary, non-manifold, sharp and tagged edges.
-
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space, in any orientation.
-    crease_angle : float, default 40
-        Edges with a larger angle between the two normals are sharp; in degrees.
-
-    Returns
-    -------
-    ndarray of int32, shape (n_creases, 2)
-        Node indices, ``i < j``, in lexicographic order.
-
-    Raises
-    ------
-    ValueError
-        If the cells are not triangles in space, or the angle is out of range.
-
-    Examples
-    --------
-    >>> from adaptsize import SimplexMesh
-    >>> roof = SimplexMesh([[0, 0, 1], [1, 0, 1], [0, 1, 0], [0, -1, 0]], [[0, 1, 2], [0, 1, 3]])
-    >>> crease_edges(roof).tolist()
-    [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3]]
-    >>> crease_edges(roof, crease_angle=91.0).tolist()
-    [[0, 2], [0, 3], [1, 2], [1, 3]]
-    """
-    _refuse_other_than_surface(surface)
-    angle = math.radians(as_angle("crease_angle", crease_angle))
-    return surface.facets[_creases_of(surface, _faces_of(surface), angle)]
 
 
 def crease_curvature(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> FloatArray:
@@ -300,28 +264,7 @@ def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
     return kappa
 
 
-def _faces_of(surface: SimplexMesh) -> _Faces:
-    facet_cells = np.empty((len(surface.facets), 2), np.int32)
-    sector_kernels.fill_facet_cells(surface.cell_facets, facet_cells)
-    normals, areas = np.empty((surface.n_cells, 3)), np.empty(surface.n_cells)
-    sector_kernels.fill_face_normals(surface.points, surface.cells, _FLAT_SHARE, normals, areas)
-    sector_kernels.lend_normals(
-        surface.points, surface.cells, surface.cell_facets, facet_cells,
-        surface.facet_cell_counts, areas, normals,
-    )  # fmt: skip
-    return _Faces(normals, areas, facet_cells)
-
-
-def _creases_of(surface: SimplexMesh, faces: _Faces, angle: float) -> BoolArray:
-    is_crease = np.empty(len(surface.facets), np.bool_)
-    sector_kernels.mark_creases(
-        surface.cells, surface.facets, faces.facet_cells, surface.facet_cell_counts,
-        faces.normals, angle, is_crease,
-    )  # fmt: skip
-    return is_crease | is_tagged(surface)
-
-
-def _sectors_of(surface: SimplexMesh, faces: _Faces, creases: BoolArray) -> _Sectors:
+def _sectors_of(surface: SimplexMesh, faces: Normals, creases: BoolArray) -> _Sectors:
     n = surface.cells.size
     sector, sign = np.empty(n, np.int32), np.empty(n)
     fan, fan_ptr = np.empty(n, np.int32), np.empty(n + 1, np.int32)
@@ -333,7 +276,7 @@ def _sectors_of(surface: SimplexMesh, faces: _Faces, creases: BoolArray) -> _Sec
     return _Sectors(sector, sign, fan, fan_ptr[: count + 1], ends[:count])
 
 
-def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: float) -> FloatArray:
+def _normals_of(surface: SimplexMesh, faces: Normals, sectors: _Sectors, angle: float) -> FloatArray:
     """Return the unit normal of each sector, those of open fans corrected; zero at cone tips."""
     n_sectors = len(sectors.ends)
     normals, angles = np.empty((n_sectors, 3)), np.empty(n_sectors)
@@ -360,9 +303,3 @@ def _normals_of(surface: SimplexMesh, faces: _Faces, sectors: _Sectors, angle: f
         )  # fmt: skip
         normals = corrected
     return normals
-
-
-def _refuse_other_than_surface(surface: SimplexMesh) -> None:
-    check_type("surface", surface, SimplexMesh)
-    if surface.cell_dim != 2 or surface.dim != 3:
-        raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")

@@ -1,17 +1,389 @@
-"""Faces of a surface, as a tag of each triangle."""
+"""Faces, curves, corners and tips of a boundary."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._checks import as_angle, check_type
+from adaptsize._defaults import CREASE_ANGLE
+from adaptsize._kernels import sectors as kernels
+from adaptsize._kernels.features import remove_loose
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import are_among, components_of, pairs_of_cells
-from adaptsize.geometry.curvature import crease_edges
+from adaptsize.background.location import in_space
+from adaptsize.background.merging import first_at_place
+from adaptsize.background.topology import (
+    are_among,
+    components_of,
+    is_tagged,
+    pairs_of_cells,
+    unique_rows,
+)
+from adaptsize.geometry.distance.orientation import MERGE_SHARE, oriented
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+# A triangle whose area is below this share of its longest edge squared has no normal.
+_FLAT_SHARE = 1e-12
+# A node inside a face is a tip if the angles around it are less than a full turn by more, radians.
+_TIP = 0.5
+# Angles are compared with limits to this precision, radians, so that rounding decides nothing.
+ANGLE_SLACK = 1e-7
 
 
+class Lists(NamedTuple):
+    """Sorted lists of numbers, one after the other."""
+
+    first: IntArray
+    """int32[n + 1]: list i is ``items[first[i] : first[i + 1]]``."""
+    items: IntArray
+
+    @classmethod
+    def of(cls, owners: npt.NDArray[np.integer], items: npt.NDArray[np.integer], n: int) -> Lists:
+        """Return n lists without repetitions from pairs of an owner and an item."""
+        span = int(items.max(initial=0)) + 1
+        keys = np.unique(owners.astype(np.int64) * span + items)
+        first = np.searchsorted(keys // span, np.arange(n + 1))
+        return cls(first.astype(np.int32), (keys % span).astype(np.int32))
+
+
+class Frame(NamedTuple):
+    """Coordinates of a boundary's own, so that neither its place nor its unit matters."""
+
+    origin: FloatArray
+    scale: float
+    """A power of two, by which multiplication is exact."""
+
+    def of(self, points: FloatArray) -> FloatArray:
+        """Return the coordinates of points in the frame, float64[n, 3]."""
+        return in_space((points - self.origin) * self.scale)
+
+
+class Normals(NamedTuple):
+    """Unit normals of triangles in the orientation of each, and what belongs to them."""
+
+    normals: FloatArray
+    """float64[n_cells, 3]; borrowed from a neighbour where a triangle is degenerate."""
+    areas: FloatArray
+    """float64[n_cells]; zero where degenerate."""
+    facet_cells: IntArray
+    """int32[n_facets, 2]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    r"""The faces of a boundary, separated by feature edges, with their curves, corners and tips.
+
+    Feature edges are edges between facets that turn by more than ``crease_angle``, edges of one
+    facet or of more than two, and tagged edges.  Untagged feature edges with a loose end, a node
+    with no other feature edge, are removed repeatedly: noise makes such edges, and they divide no
+    face.  *Faces* consist of facets that are joined over other edges, *curves* of feature edges,
+    and *corners* are the ends of curves: nodes with a number of feature edges other than two, or
+    where the curve turns by more than ``crease_angle``.  In the plane, faces are the chains of
+    segments between corners.
+
+    Two faces *meet* if they have a feature edge (in the plane a corner) in common.  A face meets
+    itself if it has a *tip*, a node whose angles sum up to less than :math:`2 \pi - 0.5`, or if a
+    feature edge inside it was removed.
+
+    The boundary is oriented first.  Coincident nodes are merged, and repeated facets and those that
+    have become degenerate are left out.
+    """
+
+    mesh: SimplexMesh
+    """Oriented: normals outward.  The nodes are those of the given boundary."""
+    targets: npt.NDArray[np.intp]
+    """Node into which each node was merged."""
+    kept: npt.NDArray[np.intp]
+    """Number of each cell in the given boundary."""
+    face: IntArray
+    """int32[n_cells]: the face of each cell, numbered from 0."""
+    features: IntArray
+    """Feature edges, int32[k, 2], or in the plane corners, int32[k, 1]."""
+    curve: IntArray
+    """int32[k]: the curve of each feature edge."""
+    is_corner: BoolArray
+    """bool[n_points]"""
+    meets: Lists
+    """The faces that meet each face."""
+
+    @classmethod
+    def of(cls, boundary: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> Faces:
+        """Return the faces of triangles in space or segments in the plane; the angle in degrees."""
+        mesh, targets, kept = _clean(boundary)
+        split = _split_line if mesh.cell_dim == 1 else _split_surface
+        return split(mesh, targets, kept, math.radians(crease_angle) + ANGLE_SLACK)
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces."""
+        return len(self.meets.first) - 1
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether most faces are single facets, as on surfaces with noise."""
+        return 2 * int(np.count_nonzero(np.bincount(self.face) == 1)) > self.n_faces
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The frame in which the boundary has its lower corner at 0 and a size of about 1."""
+        used = self.mesh.points[self.mesh.cells].reshape(-1, self.mesh.dim)
+        lower = used.min(axis=0)
+        largest = float((used - lower).max())
+        scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
+        return Frame(lower, scale)
+
+    @cached_property
+    def corner_nodes(self) -> IntArray:
+        """Nodes of the facets, int32[n_cells, cell_dim + 1], sorted by their coordinates.
+
+        What is computed from them in this order depends on no order of nodes and facets.
+        """
+        return sorted_by_place(self.frame.of(self.mesh.points), self.mesh.cells)
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Places of `corner_nodes` in the frame, float64[n_cells, cell_dim + 1, 3]."""
+        return self.frame.of(self.mesh.points)[self.corner_nodes]
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Outward unit normals of the facets, float64[n_cells, 3]; zero where degenerate."""
+        as_given = self.frame.of(self.mesh.points)[self.mesh.cells]
+        given, ordered = (_normals_of(corners) for corners in (as_given, self.corners))
+        length = np.linalg.norm(ordered, axis=1)
+        edges = self.corners - np.roll(self.corners, 1, axis=1)
+        longest = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
+        if self.mesh.cell_dim == 1:
+            longest = np.sqrt(longest)
+        length[length <= 2.0 * _FLAT_SHARE * longest] = np.inf
+        sign = np.where(np.einsum("ij,ij->i", given, ordered) < 0.0, -1.0, 1.0)
+        return ordered * (sign / length)[:, None]
+
+
+def sorted_by_place(points: FloatArray, cells: IntArray) -> IntArray:
+    """Return cells with the nodes of each sorted by their coordinates, float64[n, 3]."""
+    x, y, z = points.T
+    order = np.lexsort((z[cells], y[cells], x[cells]), axis=-1)
+    return np.take_along_axis(cells, order, axis=1)
+
+
+def _normals_of(corners: FloatArray) -> FloatArray:
+    """Return the normals of triangles, or of segments in the plane, not of unit length."""
+    edges = corners[:, 1:] - corners[:, :1]
+    if edges.shape[1] == 2:
+        return np.cross(edges[:, 0], edges[:, 1])
+    return edges[:, 0, [1, 0, 2]] * [1.0, -1.0, 0.0]
+
+
+def _clean(
+    boundary: SimplexMesh,
+) -> tuple[SimplexMesh, npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the oriented boundary, the merged nodes, and the numbers of the cells kept."""
+    targets = first_at_place(boundary.points, MERGE_SHARE * boundary.diagonal)
+    cells = targets[boundary.cells].astype(np.int32)
+    ordered = np.sort(cells, axis=1)
+    whole = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
+    kept = np.flatnonzero(whole) if whole.any() else np.arange(len(cells))
+    cells = cells[kept]
+    if len(unique_rows(cells, boundary.n_points)[0]) < len(cells):
+        # Facets of touching bodies run in opposite directions; these are not repeated.
+        start = cells.argmin(axis=1)[:, None]
+        turned = np.take_along_axis(cells, (start + np.arange(cells.shape[1])) % cells.shape[1], 1)
+        rows = turned if cells.shape[1] == 3 else cells
+        first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
+        cells, kept = cells[first], kept[first]
+    mesh = replace(
+        boundary,
+        cells=cells,
+        cell_tags=None if boundary.cell_tags is None else boundary.cell_tags[kept],
+        tagged_facets=_merged_facets(boundary, targets),
+        cell_data={},
+    )
+    return replace(mesh, cells=oriented(mesh)[0].cells), targets, kept
+
+
+def _merged_facets(boundary: SimplexMesh, targets: npt.NDArray[np.intp]) -> IntArray | None:
+    if boundary.tagged_facets is None:
+        return None
+    merged = targets[boundary.tagged_facets].astype(np.int32)
+    vanished = (np.diff(np.sort(merged, axis=1), axis=1) == 0).any(axis=1)
+    merged[vanished] = boundary.tagged_facets[vanished]
+    return merged
+
+
+def _split_line(
+    mesh: SimplexMesh, targets: npt.NDArray[np.intp], kept: npt.NDArray[np.intp], angle: float
+) -> Faces:
+    """Return the faces of segments in the plane; the angle in radians."""
+    smooth, one, other = smooth_passages(mesh, angle)
+    face = components_of(np.column_stack([one, other]), mesh.n_cells)
+    is_corner = np.zeros(mesh.n_points, np.bool_)
+    is_corner[mesh.cells] = True
+    is_corner[smooth] = False
+    corners = np.flatnonzero(is_corner).astype(np.int32)
+    at = is_corner[mesh.cells]
+    pairs = Lists.of(mesh.cells[at], np.repeat(face, 2).reshape(-1, 2)[at], mesh.n_points)
+    meets = _all_pairs(pairs, corners, int(face.max()) + 1)
+    curve = np.arange(len(corners), dtype=np.int32)
+    of_cells = face.astype(np.int32)
+    return Faces(mesh, targets, kept, of_cells, corners[:, None], curve, is_corner, meets)
+
+
+def _split_surface(
+    mesh: SimplexMesh, targets: npt.NDArray[np.intp], kept: npt.NDArray[np.intp], angle: float
+) -> Faces:
+    """Return the faces of triangles in space; the angle in radians."""
+    sharp = feature_facets(mesh, normals_of(mesh), angle)
+    is_feature = sharp.copy()
+    degree = np.bincount(mesh.edges[sharp].ravel(), minlength=mesh.n_points).astype(np.int32)
+    remove_loose(mesh.edges, is_tagged(mesh), is_feature, degree)
+    # Edges of three or more triangles are feature edges, too: all others have two.
+    face = components_of(pairs_of_cells(mesh, ~is_feature) // 3, mesh.n_cells)
+    edges = mesh.edges[is_feature]
+    is_corner, curve = _curves_of(mesh.points, edges, angle)
+    corner = np.flatnonzero(is_feature[mesh.cell_facets])
+    beside = Lists.of(mesh.cell_facets.ravel()[corner], face[corner // 3], len(mesh.facets))
+    meets = _all_pairs(beside, np.flatnonzero(is_feature), int(face.max()) + 1)
+    closed = face[pairs_of_cells(mesh, sharp & ~is_feature)[:, 0] // 3]
+    own = np.unique(np.concatenate([closed, face[_cells_at_tips(mesh, degree)]]))
+    owners = np.repeat(np.arange(len(meets.first) - 1), np.diff(meets.first))
+    meets = Lists.of(
+        np.concatenate([owners, own]), np.concatenate([meets.items, own]), len(meets.first) - 1
+    )
+    return Faces(mesh, targets, kept, face.astype(np.int32), edges, curve, is_corner, meets)
+
+
+def _all_pairs(around: Lists, which: npt.NDArray[np.integer], n: int) -> Lists:
+    """Return which of n faces are together in some of the lists; alone in one, with itself."""
+    counts = np.diff(around.first)[which]
+    own, other = [], []
+    for size in np.unique(counts):
+        rows = around.items[around.first[which[counts == size]][:, None] + np.arange(size)]
+        for i in range(size):
+            for j in range(size):
+                if i != j or size == 1:
+                    own.append(rows[:, i])
+                    other.append(rows[:, j])
+    if not own:
+        return Lists.of(np.empty(0, np.int64), np.empty(0, np.int64), n)
+    return Lists.of(np.concatenate(own), np.concatenate(other), n)
+
+
+def _cells_at_tips(mesh: SimplexMesh, degree: IntArray) -> npt.NDArray[np.intp]:
+    """Return a cell at each tip: a node on no feature edge, with too small a sum of angles."""
+    total = np.zeros(mesh.n_points)
+    corners = mesh.points[mesh.cells]
+    for v in range(3):
+        a, b = (corners[:, (v + k) % 3] - corners[:, v] for k in (1, 2))
+        angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
+        np.add.at(total, mesh.cells[:, v], angle)
+    is_tip = (degree == 0) & (total < 2.0 * math.pi - _TIP)
+    return np.flatnonzero(is_tip[mesh.cells].any(axis=1))
+
+
+def _curves_of(points: FloatArray, edges: IntArray, angle: float) -> tuple[BoolArray, IntArray]:
+    """Return which nodes are corners of curves, and the curve of each edge."""
+    is_corner = np.zeros(len(points), np.bool_)
+    if len(edges) == 0:
+        return is_corner, np.empty(0, np.int32)
+    smooth, one, other = smooth_passages(SimplexMesh(points, edges), angle)
+    is_corner[edges] = True
+    is_corner[smooth] = False
+    curve = components_of(np.column_stack([one, other]), len(edges))
+    return is_corner, curve.astype(np.int32)
+
+
+def smooth_passages(
+    line: SimplexMesh, angle: float
+) -> tuple[npt.NDArray[np.intp], IntArray, IntArray]:
+    """Return the nodes where two segments meet and turn by at most an angle, and the segments."""
+    ring_ptr, ring = line.rings
+    passed = np.flatnonzero(np.diff(ring_ptr) == 2)
+    one, other = (ring[ring_ptr[passed] + k] for k in range(2))
+    # Of the two nodes of a segment at node i, the sum less i is the other one.
+    before, after = (line.cells[cells].sum(axis=1) - passed for cells in (one, other))
+    arriving = line.points[passed] - line.points[before]
+    leaving = line.points[after] - line.points[passed]
+    along = np.einsum("ij,ij->i", arriving, leaving)
+    turn = np.arctan2(_twice_area(arriving, leaving), along)
+    smooth = turn <= angle
+    return passed[smooth], one[smooth], other[smooth]
+
+
+def _twice_area(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the areas of the parallelograms on pairs of vectors in 2-D or 3-D."""
+    if a.shape[1] == 2:
+        return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+    return np.asarray(np.linalg.norm(np.cross(a, b), axis=1))
+
+
+def normals_of(surface: SimplexMesh) -> Normals:
+    """Return the unit normals of triangles in space."""
+    facet_cells = np.empty((len(surface.facets), 2), np.int32)
+    kernels.fill_facet_cells(surface.cell_facets, facet_cells)
+    normals, areas = np.empty((surface.n_cells, 3)), np.empty(surface.n_cells)
+    kernels.fill_face_normals(surface.points, surface.cells, _FLAT_SHARE, normals, areas)
+    kernels.lend_normals(
+        surface.points, surface.cells, surface.cell_facets, facet_cells,
+        surface.facet_cell_counts, areas, normals,
+    )  # fmt: skip
+    return Normals(normals, areas, facet_cells)
+
+
+def feature_facets(surface: SimplexMesh, normals: Normals, angle: float) -> BoolArray:
+    """Return which edges of a surface are feature edges, loose ones too; the angle in radians."""
+    is_feature = np.empty(len(surface.facets), np.bool_)
+    kernels.mark_creases(
+        surface.cells, surface.facets, normals.facet_cells, surface.facet_cell_counts,
+        normals.normals, angle, is_feature,
+    )  # fmt: skip
+    return is_feature | is_tagged(surface)
+
+
+def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:
+    """Return the feature edges of a surface: boundary, non-manifold, sharp and tagged edges.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space, in any orientation.
+    crease_angle : float, default 40
+        Edges with a larger angle between the two normals are sharp; in degrees.
+
+    Returns
+    -------
+    ndarray of int32, shape (n_creases, 2)
+        Node indices, ``i < j``, in lexicographic order.
+
+    Raises
+    ------
+    ValueError
+        If the cells are not triangles in space, or the angle is out of range.
+
+    Examples
+    --------
+    >>> from adaptsize import SimplexMesh
+    >>> roof = SimplexMesh([[0, 0, 1], [1, 0, 1], [0, 1, 0], [0, -1, 0]], [[0, 1, 2], [0, 1, 3]])
+    >>> crease_edges(roof).tolist()
+    [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3]]
+    >>> crease_edges(roof, crease_angle=91.0).tolist()
+    [[0, 2], [0, 3], [1, 2], [1, 3]]
+    """
+    refuse_other_than_surface(surface)
+    angle = math.radians(as_angle("crease_angle", crease_angle))
+    return surface.facets[feature_facets(surface, normals_of(surface), angle)]
+
+
+def refuse_other_than_surface(surface: SimplexMesh) -> None:
+    """Raise a ValueError if a mesh does not consist of triangles in space."""
+    check_type("surface", surface, SimplexMesh)
+    if surface.cell_dim != 2 or surface.dim != 3:
+        raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")
 def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
     """Return a surface with a tag for each face; faces are separated by feature edges.
 

@@ -7,7 +7,8 @@ import numpy as np
 from adaptsize._checks import as_aspect, as_number, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.curvature import crease_edges, polyline_curvature
+from adaptsize.geometry.curvature import polyline_curvature
+from adaptsize.geometry.faces import crease_edges
 from adaptsize.geometry.principal_curvatures import sector_curvatures
 from adaptsize.metrics.isotropic import isotropic_metric
 from adaptsize.metrics.layers import frames

@@ -103,16 +103,22 @@ class _Samples(NamedTuple):
 
 
 def _sample_inside(surface: SimplexMesh) -> _Samples:
-    """Return evenly distributed points in the region that a surface encloses, and its volume."""
-    low = surface.points.min(axis=0)
-    extent = np.ptp(surface.points, axis=0)
+    """Return evenly distributed points in the region that a surface encloses, and its volume.
+
+    The columns are parallel to a principal axis of the surface, so that the points turn with it.
+    """
+    middle, axes = _principal_axes(surface)
+    local = (surface.points - middle) @ axes
+    used = local[surface.cells].reshape(-1, 3)
+    low = used.min(axis=0)
+    extent = used.max(axis=0) - low
     axis = int(np.argmin(extent))  # for thin plates, all columns then pass through the plate
     u, v = (d for d in range(3) if d != axis)
     i, j = np.indices((_COLUMNS, _COLUMNS)).reshape(2, -1)
     # Rows are shifted by the golden ratio.  A regular grid would hit edges of regular meshes.
     at = np.column_stack([i + 0.5, j + (i + 0.5) * 0.6180339887498949 % 1.0]) / _COLUMNS
     at = low[[u, v]] + at * extent[[u, v]]
-    column, height = _crossings(surface.points[surface.cells], at, (u, v, axis))
+    column, height = _crossings(local[surface.cells], at, (u, v, axis))
     order = np.lexsort((height, column))
     column, height = column[order], height[order]
     rank = np.arange(len(column)) - np.searchsorted(column, column)  # position in its column
@@ -128,7 +134,22 @@ def _sample_inside(surface: SimplexMesh) -> _Samples:
     points = np.empty((len(piece), 3))
     points[:, [u, v]] = at[column[start[piece]]]
     points[:, axis] = height[start[piece]] + part * length[piece]
-    return _Samples(points, total * area)
+    return _Samples(points @ axes.T + middle, total * area)
+
+
+def _principal_axes(surface: SimplexMesh) -> tuple[FloatArray, FloatArray]:
+    """Return the centroid of a surface, and its principal axes as columns.
+
+    They point to the side to which the area extends farther.  Axes of symmetric surfaces depend on
+    rounding.
+    """
+    middles = surface.points[surface.cells].mean(axis=1)
+    share = surface.measures / surface.measures.sum()
+    centroid = share @ middles
+    offsets = middles - centroid
+    axes = np.linalg.eigh((share[:, None] * offsets).T @ offsets)[1]
+    axes *= np.where(share @ (offsets @ axes) ** 3 < 0.0, -1.0, 1.0)
+    return centroid, axes
 
 
 def _crossings(

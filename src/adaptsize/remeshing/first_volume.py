@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.background.folds import renumbered_edges
+from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import BackendError
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner

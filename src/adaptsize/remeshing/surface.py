@@ -7,16 +7,21 @@ share of the tolerance.  Edges that must not be rounded are listed.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
-from adaptsize.background.folds import folds_of, halved_edges, renumbered_edges
-from adaptsize.background.splitting import split_edges
-from adaptsize.background.topology import are_among, pairs_of_cells
+from adaptsize.background.splitting import halved_edges, split_edges
+from adaptsize.background.topology import are_among, is_tagged, renumbered_edges
+from adaptsize.geometry.faces import feature_facets, normals_of
+from adaptsize.geometry.folds import folds_of
+from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.slivers import remove_slivers
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import IntArray
 
 #: Edges are divided until they are not longer than this many sizes ...
 _EDGE_OVER_SIZE = 4.0
@@ -28,8 +33,8 @@ THINNEST = (0.2, 0.02)
 _SLIVER_OVER_SIZE = 0.1
 #: Ridges closer than this share of the size are too close for good cells between them.
 _NARROW = 0.3
-#: Dihedral angle above which an edge is a feature edge.
-_FEATURE_ANGLE = np.deg2rad(30.0)
+#: Angle above which an edge is a feature edge, for Mmg, too; in radians.
+_FEATURE_ANGLE = math.radians(RIDGE_ANGLE["MmgMeshS"])
 #: Mmg rounds the triangles at an edge that is not a feature edge.  They may bulge by this share
 #: of the tolerance.
 _BULGE = 0.25
@@ -46,7 +51,7 @@ def refine_surface(
     Parameters
     ----------
     mesh : SimplexMesh
-        A closed surface.
+        A closed surface.  Tagged edges are feature edges.
     size : callable
     tolerance : float
         Allowed distance from the surface, in the unit of the coordinates.
@@ -61,7 +66,7 @@ def refine_surface(
         Edges that must not be rounded, rows sorted.
     """
     height = sliver_height(mesh, size, thinnest * tolerance)
-    mesh, _ = remove_slivers(mesh, height)
+    mesh, _ = _without_slivers(mesh, height)
     mesh = _with_better_facets(mesh)
     kept = _edges_to_keep(mesh, tolerance)
     while True:
@@ -71,7 +76,7 @@ def refine_surface(
             return mesh, _ridges(mesh, kept, size)
         split = split_edges(mesh, long)
         kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
-        mesh, new_node = remove_slivers(split.mesh, height)
+        mesh, new_node = _without_slivers(split.mesh, height)
         kept = renumbered_edges(kept, new_node)
         mesh = _with_better_facets(mesh)
 
@@ -82,6 +87,16 @@ def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
     Where the tolerance is larger than a thin plate, its sides must not be joined.
     """
     return min(height, _SLIVER_OVER_SIZE * float(size(mesh.points).min()))
+
+
+def _without_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntArray]:
+    """Remove slivers, but keep tagged edges; return the new node for each node, too."""
+    thicker, new_node = remove_slivers(mesh, height)
+    tagged = mesh.edges[is_tagged(mesh)]
+    if thicker is mesh or len(tagged) == 0:
+        return thicker, new_node
+    tagged = renumbered_edges(tagged, new_node)
+    return replace(thicker, tagged_facets=tagged, facet_tags=np.ones(len(tagged), int)), new_node
 
 
 def _with_better_facets(mesh: SimplexMesh) -> SimplexMesh:
@@ -97,16 +112,11 @@ def _edges_to_keep(mesh: SimplexMesh, tolerance: float) -> IntArray:
     normal turns by the angle a on the way to the next triangle.
     """
     bent = are_among(mesh.edges, folds_of(mesh, _FEATURE_ANGLE).bent)
-    if not bent.any():
-        return np.empty((0, 2), np.int32)
-    one, other = pairs_of_cells(mesh, bent).T // 3
-    corners = mesh.points[mesh.cells]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    twice_area: FloatArray = np.linalg.norm(normals, axis=1)
-    sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
-    angle = sine / np.maximum(twice_area[one] * twice_area[other], np.finfo(float).tiny)
-    height = np.maximum(twice_area[one], twice_area[other]) / mesh.edge_lengths[bent]
-    return np.asarray(mesh.edges[bent][angle * height / 8.0 > _BULGE * tolerance])
+    normals = normals_of(mesh)
+    one, other = normals.facet_cells[bent].T
+    sine = np.linalg.norm(np.cross(normals.normals[one], normals.normals[other]), axis=1)
+    height = 2.0 * np.maximum(normals.areas[one], normals.areas[other]) / mesh.edge_lengths[bent]
+    return np.asarray(mesh.edges[bent][sine * height / 8.0 > _BULGE * tolerance])
 
 
 def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
@@ -114,7 +124,7 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
 
     Between two ridges much closer than the size, all tetrahedra are flat.
     """
-    sharp = are_among(mesh.edges, folds_of(mesh, _FEATURE_ANGLE).sharp)
+    sharp = feature_facets(mesh, normals_of(mesh), _FEATURE_ANGLE)
     kept_now = are_among(mesh.edges, kept) & ~sharp
     on_ridge = np.zeros(mesh.n_points, bool)
     on_ridge[mesh.edges[sharp | kept_now]] = True

@@ -7,6 +7,7 @@ from adaptsize.sizes.feature import size_from_feature
 from adaptsize.sizes.from_sources import size_from_sources
 from adaptsize.sizes.node_counts import predicted_nodes
 from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
+from adaptsize.sizes.separation import size_from_separation
 from adaptsize.sizes.sources import (
     BallSource,
     BoundarySource,
@@ -33,6 +34,7 @@ __all__ = [
     "size_from_error",
     "size_from_feature",
     "size_from_hessian",
+    "size_from_separation",
     "size_from_sources",
     "zz_indicator",
 ]

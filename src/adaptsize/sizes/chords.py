@@ -7,8 +7,9 @@ import numpy as np
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
+from adaptsize.background.ordering import ordered_by_place
 from adaptsize.sizes.curvature import size_from_curvature
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IntArray
 
 
 def size_at_curves(
@@ -16,7 +17,8 @@ def size_at_curves(
 ) -> FloatArray:
     """Return the sizes 1 / (K kappa) of the boundary of a mesh, and of interfaces inside.
 
-    Mesh generators keep both within their tolerance.
+    Mesh generators keep both within their tolerance.  Nodes are summed up in the order of their
+    places, so that the result does not depend on their numbers, bit by bit.
 
     Parameters
     ----------
@@ -33,11 +35,18 @@ def size_at_curves(
     if mesh.dim == 1:
         return np.full(mesh.n_points, np.inf)
     options = {"elements_per_radian": elements_per_radian, "crease_angle": crease_angle}
-    h = size_from_curvature(mesh, smoothing=0, **options)
-    inner = interfaces(mesh) if mesh.cell_dim == mesh.dim else None
-    if inner is not None:
-        facets, nodes = inner
-        h[nodes] = np.minimum(h[nodes], size_from_curvature(facets, smoothing=0, **options))
+    parts: list[tuple[SimplexMesh, IntArray]] = []
+    if mesh.cell_dim == mesh.dim:
+        parts = [mesh.boundary()[:2]] if not mesh.is_closed else []
+        inner = interfaces(mesh)
+        parts += [inner] if inner is not None else []
+    else:
+        parts = [(mesh, np.arange(mesh.n_points, dtype=np.int32))]
+    h = np.full(mesh.n_points, np.inf)
+    for facets, nodes in parts:
+        ordered, rows = ordered_by_place(facets)
+        at = nodes[rows]
+        h[at] = np.minimum(h[at], size_from_curvature(ordered, smoothing=0, **options))
     return h
 
 

@@ -13,10 +13,10 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.curvature import (
     corner_curvature,
     crease_curvature,
-    crease_edges,
     polyline_curvature,
     surface_curvature,
 )
+from adaptsize.geometry.faces import crease_edges
 from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
@@ -190,7 +190,7 @@ def size_from_curvature(
         )
     with np.errstate(divide="ignore"):
         h0 = 1.0 / (per_radian * kappa)
-    h0 = np.maximum(h0, _SMALLEST_SHARE * source.diagonal)
+    h0 = np.maximum(h0, _SMALLEST_SHARE * source.diameter)
     return minimum(h0.reshape(background.nodal_shape), hmin=hmin, hmax=hmax)
 
 

@@ -1,4 +1,4 @@
-"""Sizes from the local feature size, a measure of the local width of the domain."""
+"""Sizes from the local width of the domain."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_angle, as_number, check_type, describe, one_of
-from adaptsize._defaults import CREASE_ANGLE, TOLERANCE
+from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.geometry.distance.closest_points import DistanceFunction
-from adaptsize.geometry.medial.axis import distance_on, medial_axis
-from adaptsize.geometry.medial.feature_size import feature_size, feature_size_with
-from adaptsize.geometry.medial.inscribed_spheres import SphereFinder
+from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.medial.api import feature_size
+from adaptsize.geometry.width import Width
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-Method: TypeAlias = Literal["auto", "spheres", "medial-axis"]
+Method: TypeAlias = Literal["auto", "rays", "medial-axis"]
 METHODS = get_args(Method)
 
 # Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
@@ -33,7 +33,7 @@ def size_from_feature(
     method: Method = "auto",
     elements_across: float = 4.0,
     crease_angle: float = CREASE_ANGLE,
-    corner_angle: float = 30.0,
+    corner_angle: float = CORNER_ANGLE,
     tolerance: float | None = None,
     hmin: float | None = None,
     hmax: float | None = None,
@@ -41,15 +41,14 @@ def size_from_feature(
 ) -> FloatArray:
     r"""Return the size that puts a given number of elements across narrow regions.
 
-    .. math:: h_0(x) = \mathrm{lfs}(x) / R, \qquad R = \mathrm{elements\_across} / 2,
+    .. math:: h_0(x) = W(x) / n, \qquad n = \mathrm{elements\_across},
 
-    at nodes inside and on the boundary.  With ``"spheres"``, lfs(x) is the radius of the largest
-    inscribed sphere that touches the boundary at the point closest to x (`inscribed_spheres`).
-    It is half the width of the domain there.  The size is therefore constant from that point to
-    the centre of the sphere, and each node is computed independently.  With ``"medial-axis"``,
-    lfs is the distance to the boundary plus the distance to the medial axis, equation (6) of [1]_
-    (`adaptsize.feature_size`).  This is never larger than the radius, and equal to it where the
-    width of the domain is constant.  Where the domain widens, it grows more slowly.
+    at nodes inside and on the boundary.  With ``"rays"``, W(x) is the width of the domain at the
+    boundary facet closest to x: the length of a ray from there to the opposite wall
+    (`adaptsize.geometry.boundary_width`).  The size is therefore constant across a plate, and each
+    node is computed independently.  With ``"medial-axis"``, W is twice the local feature size, the
+    distance to the boundary plus the distance to the medial axis, equation (6) of [1]_
+    (`adaptsize.feature_size`), and n is 2 R.
 
     Parameters
     ----------
@@ -57,23 +56,22 @@ def size_from_feature(
         A mesh of full dimension, the boundary of a domain (triangles in space or
         segments in the plane), or a grid or an octree around a domain.
     boundary : SimplexMesh, callable or array_like of float, optional
-        Triangles in space or segments in the plane, as for `inscribed_spheres`.  By
+        Triangles in space or segments in the plane, as for `boundary_width`.  By
         default the boundary of the background, or the background itself.  For the medial axis it
         may also be the signed distance, negative inside: a function of points, or on a
         CartesianGrid an array.
-    method : {"auto", "spheres", "medial-axis"}
-        Definition of the local feature size.  By default the medial axis for distances,
-        otherwise spheres.
+    method : {"auto", "rays", "medial-axis"}
+        Definition of the width.  By default the medial axis for distances, otherwise rays.
     elements_across : float, default 4
-        Twice R of [1]_, > 0.
+        Number n of elements, > 0.
     crease_angle, corner_angle : float
-        As for `inscribed_spheres`, degrees.  The medial axis on grids has no ``crease_angle``.
+        As for `boundary_width`, degrees.  The medial axis on grids has no ``crease_angle``.
     tolerance : float, optional
         Nodes up to this distance outside ``boundary`` get a size too.  On a background of lower
         dimension, only nodes within this distance of ``boundary`` get one.  On a grid or an
         octree the default is the diagonal of the largest box at a node, so that all corners of
         the boxes that the boundary passes have a size.  Otherwise it is 0.001 of the
-        diagonal of the boundary.  Only for spheres, with ``boundary``.
+        diagonal of the boundary.  Only for rays, with ``boundary``.
     hmin, hmax : float, optional
         Limits of the size; ``hmin`` overrides the bound.
     progress : callable, bool or None
@@ -82,8 +80,8 @@ def size_from_feature(
     Returns
     -------
     ndarray of float64, of ``background.nodal_shape``
-        Sizes; ``inf`` outside, and where there is no opposite boundary (open boundaries), unless
-        ``hmax`` is given.  At least 1e-6 of the diagonal of the boundary.
+        Sizes; ``inf`` outside, and where no opposite wall counts (corners, open boundaries), unless
+        ``hmax`` is given.  At least 1e-6 of the diameter of the boundary.
 
     Raises
     ------
@@ -93,18 +91,20 @@ def size_from_feature(
 
     See Also
     --------
+    size_from_separation : for places where features are close and no normal meets a wall.
     limit_gradient : the next step.  Where the domain widens fast, so does the size.
 
     Notes
     -----
-    The size is computed at each node separately, so a region that is narrow only between the nodes
-    is missed.  The background must resolve the length of narrow regions, but not their width.  For
-    a thin plate, nodes at the corners are sufficient.  On a surface, sizes that grow from there
-    into the volume give fewer elements across than requested: at least
-    2 / g log(1 + n g / 2) for n.
+    Rays start on the facets around each boundary node and at the point closest to each inner node.
+    A region that is narrow only between these is missed.  The background must resolve the length
+    of narrow regions, but not their width.  For a thin plate, nodes at the corners are sufficient.
+    On a surface, sizes that grow from there into the volume give fewer elements across than
+    requested: at least 2 / g log(1 + n g / 2) for n.
 
-    The size does not tend to zero at corners, but it does at the tips of wedges below
-    ``corner_angle``.  The cost is usually O(n log n).  See `inscribed_spheres` for the accuracy.
+    The size does not tend to zero at corners, but it does at the edges of wedges below
+    ``corner_angle``.  The cost is O(n log n), a few microseconds per ray.  Regions of a mesh
+    (``cell_tags``) have no effect.
 
     References
     ----------
@@ -131,12 +131,12 @@ def size_from_feature(
     across = as_number("elements_across", elements_across, lower=0.0, strict=True)
     one_of("method", method, METHODS)
     by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)
-    if method == "spheres" and by_distance:
-        raise ValueError(f"method='spheres' needs a SimplexMesh, got {describe(boundary)}")
+    if method == "rays" and by_distance:
+        raise ValueError(f"method='rays' needs a SimplexMesh, got {describe(boundary)}")
     by_medial_axis = method == "medial-axis" or by_distance
     if tolerance is not None and (by_medial_axis or boundary is None):
         raise ValueError(
-            "tolerance is for method='spheres' with a SimplexMesh as boundary, "
+            "tolerance is for method='rays' with a SimplexMesh as boundary, "
             f"got {describe(tolerance)} for method={method!r} and {describe(boundary)}"
         )
     if by_medial_axis and isinstance(background, CartesianGrid) and crease_angle != CREASE_ANGLE:
@@ -144,50 +144,50 @@ def size_from_feature(
             "crease_angle has no effect on the medial axis on a CartesianGrid, "
             f"got {crease_angle!r}"
         )
-    options = {"crease_angle": crease_angle, "corner_angle": corner_angle}
+    angles = (crease_angle, corner_angle)
     with reporting(progress) as report:
         if by_medial_axis:
-            lfs = _by_medial_axis(background, boundary, **options, report=report)
+            widths = 2.0 * _by_medial_axis(background, boundary, *angles, report=report)
             is_grid = isinstance(background, CartesianGrid)
             smallest = 0.0 if is_grid else SMALLEST_SHARE * background.diagonal
         else:
             if boundary is None:
-                lfs, source = _at_own_nodes(background, options, report)
+                widths, source = _at_own_nodes(background, angles, report)
             else:
                 assert isinstance(boundary, SimplexMesh)
                 source = boundary
-                lfs = _near_boundary(background, boundary, tolerance, options, report)
-            smallest = SMALLEST_SHARE * source.diagonal
-    h0 = np.maximum(2.0 * lfs / across, smallest)
+                widths = _near_boundary(background, boundary, tolerance, angles, report)
+            smallest = SMALLEST_SHARE * source.diameter
+    h0 = np.maximum(widths / across, smallest)
     return minimum(h0.reshape(background.nodal_shape), hmin=hmin, hmax=hmax)
 
 
 def _by_medial_axis(
     background: SimplexMesh | CartesianGrid | Octree,
     boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None,
-    *,
     crease_angle: float,
     corner_angle: float,
+    *,
     report: ProgressCallback,
 ) -> FloatArray:
     """Return the sum of the distances from the boundary and from the medial axis."""
     if boundary is None and not isinstance(background, SimplexMesh):
         raise ValueError(f"boundary must be given, as there is none in {background!r}")
-    if isinstance(background, CartesianGrid):
-        boundary = distance_on(background, boundary, report)
-        medial = medial_axis(background, boundary, corner_angle=corner_angle, progress=report)
-        return feature_size(background, boundary, medial, progress=report)
-    return feature_size_with(
-        background, boundary, crease_angle=crease_angle, corner_angle=corner_angle, report=report
+    return feature_size(
+        background,
+        boundary,
+        crease_angle=crease_angle,
+        corner_angle=corner_angle,
+        progress=report,
     )
 
 
 def _at_own_nodes(
     background: SimplexMesh | CartesianGrid | Octree,
-    options: dict[str, float],
+    angles: tuple[float, float],
     report: ProgressCallback,
 ) -> tuple[FloatArray, SimplexMesh]:
-    """Return the radius of the sphere at each node of a mesh, and the boundary of the mesh."""
+    """Return the width at each node of a mesh, and the boundary of the mesh."""
     if not isinstance(background, SimplexMesh):
         raise ValueError(f"boundary must be given, as there is none in {background!r}")
     if background.dim == 1 or background.cell_dim < background.dim - 1:
@@ -196,24 +196,29 @@ def _at_own_nodes(
             f"got {background!r}"
         )
     if background.cell_dim < background.dim:
-        return SphereFinder(background, **options).at_nodes(report).smallest(), background
+        return _width_of(background, *angles).at_nodes(report), background
     boundary = background.boundary()
     row = np.full(background.n_points, -1, np.int32)
     row[boundary.nodes] = np.arange(len(boundary.nodes))
     used = np.zeros(background.n_points, np.bool_)
     used[background.cells] = True
-    return radii_in(boundary.mesh, background.points, row, used, options, report), boundary.mesh
+    return widths_in(boundary.mesh, background.points, row, used, *angles, report), boundary.mesh
 
 
-def radii_in(
+def _width_of(boundary: SimplexMesh, crease_angle: float, corner_angle: float) -> Width:
+    return Width(Faces.of(boundary, crease_angle), corner_angle)
+
+
+def widths_in(
     boundary: SimplexMesh,
     points: FloatArray,
     row: IntArray,
     used: BoolArray,
-    options: dict[str, float],
+    crease_angle: float,
+    corner_angle: float,
     report: ProgressCallback,
 ) -> FloatArray:
-    """Return the radius of the sphere at each node of a domain, inf at nodes in no cell.
+    """Return the width at each node of a domain, inf at nodes in no cell.
 
     Parameters
     ----------
@@ -225,33 +230,65 @@ def radii_in(
         The node of ``boundary`` at each of them, -1 inside.
     used : bool[n]
         Whether each is in a cell.
-    options : dict
-        Angles, as for `SphereFinder`.
+    crease_angle, corner_angle : float
+        As for `boundary_width`.
     report : callable
     """
-    finder = SphereFinder(boundary, **options)
-    lfs = np.full(len(points), np.inf)
+    width = _width_of(boundary, crease_angle, corner_angle)
+    widths = np.full(len(points), np.inf)
     inner, at_boundary = np.flatnonzero(used & (row < 0)), np.flatnonzero(row >= 0)
-    lfs[inner] = finder.near(points[inner], report).smallest()
-    lfs[at_boundary] = finder.at_nodes(report).smallest()[row[at_boundary]]
-    return lfs
+    widths[inner] = width.near(points[inner], report)
+    widths[at_boundary] = width.at_nodes(report)[row[at_boundary]]
+    return widths
+
+
+def width_in_regions(
+    mesh: SimplexMesh, crease_angle: float, report: ProgressCallback
+) -> FloatArray:
+    """Return the least width at each node of the regions around it, each within its own boundary.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in the plane or tetrahedra, with regions (``cell_tags``).
+    crease_angle : float
+        As for `boundary_width`.
+    report : callable
+
+    Returns
+    -------
+    float64[n_points]
+        Inf if the mesh has a single region.
+    """
+    widths = np.full(mesh.n_points, np.inf)
+    if mesh.cell_tags is None or mesh.cell_tags.min() == mesh.cell_tags.max():
+        return widths
+    order = np.argsort(mesh.cell_tags, kind="stable")
+    for cells in np.split(order, np.flatnonzero(np.diff(mesh.cell_tags[order])) + 1):
+        nodes, local = np.unique(mesh.cells[cells], return_inverse=True)
+        region = SimplexMesh(mesh.points[nodes], local.reshape(len(cells), -1))
+        if region.is_closed:  # only if cells overlap
+            continue
+        found = _at_own_nodes(region, (crease_angle, CORNER_ANGLE), report)[0]
+        widths[nodes] = np.minimum(widths[nodes], found)
+    return widths
 
 
 def _near_boundary(
     background: SimplexMesh | CartesianGrid | Octree,
     boundary: SimplexMesh,
     tolerance: float | None,
-    options: dict[str, float],
+    angles: tuple[float, float],
     report: ProgressCallback,
 ) -> FloatArray:
-    """Return the radius of the sphere closest to each node that is not outside, else inf."""
+    """Return the width closest to each node that is not outside, else inf."""
     points = background.points
     wanted = _not_outside(background, boundary, points, tolerance, report)
     if not wanted.any():
         raise ValueError("boundary must have nodes of the background in it or near it, got none")
-    lfs = np.full(background.n_points, np.inf)
-    lfs[wanted] = SphereFinder(boundary, **options).near(points[wanted], report).smallest()
-    return lfs
+    widths = np.full(background.n_points, np.inf)
+    widths[wanted] = _width_of(boundary, *angles).near(points[wanted], report)
+    return widths
 
 
 def _not_outside(

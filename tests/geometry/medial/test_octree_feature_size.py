@@ -18,7 +18,7 @@ from adaptsize import (
     signed_distance,
     size_from_feature,
 )
-from adaptsize.geometry.medial.feature_size_on_octree import edge_lengths
+from adaptsize.geometry.medial.on_meshes import edge_lengths
 
 
 def inside_and(tree, boundary):
@@ -56,7 +56,7 @@ def test_nodes_and_middles_of_edges_may_be_on_the_boundary():
     strip = outline([(-1.0, 1.0), (5.0, 1.0), (5.0, 1.5), (-1.0, 1.5)])
     for level in range(4):  # leaves of 2, with the wall half way between nodes, to .25
         tree = Octree([-2.0, -2.0], [6.0, 6.0], (4, 4), [level] * (16 * 4**level))
-        size = feature_size(tree, strip, edges=False)
+        size = feature_size(tree, strip, crease_angle=180.0)
         x, y = tree.points.T
         across = (x >= 0.0) & (x <= 4.0) & (y > 1.0 - 2.0**-level) & (y < 1.5 + 2.0**-level)
         assert across.any()
@@ -170,7 +170,7 @@ def test_it_is_at_most_an_edge_between_corners():
     assert np.all(with_edges[inside] <= edge + phi[inside] + 1e-12)
     on_it = inside & (phi < 0.02)
     np.testing.assert_allclose(with_edges[on_it], edge, atol=0.02)
-    assert feature_size(tree, boundary, edges=False)[inside].min() > 0.9
+    assert feature_size(tree, boundary, crease_angle=180.0)[inside].min() > 0.9
     # Corners of 45 degrees only from a crease angle below that.
     assert feature_size(tree, boundary, crease_angle=50.0)[inside].min() > 0.9
 

@@ -12,7 +12,7 @@ from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
-_MERGE_SHARE = 1e-9
+MERGE_SHARE = 1e-9
 # A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals times
 # areas is above this share of its area.
 _SHEET_SHARE = 0.1
@@ -39,7 +39,7 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     int64[n_points]
         Node into which each node was merged.
     """
-    target = first_at_place(boundary.points, _MERGE_SHARE * boundary.diagonal)
+    target = first_at_place(boundary.points, MERGE_SHARE * boundary.diagonal)
     cells = _merged(boundary.cells, target)
     merged = SimplexMesh(boundary.points, cells) if cells is not boundary.cells else boundary
     turned, piece, contradicts = _consistent(merged)

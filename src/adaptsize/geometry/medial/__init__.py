@@ -1,1 +1,1 @@
-"""Medial axes, inscribed spheres and feature sizes."""
+"""Medial axes and feature sizes."""

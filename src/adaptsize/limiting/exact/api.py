@@ -21,7 +21,7 @@ from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import solve_grid_edges
 from adaptsize.limiting.exact.again import solve_again
 from adaptsize.limiting.exact.field import ExactField, Points
-from adaptsize.limiting.exact.problem import Extra, Problem
+from adaptsize.limiting.exact.problem import Extra, Problem, margin_for
 from adaptsize.limiting.exact.solve import Found, solve_on_mesh, survivors_of
 from adaptsize.limiting.exact.waves import node_wave
 from adaptsize.limiting.exact.work import number_of_threads, part_of
@@ -395,3 +395,37 @@ def _on_active(
         n_proved=max(0, solution.n_proved - int(np.count_nonzero(~grid.active)) - n_later),
         largest_gap=solution.largest_gap,
     )
+
+
+def limit_points(
+    points: FloatArray, bounds: FloatArray, n: int, g: float, report: ProgressCallback
+) -> tuple[FloatArray, IntArray]:
+    r"""Return :math:`\min_j b_j + g |x_i - x_j|` at the first n points, and the j of each.
+
+    Parameters
+    ----------
+    points : float64[m, dim]
+        dim 2 or 3.
+    bounds : float64[m]
+        inf where there is none.
+    n : int
+        Sizes are returned at so many points.
+    g : float
+    report : callable
+
+    Returns
+    -------
+    float64[n]
+        Bit by bit the same in any order of the points.
+    int32[n]
+        -1 where no bound reaches.
+    """
+    margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
+    threads = number_of_threads(None)
+    nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
+    wave = node_wave(points[nodes], bounds[nodes], nodes)
+    field = ExactField(g, None, False, [survivors_of(wave, g, False, threads, report, margin)])
+    wanted = Points(points[:n], along_curve(points[:n]), np.empty(0, np.int32))
+    h, source = bounds[:n].copy(), np.full(n, -1, np.int32)
+    field.lower_by_last(wanted, h, source, threads, report)
+    return h, Found(h, source, field).named()[:, 0]

@@ -1,13 +1,14 @@
-"""The kernel of Algorithm 1 against the same steps with polynomials of NumPy."""
+"""The crossings of Algorithm 1 against the same steps with polynomials of NumPy."""
 
 import numpy as np
 import planar_shapes as planar
 import pytest
 
-from adaptsize._kernels.medial_axis import find_crossings
+from adaptsize._progress import silent
+from adaptsize.geometry.medial.on_grids import Padded, find_crossings
 
 
-def by_polynomials(phi, tolerance, gamma):
+def by_polynomials(phi, tolerance, gamma=2.0):
     """Algorithm 1 on a plane grid of spacing 1 with NumPy's polynomials; {(i, j, axis): s0}."""
     n, m = phi.shape
 
@@ -62,33 +63,13 @@ def by_polynomials(phi, tolerance, gamma):
     "shape",
     [planar.turned(planar.letter_l(9.0, 8.0), 17.0), planar.ellipse(11.0, 6.0), planar.disc(9.0)],
 )
-def test_kernel_does_what_algorithm_1_says(shape):
-    _, phi = planar.sampled(shape, 1.0, half=17.0, shift=(0.31, 0.77))
-    twin = by_polynomials(phi, 0.1, 2.0)
-    room = 2 * phi.size
-    node, axis = np.empty((2, room), np.int64)
-    place, rise, depth = np.empty((3, room))
-    padded = np.pad(phi, 3, mode="reflect", reflect_type="odd")
-    count, rows = find_crossings(
-        padded.ravel(),
-        (1, *phi.shape),
-        (0, 3, 3),
-        (0, padded.shape[1], 1),
-        (1.0, 1.0, 1.0),
-        0.1,
-        2.0,
-        0,
-        node,
-        axis,
-        place,
-        rise,
-        depth,
-        np.empty((room, 2, 3)),
-    )
-    assert rows == phi.shape[0]
-    i, j = np.unravel_index(node[:count], phi.shape)
-    keys = zip(i.tolist(), j.tolist(), (axis[:count] - 1).tolist(), strict=True)
-    found = dict(zip(keys, place[:count].tolist(), strict=True))
+def test_crossings_are_those_of_algorithm_1(shape):
+    grid, phi = planar.sampled(shape, 1.0, half=17.0, shift=(0.31, 0.77))
+    twin = by_polynomials(phi, 0.1)
+    crossings = find_crossings(Padded.of(grid, phi), phi < 0.0, 0.1, silent)
+    positions = Padded.of(grid, phi).positions(crossings.nodes)
+    edges = np.column_stack([positions, crossings.axis]).tolist()
+    found = {tuple(edge): s for edge, s in zip(edges, crossings.place, strict=True)}
     assert len(twin) > 3
     assert found.keys() == twin.keys()
     for key, s in twin.items():

@@ -1,0 +1,302 @@
+"""Rays from points of a boundary into the domain, and the first wall that each one hits.
+
+Facets are triangles, or segments in the plane z = 0, in the order of a tree of boxes (see
+interpolate.py).  A facet is a row of `FACET` numbers: a corner c, the unit outward normal n, two
+vectors a and b, and three tolerances, so that a point x of its plane has the weights
+
+    u = a . (x - c),    v = b . (x - c),    1 - u - v,
+
+each of which may be negative by its tolerance: a point may be beside a facet by the same distance
+everywhere, however thin the facet is.  Hence no ray escapes between two facets.
+"""
+
+import math
+
+import numpy as np
+
+from adaptsize._kernels.compiling import inner, kernel
+
+#: Numbers of a facet.
+FACET = 15
+
+#: A direction lies in a plane up to this sine of an angle: single precision in files tilts facets.
+ALONG = 1e-3
+
+# A path from the root to a leaf leaves one node behind per level.
+_STACK = 64
+# Rays that enter further bodies more often are given up.
+_MOST_ENTRIES = 64
+# A ray along a plane does not hit it.
+_PARALLEL = 1e-9
+
+
+@kernel
+def fill_facets(corners, normals, slack, facets):
+    """Fill the rows of facets.
+
+    Parameters
+    ----------
+    corners : float64[m, k, 3]
+        k = 3, or 2 in the plane.
+    normals : float64[m, 3]
+        Unit; zero for facets without area, which nothing hits.
+    slack : float
+        Distance beside a facet that belongs to it.
+    facets : float64[m, FACET]
+        Out.
+    """
+    in_plane = corners.shape[1] == 2
+    for t in range(corners.shape[0]):
+        c, n = corners[t, 0], normals[t]
+        p, q = corners[t, 1] - c, corners[t, 1] - c
+        if in_plane:
+            a = p / (p[0] * p[0] + p[1] * p[1])
+            b = np.zeros(3)
+        else:
+            q = corners[t, 2] - c
+            across = np.array([
+                n[1] * q[2] - n[2] * q[1], n[2] * q[0] - n[0] * q[2], n[0] * q[1] - n[1] * q[0],
+            ])  # fmt: skip
+            a = across / (across[0] * p[0] + across[1] * p[1] + across[2] * p[2])
+            across = np.array([
+                n[1] * p[2] - n[2] * p[1], n[2] * p[0] - n[0] * p[2], n[0] * p[1] - n[1] * p[0],
+            ])  # fmt: skip
+            b = across / (across[0] * q[0] + across[1] * q[1] + across[2] * q[2])
+        lengths = np.zeros(3)
+        for d in range(3):
+            facets[t, d], facets[t, 3 + d] = c[d], n[d]
+            facets[t, 6 + d], facets[t, 9 + d] = a[d], b[d]
+            lengths[0] += a[d] * a[d]
+            lengths[1] += b[d] * b[d]
+            lengths[2] += (a[d] + b[d]) * (a[d] + b[d])
+        for d in range(3):
+            facets[t, 12 + d] = slack * math.sqrt(lengths[d])
+
+
+@inner
+def hit(facets, t, x, y, z, dx, dy, dz):
+    """Return the distance at which a ray crosses facet t, and the cosine of its direction to n.
+
+    The distance is inf if the ray misses the facet or runs along its plane.
+    """
+    cosine = dx * facets[t, 3] + dy * facets[t, 4] + dz * facets[t, 5]
+    if not abs(cosine) > _PARALLEL:
+        return math.inf, 0.0
+    rx, ry, rz = facets[t, 0] - x, facets[t, 1] - y, facets[t, 2] - z
+    along = (rx * facets[t, 3] + ry * facets[t, 4] + rz * facets[t, 5]) / cosine
+    rx, ry, rz = along * dx - rx, along * dy - ry, along * dz - rz
+    u = facets[t, 6] * rx + facets[t, 7] * ry + facets[t, 8] * rz
+    v = facets[t, 9] * rx + facets[t, 10] * ry + facets[t, 11] * rz
+    if u >= -facets[t, 12] and v >= -facets[t, 13] and 1.0 - u - v >= -facets[t, 14]:
+        return along, cosine
+    return math.inf, 0.0
+
+
+@inner
+def entry(boxes, node, x, y, z, dx, dy, dz, slack):
+    """Return the distance at which a ray enters a box, widened by ``slack``; inf if it misses.
+
+    ``dx``, ``dy``, ``dz``: inverses of the direction, inf where that is 0.
+    """
+    low, high = 0.0, math.inf
+    # Comparisons are such that nan, from 0 * inf, changes nothing.
+    a, b = (boxes[node, 0] - slack - x) * dx, (boxes[node, 3] + slack - x) * dx
+    low, high = _clip(low, high, a, b)
+    a, b = (boxes[node, 1] - slack - y) * dy, (boxes[node, 4] + slack - y) * dy
+    low, high = _clip(low, high, a, b)
+    a, b = (boxes[node, 2] - slack - z) * dz, (boxes[node, 5] + slack - z) * dz
+    low, high = _clip(low, high, a, b)
+    return low if low <= high else math.inf
+
+
+@inner
+def _clip(low, high, a, b):
+    if a > b:
+        a, b = b, a
+    if a > low:
+        low = a
+    if b < high:
+        high = b
+    return low, high
+
+
+@inner
+def _first_walls(walls, ray, reach, slack, limits, own, stack, starts):
+    """Return where a ray first leaves and enters a body beyond ``reach``, and where that counts.
+
+    Parameters
+    ----------
+    walls : tuple
+        ``facets``, ``boxes``, ``face``, ``two_sided``, ``first`` and ``meeting`` of `shoot`.
+    ray : tuple of 6 float64
+        Start and unit direction.
+    reach : float
+    slack : float
+    limits : float64[2]
+        Of `shoot`.
+    own : int
+        Face of the start.
+    stack, starts : int64[_STACK], float64[_STACK]
+        Scratch.
+
+    Returns
+    -------
+    leaves, counts, enters : float64
+        Distances of the first wall that the ray leaves through, of the first one of these that
+        counts, and of the first one that it enters through; inf if there is none.
+    """
+    facets, boxes, face, two_sided, first, meeting = walls
+    x, y, z, dx, dy, dz = ray
+    with_zero = math.inf
+    ix = 1.0 / dx if dx != 0.0 else with_zero
+    iy = 1.0 / dy if dy != 0.0 else with_zero
+    iz = 1.0 / dz if dz != 0.0 else with_zero
+    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
+    leaves, counts, enters = math.inf, math.inf, math.inf
+    stack[0], starts[0] = 1, 0.0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if starts[top] > min(leaves, enters) + slack:
+            continue
+        if node < n_leaves:
+            left = entry(boxes, 2 * node, x, y, z, ix, iy, iz, slack)
+            right = entry(boxes, 2 * node + 1, x, y, z, ix, iy, iz, slack)
+            near, far = 2 * node, 2 * node + 1
+            if right < left:
+                near, far = far, near
+                left, right = right, left
+            if right < math.inf:
+                stack[top], starts[top] = far, right
+                top += 1
+            if left < math.inf:
+                stack[top], starts[top] = near, left
+                top += 1
+            continue
+        leaf = node - n_leaves
+        for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+            along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
+            if not reach < along < math.inf:
+                continue
+            if cosine < 0.0 and not two_sided[t]:
+                enters = min(enters, along)
+                continue
+            leaves = min(leaves, along)
+            cosine = abs(cosine)
+            if along < counts and cosine >= limits[0]:
+                if cosine > limits[1] or not _meet(first, meeting, own, face[t]):
+                    counts = along
+    return leaves, counts, enters
+
+
+@inner
+def _meet(first, meeting, one, other):
+    """Return whether two faces meet."""
+    low, high = first[one], first[one + 1]
+    while low < high:
+        middle = (low + high) // 2
+        if meeting[middle] < other:
+            low = middle + 1
+        else:
+            high = middle
+    return low < first[one + 1] and meeting[low] == other
+
+
+@kernel
+def shoot(
+    facets, boxes, face, two_sided, first, meeting, starts, directions, own, limits, slack, begin,
+    end, widths,
+):  # fmt: skip
+    """Fill the distances to the walls opposite to points of the boundary; inf: none counts.
+
+    The ray leaves the domain where it has left as many bodies as it has entered, and the one in
+    which it started.
+
+    Parameters
+    ----------
+    facets : float64[m, FACET]
+    boxes : float64[2 * n_leaves, 6]
+    face : int32[m]
+    two_sided : bool[m]
+        Facets of open sheets, which are walls for rays from both sides.
+    first, meeting : int32[n_faces + 1], int32[k]
+        Faces that meet each face, ascending.
+    starts, directions : float64[n, 3]
+        Directions are unit vectors.
+    own : int32[n]
+        Face of each start.
+    limits : float64[2]
+        Cosines of the largest angle between the direction and the normal of a wall that counts,
+        and of the largest one of a wall on a face that meets that of the start.
+    slack : float
+        Hits nearer than this are those of the facets at the start, and hits as near to each other
+        are one.
+    begin, end : int
+        Only these rays are shot.
+    widths : float64[n]
+        Out.
+    """
+    walls = (facets, boxes, face, two_sided, first, meeting)
+    stack, entries = np.empty(_STACK, np.int64), np.empty(_STACK)
+    for r in range(begin, end):
+        ray = (
+            starts[r, 0], starts[r, 1], starts[r, 2],
+            directions[r, 0], directions[r, 1], directions[r, 2],
+        )  # fmt: skip
+        widths[r] = math.inf
+        reach, depth = slack, 1
+        for _ in range(2 * _MOST_ENTRIES):
+            leaves, counts, enters = _first_walls(
+                walls, ray, reach, slack, limits, own[r], stack, entries
+            )
+            if enters < leaves - slack:
+                depth += 1
+                reach = enters + slack
+                continue
+            depth -= 1
+            if depth == 0 or leaves == math.inf:
+                if counts <= leaves + slack:
+                    widths[r] = counts
+                break
+            reach = leaves + slack
+
+
+@inner
+def is_blocked(facets, boxes, ray, length, slack, stack):
+    """Return whether a facet crosses a ray at more than ``slack`` from both of its ends.
+
+    A ray that runs along a facet, up to the sine `ALONG`, does not cross it.
+
+    Parameters
+    ----------
+    facets, boxes
+        As for `shoot`.
+    ray : tuple of 6 float64
+        Start and unit direction.
+    length, slack : float
+    stack : int64[_STACK]
+        Scratch.
+    """
+    x, y, z, dx, dy, dz = ray
+    ix = 1.0 / dx if dx != 0.0 else math.inf
+    iy = 1.0 / dy if dy != 0.0 else math.inf
+    iz = 1.0 / dz if dz != 0.0 else math.inf
+    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
+    stack[0] = 1
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if entry(boxes, node, x, y, z, ix, iy, iz, slack) >= length:
+            continue
+        if node < n_leaves:
+            stack[top], stack[top + 1] = 2 * node, 2 * node + 1
+            top += 2
+            continue
+        leaf = node - n_leaves
+        for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+            along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
+            if slack < along < length - slack and abs(cosine) > ALONG:
+                return True
+    return False

@@ -1,0 +1,361 @@
+"""The separation of the features of a boundary: distances between those that do not meet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_angle
+from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
+from adaptsize._kernels import interpolate as tree_kernels
+from adaptsize._kernels import separation as kernels
+from adaptsize._progress import reporting
+from adaptsize.background import SimplexMesh
+from adaptsize.background._curve import tree_over
+from adaptsize.background.topology import unique_rows
+from adaptsize.geometry.faces import ANGLE_SLACK, Faces, Lists, sorted_by_place
+from adaptsize.geometry.width import SLACK, Walls, check_boundary
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+
+# Feature edges are halved where the separation at their middles is below their length, so often.
+_MOST_HALVINGS = 12
+# A compiled loop cannot be interrupted; one call of it processes this many points.
+_POINTS_PER_CALL = 20_000
+
+
+class FeaturePoints(NamedTuple):
+    """Points on feature edges (in the plane at corners), given in the frame of the faces."""
+
+    places: FloatArray
+    """float64[n, 3]"""
+    node: npt.NDArray[np.intp]
+    """Node of the boundary, -1 inside an edge."""
+    edge: npt.NDArray[np.intp]
+    """Row of ``faces.features``: one with the node, or that with the point."""
+
+
+class BoundarySeparation(NamedTuple):
+    """Separations at points on the features of a boundary, see `boundary_separation`."""
+
+    points: FloatArray
+    """float64[n, dim]"""
+    distances: FloatArray
+    """float64[n]; inf where no other feature is seen."""
+
+
+def boundary_separation(
+    boundary: SimplexMesh,
+    *,
+    crease_angle: float = CREASE_ANGLE,
+    corner_angle: float = CORNER_ANGLE,
+    progress: ProgressCallback | bool | None = None,
+) -> BoundarySeparation:
+    r"""Return the distances between the features of a boundary, through the domain.
+
+    The separation F(p) of a point p on a curve or at a corner is the distance to the nearest
+    corner, curve or face that is not incident to the one of p.  It is the local feature size of
+    [1]_, restricted to the domain: the segment between the two points must lie in the domain or
+    along its boundary.  Features that meet at a corner v count only where their distance is below
+    :math:`\sin(\text{corner_angle}) |p - v|`.  Two corners at the ends of one curve count.
+
+    So it detects short edges, the ends of slits, narrow faces and steps, corners opposite a wall,
+    and edges that come close to each other: places where no normal meets an opposite wall, and
+    which `boundary_width` does not detect.
+
+    Parameters
+    ----------
+    boundary : SimplexMesh
+        Triangles in space, or segments in the plane.  They are oriented first.
+    crease_angle : float, default 40
+        Angle between facets above which their edge (in the plane node) is a feature edge, degrees.
+        Feature edges with a loose end are not features.
+    corner_angle : float, default 30
+        Smallest angle between features that form a corner, degrees.
+    progress : callable, bool or None
+        As in `limit_gradient`.
+
+    Returns
+    -------
+    BoundarySeparation
+        ``points``, float64[n, dim]: all nodes on feature edges, and points between them where
+        features are closer than the edges are long; in the plane, the corners.  ``distances``,
+        float64[n]: separations, ``inf`` where no other feature is seen.
+
+    Raises
+    ------
+    ValueError
+        If the boundary is of another kind, or an angle is out of range.
+
+    See Also
+    --------
+    adaptsize.size_from_separation : the size that resolves the separation.
+
+    References
+    ----------
+    .. [1] J. Ruppert, "A Delaunay refinement algorithm for quality 2-dimensional mesh
+       generation", J. Algorithms 18 (1995) 548-585.
+
+    Examples
+    --------
+    The corners of a rectangle with a step of 0.1:
+
+    >>> points = [[0, 0], [3, 0], [3, 1], [1, 1], [1, 0.9], [0, 0.9]]
+    >>> step = SimplexMesh(points, [[i, (i + 1) % 6] for i in range(6)])
+    >>> boundary_separation(step).distances.round(3)
+    array([0.9, 1. , 1. , 0.1, 0.1, 0.9])
+    """
+    check_boundary(boundary)
+    faces = Faces.of(boundary, as_angle("crease_angle", crease_angle))
+    separation = Separation(faces, as_angle("corner_angle", corner_angle), Walls.of(faces))
+    with reporting(progress) as report:
+        return separation.sampled(report)
+
+
+class _Elements(NamedTuple):
+    """Corners, segments of curves, or facets of faces, in a tree."""
+
+    cells: IntArray
+    boxes: FloatArray
+    owner: IntArray
+    touched: Lists
+    """Corners of each owner."""
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """Finds the separation of features at points on them, see `boundary_separation`."""
+
+    faces: Faces
+    corner_angle: float
+    """Degrees."""
+    walls: Walls
+
+    def at_nodes(self, report: ProgressCallback) -> BoundarySeparation:
+        """Return the nodes of all features, and the separations there."""
+        nodes = self.nodes
+        return self._given(nodes.places, self.at(nodes, report))
+
+    def sampled(self, report: ProgressCallback) -> BoundarySeparation:
+        """Return points at the nodes of all features and between them, and the separations.
+
+        Edges are not halved for separations below the tolerance to which boundaries are kept by
+        default.
+        """
+        faces = self.faces
+        nodes = self.nodes
+        every = [(nodes.places, self.at(nodes, report))]
+        if faces.features.shape[1] == 1:
+            return self._given(*every[0])
+        ends = faces.frame.of(faces.mesh.points)[faces.features]
+        edge = np.arange(len(ends))
+        for _ in range(_MOST_HALVINGS):
+            middles = 0.5 * (ends[:, 0] + ends[:, 1])
+            found = self.at(FeaturePoints(middles, np.full(len(edge), -1), edge), report)
+            every.append((middles, found))
+            lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+            long = (found < lengths) & (found > TOLERANCE)
+            if not long.any():
+                break
+            halves = [np.stack([ends[long, e], middles[long]], axis=1) for e in (0, 1)]
+            ends, edge = np.concatenate(halves), np.tile(edge[long], 2)
+        places, distances = zip(*every, strict=True)
+        return self._given(np.concatenate(places), np.concatenate(distances))
+
+    def _given(self, places: FloatArray, distances: FloatArray) -> BoundarySeparation:
+        """Return points and distances in the coordinates of the boundary."""
+        frame, dim = self.faces.frame, self.faces.mesh.dim
+        points = places[:, :dim] / frame.scale + frame.origin
+        return BoundarySeparation(points, distances / frame.scale)
+
+    @cached_property
+    def nodes(self) -> FeaturePoints:
+        """The nodes on feature edges."""
+        features = self.faces.features
+        node, place = np.unique(features, return_index=True)
+        edge = place // features.shape[1]
+        return FeaturePoints(self._places[node], node.astype(np.intp), edge)
+
+    def at(self, which: FeaturePoints, report: ProgressCallback) -> FloatArray:
+        """Return the separations at points on features, in the unit of the frame."""
+        n, faces = len(which.places), self.faces
+        distances = np.full(n, np.inf)
+        if n == 0:
+            return distances
+        is_corner = (which.node >= 0) & faces.is_corner[np.maximum(which.node, 0)]
+        curve = np.where(is_corner, -1, faces.curve[which.edge])
+        ends = np.where(is_corner[:, None], -1, self._ends[curve])
+        places = self._places[np.maximum(ends, 0)]
+        sectors = self._sectors(which)
+        sine = math.sin(math.radians(self.corner_angle) - ANGLE_SLACK)
+        of_corner = [self._corner_corners, self._corner_curves, self._corner_faces]
+        of_curve = [self._curve_corners, self._curve_curves, self._curve_faces]
+        steps = zip(self._elements, of_corner, of_curve, strict=True)
+        for number, (elements, at_corner, on_curve) in enumerate(steps):
+            if len(elements.cells) == 0:
+                continue
+            skipped = _chosen(at_corner, on_curve, which.node, curve)
+            for first in range(0, n, _POINTS_PER_CALL):
+                kernels.lower_separations(
+                    self._places, elements.cells, elements.boxes, elements.owner,
+                    *elements.touched, which.places, *skipped, ends.astype(np.int32), places,
+                    sine, *sectors, self.walls.facets, self.walls.boxes, SLACK,
+                    first, min(first + _POINTS_PER_CALL, n), distances,
+                )  # fmt: skip
+                report("separation", (number + first / n) / 3.0)
+        return distances
+
+    @cached_property
+    def _places(self) -> FloatArray:
+        return self.faces.frame.of(self.faces.mesh.points)
+
+    @cached_property
+    def _n_curves(self) -> int:
+        return int(self.faces.curve.max(initial=-1)) + 1
+
+    @cached_property
+    def _ends(self) -> IntArray:
+        """Corners at the ends of each curve, -1 for none, int32[n_curves + 1, 2]."""
+        first, corners = self._curve_corners
+        ends = np.full((self._n_curves + 1, 2), -1, np.int32)
+        for e in (0, 1):
+            has = np.flatnonzero(np.diff(first) > e)
+            ends[has, e] = corners[first[has] + e]
+        return ends
+
+    @cached_property
+    def _curve_corners(self) -> Lists:
+        faces = self.faces
+        row, column = np.nonzero(faces.is_corner[faces.features])
+        if faces.features.shape[1] == 1:
+            row = column = np.empty(0, np.int64)  # in the plane, there are no curves
+        return Lists.of(faces.curve[row], faces.features[row, column], self._n_curves)
+
+    @cached_property
+    def _corner_curves(self) -> Lists:
+        return _inverse(self._curve_corners, self.faces.mesh.n_points)
+
+    @cached_property
+    def _face_corners(self) -> Lists:
+        faces = self.faces
+        row, column = np.nonzero(faces.is_corner[faces.mesh.cells])
+        return Lists.of(faces.face[row], faces.mesh.cells[row, column], faces.n_faces)
+
+    @cached_property
+    def _corner_faces(self) -> Lists:
+        return _inverse(self._face_corners, self.faces.mesh.n_points)
+
+    @cached_property
+    def _corner_corners(self) -> Lists:
+        own = np.flatnonzero(self.faces.is_corner)
+        return Lists.of(own, own, self.faces.mesh.n_points)
+
+    @cached_property
+    def _curve_curves(self) -> Lists:
+        own = np.arange(self._n_curves)
+        return Lists.of(own, own, self._n_curves)
+
+    @cached_property
+    def _curve_faces(self) -> Lists:
+        first, cells = self._cells_of_features
+        faces = self.faces
+        curve = np.repeat(faces.curve, np.diff(first))
+        return Lists.of(curve, faces.face[cells], self._n_curves)
+
+    @cached_property
+    def _cells_of_features(self) -> Lists:
+        """The facets beside each feature edge; none in the plane."""
+        faces, mesh = self.faces, self.faces.mesh
+        if faces.features.shape[1] == 1:
+            return Lists.of(np.empty(0, np.int64), np.empty(0, np.int64), len(faces.features))
+        number = unique_rows(np.concatenate([mesh.edges, faces.features]), mesh.n_points)[1]
+        row = np.full(len(mesh.edges), -1)
+        row[number[len(mesh.edges) :]] = np.arange(len(faces.features))
+        of_cells = row[number[mesh.cell_facets]]
+        cell, column = np.nonzero(of_cells >= 0)
+        return Lists.of(of_cells[cell, column], cell, len(faces.features))
+
+    @cached_property
+    def _elements(self) -> tuple[_Elements, _Elements, _Elements]:
+        """Corners, segments of curves, and facets."""
+        faces, none = self.faces, np.empty(0, np.int64)
+        corners = np.flatnonzero(faces.is_corner).astype(np.int32)
+        of_corners = Lists.of(none, none, faces.mesh.n_points)
+        segments = np.empty((0, 2), np.int32)
+        if faces.features.shape[1] == 2:
+            segments = sorted_by_place(self._places, faces.features)
+        return (
+            self._in_tree(corners[:, None], corners, of_corners),
+            self._in_tree(segments, faces.curve, self._curve_corners),
+            self._in_tree(faces.corner_nodes, faces.face, self._face_corners),
+        )
+
+    def _in_tree(self, cells: IntArray, owner: IntArray, touched: Lists) -> _Elements:
+        if len(cells) == 0:
+            return _Elements(cells, np.empty((2, 6)), owner, touched)
+        n_leaves, order = tree_over(self._places, np.array(cells))
+        boxes = np.empty((2 * n_leaves, 6))
+        ordered = np.ascontiguousarray(cells[order])
+        tree_kernels.fill_boxes(self._places, ordered, boxes)
+        return _Elements(ordered, boxes, owner[order], touched)
+
+    def _sectors(self, which: FeaturePoints) -> tuple[IntArray, FloatArray]:
+        """Return the sectors of the facets around points, see separation.py in _kernels."""
+        mesh, k = self.faces.mesh, self.faces.mesh.cells.shape[1]
+        at_node = np.flatnonzero(which.node >= 0)
+        ring_ptr, ring = mesh.rings
+        query, cell = _listed(at_node, ring_ptr, ring, which.node[at_node])
+        apex = np.argmax(mesh.cells[cell] == which.node[query, None], axis=1)
+        sides = [mesh.cells[cell, (apex + v) % k] for v in (1, k - 1)]
+        rows = [(query, cell, *(self._places[side] for side in sides))]
+        if k == 3:
+            on_edge = np.flatnonzero(which.node < 0)
+            query, cell = _listed(on_edge, *self._cells_of_features, which.edge[on_edge])
+            edge = self.faces.features[which.edge[query]]
+            third = mesh.cells[cell].sum(axis=1) - edge.sum(axis=1)
+            rows += [(query, cell, self._places[end], self._places[third]) for end in edge.T]
+        queries, cells, a, b = (np.concatenate(column) for column in zip(*rows, strict=True))
+        order = np.argsort(queries, kind="stable")
+        queries, cells = queries[order], cells[order]
+        sectors = np.empty((len(order), kernels.SECTOR))
+        for column, ends in ((0, a[order]), (3, b[order])):
+            way = ends - which.places[queries]
+            sectors[:, column : column + 3] = way / np.linalg.norm(way, axis=1)[:, None]
+        sectors[:, 6:9] = self.faces.normals[cells]
+        cosine = np.einsum("ij,ij->i", sectors[:, :3], sectors[:, 3:6])
+        sectors[:, 9] = np.arccos(np.clip(cosine, -1.0, 1.0)) if k == 3 else 1.0
+        first = np.searchsorted(queries, np.arange(len(which.places) + 1))
+        return first.astype(np.int32), sectors
+
+
+def _listed(
+    rows: npt.NDArray[np.intp], first: IntArray, items: IntArray, lists: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.intp], IntArray]:
+    """Return the items of one list for each row, and the row of each item."""
+    count = np.diff(first)[lists]
+    start = np.cumsum(count) - count
+    row = np.repeat(np.arange(len(rows)), count)
+    return rows[row], items[np.arange(len(row)) - start[row] + first[lists][row]]
+
+
+def _chosen(
+    at_corner: Lists, on_curve: Lists, node: npt.NDArray[np.intp], curve: npt.NDArray[np.intp]
+) -> Lists:
+    """Return for each point the list of its corner, or of its curve if that is not -1."""
+    corners, curves = np.flatnonzero(curve < 0), np.flatnonzero(curve >= 0)
+    pairs = [
+        _listed(corners, *at_corner, node[corners]),
+        _listed(curves, *on_curve, curve[curves]),
+    ]
+    owners, items = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    return Lists.of(owners, items, len(node))
+
+
+def _inverse(lists: Lists, n: int) -> Lists:
+    """Return for each of n items the lists that hold it."""
+    owners = np.repeat(np.arange(len(lists.first) - 1), np.diff(lists.first))
+    return Lists.of(lists.items, owners, n)

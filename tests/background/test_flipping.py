@@ -1,0 +1,281 @@
+"""Edge flips in flat facets, and the edges that bound these facets."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from curved_shapes import sliver_cylinder
+from meshes import random_sphere, random_square
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
+
+from adaptsize import SimplexMesh, read
+from adaptsize.background.flipping import flip_edges
+from adaptsize.background.topology import are_among, pairs_of_cells
+from adaptsize.geometry.folds import folds_of
+from adaptsize.quality import minimum_angles
+
+DATA = Path(__file__).parents[2] / "data"
+NONE = np.empty((0, 2), np.int32)
+KITE = np.array([[0, 0], [4, 0], [2, 1], [2, -1]], float)
+ACROSS_KITE = [[0, 1, 2], [1, 0, 3]]
+
+
+def edge_set(mesh):
+    return {tuple(edge) for edge in mesh.edges.tolist()}
+
+
+def stretched(n, seed, *, dim=2):
+    """Triangles that were Delaunay where x was twice as long, in a tilted plane if ``dim`` is 3."""
+    mesh = random_square(n, seed)
+    points = mesh.points * (0.5, 1.0)
+    if dim == 3:
+        points = points @ Rotation.random(random_state=seed).as_matrix()[:2] + (5.0, -3.0, 9.0)
+    return SimplexMesh(points, mesh.cells)
+
+
+def excesses(mesh, free):
+    """Sums of the angles opposite to free edges of two triangles, less 180 degrees."""
+    cells, turn = np.divmod(pairs_of_cells(mesh, free & (mesh.facet_cell_counts == 2)), 3)
+    total = np.full(len(cells), -np.pi)
+    for side in (0, 1):
+        corner, p, q = (
+            mesh.points[mesh.cells[cells[:, side], (turn[:, side] + k) % 3]] for k in range(3)
+        )
+        u, v = p - corner, q - corner
+        lengths = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+        total += np.arccos(np.clip((u * v).sum(axis=1) / lengths, -1.0, 1.0))
+    return total
+
+
+# --- what flips keep and what they reach ------------------------------------------------
+
+
+def test_flipping_gives_the_delaunay_triangulation_of_a_stretched_one():
+    # On the hull nothing can be flipped.
+    mesh = stretched(300, 621)
+    flipped = flip_edges(mesh, NONE)
+    hull = mesh.edges[mesh.facet_cell_counts == 1]
+    wanted = SimplexMesh(mesh.points, Delaunay(mesh.points).simplices)
+    assert edge_set(flipped) != edge_set(mesh)
+    assert {tuple(edge) for edge in hull.tolist()} <= edge_set(flipped)
+    assert flipped.signed_measures.min() > 0.0
+    assert flipped.measures.sum() == pytest.approx(mesh.measures.sum(), rel=1e-12)
+    same = edge_set(flipped) & edge_set(wanted)
+    # Both fill the hull of the points but for slivers on its outside.
+    assert len(same) > 0.98 * len(mesh.edges)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("seed", [623, 624])
+def test_afterwards_only_edges_that_stay_are_not_delaunay(dim, seed):
+    rng = np.random.default_rng(seed)
+    plain = stretched(400, seed, dim=dim)
+    middles = random_square(400, seed).points[plain.cells].mean(axis=1)
+    inner = plain.edges[plain.facet_cell_counts == 2]
+    kept, tagged = inner[rng.permutation(len(inner))[:60]].reshape(2, 30, 2)
+    mesh = replace(
+        plain,
+        cell_tags=(middles[:, 0] > 0.1).astype(int),
+        tagged_facets=tagged[:, ::-1],
+        facet_tags=np.arange(30),
+        tag_names={(2, 1): "right"},
+    )
+    flipped = flip_edges(mesh, kept)
+    assert {tuple(edge) for edge in np.concatenate([kept, tagged]).tolist()} <= edge_set(flipped)
+    for tag in (0, 1):
+        before, after = mesh.cell_tags == tag, flipped.cell_tags == tag
+        area = mesh.measures[before].sum()
+        assert flipped.measures[after].sum() == pytest.approx(area, rel=1e-12)
+        rims = (SimplexMesh(m.points, m.cells[c]) for m, c in ((mesh, before), (flipped, after)))
+        one, other = (rim.edges[rim.facet_cell_counts == 1] for rim in rims)
+        assert_array_equal(one, other)
+    assert_array_equal(flipped.tagged_facets, mesh.tagged_facets)
+    assert_array_equal(flipped.facet_tags, mesh.facet_tags)
+    assert dict(flipped.tag_names) == dict(mesh.tag_names)
+    assert minimum_angles(flipped).min() >= minimum_angles(mesh).min()
+
+    def free(m):
+        tags = m.cell_tags[np.argsort(m.cell_facets, axis=None, kind="stable") // 3]
+        start = np.cumsum(m.facet_cell_counts) - m.facet_cell_counts
+        other = np.minimum(start + 1, len(tags) - 1)
+        stays = np.concatenate([kept, np.sort(tagged, axis=1)])
+        return (tags[start] == tags[other]) & ~are_among(m.edges, stays)
+
+    assert excesses(mesh, free(mesh)).max() > 0.1
+    assert excesses(flipped, free(flipped)).max() < 1e-6
+    assert flip_edges(flipped, kept) is flipped
+
+
+@pytest.mark.parametrize("seed", [625, 626, 627])
+def test_the_order_of_nodes_and_triangles_does_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    mesh = stretched(500, seed)
+    new_node = rng.permutation(mesh.n_points)
+    cells = new_node[mesh.cells][rng.permutation(mesh.n_cells)]
+    cells = np.take_along_axis(cells, (rng.integers(3, size=(len(cells), 1)) + range(3)) % 3, 1)
+    points = np.empty_like(mesh.points)
+    points[new_node] = mesh.points
+    one, other = (flip_edges(m, NONE) for m in (mesh, SimplexMesh(points, cells)))
+    wanted = {tuple(edge) for edge in np.sort(new_node[one.edges], axis=1).tolist()}
+    assert edge_set(other) == wanted != edge_set(mesh)
+    assert_array_equal(flip_edges(mesh, NONE).cells, one.cells)
+
+
+def test_the_middle_of_a_long_edge_with_many_nodes_on_it_is_reached():
+    n = 200
+    on_edge = np.column_stack([np.linspace(0.0, 1.0, n), np.zeros(n)])
+    points = np.vstack([on_edge, [[0.5, 1.0], [0.5, -1.0]]])
+    fan = [[i, i + 1, n] for i in range(n - 1)]
+    caps = [[0, i + 1, i] for i in range(1, n - 1)]  # without any area
+    mesh = SimplexMesh(points, [*fan, *caps, [0, n + 1, n - 1]])
+    flipped = flip_edges(mesh, NONE)
+    assert flipped.measures.min() > 0.0
+    assert edge_set(flipped) >= {(i, n + 1) for i in range(n)}
+
+
+# --- what is not flipped ------------------------------------------------------------------
+
+
+def test_kept_edges_and_borders_of_tags_are_not_flipped():
+    assert (2, 3) in edge_set(flip_edges(SimplexMesh(KITE, ACROSS_KITE), NONE))
+    kept = flip_edges(SimplexMesh(KITE, ACROSS_KITE), np.array([[0, 1]], np.int32))
+    tagged = flip_edges(SimplexMesh(KITE, ACROSS_KITE, cell_tags=[1, 2]), NONE)
+    assert (0, 1) in edge_set(kept)
+    assert (0, 1) in edge_set(tagged)
+
+
+def test_tagged_edges_are_not_flipped():
+    mesh = SimplexMesh(KITE, ACROSS_KITE, tagged_facets=[[1, 0]], facet_tags=[7])
+    assert flip_edges(mesh, NONE).cells.tolist() == [[0, 1, 2], [1, 0, 3]]
+    plain = SimplexMesh(KITE, mesh.cells, tagged_facets=[[0, 2]], facet_tags=[7])
+    flipped = flip_edges(plain, NONE)
+    assert flipped.cells.tolist() == [[2, 0, 3], [2, 3, 1]]
+    assert flipped.facet_tags.tolist() == [7]
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        [[0, 1, 2], [0, 1, 3]],  # of different orientations
+        [[0, 1, 2], [1, 0, 3], [0, 1, 4]],  # three at an edge
+        [[0, 1, 2], [1, 0, 2]],  # the same nodes twice
+        [[0, 1, 2], [1, 0, 3], [2, 3, 4]],  # where the other diagonal is an edge
+    ],
+)
+def test_edges_that_cannot_be_flipped_stay(cells):
+    points = np.column_stack([np.vstack([KITE, [[9.0, 9.0]]]), np.zeros(5)])
+    mesh = SimplexMesh(points, cells)
+    assert flip_edges(mesh, NONE) is mesh
+
+
+def test_a_flip_that_an_edge_prevents_is_made_when_that_edge_is_gone():
+    # A strip from 2 to 3 beside the kite: its edge (2, 3) is flipped, then so is (0, 1).
+    points = np.column_stack([np.vstack([KITE, [[0.0, 0.0], [4.0, 0.0]]]), np.zeros(6)])
+    points[4:, 2] = 1e-3
+    points[4:, :2] = [[2.2, 0.0], [1.8, 0.0]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [1, 0, 3], [2, 3, 4], [3, 2, 5]])
+    flipped = flip_edges(mesh, NONE)
+    assert edge_set(flipped) >= {(2, 3), (4, 5)}
+    assert (0, 1) not in edge_set(flipped)
+
+
+@pytest.mark.parametrize("seed", [628, 629])
+def test_flips_come_to_an_end_on_rough_surfaces(seed):
+    rng = np.random.default_rng(seed)
+    sphere = random_sphere(400, seed)
+    mesh = SimplexMesh(sphere.points * rng.uniform(0.3, 1.0, (len(sphere.points), 1)), sphere.cells)
+    flipped = flip_edges(mesh, NONE)
+    assert flipped is not mesh
+    assert (flipped.facet_cell_counts == 2).all()
+    assert len(flipped.edges) == len(mesh.edges)
+    assert minimum_angles(flipped).min() >= minimum_angles(mesh).min()
+    assert flip_edges(flipped, NONE) is flipped
+
+
+def test_nodes_on_a_circle_or_at_one_place_do_not_matter():
+    angle = 2 * np.pi * np.arange(300) / 300
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    fan = SimplexMesh(circle, [[0, i, i + 1] for i in range(1, 299)])
+    assert flip_edges(fan, NONE) is fan
+    twice = SimplexMesh(np.vstack([KITE, KITE[:1]]), [[0, 1, 2], [1, 0, 4], [1, 4, 3]])
+    flipped = flip_edges(twice, NONE)
+    assert flipped.measures.sum() == pytest.approx(twice.measures.sum())
+
+
+# --- bent and sharp edges -----------------------------------------------------------------
+
+
+def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
+    n = 24
+    angle = 2 * np.pi * np.arange(n) / n
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.vstack([np.c_[ring, np.zeros(n)], np.c_[ring, np.full(n, 20.0)]])
+    cells = []
+    for i in range(n):
+        j = (i + 1) % n
+        cells += [[i, j, j + n], [i, j + n, i + n]]
+    for i in range(1, n - 1):
+        cells += [[0, i + 1, i], [n, n + i, n + i + 1]]
+    bent, sharp = folds_of(SimplexMesh(points, cells), np.deg2rad(40.0))
+    i, j = bent.T
+    assert len(i) == n
+    np.testing.assert_array_equal(j - i, n)
+    assert len(sharp) == 2 * n
+
+
+PARTS = {
+    "bracket": lambda: read(DATA / "bracket.stl"),
+    "cylinder": lambda: sliver_cylinder(40, 641),
+    "sphere": lambda: random_sphere(300, 642),
+}
+
+
+@pytest.mark.parametrize("name", list(PARTS))
+@pytest.mark.parametrize("change", ["scale", "rotation", "offset", "far", "single precision"])
+def test_place_and_unit_of_a_part_change_no_class_of_its_edges(name, change):
+    mesh = PARTS[name]()
+    points, away = mesh.points, mesh.diagonal * np.array([0.6, -0.5, 0.62])
+    moved = {
+        "scale": 3.7 * points,
+        "rotation": points @ Rotation.random(random_state=643).as_matrix(),
+        "offset": points + 4e4 * away,
+        "far": points + 1e6 * away,
+        "single precision": (points + away).astype(np.float32).astype(float),
+    }[change]
+    before, after = (
+        folds_of(SimplexMesh(x, mesh.cells), np.deg2rad(30.0)) for x in (points, moved)
+    )
+    assert len(before.bent) > 20
+    assert_array_equal(before.bent, after.bent)
+    assert_array_equal(before.sharp, after.sharp)
+
+
+@pytest.mark.parametrize(("height", "is_bent"), [(1e-8, False), (1e-4, True)])
+def test_a_low_triangle_is_flat_unless_its_corner_is_far_off_the_plane(height, is_bent):
+    # Seen along x, the corner of the second triangle is 20 degrees below the plane z = 0.
+    slope = np.deg2rad(20.0)
+    corner = height * np.array([0.0, -np.cos(slope), -np.sin(slope)]) + (0.5, 0.0, 0.0)
+    mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0.5, 0.8, 0], corner], ACROSS_KITE)
+    bent, sharp = folds_of(mesh, np.deg2rad(30.0))
+    assert bent.tolist() == ([[0, 1]] if is_bent else [])
+    assert len(sharp) == 4
+    kept = np.concatenate([bent, sharp])
+    flipped = flip_edges(mesh, kept)
+    assert ((2, 3) in edge_set(flipped)) == (not is_bent)
+    assert_allclose(flipped.measures.sum(), mesh.measures.sum(), rtol=1e-3)
+
+
+def test_edges_of_one_or_three_triangles_and_tagged_ones_are_sharp():
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [1, 1, 0]]
+    mesh = SimplexMesh(
+        points,
+        [[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 5, 2]],
+        tagged_facets=[[2, 1]],
+        facet_tags=[3],
+    )
+    bent, sharp = folds_of(mesh, np.deg2rad(30.0))
+    assert len(bent) == 0
+    assert_array_equal(sharp, mesh.edges)

@@ -1,0 +1,354 @@
+"""The separation of the features of a boundary, through the domain."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import width_oracle
+from manifold3d import Manifold
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+from solids import box, circle, hull, outline
+from width_oracle import AllFeatures, joined, mesh_of
+
+from adaptsize import SimplexMesh, io
+from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.separation import FeaturePoints, Separation, boundary_separation
+from adaptsize.geometry.width import Walls, boundary_width
+
+DATA = Path(__file__).parents[2] / "data"
+# Of exact cases: coordinates are rounded to 2e-16, and the least distances are a hundredth.
+ROUNDING = 1e-12
+
+
+def quiet(*_):
+    """A report of progress that goes nowhere."""
+
+
+def turned(mesh, seed=60311):
+    turn = Rotation.random(random_state=seed).as_matrix()
+    return SimplexMesh(mesh.points @ turn.T, mesh.cells)
+
+
+def shifted(mesh, by):
+    return SimplexMesh(mesh.points + np.asarray(by, float), mesh.cells)
+
+
+def cavity(mesh):
+    return SimplexMesh(mesh.points, mesh.cells[:, ::-1])
+
+
+def prism(corners, height):
+    """A convex polygon, extruded."""
+    flat = np.asarray(corners, float)
+    return hull(
+        np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in (0.0, height)])
+    )
+
+
+def at(found, *point):
+    """Return the separation at a point."""
+    away = np.linalg.norm(found.points - point, axis=1)
+    assert away.min() < 1e-9
+    return found.distances[away.argmin()]
+
+
+# --- against the twin -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [101, 107, 139])
+@pytest.mark.parametrize("part", width_oracle.SOUND_PARTS)
+def test_the_trees_find_what_all_features_and_all_facets_give(part, seed):
+    mesh = width_oracle.SOUND_PARTS[part](np.random.default_rng(seed))
+    faces = Faces.of(mesh)
+    separation, features = Separation(faces, 30.0, Walls.of(faces)), AllFeatures(faces)
+    nodes = separation.nodes
+    assert_array_equal(np.unique(faces.features), np.sort(nodes.node))
+    expected = [
+        features.at_corner(node)
+        if faces.is_corner[node]
+        else features.on_curve(features.places[node], int(faces.curve[edge]))
+        for node, edge in zip(nodes.node, nodes.edge, strict=True)
+    ]
+    # The frame is of size 1; rounding of coordinates is 1e-16.
+    assert_allclose(separation.at(nodes, quiet), expected, rtol=1e-12, atol=1e-15)
+    if mesh.dim == 3 and len(faces.features) > 0:
+        rng = np.random.default_rng(seed + 1)
+        edge = rng.integers(0, len(faces.features), 60)
+        ends, share = features.places[faces.features[edge]], rng.uniform(0.02, 0.98, (60, 1))
+        places = share * ends[:, 0] + (1.0 - share) * ends[:, 1]
+        expected = [
+            features.on_curve(x, int(c)) for x, c in zip(places, faces.curve[edge], strict=True)
+        ]
+        found = separation.at(FeaturePoints(places, np.full(60, -1), edge), quiet)
+        assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
+
+
+# --- what no normal meets ---------------------------------------------------------
+
+
+def diamond(at, radius):
+    return np.asarray(at) + radius * circle(4)
+
+
+def test_a_throat_between_two_corners_in_the_plane_is_its_width():
+    obstacles = [diamond((x, 0.0), 1.0)[::-1] for x in (-1.025, 1.025)]
+    found = boundary_separation(outline([[-4, -4], [4, -4], [4, 4], [-4, 4]], *obstacles))
+    assert_allclose([at(found, x, 0.0) for x in (-0.025, 0.025)], 0.05, rtol=ROUNDING)
+    # Other corners of an obstacle are as far from each other as its sides are long.
+    assert_allclose(np.sort(found.distances)[2:4], np.sqrt(2.0), rtol=ROUNDING)
+
+
+def crossed_bars(gap):
+    """A box with two bars in it, whose edges pass each other at right angles."""
+    bar = Manifold.cube([3.0, 0.5, 0.5], True).rotate([45.0, 0.0, 0.0])
+    half = np.sqrt(0.125) + 0.5 * gap
+    lower, upper = bar.translate([0, 0, -half]), bar.rotate([0, 0, 90]).translate([0, 0, half])
+    return joined(box(5, 5, 5), *(cavity(shifted(mesh_of(b), [2.5] * 3)) for b in (lower, upper)))
+
+
+@pytest.mark.parametrize("seed", [None, 3, 58])
+def test_a_throat_between_two_edges_in_space_is_found_inside_the_edges(seed):
+    gap = 0.05
+    mesh = crossed_bars(gap)
+    found = boundary_separation(mesh if seed is None else turned(mesh, seed))
+    assert_allclose(found.distances.min(), gap, rtol=ROUNDING)  # both middles are points
+    moved = crossed_bars(gap)
+    points = moved.points.copy()
+    points[-8:] += [0.37, 0.23, 0.0]
+    found = boundary_separation(SimplexMesh(points, moved.cells))
+    # Points on edges are at most as far apart as their separation is long.
+    assert gap <= found.distances.min() < np.hypot(gap, 0.5 * gap)
+
+
+def test_parallel_edges_of_two_obstacles_have_the_width_of_the_throat():
+    block = Manifold.cube([5.0, 5.0, 3.0], True)
+    for x in (-0.75, 0.75):
+        bar = Manifold.cube([1.0, 1.0, 4.0], True).rotate([0, 0, 45]).translate([x, 0, 0])
+        block -= bar
+    gap = 1.5 - np.sqrt(2.0)
+    mesh = mesh_of(block)
+    found = boundary_separation(turned(mesh))
+    assert_allclose(np.sort(found.distances)[:6], gap, rtol=1e-9)  # two ends, middles and more
+
+
+def test_a_pin_near_a_wall_of_two_triangles_is_as_far_as_the_wall():
+    pin = np.column_stack([0.1 * circle(16), np.zeros(16)])
+    pin = hull(np.concatenate([pin + np.array([1.03, 2.0, z]) for z in (1.0, 2.0)]))
+    mesh = joined(shifted(box(4, 4, 4), [0.9, 0.0, 0.0]), cavity(pin))
+    found = boundary_separation(mesh)
+    for z in (1.0, 2.0):
+        assert_allclose(at(found, 0.93, 2.0, z), 0.03, rtol=ROUNDING)
+    assert_allclose(boundary_separation(turned(mesh)).distances.min(), 0.03, rtol=1e-11)
+
+
+def test_a_step_is_as_wide_as_it_is_high():
+    block = Manifold.cube([3.0, 2.0, 1.0]) + Manifold.cube([1.0, 2.0, 1.01])
+    found = boundary_separation(mesh_of(block))
+    x, _, z = found.points.T
+    step = (np.abs(x - 1.0) < 1e-9) & ((np.abs(z - 1.0) < 1e-9) | (np.abs(z - 1.01) < 1e-9))
+    assert step.sum() > 400  # at most .01 apart along two edges of length 2
+    assert_allclose(found.distances[step], 0.01, rtol=1e-9)
+    assert (found.distances[~step] >= 0.01 - 1e-9).all()
+
+
+def test_a_narrow_face_is_as_wide_as_it_is():
+    cut = 0.02
+    chamfered = prism([[cut, 0], [1, 0], [1, 1], [0, 1], [0, cut]], 3.0)
+    found = boundary_separation(turned(chamfered))
+    x, y, _ = (found.points @ Rotation.random(random_state=60311).as_matrix()).T
+    beside = (np.abs(x) + np.abs(y - cut) < 1e-9) | (np.abs(x - cut) + np.abs(y) < 1e-9)
+    assert beside.sum() > 200  # at most .028 apart along two edges of length 3
+    assert_allclose(found.distances[beside], cut * np.sqrt(2.0), rtol=1e-9)
+
+
+def test_the_end_of_a_slit_is_as_wide_as_the_slit():
+    slit = io.read(DATA / "slit.vtu").boundary().mesh
+    found = boundary_separation(slit)
+    for x in (1.98, 2.02):
+        assert_allclose(at(found, x, 0.8), 0.04, rtol=ROUNDING)
+    # The width sees only what is narrow inside: the slit is not.
+    assert boundary_width(slit).min() > 0.2
+
+
+def test_a_corner_opposite_a_wall_is_as_far_as_the_wall():
+    square = [[0, 0], [3, 0], [3, 3], [0, 3]]
+    found = boundary_separation(outline(square, diamond((1.4, 0.6), 0.5)[::-1]))
+    assert_allclose(at(found, 1.4, 0.1), 0.1, rtol=ROUNDING)
+    octahedron = hull(0.5 * np.concatenate([np.eye(3), -np.eye(3)]))
+    mesh = joined(box(4, 4, 4), cavity(shifted(octahedron, [2.0, 1.7, 0.6])))
+    found = boundary_separation(turned(mesh))
+    assert_allclose(found.distances.min(), 0.1, rtol=1e-11)
+
+
+@pytest.mark.parametrize("seed", [None, 12, 904])
+def test_the_rim_of_a_thin_plate_is_as_wide_as_the_plate_is_thick(seed):
+    plate = box(4, 3, 0.1)
+    found = boundary_separation(plate if seed is None else turned(plate, seed))
+    # All but the middles of the four short edges, which are .1 long themselves.
+    assert_allclose(np.sort(found.distances)[:-4], 0.1, rtol=1e-11)
+    assert len(found.distances) > 4 * (30 + 40)  # at most .1 apart on four edges of 3 and of 4
+
+
+def test_curves_without_corners_have_separations():
+    n = 24
+    rim = np.column_stack([0.5 * circle(n), np.zeros(n)])
+    for height in (0.05, 3.0):
+        found = boundary_separation(hull(np.concatenate([rim, rim + np.array([0.0, 0.0, height])])))
+        assert_allclose(found.distances, height, rtol=ROUNDING)
+
+
+def test_two_corners_at_the_ends_of_one_curve_count():
+    found = boundary_separation(prism([[0, 0], [2, 0], [2, 1], [0.03, 1], [0, 0.97]], 4.0))
+    short = 0.03 * np.sqrt(2.0)
+    for x, y in ((0.03, 1.0), (0.0, 0.97)):
+        assert_allclose([at(found, x, y, z) for z in (0.0, 4.0)], short, rtol=ROUNDING)
+    flat = boundary_separation(outline([[0, 0], [2, 0], [2, 1], [0.03, 1], [0, 0.97]]))
+    assert_allclose(np.sort(flat.distances)[:2], short, rtol=ROUNDING)
+
+
+# --- corner angles ----------------------------------------------------------------
+
+
+def sector(degrees, length=1.0):
+    far = length * np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    return [[0.0, 0.0], [length, 0.0], far]
+
+
+def test_features_that_meet_at_60_degrees_do_not_separate():
+    found = boundary_separation(turned(prism(sector(60.0), 3.0)))
+    # At corners and middles of edges of a triangle of side 1: the corner, or side, opposite.
+    assert_allclose(found.distances.min(), np.sqrt(0.75), rtol=ROUNDING)
+
+
+@pytest.mark.parametrize("degrees", [10.0, 20.0, 29.0])
+def test_features_that_meet_below_the_corner_angle_separate_up_to_their_corner(degrees):
+    found = boundary_separation(prism(sector(degrees), 3.0))
+    x, y, z = found.points.T
+    side = (y == 0.0) & ((z == 0.0) | (z == 3.0)) & (x > 0.0) & (x < 0.7)
+    assert side.sum() > 6
+    assert_allclose(found.distances[side], x[side] * np.sin(np.radians(degrees)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [30.0, 35.0])
+def test_features_that_meet_at_the_corner_angle_or_above_do_not_separate_near_it(degrees):
+    found = boundary_separation(prism(sector(degrees), 3.0))
+    assert found.distances.min() > np.sin(np.radians(degrees)) * (1.0 - 1e-9)  # of the corners
+
+
+def test_the_corner_angle_is_an_argument():
+    mesh = prism(sector(20.0), 3.0)
+    assert boundary_separation(mesh).distances.min() < 0.1
+    assert boundary_separation(mesh, corner_angle=19.0).distances.min() > 0.3
+    wide = prism(sector(60.0), 3.0)
+    assert boundary_separation(wide, corner_angle=61.0).distances.min() < 0.1
+
+
+# --- what is outside --------------------------------------------------------------
+
+
+def test_a_gap_outside_the_domain_is_not_seen():
+    c = [[0, 0], [3, 0], [3, 1.4], [2, 1.4], [2, 1], [1, 1], [1, 2], [2, 2], [2, 1.6], [3, 1.6],
+         [3, 3], [0, 3]]  # fmt: skip
+    found = boundary_separation(outline(c))
+    # The prongs, 1 wide and .4 high at their ends, are .2 apart, outside.
+    assert_allclose(found.distances.min(), 0.4, rtol=ROUNDING)
+    solid = Manifold.cube([3.0, 3.0, 2.0]) - Manifold.cube([1.0, 1.0, 4.0]).translate([1, 1, -1])
+    solid -= Manifold.cube([2.0, 0.2, 4.0]).translate([1.5, 1.4, -1])
+    for mesh in (mesh_of(solid), turned(mesh_of(solid))):
+        assert_allclose(boundary_separation(mesh).distances.min(), 0.4, rtol=1e-9)
+    pair = joined(box(1, 1, 1), shifted(box(1, 1, 1), [1.001, 0.0, 0.0]))
+    assert_allclose(boundary_separation(turned(pair)).distances, 1.0, rtol=ROUNDING)
+
+
+def bar_above_a_block(degrees):
+    """A bar, and the same .05 above a block; its lower edges have a given angle."""
+    inset = 0.4 / np.tan(np.radians(degrees))
+    profile = ((0.0, 0.0), (1.0, 0.0), (1.0 - inset, 0.4), (inset, 0.4))
+    bar = hull([[x, y, z] for y in (0.0, 1.0) for x, z in profile])
+    return bar, joined(shifted(bar, [0.0, 0.0, 0.05]), shifted(box(5, 5, 1), [-2.0, -2.0, -1.0]))
+
+
+SHARP = pytest.mark.xfail(
+    strict=True, reason="_side_of adds up wrong for directions along a normal beside a sharp edge"
+)
+
+
+@pytest.mark.parametrize(
+    "degrees",
+    [pytest.param(45.0, marks=SHARP), pytest.param(60.0, marks=SHARP), 75.0, 90.0, 120.0],
+)
+def test_a_gap_below_an_edge_is_not_seen(degrees):
+    bar, above = bar_above_a_block(degrees)
+    expected = boundary_separation(bar).distances.min()
+    for seed in range(71, 79):
+        found = boundary_separation(turned(above, seed)).distances.min()
+        assert_allclose(found, expected, rtol=1e-9)
+
+
+# --- what is no feature -----------------------------------------------------------
+
+
+def ridge(n=9, slope=25.0):
+    """A block whose top has a ridge that begins and ends inside it."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    top = np.zeros(n * n)
+    top[(np.abs(x - n // 2) <= 1) & (y == n // 2)] = np.tan(np.radians(slope))
+    i = (n * x + y).reshape(n, n)
+    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
+    cells = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    rim = np.concatenate([i[:, 0], i[-1, 1:], i[-2::-1, -1], i[0, -2:0:-1]])
+    after, m = np.roll(rim, -1), n * n
+    low = m + np.arange(len(rim))
+    low_after = np.roll(low, -1)
+    sides = [np.column_stack([rim, low, low_after]), np.column_stack([rim, low_after, after])]
+    foot = m + len(rim)
+    base = np.column_stack([low_after, low, np.full(len(rim), foot)])
+    points = np.column_stack([x, y, top])
+    below = np.column_stack([x[rim], y[rim], np.full(len(rim), -3.0)])
+    middle = [[(n - 1) / 2, (n - 1) / 2, -3.0]]
+    tagged = [[i[n // 2, n // 2], i[n // 2 + 1, n // 2]]]
+    cells = np.concatenate([cells, *sides, base])
+    return np.concatenate([points, below, middle]), cells, tagged
+
+
+def test_loose_feature_edges_are_no_features():
+    points, cells, tagged = ridge()
+    plain = SimplexMesh(points, cells)
+    found = boundary_separation(plain)
+    assert (found.points[:, 2] <= 0.0).all()
+    assert_allclose(found.distances.min(), 3.0, rtol=ROUNDING)
+    marked = SimplexMesh(points, cells, tagged_facets=tagged, facet_tags=[1])
+    marked = boundary_separation(marked)
+    top = marked.points[:, 2] > 0.0
+    # The ends of the tagged edge are corners, 1 apart; its middle has no corner but them.
+    assert top.sum() == 3
+    assert_allclose(np.sort(marked.distances[top])[:2], 1.0, rtol=ROUNDING)
+
+
+def test_a_smooth_surface_has_no_features():
+    ball = width_oracle.noisy_ball(np.random.default_rng(5))
+    round_ = ball.points / np.linalg.norm(ball.points, axis=1)[:, None]
+    found = boundary_separation(SimplexMesh(round_, ball.cells))
+    assert found.points.shape == (0, 3)
+    assert found.distances.shape == (0,)
+
+
+# --- arguments --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("boundary", "options", "message"),
+    [
+        ("part.stl", {}, "boundary must be a SimplexMesh, got 'part.stl'"),
+        (SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]), {},
+         "boundary must consist of segments in 2-D or triangles in 3-D, got SimplexMesh(3 points"),
+        (box(1, 1, 1), {"crease_angle": -3.0}, "crease_angle must be finite and >= 0, got -3"),
+        (box(1, 1, 1), {"corner_angle": 200.0},
+         "corner_angle must be at most 180 degrees, got 200"),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_refused(boundary, options, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        boundary_separation(boundary, **options)
