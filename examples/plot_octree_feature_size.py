@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from _gallery import drawing, run, save_drawing
-from plot_feature_size import draw_boundary, part
+from plot_width import draw_boundary
 
 import adaptsize as ads
 
@@ -46,6 +46,22 @@ if TYPE_CHECKING:
 
 G = 0.25
 ACROSS = 4.0
+OUTLINE = [
+    (0, 0), (10, 0), (10, 1.2), (6.4, 1.2), (6.4, 3.6), (6.1, 3.6), (6.1, 1.2), (2.0, 1.2),
+    (1.0, 5), (0, 5),
+]  # fmt: skip
+HOLE = ((8.4, 0.6), 0.35)
+
+
+def part(n_hole: int = 90) -> ads.SimplexMesh:
+    """Return the boundary: nodes at the corners only, and on the hole."""
+    angle = -2.0 * np.pi * np.arange(n_hole) / n_hole
+    hole = np.array(HOLE[0]) + HOLE[1] * np.column_stack([np.cos(angle), np.sin(angle)])
+    cells = [
+        first + np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
+        for first, n in ((0, len(OUTLINE)), (len(OUTLINE), n_hole))
+    ]
+    return ads.SimplexMesh(np.concatenate([OUTLINE, hole]), np.concatenate(cells))
 
 
 def main(
@@ -133,6 +149,8 @@ def draw_tree(
         dots, ax=panel, label="distance from the boundary", shrink=0.7, orientation="horizontal"
     )
     draw_boundary(panel, boundary)
+    panel.set_axis_on()
+    panel.set(xlabel="x", ylabel="y")
 
 
 if __name__ == "__main__":

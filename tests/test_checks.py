@@ -238,9 +238,14 @@ CALLS = {
         lambda x: SimplexMesh(SQUARE.points, SQUARE.cells, point_data=x),
         "point_data must be a Mapping, got ",
     ),
-    "inscribed_spheres": (
-        geometry.inscribed_spheres,
+    "boundary_width": (geometry.boundary_width, "boundary must be a SimplexMesh, got "),
+    "boundary_separation": (
+        geometry.boundary_separation,
         "boundary must be a SimplexMesh, got ",
+    ),
+    "size_from_separation": (
+        ads.size_from_separation,
+        "background must be a SimplexMesh, got ",
     ),
     "surface_curvature": (
         geometry.surface_curvature,

@@ -30,8 +30,8 @@ DOCS = ROOT / "docs"
 FULL = os.environ.get("ADAPTSIZE_PAGES") == "full"
 METHODS = [
     "adaptation", "adaptive-loops", "anisotropic", "anisotropic-meshes", "complete-size",
-    "distance", "exact-limiting", "feature-size", "files", "images", "limiting", "medial-axis",
-    "octrees", "remeshing", "sizes", "smoothing",
+    "distance", "exact-limiting", "files", "images", "limiting", "octrees", "remeshing", "sizes",
+    "smoothing", "width",
 ]  # fmt: skip
 PAGES = [
     "README.md",

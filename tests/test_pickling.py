@@ -14,7 +14,6 @@ from shapes import block, two_region_rectangle
 import adaptsize as ads
 from adaptsize.adaptation import AdaptReport, TransferredFields
 from adaptsize.background import Boundary
-from adaptsize.geometry import InscribedSpheres
 from adaptsize.quality import Conformity, MeshSummary, summarize
 from adaptsize.remeshing import available_backends
 
@@ -83,7 +82,6 @@ MAKE = {
         masked_grid().with_active(None), np.minimum(np.arange(6) - 2.0, 2.0 - np.arange(6))[:, None]
         + np.zeros(5),
     ),
-    "InscribedSpheres": lambda: ads.geometry.inscribed_spheres(block(2).boundary().mesh),
     "SizeReport": a_size_report,
     "AdaptResult": an_adaptation,
     "Conformity": lambda: ads.size_conformity(tagged_square(), 0.2),
@@ -204,7 +202,7 @@ def test_eight_threads_use_one_mesh_at_once():
 
 def test_every_public_class_that_holds_data_is_tested_here():
     held = {
-        Boundary, TransferredFields, AdaptReport, InscribedSpheres, Conformity, MeshSummary,
+        Boundary, TransferredFields, AdaptReport, Conformity, MeshSummary,
         *(getattr(ads, name) for name in ads.__all__ if isinstance(getattr(ads, name), type)),
     }  # fmt: skip
     names = {cls.__name__ for cls in held}

@@ -134,10 +134,6 @@ WRONG = {
         lambda: ads.feature_size(SQUARE, LINE, crease_angle=200.0),
         "crease_angle must be at most 180 degrees, got 200",
     ),
-    "edges that are an array": (
-        lambda: ads.feature_size(SQUARE, LINE, edges=SEVERAL),
-        "edges must be True or False, got array",
-    ),
     "a medial axis that is a number": (
         lambda: ads.feature_size(SQUARE, LINE, 3),
         "medial must be a MedialAxis, got 3",

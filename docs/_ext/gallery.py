@@ -34,9 +34,9 @@ SUBJECTS = {
         "plot_grid_schemes", "plot_space_dependent_g", "plot_g_of_h", "plot_g_on_a_domain",
         "plot_backgrounds", "plot_great_circles",
     ],
-    "Geometry: distance, curvature, feature size": [
+    "Geometry: distance, curvature, width": [
         "plot_distance", "plot_medial_axis", "plot_curved_boundary", "plot_feature_and_curvature",
-        "plot_feature_size", "plot_level_set_curvature", "plot_octree", "plot_octree_feature_size",
+        "plot_width", "plot_level_set_curvature", "plot_octree", "plot_octree_feature_size",
     ],
     "Meshes of parts, scans, images and implicit domains": [
         "plot_scan", "plot_two_regions", "plot_volume", "plot_smooth_boundaries",
@@ -50,7 +50,7 @@ SUBJECTS = {
         "plot_euler_anisotropic",
     ],
 }  # fmt: skip
-ELSEWHERE = {2: "[how points of the medial axis are found](../medial-axis.md)"}
+ELSEWHERE = {2: "[how points of the medial axis are found](../width.md#the-medial-axis-of-the-paper)"}
 
 
 @dataclass(frozen=True)

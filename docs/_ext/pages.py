@@ -46,7 +46,7 @@ CONTENTS = {
     "Examples": ["gallery/index"],
     "Methods": [
         "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",
-        "medial-axis", "feature-size", "sizes", "complete-size", "images", "remeshing", "smoothing",
+        "width", "sizes", "complete-size", "images", "remeshing", "smoothing",
         "adaptation", "adaptive-loops",
     ],
     "Reference": [

@@ -1,4 +1,4 @@
-"""Measure the figures of docs/medial-axis.md and decision 17; takes about two minutes.
+"""Measure the figures of docs/width.md and decision 17; takes about a minute.
 
 python docs/measurements/medial_axis.py
 """
@@ -71,12 +71,12 @@ def compare(points, axis, step):
     return len(points), (off > FALSE).sum(), missing.mean(), np.median(true), off.max()
 
 
-def row(distance, axis, step, **options):
+def row(distance, axis, step):
     """Return the means over the places of the grid, and the largest error."""
     results = []
     for shift in SHIFTS:
         grid, phi = planar.sampled(distance, step, shift=shift, half=1.15)
-        results.append(compare(ads.medial_axis(grid, phi, **options).points, axis, step))
+        results.append(compare(ads.medial_axis(grid, phi).points, axis, step))
     mean, worst = np.mean(results, axis=0), np.max(results, axis=0)
     return (
         f"{mean[0]:8.1f} found {mean[1]:6.1f} false {100 * mean[2]:5.1f} % missing, "
@@ -92,60 +92,6 @@ def resolutions():
         print(name)
         for n in (10, 20, 40, 80, 160):
             print(f"  1/{n:<4d}", row(distance, axis, 1.0 / n))
-
-
-def with_branches():
-    """Return name -> (distance, points of the true medial axis with its branches into corners)."""
-    shapes = plane_shapes()
-    turn = np.radians(20.0)
-    back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    quarter = line((0.5, 0.0), (1.0, 0.5))
-    branches = {
-        "rectangle 2 : 1, by 20 degrees": [
-            quarter * sign @ back.T for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1))
-        ]
-    }
-    distance = shapes["three parabolas"][0]
-    upward = line((0.0, 0.0), (0.0, 1.0))
-    upward = upward[distance(upward) < 0.0]
-    branches["three parabolas"] = []
-    for angle in np.radians([0.0, 120.0, 240.0]):
-        unit = np.array([np.sin(angle), np.cos(angle)])
-        branches["three parabolas"].append(upward[:, 1:] * unit)
-    chosen = ("rectangle 2 : 1, by 20 degrees", "ellipse 2 : 1", "three parabolas", "disc")
-    return {
-        name: (shapes[name][0], np.concatenate([shapes[name][1], *branches.get(name, [])]))
-        for name in chosen
-    }
-
-
-def tolerances():
-    """Print what is found with curvature tolerances, no corner taken for one."""
-    for step in (1.0 / 30.0, 1.0 / 60.0, 1.0 / 120.0):
-        for name, (distance, axis) in with_branches().items():
-            print(f"{name}, spacing {step:.4f}")
-            for times in (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0):
-                grid, phi = planar.sampled(distance, step)
-                across = np.ptp(grid.points[phi.ravel() < 0.0], axis=0) + step
-                options = {"curvature_tolerance": times / np.linalg.norm(across)}
-                found = row(distance, axis, step, corner_angle=180.0, **options)
-                print(f"  {times:4.1f} / diameter", found)
-        shape = plane_shapes()["wavy disc"][0]
-        print(f"wavy disc, spacing {step:.4f}")
-        for times in (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0):
-            grid, phi = planar.sampled(shape, step)
-            options = {"curvature_tolerance": times / 2.56, "corner_angle": 180.0}
-            radii = ads.medial_axis(grid, phi, **options).radii
-            print(f"  {times:4.1f} / diameter {len(radii)} points, from {radii.min():.3f}")
-
-
-def factors():
-    """Print what is found with five factors gamma, no corner taken for one."""
-    step = 1.0 / 60.0
-    for name, (distance, axis) in with_branches().items():
-        print(name)
-        for gamma in (1.0, 1.5, 2.0, 2.5, 3.0):
-            print(f"  gamma {gamma}", row(distance, axis, step, gamma=gamma, corner_angle=180.0))
 
 
 def near_the_boundary():
@@ -239,6 +185,6 @@ def speed(n=256):
 
 
 if __name__ == "__main__":
-    for measure in (resolutions, tolerances, factors, near_the_boundary, in_space, speed):
+    for measure in (resolutions, near_the_boundary, in_space, speed):
         print(f"\n{measure.__name__.replace('_', ' ').upper()}\n")
         measure()

@@ -1,4 +1,4 @@
-"""Measure the figures on octrees in docs/medial-axis.md and decision 17; takes about three minutes.
+"""Measure the figures on octrees in docs/width.md and decision 17; takes about three minutes.
 
 python docs/measurements/octree_feature_size.py [NAME ...]
 """
@@ -174,7 +174,7 @@ def judged(points, axis, step):
 
 
 def compare(name, shape, step):
-    """Print medial axis and spheres on octrees, and the medial axis on a grid."""
+    """Print medial axis and width on octrees, and the medial axis on a grid."""
     boundary, distance, away, axis, turn = shape
     print(f"{name}, spacing {step:g}")
     first = tree_at(boundary, step)
@@ -182,7 +182,7 @@ def compare(name, shape, step):
     for text, tree in rounds.items():
         medial, t_axis = seconds(ads.medial_axis, tree, boundary)
         lfs, t_size = seconds(ads.feature_size, tree, boundary, medial)
-        twice, t_spheres = seconds(ads.size_from_feature, tree, boundary)
+        quarter, t_rays = seconds(ads.size_from_feature, tree, boundary)
         finest = float(tree.leaf_sizes.min())
         x = tree.points @ turn.T
         inside = distance(x) < 0.0
@@ -191,7 +191,7 @@ def compare(name, shape, step):
             f"  octree fine {text}, {finest:.4f}, {tree.n_points} nodes: "
             f"{judged(medial.points @ turn.T, axis, step)}; "
             f"lfs {ratios(lfs[inside], exact)}, {t_axis:.2f} + {t_size:.2f} s; "
-            f"spheres {ratios(2.0 * twice[inside], exact)}, {t_spheres:.2f} s"
+            f"half the width by rays {ratios(2.0 * quarter[inside], exact)}, {t_rays:.2f} s"
         )
     grid = ads.CartesianGrid.around(boundary.points, step, margin=3.3 * step)
     phi, t_phi = seconds(ads.signed_distance, grid, boundary)
@@ -261,7 +261,7 @@ def gap_that_varies():
     tree = tree_at(wedge, 0.3)
     for rounds in range(2):
         lfs = ads.feature_size(tree, wedge)
-        spheres = 2.0 * ads.size_from_feature(tree, wedge)
+        rays = 2.0 * ads.size_from_feature(tree, wedge)
         x, y, z = tree.points.T
         top = 0.2 + 0.18 * x
         inside = (z > 0) & (z < top) & (x > 2) & (x < 8) & (y > 1) & (y < 5)
@@ -271,7 +271,7 @@ def gap_that_varies():
         print(
             f"round {rounds}: {tree.n_points} nodes, {inside.sum()} of them inside, finest "
             f"{tree.leaf_sizes.min():.3f}: lfs {ratios(lfs[inside], exact)}, "
-            f"spheres {ratios(spheres[inside], exact)}"
+            f"half the width by rays {ratios(rays[inside], exact)}"
         )
         tree = refined(tree, wedge, 1)
 
@@ -283,15 +283,15 @@ def bracket():
     for rounds in range(2):
         medial, t_axis = seconds(ads.medial_axis, tree, part)
         lfs, t_size = seconds(ads.feature_size, tree, part, medial)
-        spheres, t_spheres = seconds(ads.size_from_feature, tree, part)
+        rays, t_rays = seconds(ads.size_from_feature, tree, part)
         phi = ads.signed_distance(tree, part)
         known = np.isfinite(lfs) & (phi <= 0.0)
-        share = np.quantile(lfs[known] / (2.0 * spheres[known]), [0.01, 0.1, 0.5, 0.9, 0.99])
+        share = np.quantile(lfs[known] / (2.0 * rays[known]), [0.01, 0.1, 0.5, 0.9, 0.99])
         print(
             f"round {rounds}: {tree.n_points} nodes, {known.sum()} inside, finest "
             f"{tree.leaf_sizes.min():.3f}; {len(medial.points)} points; least "
             f"{lfs[known].min():.3f}, at {100 * (lfs[known] < 0.95).mean():.1f} % below .95; over "
-            f"spheres {share.round(2)}; {t_axis:.2f} + {t_size:.2f} s, spheres {t_spheres:.2f} s"
+            f"half the width {share.round(2)}; {t_axis:.2f} + {t_size:.2f} s, rays {t_rays:.2f} s"
         )
         tree = refined(tree, part, 1, across=2.0, least=0.8)
 
@@ -323,11 +323,9 @@ def disturbed():
             phi = ads.signed_distance(tree, rough)
             part = np.quantile(lfs[phi <= 0.0] / 0.4, [0.0, 0.01, 0.1, 0.5])
             texts.append(f"{separation:.0f}: {len(medial.points)} points {part.round(2)}")
-        spheres = 2.0 * ads.size_from_feature(tree, rough)[phi <= 0.0] / 0.4
-        part = np.quantile(spheres, [0.0, 0.01, 0.1, 0.5])
-        print(
-            f"torus, nodes moved by {share:g} edges:", "; ".join(texts), "; spheres", part.round(2)
-        )
+        rays = 2.0 * ads.size_from_feature(tree, rough)[phi <= 0.0] / 0.4
+        part = np.quantile(rays, [0.0, 0.01, 0.1, 0.5])
+        print(f"torus, nodes moved by {share:g} edges:", "; ".join(texts), "; rays", part.round(2))
 
 
 if __name__ == "__main__":

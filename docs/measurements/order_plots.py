@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 
 import adaptsize as ads
-from adaptsize.geometry import inscribed_spheres, level_set_curvature, surface_curvature
+from adaptsize.geometry import boundary_width, level_set_curvature, surface_curvature
 from adaptsize.sizes import recovered_gradient, recovered_hessian
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
@@ -27,7 +27,7 @@ import curved_shapes
 import octrees
 import planar_shapes
 from _gallery import drawing, save_drawing
-from meshes import jittered_square
+from meshes import jittered_square, random_sphere
 from recovery import means_of_cell_gradients, root_mean_square, wave
 
 G = _problems.G
@@ -297,42 +297,49 @@ def medial_axis() -> list[Panel]:
     ]
 
 
-def feature_size() -> list[Panel]:
-    """Largest spheres inside tessellations of round things."""
+def width() -> list[Panel]:
+    """Width of tessellations of round bodies, at their facets."""
 
-    def torus(make):
+    def of(make, exact):
         def measure(n):
-            mesh = make(n)[0]
-            radii = inscribed_spheres(mesh).smallest()
-            return mean_edge(mesh), np.abs(radii - 0.4).mean() / 0.4
+            mesh = make(n)
+            return mean_edge(mesh), np.abs(boundary_width(mesh) - exact).mean() / exact
 
         return measure
 
-    def ellipse(n, tips):
+    def ellipse(n):
         angle = 2.0 * np.pi * np.arange(n) / n
         points = np.column_stack([np.cos(angle), 0.5 * np.sin(angle)])
         ring = ads.SimplexMesh(points, np.column_stack([np.arange(n), (np.arange(n) + 1) % n]))
-        radii = inscribed_spheres(ring).smallest()
-        # The normal meets the longer axis at x = 0.75 cos t: the centre, b sqrt(...) away.
-        exact = np.hypot(0.25 * np.cos(angle), 0.5 * np.sin(angle))
-        # Near the tips both contacts are less than 40 degrees apart: curvature, not width.
-        counted = tips | (np.abs(np.sin(angle)) > np.sin(np.radians(11.0)))
-        return mean_edge(ring), np.mean((np.abs(radii - exact) / exact)[counted])
+        found = boundary_width(ring)
+        counted = np.isfinite(found)
+        # A normal of the ellipse, and the chord along it.
+        middle = angle + np.pi / n
+        x, y = np.cos(middle), 0.5 * np.sin(middle)
+        normal = np.column_stack([x, 4.0 * y])
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        a = normal[:, 0] ** 2 + 4.0 * normal[:, 1] ** 2
+        exact = 2.0 * (x * normal[:, 0] + 4.0 * y * normal[:, 1]) / a
+        return mean_edge(ring), np.mean((np.abs(found - exact) / exact)[counted])
 
     tori = (16, 32, 64)
     return [
         Panel(
-            "largest spheres inside",
-            "mean error over the radius",
+            "width by rays",
+            "mean error over the width",
             [
-                curve("torus", tori, torus(curved_shapes.smooth_torus)),
+                curve("torus", tori, of(lambda n: curved_shapes.smooth_torus(n)[0], 0.8)),
                 curve(
                     "torus, irregular",
                     tori,
-                    torus(lambda n: curved_shapes.irregular_torus(n, 20060301)),
+                    of(lambda n: curved_shapes.irregular_torus(n, 20060301)[0], 0.8),
                 ),
-                curve("ellipse", (100, 200, 400, 800), lambda n: ellipse(n, True)),
-                curve("ellipse but its tips", (100, 200, 400, 800), lambda n: ellipse(n, False)),
+                curve(
+                    "ball, random nodes",
+                    (500, 2000, 8000),
+                    of(lambda n: random_sphere(n, 20060302), 2.0),
+                ),
+                curve("ellipse", (100, 200, 400, 800), ellipse),
             ],
         )
     ]
@@ -490,7 +497,7 @@ def draw(name: str, panels: list[Panel]) -> None:
 
 
 ALL = (
-    limiting, smooth_data, octree, distance, medial_axis, feature_size, curvature, recovery,
+    limiting, smooth_data, octree, distance, medial_axis, width, curvature, recovery,
     smoothing,
 )  # fmt: skip
 

@@ -32,7 +32,6 @@ _SMALL_ARRAYS: dict[str, Callable[[World], Any]] = {
     "facet_tags": lambda w: [1],
     "cell_tags": lambda w: np.ones(_n_cells(w), int),
     "active": lambda w: np.ones(w.background.nodal_shape, bool),
-    "patches": lambda w: np.zeros(w.background.nodal_shape, int),
     "size": lambda w: 0.2,
     "phi": lambda w: w.distance(np.reshape(w.background.points, (-1, w.dim))).reshape(
         w.background.nodal_shape

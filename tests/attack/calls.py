@@ -30,7 +30,6 @@ _LONGEST = 1000
 
 #: Results that may hold NaN, and why.
 _MAY_BE_NAN = {
-    "inscribed_spheres": "centres and contacts of spheres of infinite radius, as documented",
     "level_set_curvature": "where the curvature is not known, as documented",
     "interpolate": "points outside with outside='nan', as documented",
     "CartesianGrid.sample": "what the function of the caller returns",

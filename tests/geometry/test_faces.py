@@ -1,17 +1,19 @@
 """Faces of surfaces: regions between feature edges; curves, corners and tips."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from shapes import block
+from shapes import block, joined
 from solids import circle, hull, outline
 
-from adaptsize import SimplexMesh
+from adaptsize import SimplexMesh, io
 from adaptsize.geometry import tag_faces
 from adaptsize.geometry.faces import Faces
 
+DATA = Path(__file__).parents[2] / "data"
 CUBE = block(3).boundary().mesh
 
 
@@ -176,6 +178,18 @@ def test_feature_edges_with_a_loose_end_are_removed_and_leave_a_face_that_meets_
     assert meeting(faces) == {(0, 0)}
 
 
+def test_a_face_meets_itself_only_because_of_what_was_removed_from_it():
+    for height, expected in ((0.0, set()), (np.tan(np.radians(25.0)), {(0, 0)})):
+        points, cells, _ = sheet(8, [(3, 4), (4, 4), (5, 4)], height)
+        top = SimplexMesh(points, cells)
+        rim = top.facets[top.facet_cell_counts == 1]
+        below = np.column_stack([rim, np.full(len(rim), len(points))])
+        pyramid = SimplexMesh([*points, [4.0, 4.0, -3.0]], [*cells, *below])
+        faces = Faces.of(pyramid)
+        assert numbers(faces) == (5, 8, 5)
+        assert {(a, b) for a, b in meeting(faces) if a == b} == expected
+
+
 def test_what_a_loose_edge_hung_on_is_removed_too_but_not_what_has_no_loose_end():
     mesh = SimplexMesh(*sheet(8, [(i, 4) for i in range(1, 6)], np.tan(np.radians(25.0)))[:2])
     assert numbers(Faces.of(mesh)) == (1, 4, 4)
@@ -219,13 +233,13 @@ def test_faces_of_a_line_in_the_plane_are_its_parts_between_corners():
 
 
 def test_a_surface_is_rough_if_most_of_its_faces_are_single_facets():
-    rng = np.random.default_rng(4177)
-    points, cells, _ = sheet(10)
-    points[:, 2] = rng.uniform(0.0, 5.0, len(points))
-    assert Faces.of(SimplexMesh(points, cells)).is_rough
-    points[:, 2] *= 0.001
-    assert not Faces.of(SimplexMesh(points, cells)).is_rough
-    assert not Faces.of(cylinder(24)).is_rough
+    octahedron = hull(np.concatenate([np.eye(3), -np.eye(3)]))  # eight of one facet
+    cubes = [SimplexMesh(CUBE.points + shift, CUBE.cells) for shift in (5.0, 9.0)]  # six of more
+    assert Faces.of(octahedron).is_rough
+    assert Faces.of(joined(octahedron, cubes[0])).is_rough
+    assert not Faces.of(joined(octahedron, *cubes)).is_rough
+    assert Faces.of(io.read(DATA / "deer.ply")).is_rough
+    assert not Faces.of(io.read(DATA / "bracket.stl")).is_rough
 
 
 def test_nodes_at_one_place_are_merged_and_repeated_facets_left_out():
@@ -235,7 +249,8 @@ def test_nodes_at_one_place_are_merged_and_repeated_facets_left_out():
     twice = SimplexMesh(soup.points, np.concatenate([soup.cells, soup.cells[::2]]))
     faces = Faces.of(twice)
     assert numbers(faces) == (6, 12, 8)
-    assert_array_equal(faces.kept, np.arange(CUBE.n_cells))
+    n = CUBE.n_cells
+    assert_array_equal(faces.rows, [*range(n), *range(0, n, 2)])
     assert_array_equal(soup.points[faces.targets], soup.points)
     assert len(np.unique(faces.targets)) == CUBE.n_points
 
@@ -250,3 +265,11 @@ def test_normals_point_outward_and_are_zero_where_a_facet_has_no_area():
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     across /= np.linalg.norm(across, axis=1)[:, None]
     assert np.abs(normals[:-1] - across).max() < 1e-14
+
+
+def test_the_frame_is_of_size_one_and_its_scale_a_power_of_two():
+    for size in (3.0, 0.7, 4.0, 1e-40):
+        frame = Faces.of(SimplexMesh(size * CUBE.points - 0.1 * size, CUBE.cells)).frame
+        assert np.frexp(frame.scale)[0] == 0.5
+        assert 0.5 <= size * frame.scale <= 1.0 + 1e-15
+        assert_array_equal(frame.origin, -0.1 * size)

@@ -17,14 +17,14 @@ def words(text):
 
 FIRST = "adaptsize remesh data/bracket.stl -o bracket.vtu --plot bracket.png"
 PRINTED = """\
-adaptsize: sizes: 4 elements per radian, 2 across, ..., about 69000 elements
-cells     66893 tetrahedra, 69191 predicted (-3.3%)
-edges     91.4% within a factor sqrt 2 of the size
-angles    dihedral, least 16.5 degrees, 1 % below 28.7
-boundary  0.00079 of the diagonal from the old one, tolerance 0.001
-volume    changed by +0.04%
+adaptsize: sizes: 4 elements per radian, 2 across, 1 between features, ..., about 75000 elements
+cells     66012 tetrahedra, 74868 predicted (-11.8%)
+edges     91.6% within a factor sqrt 2 of the size
+angles    dihedral, least 14.6 degrees, 1 % below 28.3
+boundary  0.0008 of the diagonal from the old one, tolerance 0.001
+volume    changed by +0.05%
 ...
-bracket.vtu: 14862 points, 66893 tetrahedra, field h
+bracket.vtu: 14672 points, 66012 tetrahedra, field h
 """
 # The first line runs on the page that is about it.
 FRONT = [(FIRST, ""), ("range(6)", "range(2)"), ("1000 *", "150 *")]
@@ -46,33 +46,34 @@ COARSER = {
         ("-o size.vtu", "-o size.vtu --hmax 6"),
         ("data/bracket.stl", "data/box.stl"),
         words(PRINTED),
-        words("..., about 15000 elements\ncells     16098 tetrahedra, 15203 predicted (+5.9%)"),
-        words("bracket.vtu: 3905 points, 16098 tetrahedra, field h"),
+        words("..., about 16000 elements\ncells     16068 tetrahedra, 15881 predicted (+1.2%)"),
+        words("bracket.vtu: 3887 points, 16068 tetrahedra, field h"),
         words(
-            "3905 points, 16098 tetrahedra, 0 inverted\n"
+            "3887 points, 16068 tetrahedra, 0 inverted\n"
             "length / size        5 %    25 %    50 %    75 %    95 %    mean  in band     edges\n"
-            "all edges          0.689   0.857   0.994   1.142   1.350   1.005   91.17%     22281\n"
-            "boundary edges     0.747   0.896   1.011   1.138   1.330   1.022   96.14%      6819\n"
+            "all edges          0.691   0.862   1.001   1.146   1.354   1.008   91.21%     22218\n"
+            "boundary edges     0.746   0.895   1.022   1.151   1.338   1.028   95.75%      6774\n"
         ),
         words(
-            "0 of 16098 inverted or flat\nfacets    ok      0 of 34469 in more than two cells\n"
-            "boundary  ok      within 0.0031 of the diagonal, 0.004 allowed\n"
-            "measure   ok      changed by +0.199%, 1.12% allowed\n"
+            "0 of 16068 inverted or flat\nfacets    ok      0 of 34394 in more than two cells\n"
+            "boundary  ok      within 0.00301 of the diagonal, 0.004 allowed\n"
+            "measure   ok      changed by +0.178%, 1.12% allowed\n"
             "topology  ok      1 component(s) with Euler number -10; original: ...\n"
         ),
         # A box has no curvature.
-        words("61.3% of the area,  61.2% of the elements, h from 0.7922"),
-        ("curvature     controls  38.1% of the area,  38.7% of the elements, h from 1.125\n", ""),
-        ("hmax          controls   0.6% of the area,   0.0% of the elements, h from 6.164\n", ""),
-        words("14763 points, 29546 triangles, fields"),
-        ("curvature     controls  51.9% of the area,  48.2% of the elements, h from 2.25\n", ""),
-        ("width  controls  24.7% of the area,  44.3% of the elements, h from 1.69\n", ""),
-        words("23.4% of the area,   7.5% of the elements, h from 5.991"),
-        words("3905 points in 3-D, 16098 tetrahedra"),
+        words("55.3% of the area,  60.0% of the elements, h from 0.7922"),
+        ("curvature  controls  44.1% of the area,  40.0% of the elements, h from 1.125\n", ""),
+        ("hmax       controls   0.5% of the area,   0.1% of the elements, h from 6.03\n", ""),
+        words("29139 points, 58298 triangles, fields"),
+        ("curvature   controls  51.0% of the area,  47.0% of the elements, h from 2.25\n", ""),
+        ("width       controls  33.4% of the area,  47.9% of the elements, h from 1.69\n", ""),
+        ("separation  controls   0.5% of the area,   0.4% of the elements, h from 3\n", ""),
+        words("15.1% of the area,   4.7% of the elements, h from 6"),
+        words("3887 points in 3-D, 16068 tetrahedra"),
         words(
-            "3905 points, 16098 tetrahedra, 0 inverted\n"
+            "3887 points, 16068 tetrahedra, 0 inverted\n"
             "length / size        5 %    25 %    50 %    75 %    95 %    mean  in band     edges\n"
-            "all edges          0.688   0.857   0.995   1.145   1.358   1.007   90.76%     22281\n"
+            "all edges          0.690   0.862   1.000   1.149   1.359   1.009   90.83%     22218\n"
         ),
     ],
     "docs/how-to/vtk.md": [
@@ -99,9 +100,9 @@ COARSER = {
         words("least 24.3 degrees"),
         ("organs.vtu: 964 points, 3990 tetrahedra, 1126", "...\norgans.vtu: ... tetrahedra, ..."),
         (
-            "curvature     controls  71.0% of the area,  63.8% of the elements, h from 1\n"
+            "curvature  controls  71.0% of the area,  63.8% of the elements, h from 1\n"
             "width      controls  15.8% of the area,   8.9% of the elements, h from 1.05\n"
-            "hmin          controls  13.2% of the area,  27.3% of the elements, h from 1\n",
+            "hmin       controls  13.2% of the area,  27.3% of the elements, h from 1\n",
             "hmin  ...\ncurvature  ...\nwidth  ...\n",
         ),
     ],
@@ -154,8 +155,7 @@ COARSER = {
         words("median 1.2e-03"),
     ],
     "docs/distance.md": [("spacing=1.0", "spacing=4.0")],
-    "docs/feature-size.md": [("spacing=1.0", "spacing=4.0"), ("spacing=3.0", "spacing=12.0")],
-    "docs/medial-axis.md": [
+    "docs/width.md": [
         ("spacing=1.0", "spacing=4.0"),
         ("spacing=3.0", "spacing=12.0"),
         ("g=0.25), max_level=12", "g=0.25), max_level=3"),

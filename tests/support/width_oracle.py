@@ -12,9 +12,11 @@ import math
 import numpy as np
 import trimesh
 from manifold3d import Manifold
+from shapes import joined
 from solids import hull, outline
 
 from adaptsize import SimplexMesh
+from adaptsize.background.topology import components_of
 
 SLACK = 1e-9
 STEEPEST = math.radians(75.0)
@@ -87,6 +89,40 @@ def open_sheets(cells):
     return is_open
 
 
+def winding_number(corners, x):
+    """Return how often triangles or segments in the plane surround a point, from its angles."""
+    a, *others = np.moveaxis(corners - x, 1, 0)
+    if len(others) == 1:
+        b = others[0]
+        angles = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], dot(a, b))
+        return angles.sum() / (2.0 * np.pi)
+    b, c = others
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    rest = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+    return np.arctan2(dot(a, cross(b, c)), rest).sum() / (2.0 * np.pi)
+
+
+class Bodies:
+    """The pieces of a boundary, and whether points are inside of any."""
+
+    def __init__(self, faces):
+        mesh = faces.mesh
+        pairs = [
+            np.flatnonzero((mesh.cell_facets == f).any(axis=1))
+            for f in np.flatnonzero(mesh.facet_cell_counts == 2)
+        ]
+        self.piece = components_of(np.array(pairs).reshape(-1, 2), mesh.n_cells)
+        self.corners = faces.frame.of(mesh.points)[mesh.cells]
+
+    def hold(self, place, way, cell):
+        """Return whether the domain is beyond a place in the box of another piece."""
+        for k in set(self.piece.tolist()) - {int(self.piece[cell])}:
+            points = self.corners[self.piece == k].reshape(-1, 3)
+            if ((points.min(0) - SLACK <= place) & (place <= points.max(0) + SLACK)).all():
+                return abs(winding_number(self.corners, place + 1e-6 * way)) > 0.55
+        return False
+
+
 def widths(faces, starts, cells, corner_angle=30.0):
     """Return the widths at points in the frame on given facets, in the unit of the frame."""
     facets, two_sided = AllFacets(faces), open_sheets(faces.mesh.cells)
@@ -94,25 +130,25 @@ def widths(faces, starts, cells, corner_angle=30.0):
     meeting = [set(items[a:b].tolist()) for a, b in itertools.pairwise(first)]
     steep = np.cos(STEEPEST + ANGLE_SLACK)
     parallel = np.cos(max(math.radians(corner_angle) - ANGLE_SLACK, 0.0))
-    found = np.full(len(starts), np.inf)
+    bodies, found = Bodies(faces), np.full(len(starts), np.inf)
     for r, (start, cell) in enumerate(zip(starts, cells, strict=True)):
-        along, which, cosine = facets.hits(start, -faces.normals[cell])
+        way = -faces.normals[cell]
+        if bodies.hold(start, -way, cell):
+            continue
+        along, which, cosine = facets.hits(start, way)
         leaves = (cosine > 0.0) | two_sided[which]
         meets = np.array([f in meeting[faces.face[cell]] for f in faces.face[which]], bool)
         cosine = np.abs(cosine)
         counts = leaves & (cosine >= steep) & ((cosine > parallel) | ~meets)
-        bodies, reach = 1, SLACK
-        while True:
-            beyond = along > reach
+        leaving = SLACK
+        while leaving < np.inf:
+            beyond = along > leaving
             leaving = along[beyond & leaves].min(initial=np.inf)
-            entering = along[beyond & ~leaves].min(initial=np.inf)
-            if entering < leaving - SLACK:
-                bodies, reach = bodies + 1, entering + SLACK
-                continue
-            bodies, reach = bodies - 1, leaving + SLACK
-            if bodies == 0 or leaving == np.inf:
-                found[r] = along[beyond & counts & (along <= reach)].min(initial=np.inf)
+            found[r] = along[beyond & counts & (along <= leaving + SLACK)].min(initial=np.inf)
+            at_sheet = (two_sided[which] & beyond & (along <= leaving + SLACK)).any()
+            if leaving == np.inf or at_sheet or not bodies.hold(start + leaving * way, way, cell):
                 break
+            leaving += SLACK
     return found
 
 
@@ -249,15 +285,6 @@ def mesh_of(solid):
     """Return the boundary of a solid of manifold3d."""
     found = solid.to_mesh64()
     return SimplexMesh(np.asarray(found.vert_properties)[:, :3], np.asarray(found.tri_verts))
-
-
-def joined(*meshes):
-    """Return one mesh of several, which need not touch."""
-    first = np.cumsum([0] + [mesh.n_points for mesh in meshes[:-1]])
-    return SimplexMesh(
-        np.concatenate([mesh.points for mesh in meshes]),
-        np.concatenate([mesh.cells + n for mesh, n in zip(meshes, first, strict=True)]),
-    )
 
 
 def random_solids(rng, n):

@@ -24,8 +24,6 @@ ALONG = 1e-3
 
 # A path from the root to a leaf leaves one node behind per level.
 _STACK = 64
-# Rays that enter further bodies more often are given up.
-_MOST_ENTRIES = 64
 # A ray along a plane does not hit it.
 _PARALLEL = 1e-9
 
@@ -121,76 +119,6 @@ def _clip(low, high, a, b):
 
 
 @inner
-def _first_walls(walls, ray, reach, slack, limits, own, stack, starts):
-    """Return where a ray first leaves and enters a body beyond ``reach``, and where that counts.
-
-    Parameters
-    ----------
-    walls : tuple
-        ``facets``, ``boxes``, ``face``, ``two_sided``, ``first`` and ``meeting`` of `shoot`.
-    ray : tuple of 6 float64
-        Start and unit direction.
-    reach : float
-    slack : float
-    limits : float64[2]
-        Of `shoot`.
-    own : int
-        Face of the start.
-    stack, starts : int64[_STACK], float64[_STACK]
-        Scratch.
-
-    Returns
-    -------
-    leaves, counts, enters : float64
-        Distances of the first wall that the ray leaves through, of the first one of these that
-        counts, and of the first one that it enters through; inf if there is none.
-    """
-    facets, boxes, face, two_sided, first, meeting = walls
-    x, y, z, dx, dy, dz = ray
-    with_zero = math.inf
-    ix = 1.0 / dx if dx != 0.0 else with_zero
-    iy = 1.0 / dy if dy != 0.0 else with_zero
-    iz = 1.0 / dz if dz != 0.0 else with_zero
-    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
-    leaves, counts, enters = math.inf, math.inf, math.inf
-    stack[0], starts[0] = 1, 0.0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if starts[top] > min(leaves, enters) + slack:
-            continue
-        if node < n_leaves:
-            left = entry(boxes, 2 * node, x, y, z, ix, iy, iz, slack)
-            right = entry(boxes, 2 * node + 1, x, y, z, ix, iy, iz, slack)
-            near, far = 2 * node, 2 * node + 1
-            if right < left:
-                near, far = far, near
-                left, right = right, left
-            if right < math.inf:
-                stack[top], starts[top] = far, right
-                top += 1
-            if left < math.inf:
-                stack[top], starts[top] = near, left
-                top += 1
-            continue
-        leaf = node - n_leaves
-        for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-            along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
-            if not reach < along < math.inf:
-                continue
-            if cosine < 0.0 and not two_sided[t]:
-                enters = min(enters, along)
-                continue
-            leaves = min(leaves, along)
-            cosine = abs(cosine)
-            if along < counts and cosine >= limits[0]:
-                if cosine > limits[1] or not _meet(first, meeting, own, face[t]):
-                    counts = along
-    return leaves, counts, enters
-
-
-@inner
 def _meet(first, meeting, one, other):
     """Return whether two faces meet."""
     low, high = first[one], first[one + 1]
@@ -205,13 +133,10 @@ def _meet(first, meeting, one, other):
 
 @kernel
 def shoot(
-    facets, boxes, face, two_sided, first, meeting, starts, directions, own, limits, slack, begin,
-    end, widths,
+    facets, boxes, face, two_sided, first, meeting, starts, directions, own, limits, slack, reach,
+    begin, end, leaves, stops, widths,
 ):  # fmt: skip
-    """Fill the distances to the walls opposite to points of the boundary; inf: none counts.
-
-    The ray leaves the domain where it has left as many bodies as it has entered, and the one in
-    which it started.
+    """Find the first wall through which each ray leaves a body.
 
     Parameters
     ----------
@@ -230,36 +155,61 @@ def shoot(
         Cosines of the largest angle between the direction and the normal of a wall that counts,
         and of the largest one of a wall on a face that meets that of the start.
     slack : float
-        Hits nearer than this are those of the facets at the start, and hits as near to each other
-        are one.
+        Hits as near to each other as this are one.
+    reach : float64[n]
+        Hits up to this distance do not count, such as those of the facets at the start.
     begin, end : int
         Only these rays are shot.
+    leaves : float64[n]
+        Out: distance of the wall; inf if there is none.
+    stops : bool[n]
+        Out: whether that wall is an open sheet.
     widths : float64[n]
-        Out.
+        Out: the same if a wall at this distance counts, else inf.
     """
-    walls = (facets, boxes, face, two_sided, first, meeting)
+    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
     stack, entries = np.empty(_STACK, np.int64), np.empty(_STACK)
     for r in range(begin, end):
-        ray = (
-            starts[r, 0], starts[r, 1], starts[r, 2],
-            directions[r, 0], directions[r, 1], directions[r, 2],
-        )  # fmt: skip
-        widths[r] = math.inf
-        reach, depth = slack, 1
-        for _ in range(2 * _MOST_ENTRIES):
-            leaves, counts, enters = _first_walls(
-                walls, ray, reach, slack, limits, own[r], stack, entries
-            )
-            if enters < leaves - slack:
-                depth += 1
-                reach = enters + slack
+        x, y, z = starts[r, 0], starts[r, 1], starts[r, 2]
+        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+        ix = 1.0 / dx if dx != 0.0 else math.inf
+        iy = 1.0 / dy if dy != 0.0 else math.inf
+        iz = 1.0 / dz if dz != 0.0 else math.inf
+        nearest, sheet, counts = math.inf, math.inf, math.inf
+        stack[0], entries[0] = 1, 0.0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if entries[top] > nearest + slack:
                 continue
-            depth -= 1
-            if depth == 0 or leaves == math.inf:
-                if counts <= leaves + slack:
-                    widths[r] = counts
-                break
-            reach = leaves + slack
+            if node < n_leaves:
+                near, far = 2 * node, 2 * node + 1
+                at_near = entry(boxes, near, x, y, z, ix, iy, iz, slack)
+                at_far = entry(boxes, far, x, y, z, ix, iy, iz, slack)
+                if at_far < at_near:
+                    near, far, at_near, at_far = far, near, at_far, at_near
+                if at_far < math.inf:
+                    stack[top], entries[top] = far, at_far
+                    top += 1
+                if at_near < math.inf:
+                    stack[top], entries[top] = near, at_near
+                    top += 1
+                continue
+            leaf = node - n_leaves
+            for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+                along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
+                if not reach[r] < along < math.inf or (cosine < 0.0 and not two_sided[t]):
+                    continue
+                nearest = min(nearest, along)
+                if two_sided[t]:
+                    sheet = min(sheet, along)
+                cosine = abs(cosine)
+                if along < counts and cosine >= limits[0]:
+                    if cosine > limits[1] or not _meet(first, meeting, own[r], face[t]):
+                        counts = along
+        leaves[r], stops[r] = nearest, sheet <= nearest + slack
+        widths[r] = counts if counts <= nearest + slack else math.inf
 
 
 @inner

@@ -78,6 +78,7 @@ def _side_of(sectors, begin, end, ux, uy, uz):
         turn = _turn(row, row[0], row[1], row[2], row[3], row[4], row[5])
         if (
             turn != 0.0
+            and px * px + py * py + pz * pz > _EQUAL * _EQUAL
             and turn * _turn(row, row[0], row[1], row[2], px, py, pz) >= 0.0
             and turn * _turn(row, px, py, pz, row[3], row[4], row[5]) >= 0.0
         ):
@@ -89,7 +90,7 @@ def _side_of(sectors, begin, end, ux, uy, uz):
         for k in range(2):
             along = ux * row[3 * k] + uy * row[3 * k + 1] + uz * row[3 * k + 2]
             weight = 1.0
-            if along <= 0.0:
+            if along <= _EQUAL:
                 along, weight = 0.0, row[9]
             qx, qy, qz = (
                 ux - along * row[3 * k], uy - along * row[3 * k + 1], uz - along * row[3 * k + 2],

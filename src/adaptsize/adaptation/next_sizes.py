@@ -25,7 +25,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.sizes.budget import CellSums, count_elements, scale_to
-from adaptsize.sizes.chords import size_at_curves, size_of_chords
+from adaptsize.sizes.chords import radius_at_curves, size_of_chords
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.error import scaled_by_error
 from adaptsize.typing import FloatArray, GradientLimit
@@ -191,7 +191,7 @@ def bound_by_tolerance(mesh: SimplexMesh, tolerance: float) -> FloatArray | None
     """
     if mesh.dim < 3:
         return None
-    radius = size_at_curves(mesh, elements_per_radian=1.0)
+    radius = radius_at_curves(mesh)
     return size_of_chords(radius, tolerance * mesh.diagonal)
 
 

@@ -146,19 +146,20 @@ def size_function(
         `size_from_separation`: short edges, narrow faces, corners opposite a wall.  The default is
         1, or 0 on rough surfaces, where most faces are single triangles.  0 disables the
         separation.  It has no effect on functions, images and level sets.  Separations below the
-        tolerance have no effect.
+        tolerance are raised to it.
     g : float, default 0.25
         Gradient limit, >= 0.
     hmin, hmax : float, optional
-        Limits of the size, in the unit of the coordinates.  By default 1/1000 and 1/20 of
-        the diagonal of the domain.  For a level set, the default ``hmin`` is at least one
+        Limits of the size, in the unit of the coordinates.  By default 1/1000 and 1/20 of the
+        diameter of the smallest ball around the domain, or of the diagonal of its box for
+        functions, images and level sets.  For a level set, the default ``hmin`` is at least one
         spacing.  For an image it is at least two.
     crease_angle : float, default 40
         Angle in degrees above which an edge is a feature edge, see `size_from_curvature`.
     tolerance : float, optional
         Allowed distance of the boundary of a mesh of these sizes from that of the domain, over
-        the diagonal, as in `remesh`.  Sizes on boundaries and interfaces of radius r are at most
-        2 sqrt(tolerance * diagonal * r), if the mesh or the surface itself carries the sizes.
+        the diameter.  Sizes on boundaries and interfaces of radius r are at most
+        2 sqrt(tolerance * diameter * r), if the mesh or the surface itself carries the sizes.
         The default is 1e-3, as in `remesh`.  inf disables this bound.
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...

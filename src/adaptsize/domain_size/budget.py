@@ -16,7 +16,7 @@ from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
-from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_inside
+from adaptsize.remeshing.estimate import estimate_n_cells
 from adaptsize.sizes.budget import calibration, predicted_elements
 from adaptsize.sizes.node_counts import nodes_of
 
@@ -156,7 +156,7 @@ def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> tu
     if isinstance(domain, SurfaceDomain):
         surface = size.background
         assert isinstance(surface, SimplexMesh)
-        inside = estimate_n_inside(domain.mesh, size)
+        inside = domain.samples.estimate(size)
         facets = predicted_elements(surface, size.values)
         cells = calibration(_GENERATOR, 3) * max(inside, facets)
         return cells, nodes_of(3, cells, calibration(_GENERATOR, 2) * facets)

@@ -23,6 +23,7 @@ from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.width import Walls
 from adaptsize.sizes import size_from_curvature, size_from_feature
+from adaptsize.sizes.chords import radius_at_curves
 from adaptsize.sizes.feature import width_in_regions
 from adaptsize.typing import FloatArray
 
@@ -214,6 +215,7 @@ class MeshDomain:
 
     mesh: SimplexMesh
     background: AnyBackground | None
+    _radius: _Kept = field(default_factory=_Kept)
     _width: _Kept = field(default_factory=_Kept)
     _features: _Features | None = None
 
@@ -264,7 +266,8 @@ class MeshDomain:
     ) -> dict[str, FloatArray]:
         bounds = {}
         if boundary is None and request.bounds_curvature:
-            bounds["curvature"] = request.on_curves(self.mesh)
+            radius = self._radius.get(lambda: radius_at_curves(self.mesh, request.crease_angle))
+            bounds["curvature"] = request.on_curves(radius, self.mesh.diameter)
         elif request.per_radian > 0.0:  # not the size on the boundary alone: no tolerance
             bounds["curvature"] = size_from_curvature(
                 background,
@@ -304,9 +307,8 @@ class _Features(NamedTuple):
         between = request.between(self.is_rough)
         if self.places is None or self.distances is None or between == 0.0:
             return []
-        counts = np.isfinite(self.distances)
-        counts &= self.distances >= request.least_separation * self.diameter
-        return [("separation", self.places[counts], self.distances[counts] / between)]
+        sizes = np.maximum(self.distances, request.least_separation * self.diameter) / between
+        return [("separation", self.places, sizes)]
 
 
 def limited_on(

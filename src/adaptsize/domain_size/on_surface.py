@@ -18,12 +18,13 @@ from adaptsize.background.splitting import SplitMesh, split_edges
 from adaptsize.domain_size.report import PointBounds, SizeReport, locked
 from adaptsize.domain_size.request import Request, bound_at_nodes, limit_requested
 from adaptsize.errors import OpenSurfaceWarning
-from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.folds import folds_of
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
+from adaptsize.remeshing.estimate import InsideSamples
 from adaptsize.remeshing.overlaps import overlapping_bodies
+from adaptsize.sizes.chords import radius_at_curves
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: The background of a surface is refined until no edge is longer than this many sizes ...
@@ -34,8 +35,6 @@ _MAX_NODES = 400_000
 #: per node of such a surface, and a thicker solid has more than 10.  A surface with more nodes
 #: consists of slivers much narrower than the size, where no finer background is needed.
 _NODES_PER_ELEMENT = 1.0 / 10.0
-#: Distance from the surface over its diagonal at which a point is outside or in another body.
-_BESIDE = 1e-6
 #: Sizes grow from a surface to the middle by at most this power of e.
 _MOST_E_FOLDS = 100.0
 #: Rays start beside an edge by this share of the height of a triangle.
@@ -52,8 +51,9 @@ class SurfaceDomain:
     """Its nodes and cells ordered by their places."""
     nodes: npt.NDArray[np.intp]
     """The node of the given surface at each node."""
-    winding: WindingNumber | None = None
-    """That of the surface if it has bodies that overlap."""
+    overlaps: bool = False
+    """Whether bodies of the surface overlap, or intersect themselves."""
+    _samples: InsideSamples | None = None
     _shapes: dict[float, _Shape] = field(default_factory=dict)
 
     @classmethod
@@ -68,12 +68,19 @@ class SurfaceDomain:
             OpenSurfaceWarning,
             stacklevel=_STACK_LEVEL,
         )
-        return cls(ordered, nodes, WindingNumber(Faces.of(ordered).mesh))
+        return cls(ordered, nodes, overlaps=True)
 
     @property
     def dim(self) -> int:
         """Number of coordinates."""
         return self.mesh.dim
+
+    @property
+    def samples(self) -> InsideSamples:
+        """Points inside, where numbers of elements are estimated."""
+        if self._samples is None:
+            self._samples = InsideSamples.of(self.mesh)
+        return self._samples
 
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes on a refined copy, and which cause controls them where.
@@ -86,7 +93,7 @@ class SurfaceDomain:
         """
         angle = request.crease_angle
         if angle not in self._shapes:
-            self._shapes[angle] = _Shape(Faces.of(self.mesh, angle), self.winding)
+            self._shapes[angle] = _Shape(Faces.of(self.mesh, angle), angle, self.overlaps)
         shape = self._shapes[angle]
         if request.h0 is not None and not callable(request.h0):
             request = replace(request, h0=np.asarray(request.h0)[self.nodes])
@@ -141,11 +148,38 @@ class _Shape:
     """What the bounds of a surface are found with."""
 
     faces: Faces
-    winding: WindingNumber | None
+    crease_angle: float
+    """Degrees."""
+    overlaps: bool
+
+    @cached_property
+    def radius(self) -> FloatArray:
+        """Radius of the surface and its feature edges at the nodes; inf inside of other bodies."""
+        radius = radius_at_curves(self.faces.mesh, self.crease_angle)
+        radius[self.inner_nodes] = np.inf
+        return radius
+
+    @cached_property
+    def bent(self) -> IntArray:
+        """Edges along which the surface is curved."""
+        return folds_of(self.faces.mesh, np.deg2rad(self.crease_angle)).bent
+
+    @cached_property
+    def inner_nodes(self) -> BoolArray:
+        """Which nodes are inside of other bodies, with all facets around them."""
+        mesh = self.faces.mesh
+        inner = np.zeros(mesh.n_points, np.bool_)
+        if not self.overlaps:
+            return inner
+        owners = np.repeat(np.arange(mesh.n_cells), 3)
+        own = self.width.are_inner(self.faces.frame.of(mesh.points)[mesh.cells.ravel()], owners)
+        inner[mesh.cells] = True
+        inner[mesh.cells.ravel()[~own]] = False
+        return inner
 
     @cached_property
     def width(self) -> Width:
-        return Width(self.faces, CORNER_ANGLE)
+        return Width(self.faces, CORNER_ANGLE, self.overlaps)
 
     @cached_property
     def separation(self) -> Separation:
@@ -156,7 +190,6 @@ class _Shape:
         """The width at the nodes of the given surface, and points in its facets with theirs."""
         faces = self.faces
         found = self.width.samples(silent)
-        found.widths[self.are_inner(found.points, found.cell)] = np.inf
         kept = (found.corner < 0) & np.isfinite(found.widths)
         frame = faces.frame
         places = found.points[kept] / frame.scale + frame.origin
@@ -165,24 +198,16 @@ class _Shape:
     def widths(
         self, places: FloatArray, owners: npt.NDArray[np.intp], report: ProgressCallback
     ) -> FloatArray:
-        """Return the width at points in given facets, places in the frame; inf in other bodies."""
-        found = self.width.shoot(places, owners, report)
-        found[self.are_inner(places, owners)] = np.inf
-        return found / self.faces.frame.scale
-
-    def are_inner(self, places: FloatArray, owners: npt.NDArray[np.intp]) -> BoolArray:
-        """Return which points on facets, in the frame, are inside of other bodies."""
-        if self.winding is None:
-            return np.zeros(len(places), np.bool_)
-        frame = self.faces.frame
-        beside = places + _BESIDE * self.faces.normals[owners]
-        return self.winding.contains(beside / frame.scale + frame.origin)
+        """Return the width at points in given facets, places in the frame."""
+        return self.width.shoot(places, owners, report) / self.faces.frame.scale
 
     @cached_property
     def first_separations(self) -> FloatArray:
         """Separations at the nodes of the surface, inf off its feature edges."""
         nodes = self.separation.nodes
-        return self.separations(nodes.node, nodes, silent, self.faces.mesh.n_points)
+        found = self.separations(nodes.node, nodes, silent, self.faces.mesh.n_points)
+        found[self.inner_nodes] = np.inf
+        return found
 
     def separations(
         self, at: npt.NDArray[np.intp], which: FeaturePoints, report: ProgressCallback, n: int
@@ -246,18 +271,15 @@ class _Surface:
         faces = shape.faces
         nodal = {}
         if request.bounds_curvature:
-            nodal["curvature"] = request.on_curves(faces.mesh)
-            nodal["curvature"][cls._inner_nodes(shape)] = np.inf
+            nodal["curvature"] = request.on_curves(shape.radius, faces.mesh.diameter)
         if request.between(faces.is_rough) > 0.0:
-            nodal["separation"] = shape.first_separations.copy()
-            nodal["separation"][cls._inner_nodes(shape)] = np.inf
+            nodal["separation"] = shape.first_separations
         in_facets: PointBounds = []
         if request.across > 0.0:
             nodal["width"], *of_points = shape.first_samples
             in_facets = [("width", *of_points)]
         if request.h0 is not None:
             nodal["h0"] = bound_at_nodes(request.h0, mesh)
-        bent = folds_of(faces.mesh, np.deg2rad(request.crease_angle)).bent
         return cls(
             shape,
             faces.mesh,
@@ -265,31 +287,17 @@ class _Surface:
             nodal,
             in_facets,
             _Marked(faces.features, np.arange(len(faces.features))),
-            _Marked(bent, np.zeros(len(bent), np.intp)),
+            _Marked(shape.bent, np.zeros(len(shape.bent), np.intp)),
         )
-
-    @staticmethod
-    def _inner_nodes(shape: _Shape) -> BoolArray:
-        """Return which nodes are inside of other bodies, with all facets around them."""
-        mesh = shape.faces.mesh
-        inner = np.zeros(mesh.n_points, np.bool_)
-        if shape.winding is None:
-            return inner
-        owners = np.repeat(np.arange(mesh.n_cells), 3)
-        own = shape.are_inner(shape.faces.frame.of(mesh.points)[mesh.cells.ravel()], owners)
-        inner[mesh.cells] = True
-        inner[mesh.cells.ravel()[~own]] = False
-        return inner
 
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes, and which cause controls them where."""
         mesh, faces = self.mesh, self.shape.faces
         bounds = dict(self.nodal)
         if "separation" in bounds:
-            separation = bounds["separation"]
-            dropped = separation < request.least_separation * faces.mesh.diameter
+            least = request.least_separation * faces.mesh.diameter
             between = request.between(faces.is_rough)
-            bounds["separation"] = np.where(dropped, np.inf, separation / between)
+            bounds["separation"] = np.maximum(bounds["separation"], least) / between
         points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
         if "width" in bounds:
             bounds["width"] = across_surface(bounds["width"], request)
@@ -310,12 +318,18 @@ class _Surface:
         split = split_edges(self.mesh, long)
         mesh, owner = split.mesh, self.owner[split.parents]
         parents = self.mesh.edges[split.split_edges]
+        nodal = {
+            name: self._at_new(name, bound, split, request) for name, bound in self.nodal.items()
+        }
+        in_facets = list(self.in_facets)
+        if "width" in nodal:
+            in_facets.append(self._in_new_facets(split, owner, nodal["width"], request))
         return _Surface(
             self.shape,
             mesh,
             owner,
-            {name: self._at_new(name, bound, split, request) for name, bound in self.nodal.items()},
-            self.in_facets,
+            nodal,
+            in_facets,
             self.features.split(parents, self.mesh.n_points),
             self.bent.split(parents, self.mesh.n_points),
         )
@@ -341,6 +355,26 @@ class _Surface:
             curved = np.flatnonzero(self.bent.find(parents) >= 0)
             longer[n + curved] = 2.0 / (1.0 / bound[parents[curved]]).sum(axis=1).clip(1e-300)
         return longer
+
+    def _in_new_facets(
+        self,
+        split: SplitMesh,
+        owner: npt.NDArray[np.intp],
+        widths: FloatArray,
+        request: Request,
+    ) -> tuple[str, FloatArray, FloatArray]:
+        """Return the widths at the centroids of new triangles with a node where none counts.
+
+        At the end of a narrow part, the rays from nodes may leave through the end.
+        """
+        cells = split.mesh.cells
+        is_new = np.bincount(split.parents)[split.parents] > 1
+        chosen = np.flatnonzero(is_new & np.isinf(widths[cells]).any(axis=1))
+        middles = split.mesh.points[cells[chosen]].mean(axis=1)
+        places = self.shape.faces.frame.of(middles)
+        found = self.shape.widths(places, owner[chosen], request.report or silent)
+        counts = np.isfinite(found)
+        return "width", middles[counts], found[counts]
 
     def _starts(
         self, split: SplitMesh

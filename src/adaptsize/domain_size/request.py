@@ -20,7 +20,7 @@ from adaptsize.domain_size.report import (
     nodal_measures,
 )
 from adaptsize.sizes import PointSource, size_from_sources
-from adaptsize.sizes.chords import size_at_curves, size_of_chords
+from adaptsize.sizes.chords import size_of_chords
 from adaptsize.sizes.sources import as_sources
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -91,7 +91,7 @@ class Request:
 
     @property
     def least_separation(self) -> float:
-        """Separation over the diameter below which features need not be resolved."""
+        """Least separation over the diameter that counts: closer features may be joined."""
         return self.chord_tolerance if np.isfinite(self.chord_tolerance) else TOLERANCE
 
     @property
@@ -106,12 +106,10 @@ class Request:
         """Whether sizes at curved boundaries are bounded, if these carry the sizes."""
         return self.per_radian > 0.0 or self.chord_tolerance < np.inf
 
-    def on_curves(self, mesh: SimplexMesh) -> FloatArray:
-        """Return sizes that resolve curved boundaries and leave a mesh within the tolerance."""
-        per_radian = self.per_radian or 1.0
-        h = size_at_curves(mesh, elements_per_radian=per_radian, crease_angle=self.crease_angle)
-        chords = size_of_chords(per_radian * h, self.chord_tolerance * mesh.diameter)
-        return np.minimum(h, chords) if self.per_radian else chords
+    def on_curves(self, radius: FloatArray, diameter: float) -> FloatArray:
+        """Return sizes that resolve curves of given radii and leave a mesh within the tolerance."""
+        chords = size_of_chords(radius, self.chord_tolerance * diameter)
+        return np.minimum(radius / self.per_radian, chords) if self.per_radian else chords
 
     def relaxed(self, relaxation: float) -> Request:
         """Return the same request with another relaxation factor."""

@@ -276,7 +276,9 @@ def _sectors_of(surface: SimplexMesh, faces: Normals, creases: BoolArray) -> _Se
     return _Sectors(sector, sign, fan, fan_ptr[: count + 1], ends[:count])
 
 
-def _normals_of(surface: SimplexMesh, faces: Normals, sectors: _Sectors, angle: float) -> FloatArray:
+def _normals_of(
+    surface: SimplexMesh, faces: Normals, sectors: _Sectors, angle: float
+) -> FloatArray:
     """Return the unit normal of each sector, those of open fans corrected; zero at cone tips."""
     n_sectors = len(sectors.ends)
     normals, angles = np.empty((n_sectors, 3)), np.empty(n_sectors)

@@ -79,9 +79,8 @@ class Faces:
     r"""The faces of a boundary, separated by feature edges, with their curves, corners and tips.
 
     Feature edges are edges between facets that turn by more than ``crease_angle``, edges of one
-    facet or of more than two, and tagged edges.  Untagged feature edges with a loose end, a node
-    with no other feature edge, are removed repeatedly: noise makes such edges, and they divide no
-    face.  *Faces* consist of facets that are joined over other edges, *curves* of feature edges,
+    facet or of more than two, and tagged edges.  Sharp edges with a loose end, a node with no
+    other feature edge, are removed repeatedly: noise makes such edges, and they divide no face.  *Faces* consist of facets that are joined over other edges, *curves* of feature edges,
     and *corners* are the ends of curves: nodes with a number of feature edges other than two, or
     where the curve turns by more than ``crease_angle``.  In the plane, faces are the chains of
     segments between corners.
@@ -98,8 +97,8 @@ class Faces:
     """Oriented: normals outward.  The nodes are those of the given boundary."""
     targets: npt.NDArray[np.intp]
     """Node into which each node was merged."""
-    kept: npt.NDArray[np.intp]
-    """Number of each cell in the given boundary."""
+    rows: npt.NDArray[np.intp]
+    """The cell of ``mesh`` for each cell of the given boundary; -1 if it has become degenerate."""
     face: IntArray
     """int32[n_cells]: the face of each cell, numbered from 0."""
     features: IntArray
@@ -114,9 +113,9 @@ class Faces:
     @classmethod
     def of(cls, boundary: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> Faces:
         """Return the faces of triangles in space or segments in the plane; the angle in degrees."""
-        mesh, targets, kept = _clean(boundary)
+        mesh, targets, rows = _clean(boundary)
         split = _split_line if mesh.cell_dim == 1 else _split_surface
-        return split(mesh, targets, kept, math.radians(crease_angle) + ANGLE_SLACK)
+        return split(mesh, targets, rows, math.radians(crease_angle) + ANGLE_SLACK)
 
     @property
     def n_faces(self) -> int:
@@ -183,20 +182,28 @@ def _normals_of(corners: FloatArray) -> FloatArray:
 def _clean(
     boundary: SimplexMesh,
 ) -> tuple[SimplexMesh, npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the oriented boundary, the merged nodes, and the numbers of the cells kept."""
+    """Return the oriented boundary, the merged nodes, and its cell for each given one."""
     targets = first_at_place(boundary.points, MERGE_SHARE * boundary.diagonal)
     cells = targets[boundary.cells].astype(np.int32)
     ordered = np.sort(cells, axis=1)
     whole = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
-    kept = np.flatnonzero(whole) if whole.any() else np.arange(len(cells))
+    if not whole.any():
+        targets = np.arange(boundary.n_points)
+        cells, whole = boundary.cells, np.ones(len(cells), np.bool_)
+    kept = np.flatnonzero(whole)
     cells = cells[kept]
+    copy_of = np.arange(len(cells))
     if len(unique_rows(cells, boundary.n_points)[0]) < len(cells):
         # Facets of touching bodies run in opposite directions; these are not repeated.
         start = cells.argmin(axis=1)[:, None]
         turned = np.take_along_axis(cells, (start + np.arange(cells.shape[1])) % cells.shape[1], 1)
         rows = turned if cells.shape[1] == 3 else cells
-        first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
-        cells, kept = cells[first], kept[first]
+        _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first)  # keep the cells in their order
+        copy_of = np.argsort(order)[number.reshape(-1)]
+        cells, kept = cells[first[order]], kept[first[order]]
+    of_given = np.full(boundary.n_cells, -1)
+    of_given[whole] = copy_of
     mesh = replace(
         boundary,
         cells=cells,
@@ -204,7 +211,7 @@ def _clean(
         tagged_facets=_merged_facets(boundary, targets),
         cell_data={},
     )
-    return replace(mesh, cells=oriented(mesh)[0].cells), targets, kept
+    return replace(mesh, cells=oriented(mesh)[0].cells), targets, of_given
 
 
 def _merged_facets(boundary: SimplexMesh, targets: npt.NDArray[np.intp]) -> IntArray | None:
@@ -217,7 +224,7 @@ def _merged_facets(boundary: SimplexMesh, targets: npt.NDArray[np.intp]) -> IntA
 
 
 def _split_line(
-    mesh: SimplexMesh, targets: npt.NDArray[np.intp], kept: npt.NDArray[np.intp], angle: float
+    mesh: SimplexMesh, targets: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], angle: float
 ) -> Faces:
     """Return the faces of segments in the plane; the angle in radians."""
     smooth, one, other = smooth_passages(mesh, angle)
@@ -231,18 +238,18 @@ def _split_line(
     meets = _all_pairs(pairs, corners, int(face.max()) + 1)
     curve = np.arange(len(corners), dtype=np.int32)
     of_cells = face.astype(np.int32)
-    return Faces(mesh, targets, kept, of_cells, corners[:, None], curve, is_corner, meets)
+    return Faces(mesh, targets, rows, of_cells, corners[:, None], curve, is_corner, meets)
 
 
 def _split_surface(
-    mesh: SimplexMesh, targets: npt.NDArray[np.intp], kept: npt.NDArray[np.intp], angle: float
+    mesh: SimplexMesh, targets: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], angle: float
 ) -> Faces:
     """Return the faces of triangles in space; the angle in radians."""
     sharp = feature_facets(mesh, normals_of(mesh), angle)
     is_feature = sharp.copy()
     degree = np.bincount(mesh.edges[sharp].ravel(), minlength=mesh.n_points).astype(np.int32)
-    remove_loose(mesh.edges, is_tagged(mesh), is_feature, degree)
-    # Edges of three or more triangles are feature edges, too: all others have two.
+    # All edges that are left out have two triangles.
+    remove_loose(mesh.edges, is_tagged(mesh) | (mesh.facet_cell_counts != 2), is_feature, degree)
     face = components_of(pairs_of_cells(mesh, ~is_feature) // 3, mesh.n_cells)
     edges = mesh.edges[is_feature]
     is_corner, curve = _curves_of(mesh.points, edges, angle)
@@ -255,7 +262,7 @@ def _split_surface(
     meets = Lists.of(
         np.concatenate([owners, own]), np.concatenate([meets.items, own]), len(meets.first) - 1
     )
-    return Faces(mesh, targets, kept, face.astype(np.int32), edges, curve, is_corner, meets)
+    return Faces(mesh, targets, rows, face.astype(np.int32), edges, curve, is_corner, meets)
 
 
 def _all_pairs(around: Lists, which: npt.NDArray[np.integer], n: int) -> Lists:
@@ -384,6 +391,8 @@ def refuse_other_than_surface(surface: SimplexMesh) -> None:
     check_type("surface", surface, SimplexMesh)
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")
+
+
 def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
     """Return a surface with a tag for each face; faces are separated by feature edges.
 

@@ -24,6 +24,8 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 # Feature edges are halved where the separation at their middles is below their length, so often.
 _MOST_HALVINGS = 12
+# Lengths that differ by a smaller share are equal.
+_EQUAL = 1e-6
 # A compiled loop cannot be interrupted; one call of it processes this many points.
 _POINTS_PER_CALL = 20_000
 
@@ -158,7 +160,7 @@ class Separation:
             found = self.at(FeaturePoints(middles, np.full(len(edge), -1), edge), report)
             every.append((middles, found))
             lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-            long = (found < lengths) & (found > TOLERANCE)
+            long = (found < (1.0 - _EQUAL) * lengths) & (found > TOLERANCE)
             if not long.any():
                 break
             halves = [np.stack([ends[long, e], middles[long]], axis=1) for e in (0, 1)]
@@ -324,7 +326,9 @@ class Separation:
         sectors = np.empty((len(order), kernels.SECTOR))
         for column, ends in ((0, a[order]), (3, b[order])):
             way = ends - which.places[queries]
-            sectors[:, column : column + 3] = way / np.linalg.norm(way, axis=1)[:, None]
+            length = np.linalg.norm(way, axis=1)
+            length[length == 0.0] = 1.0  # of degenerate facets
+            sectors[:, column : column + 3] = way / length[:, None]
         sectors[:, 6:9] = self.faces.normals[cells]
         cosine = np.einsum("ij,ij->i", sectors[:, :3], sectors[:, 3:6])
         sectors[:, 9] = np.arccos(np.clip(cosine, -1.0, 1.0)) if k == 3 else 1.0

@@ -20,6 +20,7 @@ from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.topology import components_of, pairs_of_cells
+from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -31,6 +32,12 @@ _STEEPEST = math.radians(75.0)
 _LEAST_WEIGHT = 1.0 / 24.0
 # Facets that are longer than this share of their width get rays near their corners, too.
 _LONG = 0.27
+# Points this far beyond a wall, in the same unit, tell whether another body is there.
+_BESIDE = 1e-6
+# Rays that leave more bodies, one inside the next, are given up.
+_MOST_BODIES = 64
+# Of more pieces, all points are tested; of fewer, those in the boxes of others.
+_MANY_PIECES = 200
 # A compiled loop cannot be interrupted; one call of it should last about this long.
 _SECONDS_PER_CALL = 0.3
 _FIRST_CALL = 4096
@@ -88,7 +95,8 @@ def boundary_width(
     along a common normal, so each local minimum of the thickness is seen from both sides.
 
     Only what is inside the domain counts.  A ray that enters another body, as where bodies overlap,
-    ends where it leaves the last one.  The facets of open sheets are walls from both sides.
+    ends where it leaves the last one.  Facets inside of another body have no width.  The facets of
+    open sheets are walls from both sides.
 
     The result does not depend on the order of nodes and facets, bit by bit, and on the position,
     orientation and unit of the boundary only by rounding.  A ray takes O(log n), 2 to 10
@@ -109,10 +117,9 @@ def boundary_width(
     check_boundary(boundary)
     faces = Faces.of(boundary, as_angle("crease_angle", crease_angle))
     width = Width(faces, as_angle("corner_angle", corner_angle))
-    result = np.full(boundary.n_cells, np.inf)
     with reporting(progress) as report:
-        result[faces.kept] = width.at_centroids(report)
-    return result
+        found = width.at_centroids(report)
+    return np.where(faces.rows >= 0, found[faces.rows], np.inf)
 
 
 def check_boundary(boundary: SimplexMesh) -> None:
@@ -155,6 +162,8 @@ class Width:
     faces: Faces
     corner_angle: float
     """Degrees."""
+    crosses_itself: bool = False
+    """Whether a piece of the boundary is known to intersect itself."""
 
     @cached_property
     def walls(self) -> Walls:
@@ -167,11 +176,16 @@ class Width:
         return np.cos(np.maximum(angles, 0.0))
 
     @cached_property
-    def _is_open(self) -> BoolArray:
-        """Whether each facet, in the order of the tree, is part of an open sheet."""
+    def _pieces(self) -> npt.NDArray[np.intp]:
+        """The piece of the boundary of each facet, joined over edges of two facets."""
         mesh = self.faces.mesh
         links = pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // (mesh.cell_dim + 1)
-        piece = components_of(links, mesh.n_cells)
+        return components_of(links, mesh.n_cells)
+
+    @cached_property
+    def _is_open(self) -> BoolArray:
+        """Whether each facet, in the order of the tree, is part of an open sheet."""
+        mesh, piece = self.faces.mesh, self._pieces
         has_rim = np.zeros(mesh.n_cells, np.bool_)
         has_rim[piece[(mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)]] = True
         return has_rim[piece][self.walls.order]
@@ -240,20 +254,88 @@ class Width:
         self, starts: FloatArray, cells: npt.NDArray[np.integer], report: ProgressCallback
     ) -> FloatArray:
         """Return the widths at points inside of given facets, both in the frame."""
+        widths = np.full(len(starts), np.inf)
+        reach = np.full(len(starts), SLACK)
+        going = np.flatnonzero(~self.are_inner(starts, cells))
+        for _ in range(_MOST_BODIES):
+            ways = -self.faces.normals[cells[going]]
+            leaves, stops, widths[going] = self._first_walls(
+                starts[going], ways, cells[going], reach[going], report
+            )
+            left = np.flatnonzero(np.isfinite(leaves) & ~stops)
+            beyond = starts[going[left]] + leaves[left, None] * ways[left]
+            left = left[self._are_inside(beyond, ways[left], cells[going[left]])]
+            if len(left) == 0:
+                break
+            going, leaves = going[left], leaves[left]
+            reach[going] = leaves + SLACK
+        return widths
+
+    def _first_walls(
+        self,
+        starts: FloatArray,
+        ways: FloatArray,
+        cells: npt.NDArray[np.integer],
+        reach: FloatArray,
+        report: ProgressCallback,
+    ) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """Return where rays first leave a body, through a sheet or not, and where that counts."""
         walls, faces, n = self.walls, self.faces, len(starts)
-        widths = np.empty(n)
+        leaves, stops, widths = np.empty(n), np.empty(n, np.bool_), np.empty(n)
         given = (
             walls.facets, walls.boxes, faces.face[walls.order], self._is_open, *faces.meets,
-            starts, -faces.normals[cells], faces.face[cells], self._limits, SLACK,
+            starts, ways, faces.face[cells], self._limits, SLACK, reach,
         )  # fmt: skip
         first, step = 0, _FIRST_CALL
         while first < n:
             last, start = min(first + step, n), time.perf_counter()
-            kernels.shoot(*given, first, last, widths)
+            kernels.shoot(*given, first, last, leaves, stops, widths)
             step = 2 * step if time.perf_counter() - start < 0.5 * _SECONDS_PER_CALL else step
             first = last
             report("width", first / n)
-        return widths
+        return leaves, stops, widths
+
+    def are_inner(self, places: FloatArray, cells: npt.NDArray[np.integer]) -> BoolArray:
+        """Return which points in given facets, in the frame, are inside of another body."""
+        return self._are_inside(places, self.faces.normals[cells], cells)
+
+    def _are_inside(
+        self, places: FloatArray, ways: FloatArray, cells: npt.NDArray[np.integer]
+    ) -> BoolArray:
+        """Return whether the domain is beyond points of the boundary, in given directions.
+
+        Points that are in the box of no other piece than that of their facet are not tested.
+        """
+        inside = np.zeros(len(places), np.bool_)
+        near = np.flatnonzero(self._beside_others(places, cells))
+        if len(near) > 0:
+            beyond = places[near] + _BESIDE * ways[near]
+            inside[near] = self._winding.contains(beyond[:, : self.faces.mesh.dim])
+        return inside
+
+    def _beside_others(self, places: FloatArray, cells: npt.NDArray[np.integer]) -> BoolArray:
+        """Return which points in given facets are in the box of another piece of the boundary."""
+        piece, corners = self._pieces, self.faces.corners
+        n = int(piece.max()) + 1
+        if self.crosses_itself or n > _MANY_PIECES:
+            return np.ones(len(places), np.bool_)
+        found = np.zeros(len(places), np.bool_)
+        if n == 1:
+            return found
+        lower, upper = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+        np.minimum.at(lower, piece, corners.min(axis=1))
+        np.maximum.at(upper, piece, corners.max(axis=1))
+        for k in range(n):
+            inside = (places >= lower[k] - SLACK).all(axis=1)
+            inside &= (places <= upper[k] + SLACK).all(axis=1)
+            found |= inside & (piece[cells] != k)
+        return found
+
+    @cached_property
+    def _winding(self) -> WindingNumber:
+        faces = self.faces
+        local = faces.frame.of(faces.mesh.points)[:, : faces.mesh.dim]
+        return WindingNumber(SimplexMesh(local, faces.mesh.cells))
 
 
 class Samples(NamedTuple):

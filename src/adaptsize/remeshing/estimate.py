@@ -62,18 +62,30 @@ def estimate_n_enclosed(surface: SimplexMesh, size: Size) -> float:
 
     The result is at least the number of elements of the surface itself.
     """
-    return max(estimate_n_inside(surface, size), _estimate_n_triangles(surface, size))
+    return max(InsideSamples.of(surface).estimate(size), _estimate_n_triangles(surface, size))
 
 
-def estimate_n_inside(surface: SimplexMesh, size: Size) -> float:
-    """Return the same from the interior alone.
+class InsideSamples(NamedTuple):
+    """Points evenly distributed in the region that a surface encloses.
 
-    It is sampled along columns through the surface.  Holes in the surface reduce the accuracy.
+    Holes in the surface reduce the accuracy.
     """
-    points, volume = _sample_inside(surface)
-    if len(points) == 0:
-        return 0.0
-    return ELEMENTS_PER_MEASURE[3] * volume * float((size(points) ** -3.0).mean())
+
+    points: FloatArray
+    volume: float
+    """Volume of the enclosed region."""
+
+    @classmethod
+    def of(cls, surface: SimplexMesh) -> InsideSamples:
+        """Sample the interior along columns through a surface."""
+        return _sample_inside(surface)
+
+    def estimate(self, size: Size) -> float:
+        """Return the estimated number of tetrahedra at the requested sizes."""
+        if len(self.points) == 0:
+            return 0.0
+        density = float((size(self.points) ** -3.0).mean())
+        return ELEMENTS_PER_MEASURE[3] * self.volume * density
 
 
 def _estimate_n_triangles(surface: SimplexMesh, size: Size) -> float:
@@ -96,13 +108,7 @@ def refuse_too_many(estimate: float, max_elements: float) -> None:
         )
 
 
-class _Samples(NamedTuple):
-    points: FloatArray
-    volume: float
-    """Volume of the enclosed region."""
-
-
-def _sample_inside(surface: SimplexMesh) -> _Samples:
+def _sample_inside(surface: SimplexMesh) -> InsideSamples:
     """Return evenly distributed points in the region that a surface encloses, and its volume.
 
     The columns are parallel to a principal axis of the surface, so that the points turn with it.
@@ -134,7 +140,7 @@ def _sample_inside(surface: SimplexMesh) -> _Samples:
     points = np.empty((len(piece), 3))
     points[:, [u, v]] = at[column[start[piece]]]
     points[:, axis] = height[start[piece]] + part * length[piece]
-    return _Samples(points @ axes.T + middle, total * area)
+    return InsideSamples(points @ axes.T + middle, total * area)
 
 
 def _principal_axes(surface: SimplexMesh) -> tuple[FloatArray, FloatArray]:

@@ -12,10 +12,8 @@ from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.typing import FloatArray, IntArray
 
 
-def size_at_curves(
-    mesh: SimplexMesh, *, elements_per_radian: float, crease_angle: float = CREASE_ANGLE
-) -> FloatArray:
-    """Return the sizes 1 / (K kappa) of the boundary of a mesh, and of interfaces inside.
+def radius_at_curves(mesh: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> FloatArray:
+    """Return the radius 1 / kappa of the boundary of a mesh, and of interfaces inside.
 
     Mesh generators keep both within their tolerance.  Nodes are summed up in the order of their
     places, so that the result does not depend on their numbers, bit by bit.
@@ -24,7 +22,7 @@ def size_at_curves(
     ----------
     mesh : SimplexMesh
         Or a surface, which is a boundary itself.
-    elements_per_radian, crease_angle
+    crease_angle
         As in `size_from_curvature`.
 
     Returns
@@ -34,7 +32,6 @@ def size_at_curves(
     """
     if mesh.dim == 1:
         return np.full(mesh.n_points, np.inf)
-    options = {"elements_per_radian": elements_per_radian, "crease_angle": crease_angle}
     parts: list[tuple[SimplexMesh, IntArray]] = []
     if mesh.cell_dim == mesh.dim:
         parts = [mesh.boundary()[:2]] if not mesh.is_closed else []
@@ -42,12 +39,13 @@ def size_at_curves(
         parts += [inner] if inner is not None else []
     else:
         parts = [(mesh, np.arange(mesh.n_points, dtype=np.int32))]
-    h = np.full(mesh.n_points, np.inf)
+    radius = np.full(mesh.n_points, np.inf)
     for facets, nodes in parts:
         ordered, rows = ordered_by_place(facets)
         at = nodes[rows]
-        h[at] = np.minimum(h[at], size_from_curvature(ordered, smoothing=0, **options))
-    return h
+        found = size_from_curvature(ordered, elements_per_radian=1.0, crease_angle=crease_angle)
+        radius[at] = np.minimum(radius[at], found)
+    return radius
 
 
 def size_of_chords(radius: FloatArray, tolerance: float) -> FloatArray:

@@ -45,8 +45,8 @@ def size_from_separation(
     crease_angle, corner_angle : float
         As for `boundary_separation`, degrees.
     tolerance : float, default 1e-3
-        Separations below this share of the diameter have no effect, >= 0: a boundary that is kept
-        within this tolerance need not have these features.
+        Separations below this share of the diameter are raised to it, >= 0: a boundary that is
+        kept within this tolerance need not have these features.
     hmin, hmax : float, optional
         Limits of the size; ``hmin`` overrides the bound.
     progress : callable, bool or None
@@ -99,7 +99,7 @@ def size_from_separation(
     at_boundary = np.full(boundary.n_points, np.inf)
     with reporting(progress) as report:
         at_boundary[separation.nodes.node] = separation.at_nodes(report).distances
-    at_boundary[at_boundary < share * boundary.diameter] = np.inf
+    at_boundary = np.maximum(at_boundary, share * boundary.diameter)
     h0 = np.full(background.n_points, np.inf)
     h0[nodes] = at_boundary[faces.targets] / n
     return minimum(h0, hmin=hmin, hmax=hmax)
