@@ -73,7 +73,7 @@ def test_size_of_a_mesh_writes_its_causes(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "width" in printed
     cause = read(output).point_data["cause"]
-    assert set(np.unique(cause)) <= {0, 1, 2, 3}
+    assert set(np.unique(cause)) <= {0, 1, 2, 3, 4}
     assert len(set(cause)) > 1
 
 

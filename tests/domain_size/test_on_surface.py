@@ -106,7 +106,8 @@ def test_sizes_are_limited_along_the_edges_of_the_refined_surface():
     mesh, h = size.background, size.values
     i, j = mesh.edges.T
     assert (np.abs(h[i] - h[j]) <= 0.2 * mesh.edge_lengths * (1 + 1e-12)).all()
-    assert (mesh.edge_lengths <= 2.0 * h[mesh.edges].min(axis=1)).all()
+    # Edges were compared with sizes before these were lowered to those around, through the solid.
+    assert (mesh.edge_lengths <= 2.1 * h[mesh.edges].min(axis=1)).all()
     assert mesh.measures.sum() == pytest.approx(cylinder(32, radius=5.0).measures.sum())
 
 
@@ -121,11 +122,11 @@ def test_the_bound_holds_on_the_slivers_of_a_cad_surface(method):
     assert info.largest_edge_slope <= 1.0 + 1e-9
 
 
-def test_defaults_are_shares_of_the_diagonal_and_given_values_are_kept():
+def test_defaults_are_shares_of_the_diameter_and_given_values_are_kept():
     mesh = random_sphere(400, 616, radius=3.0)
     _, report = size_function(mesh, full_output=True)
-    assert report.hmax == pytest.approx(mesh.diagonal / 20)
-    assert report.hmin == pytest.approx(mesh.diagonal / 1000)
+    assert report.hmax == pytest.approx(mesh.diameter / 20)
+    assert report.hmin == pytest.approx(mesh.diameter / 1000)
     assert (report.elements_per_radian, report.elements_across) == (4.0, 2.0)
     size, given = size_function(mesh, elements_per_radian=2.0, hmin=0.5, hmax=1.0, full_output=True)
     assert (given.elements_per_radian, given.hmin, given.hmax) == (2.0, 0.5, 1.0)
@@ -201,7 +202,7 @@ def test_sizes_on_round_surfaces_allow_the_tolerance():
     options = {"elements_across": 0, "hmax": 20.0, "g": 10.0}
     for tolerance in (1e-4, 1e-3):
         size, report = size_function(mesh, tolerance=tolerance, full_output=True, **options)
-        expected = min(2.0 * np.sqrt(tolerance * mesh.diagonal * radius), radius / 4.0)
+        expected = min(2.0 * np.sqrt(tolerance * mesh.diameter * radius), radius / 4.0)
         assert_allclose(size(mesh.points), expected, rtol=0.02)
         assert report.tolerance == tolerance
         assert f"tolerance {tolerance:g}" in report.choices
@@ -219,7 +220,7 @@ def test_without_elements_per_radian_the_tolerance_alone_bounds_the_sizes_on_a_d
     off = dict.fromkeys(("elements_per_radian", "elements_across", "elements_between"), 0.0)
     options = {**off, "g": 0.25, "hmax": 2.0}
     size, report = size_function(disc, **options, full_output=True)
-    expected = 2.0 * np.sqrt(1e-3 * disc.diagonal)
+    expected = 2.0 * np.sqrt(1e-3 * disc.diameter)
     assert_allclose(size.values[:40], expected, rtol=0.01)
     assert size.values[40] == pytest.approx(size.values[0] + 0.25, rel=0.01)
     assert report.choices.startswith("tolerance 0.001, g = 0.25, ")
@@ -239,7 +240,7 @@ def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
     options = {"elements_per_radian": 6.0, "elements_across": 0.0, "g": 1.0, "max_elements": 4000}
     report = size_function(mesh, **options, full_output=True)[1]
     # Chords of length l leave l^2 / (8 r); edges may be longer than the size by sqrt 2.
-    assert report.tolerance == pytest.approx((10.0 / 6.0) ** 2 / (4.0 * 10.0 * mesh.diagonal))
+    assert report.tolerance == pytest.approx((10.0 / 6.0) ** 2 / (4.0 * 10.0 * mesh.diameter))
     assert report.tolerance < 0.7e-3 * report.relaxation**2
 
 

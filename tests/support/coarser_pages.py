@@ -129,15 +129,15 @@ COARSER = {
         ("remesh(solid, finer)", "remesh(solid, finer, tolerance=0.02)"),
         words("6342 points in 3-D, 12692 triangles"),
         (
-            "curvature  controls  60.0% of the area,  57.8% of the elements, h from 0.7239\n"
-            "sources    controls  29.3% of the area,  41.0% of the elements, h from 0.6\n"
-            "hmax       controls  10.7% of the area,   1.2% of the elements, h from 5\n",
+            "curvature  controls  54.5% of the area,  57.3% of the elements, h from 0.7239\n"
+            "sources    controls  44.1% of the area,  42.6% of the elements, h from 0.6\n"
+            "hmax       controls   1.5% of the area,   0.2% of the elements, h from 5\n",
             "hmax  ...\ncurvature  ...\nsources  ...\n",
         ),
-        words("8098 points in 3-D, 37526 tetrahedra)\n8098 points, 37526 tetrahedra"),
-        words("1.409   1.041   91.37%     49100"),
-        words("15.11 deg"),
-        *[words(f"{n} facets") for n in (2941, 827, 600, 1330, 1250)],
+        words("8111 points in 3-D, 37522 tetrahedra)\n8111 points, 37522 tetrahedra"),
+        words("1.412   1.044   91.16%     49137"),
+        words("17.68 deg"),
+        *[words(f"{n} facets") for n in (2979, 824, 594, 1341, 1266)],
         words("9544 points in 3-D, 45594 tetrahedra"),
     ],
     "docs/tutorials/flow.md": [

@@ -145,8 +145,8 @@ def size_function(
         Elements between features of the boundary that are close and do not meet, n of
         `size_from_separation`: short edges, narrow faces, corners opposite a wall.  The default is
         1, or 0 on rough surfaces, where most faces are single triangles.  0 disables the
-        separation.  It has no effect on functions, images and level sets.  Separations below the
-        tolerance are raised to it.
+        separation.  It has no effect on functions, images and level sets, and on surfaces whose
+        bodies overlap.  Separations below the tolerance are raised to it.
     g : float, default 0.25
         Gradient limit, >= 0.
     hmin, hmax : float, optional

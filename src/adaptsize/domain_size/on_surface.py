@@ -205,9 +205,7 @@ class _Shape:
     def first_separations(self) -> FloatArray:
         """Separations at the nodes of the surface, inf off its feature edges."""
         nodes = self.separation.nodes
-        found = self.separations(nodes.node, nodes, silent, self.faces.mesh.n_points)
-        found[self.inner_nodes] = np.inf
-        return found
+        return self.separations(nodes.node, nodes, silent, self.faces.mesh.n_points)
 
     def separations(
         self, at: npt.NDArray[np.intp], which: FeaturePoints, report: ProgressCallback, n: int
@@ -272,7 +270,8 @@ class _Surface:
         nodal = {}
         if request.bounds_curvature:
             nodal["curvature"] = request.on_curves(shape.radius, faces.mesh.diameter)
-        if request.between(faces.is_rough) > 0.0:
+        # Where bodies overlap, their features cross each other, and are no features of the union.
+        if request.between(faces.is_rough) > 0.0 and not shape.overlaps:
             nodal["separation"] = shape.first_separations
         in_facets: PointBounds = []
         if request.across > 0.0:

@@ -7,7 +7,6 @@ import numpy as np
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
-from adaptsize.background.ordering import ordered_by_place
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.typing import FloatArray, IntArray
 
@@ -15,8 +14,7 @@ from adaptsize.typing import FloatArray, IntArray
 def radius_at_curves(mesh: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> FloatArray:
     """Return the radius 1 / kappa of the boundary of a mesh, and of interfaces inside.
 
-    Mesh generators keep both within their tolerance.  Nodes are summed up in the order of their
-    places, so that the result does not depend on their numbers, bit by bit.
+    Mesh generators keep both within their tolerance.
 
     Parameters
     ----------
@@ -41,10 +39,8 @@ def radius_at_curves(mesh: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> F
         parts = [(mesh, np.arange(mesh.n_points, dtype=np.int32))]
     radius = np.full(mesh.n_points, np.inf)
     for facets, nodes in parts:
-        ordered, rows = ordered_by_place(facets)
-        at = nodes[rows]
-        found = size_from_curvature(ordered, elements_per_radian=1.0, crease_angle=crease_angle)
-        radius[at] = np.minimum(radius[at], found)
+        found = size_from_curvature(facets, elements_per_radian=1.0, crease_angle=crease_angle)
+        radius[nodes] = np.minimum(radius[nodes], found)
     return radius
 
 

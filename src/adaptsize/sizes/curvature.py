@@ -10,6 +10,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_angle, as_number, as_slope, as_whole_number, check_type, describe
 from adaptsize._defaults import CREASE_ANGLE, TOLERANCE
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.ordering import ordered_by_place
 from adaptsize.geometry.curvature import (
     corner_curvature,
     crease_curvature,
@@ -205,12 +206,20 @@ def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
 
 
 def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) -> FloatArray:
-    """Return the curvature at the nodes of a polyline, or of a surface and its feature edges."""
+    """Return the curvature at the nodes of a polyline, or of a surface and its feature edges.
+
+    Sums run in the order of places, so that they do not depend on the numbers of nodes.
+    """
+    ordered, nodes = ordered_by_place(mesh)
     if mesh.cell_dim == 1:
         _refuse_smoothing(mesh, smoothing)
-        return polyline_curvature(mesh, crease_angle=crease_angle)
-    surface = surface_curvature(mesh, crease_angle=crease_angle, smoothing=smoothing)
-    return np.maximum(surface, crease_curvature(mesh, crease_angle=crease_angle))
+        found = polyline_curvature(ordered, crease_angle=crease_angle)
+    else:
+        surface = surface_curvature(ordered, crease_angle=crease_angle, smoothing=smoothing)
+        found = np.maximum(surface, crease_curvature(ordered, crease_angle=crease_angle))
+    kappa = np.empty(mesh.n_points)
+    kappa[nodes] = found
+    return kappa
 
 
 def _refuse_smoothing(line: SimplexMesh, smoothing: int) -> None:
