@@ -50,7 +50,7 @@ SUBJECTS = {
         "plot_euler_anisotropic",
     ],
 }  # fmt: skip
-ELSEWHERE = {2: "[how points of the medial axis are found](../width.md#the-medial-axis-of-the-paper)"}
+ELSEWHERE = {2: "[how the medial axis is found](../width.md#the-medial-axis-of-the-paper)"}
 
 
 @dataclass(frozen=True)

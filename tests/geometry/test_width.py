@@ -76,7 +76,6 @@ def test_the_tree_finds_what_all_facets_give_bit_by_bit(part, seed):
     expected = width_oracle.widths(faces, found.points, found.cell)
     assert_array_equal(found.widths, expected)
     assert np.isfinite(expected).any()
-    n = len(faces.corners)
     assert_array_equal(boundary_width(mesh), expected[faces.rows] / faces.frame.scale)
 
 

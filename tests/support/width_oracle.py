@@ -90,16 +90,18 @@ def open_sheets(cells):
 
 
 def winding_number(corners, x):
-    """Return how often triangles or segments in the plane surround a point, from its angles."""
-    a, *others = np.moveaxis(corners - x, 1, 0)
-    if len(others) == 1:
-        b = others[0]
-        angles = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], dot(a, b))
-        return angles.sum() / (2.0 * np.pi)
-    b, c = others
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    rest = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
-    return np.arctan2(dot(a, cross(b, c)), rest).sum() / (2.0 * np.pi)
+    """Return how often outward facets go around a point."""
+    ways = corners - x
+    if corners.shape[1] == 2:
+        a, b = ways[:, 0], ways[:, 1]
+        turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b))
+        return turn.sum() / (2.0 * np.pi)
+    length = np.linalg.norm(ways, axis=2)
+    a, b, c = np.moveaxis(ways, 1, 0)
+    la, lb, lc = length.T
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
+    return np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2.0 * np.pi)
 
 
 class Bodies:
@@ -182,21 +184,6 @@ def closest_points(corners, x):
     if corners.shape[1] == 2:
         return closest_on_segments(corners[:, 0], corners[:, 1], x)
     return closest_on_triangles(corners, x)
-
-
-def winding_number(corners, x):
-    """Return how often outward facets go around a point."""
-    ways = corners - x
-    if corners.shape[1] == 2:
-        a, b = ways[:, 0], ways[:, 1]
-        turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b))
-        return turn.sum() / (2.0 * np.pi)
-    length = np.linalg.norm(ways, axis=2)
-    a, b, c = np.moveaxis(ways, 1, 0)
-    la, lb, lc = length.T
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
-    return np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2.0 * np.pi)
 
 
 class AllFeatures:

@@ -205,9 +205,10 @@ def shoot(
                 if two_sided[t]:
                     sheet = min(sheet, along)
                 cosine = abs(cosine)
-                if along < counts and cosine >= limits[0]:
-                    if cosine > limits[1] or not _meet(first, meeting, own[r], face[t]):
-                        counts = along
+                if along >= counts or cosine < limits[0]:
+                    continue
+                if cosine > limits[1] or not _meet(first, meeting, own[r], face[t]):
+                    counts = along
         leaves[r], stops[r] = nearest, sheet <= nearest + slack
         widths[r] = counts if counts <= nearest + slack else math.inf
 

@@ -12,7 +12,6 @@ from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import are_among, unique_rows
 from adaptsize.typing import FloatArray, IntArray
 
-
 # Lengths that differ by a smaller share are equal.
 _EQUAL = 1e-9
 

@@ -170,8 +170,9 @@ def size_function(
     max_elements : float, optional
         Limit on the predicted number of elements, by default 300 000.  To stay within it, those
         of ``elements_per_radian``, ``elements_across`` (both down to 1), ``elements_between``,
-        ``hmin``, ``hmax`` and ``tolerance`` that are not given are relaxed.  ``report.tolerance`` is the one that the
-        sizes require at 95 % of the elements at curved boundaries.  inf disables the limit.
+        ``hmin``, ``hmax`` and ``tolerance`` that are not given are relaxed.  ``report.tolerance``
+        is the one that the sizes require at 95 % of the elements at curved boundaries.  inf
+        disables the limit.
     elements : float, optional
         Predicted number of elements, instead of ``max_elements``.  The same parameters are
         relaxed or tightened until the prediction is within 2 %, if the given ones allow that.

@@ -67,18 +67,21 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
 
 def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
     """Return the size function, relaxed to at most the predicted number of elements allowed."""
-    relaxation, before = 1.0, np.inf
+    relaxation, step, before, power = 1.0, 1.0, np.inf, float(domain.dim)
     for _ in range(_MAX_ROUNDS + 1):
         if request.report is not None:
             request.report("size function", None)
         size, report = _relaxed(domain, request, relaxation)
         n_elements = report.n_elements
-        if n_elements <= request.max_elements:
+        if n_elements <= (1.0 + _CLOSE) * request.max_elements:
             return size, report
         if request.is_fixed or n_elements > 0.95 * before:
             break
+        if step > 1.0:  # the last step shows how the number depends on the relaxation
+            power = float(np.clip(np.log(before / n_elements) / np.log(step), 1.0, domain.dim))
+        step = max(1.2, (n_elements / request.max_elements) ** (1.0 / power))
         before = n_elements
-        relaxation *= max(1.2, (n_elements / request.max_elements) ** (1.0 / domain.dim))
+        relaxation *= step
     warnings.warn(
         f"the sizes require about {n_elements:.2g} elements, more than max_elements = "
         f"{request.max_elements:.3g}, because of the given parameters: relax these or raise "

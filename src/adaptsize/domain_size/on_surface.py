@@ -275,8 +275,8 @@ class _Surface:
             nodal["separation"] = shape.first_separations
         in_facets: PointBounds = []
         if request.across > 0.0:
-            nodal["width"], *of_points = shape.first_samples
-            in_facets = [("width", *of_points)]
+            nodal["width"], places, widths = shape.first_samples
+            in_facets = [("width", places, widths)]
         if request.h0 is not None:
             nodal["h0"] = bound_at_nodes(request.h0, mesh)
         return cls(

@@ -203,20 +203,21 @@ def limit_bounds(
     own[requested < low] = len(names) - 2
     requested = np.maximum(requested, low)
     places, sizes, of_points = _joined(points, names, low, high, background.dim)
-    info = None
+    info, roots = None, None
     if through_space:
         assert isinstance(background, SimplexMesh)
         every = np.concatenate([background.points, places])
         bound = np.concatenate([requested, sizes])
-        with reporting(progress) as tell:
-            h, roots = limit_points(every, bound, len(own), g, tell)
+        with reporting(progress) as callback:
+            h, roots = limit_points(every, bound, len(own), g, callback)
     else:
         if len(sizes) > 0:
             options = {"point_sources": (places, sizes)}
         h, info = limit_gradient(
             background, requested, g, full_output=True, progress=progress, **(options or {})
         )
-        roots = None if info.sources is None else info.sources.roots().reshape(own.shape)
+        if info.sources is not None:
+            roots = info.sources.roots().reshape(own.shape)
     if roots is not None:
         causes = np.append(np.concatenate([own.ravel(), of_points]), np.int8(NONE))
         cause = causes[roots]
@@ -334,5 +335,6 @@ def _report(
 
 
 def locked(array: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+    """Return the array itself, made read-only."""
     array.flags.writeable = False
     return array

@@ -79,11 +79,12 @@ class Faces:
     r"""The faces of a boundary, separated by feature edges, with their curves, corners and tips.
 
     Feature edges are edges between facets that turn by more than ``crease_angle``, edges of one
-    facet or of more than two, and tagged edges.  Sharp edges with a loose end, a node with no
-    other feature edge, are removed repeatedly: noise makes such edges, and they divide no face.  *Faces* consist of facets that are joined over other edges, *curves* of feature edges,
-    and *corners* are the ends of curves: nodes with a number of feature edges other than two, or
-    where the curve turns by more than ``crease_angle``.  In the plane, faces are the chains of
-    segments between corners.
+    facet or of more than two, and tagged edges.  Sharp edges with a loose end, a node with no other
+    feature edge, are removed repeatedly: noise makes such edges, and they divide no face.  *Faces*
+    consist of facets that are joined over other edges, *curves* of feature edges, and *corners* are
+    the ends of curves: nodes with a number of feature edges other than two, or where the curve
+    turns by more than ``crease_angle``.  In the plane, faces are the chains of segments between
+    corners.
 
     Two faces *meet* if they have a feature edge (in the plane a corner) in common.  A face meets
     itself if it has a *tip*, a node whose angles sum up to less than :math:`2 \pi - 0.5`, or if a
@@ -161,7 +162,7 @@ class Faces:
             longest = np.sqrt(longest)
         length[length <= 2.0 * _FLAT_SHARE * longest] = np.inf
         sign = np.where(np.einsum("ij,ij->i", given, ordered) < 0.0, -1.0, 1.0)
-        return ordered * (sign / length)[:, None]
+        return np.asarray(ordered * (sign / length)[:, None])
 
 
 def sorted_by_place(points: FloatArray, cells: IntArray) -> IntArray:

@@ -22,7 +22,7 @@ from adaptsize.background._curve import tree_over
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 # Distances below this, in units of the longest side of the boundary's box, are rounding.
 SLACK = 1e-9

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.background import Octree, SimplexMesh
-from adaptsize.geometry.faces import crease_edges
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.surface import inside_surface
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+from adaptsize.geometry.faces import crease_edges
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 #: Takes points, float64[n, dim]; returns the signed distance of each.
