@@ -129,6 +129,40 @@ def medial_axis(quick):
     return f"Medial axis and local feature size on {n_side}^3 nodes", heads, lines
 
 
+def width(quick):
+    """Time the rays, the separation and the default size function of surfaces."""
+    from adaptsize.geometry.faces import Faces
+    from adaptsize.geometry.separation import Separation
+    from adaptsize.geometry.width import Walls, Width
+
+    lines = []
+    for name in ("bracket.stl",) if quick else ("bracket.stl", "deer.ply"):
+        part = ads.read(Path(__file__).parents[1] / "data" / name)
+        ads.size_function(part)  # compiled by this
+        faces, _, prepared = best_of(3, partial(Faces.of, part))
+        walls, _, tree = best_of(3, partial(Walls.of, faces))
+        finder = Width(faces, 30.0)
+        _, _, rays = best_of(3, partial(finder.at_centroids, lambda *_: None))
+        separation = Separation(faces, 30.0, walls)
+        n_features = len(separation.nodes.node)
+        _, _, between = best_of(3, partial(separation.at, separation.nodes, lambda *_: None))
+        _, _, size = best_of(3, partial(ads.size_function, part))
+        lines.append(
+            [name, part.n_cells, three(1e3 * (prepared + tree)), three(1e6 * rays / part.n_cells),
+             n_features, three(1e6 * between / max(n_features, 1)), three(size)]
+        )  # fmt: skip
+    heads = [
+        "",
+        "facets",
+        "ms preparation",
+        "µs/ray",
+        "feature nodes",
+        "µs/node",
+        "s size_function",
+    ]
+    return "Width, separation and the default size function", heads, lines
+
+
 def _ball(x):
     return np.linalg.norm(x, axis=1) - 0.9
 
@@ -169,7 +203,12 @@ def complete_size(quick):
     return "Size function of data/bracket.stl and its meshing, wall time", heads, lines
 
 
-CASES = {"distance": signed_distance, "medial axis": medial_axis, "complete size": complete_size}
+CASES = {
+    "distance": signed_distance,
+    "width": width,
+    "medial axis": medial_axis,
+    "complete size": complete_size,
+}
 
 
 def main():

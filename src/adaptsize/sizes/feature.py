@@ -25,6 +25,9 @@ METHODS = get_args(Method)
 # Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
 SMALLEST_SHARE = 1e-6
 
+# A boundary of fewer faces is no staircase of voxels.
+_LEAST_STEPS = 24
+
 
 def size_from_feature(
     background: SimplexMesh | CartesianGrid | Octree,
@@ -247,6 +250,9 @@ def width_in_regions(
 ) -> FloatArray:
     """Return the least width at each node of the regions around it, each within its own boundary.
 
+    Regions whose boundaries follow voxels have none: their steps are as wide as they are high, and
+    the sizes of half a voxel made six times as many elements of two organs.
+
     Parameters
     ----------
     mesh : SimplexMesh
@@ -269,9 +275,22 @@ def width_in_regions(
         region = SimplexMesh(mesh.points[nodes], local.reshape(len(cells), -1))
         if region.is_closed:  # only if cells overlap
             continue
+        if _is_staircase(Faces.of(region.boundary().mesh, crease_angle)):
+            continue
         found = _at_own_nodes(region, (crease_angle, CORNER_ANGLE), report)[0]
         widths[nodes] = np.minimum(widths[nodes], found)
     return widths
+
+
+def _is_staircase(faces: Faces) -> bool:
+    """Return whether most faces are sides of single voxels, which have equal areas."""
+    dim = faces.mesh.dim
+    small = np.bincount(faces.face) <= dim - 1
+    areas = np.bincount(faces.face, faces.mesh.measures)[small]
+    if 2 * len(areas) <= faces.n_faces or faces.n_faces < _LEAST_STEPS:
+        return False
+    kinds = np.unique(np.round(areas / areas.max(), 4))
+    return len(kinds) <= dim  # one for each direction of the axes
 
 
 def _near_boundary(
