@@ -115,13 +115,17 @@ class Bodies:
         ]
         self.piece = components_of(np.array(pairs).reshape(-1, 2), mesh.n_cells)
         self.corners = faces.frame.of(mesh.points)[mesh.cells]
+        self.facets, self.two_sided = AllFacets(faces), open_sheets(mesh.cells)
 
     def hold(self, place, way, cell):
-        """Return whether the domain is beyond a place in the box of another piece."""
+        """Return whether a body that does not begin there is beyond a place near another piece."""
         for k in set(self.piece.tolist()) - {int(self.piece[cell])}:
             points = self.corners[self.piece == k].reshape(-1, 3)
             if ((points.min(0) - SLACK <= place) & (place <= points.max(0) + SLACK)).all():
-                return abs(winding_number(self.corners, place + 1e-6 * way)) > 0.55
+                along, which, cosine = self.facets.hits(place, way)
+                enters = (cosine < 0.0) & (np.abs(along) <= 2 * SLACK) & ~self.two_sided[which]
+                around = abs(winding_number(self.corners, place + 1e-6 * way))
+                return around > 0.55 + enters.any()
         return False
 
 

@@ -161,7 +161,7 @@ def _distance_to_centre(boxes, node, x):
 
 
 @inner
-def _distance2_to_box(boxes, node, x):
+def distance2_to_box(boxes, node, x):
     """Return the squared distance of x to the box of a node, 0 inside."""
     total = 0.0
     for d in range(3):
@@ -234,7 +234,7 @@ def _find_closest(points, cells, boxes, x, stack, bounds):
     best_cell = -1
     best_weights = (1.0, 0.0, 0.0, 0.0)
     stack[0] = 1
-    bounds[0] = _distance2_to_box(boxes, stack[0], x)
+    bounds[0] = distance2_to_box(boxes, stack[0], x)
     top = 1
     while top > 0:
         top -= 1
@@ -243,8 +243,8 @@ def _find_closest(points, cells, boxes, x, stack, bounds):
             continue
         if node < n_leaves:
             near, far = 2 * node, 2 * node + 1
-            near2 = _distance2_to_box(boxes, near, x)
-            far2 = _distance2_to_box(boxes, far, x)
+            near2 = distance2_to_box(boxes, near, x)
+            far2 = distance2_to_box(boxes, far, x)
             if far2 < near2:
                 near, far = far, near
                 near2, far2 = far2, near2
@@ -341,7 +341,7 @@ def list_within(points, cells, boxes, queries, reach, rows):
         while top > 0:
             top -= 1
             node = stack[top]
-            if _distance2_to_box(boxes, node, x) > reach2:
+            if distance2_to_box(boxes, node, x) > reach2:
                 continue
             if node < n_leaves:
                 stack[top] = 2 * node

@@ -119,16 +119,16 @@ def _clip(low, high, a, b):
 
 
 @inner
-def _meet(first, meeting, one, other):
-    """Return whether two faces meet."""
-    low, high = first[one], first[one + 1]
+def holds(first, items, row, item):
+    """Return whether list ``row``, ``items[first[row]:first[row + 1]]``, ascending, has an item."""
+    low, high = first[row], first[row + 1]
     while low < high:
         middle = (low + high) // 2
-        if meeting[middle] < other:
+        if items[middle] < item:
             low = middle + 1
         else:
             high = middle
-    return low < first[one + 1] and meeting[low] == other
+    return low < first[row + 1] and items[low] == item
 
 
 @kernel
@@ -207,10 +207,50 @@ def shoot(
                 cosine = abs(cosine)
                 if along >= counts or cosine < limits[0]:
                     continue
-                if cosine > limits[1] or not _meet(first, meeting, own[r], face[t]):
+                if cosine > limits[1] or not holds(first, meeting, own[r], face[t]):
                     counts = along
         leaves[r], stops[r] = nearest, sheet <= nearest + slack
         widths[r] = counts if counts <= nearest + slack else math.inf
+
+
+@kernel
+def find_entries(facets, boxes, two_sided, places, directions, slack, enters):
+    """Find whether a body begins at points of the boundary, in given directions.
+
+    Parameters
+    ----------
+    facets, boxes, two_sided, slack
+        As for `shoot`.
+    places, directions : float64[n, 3]
+        Directions are unit vectors.
+    enters : bool[n]
+        Out: whether a facet through the point is entered.
+    """
+    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
+    stack = np.empty(_STACK, np.int64)
+    for r in range(places.shape[0]):
+        x, y, z = places[r, 0], places[r, 1], places[r, 2]
+        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+        enters[r] = False
+        stack[0] = 1
+        top = 1
+        while top > 0 and not enters[r]:
+            top -= 1
+            node = stack[top]
+            apart = 0.0
+            for d in range(3):
+                apart = max(apart, boxes[node, d] - places[r, d], places[r, d] - boxes[node, 3 + d])
+            if apart > 2.0 * slack:
+                continue
+            if node < n_leaves:
+                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
+                top += 2
+                continue
+            leaf = node - n_leaves
+            for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+                along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
+                if cosine < 0.0 and abs(along) <= 2.0 * slack and not two_sided[t]:
+                    enters[r] = True
 
 
 @inner

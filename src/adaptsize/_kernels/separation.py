@@ -6,7 +6,8 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
-from adaptsize._kernels.rays import ALONG, is_blocked
+from adaptsize._kernels.interpolate import distance2_to_box
+from adaptsize._kernels.rays import ALONG, holds, is_blocked
 
 #: Numbers of a sector: two unit vectors along its sides, its unit outward normal, and its angle.
 SECTOR = 10
@@ -14,16 +15,6 @@ SECTOR = 10
 _STACK = 64
 # Lengths of unit vectors that differ by less are equal.
 _EQUAL = 1e-9
-
-
-@inner
-def _distance2_to_box(boxes, node, x):
-    square = 0.0
-    for d in range(3):
-        gap = max(boxes[node, d] - x[d], x[d] - boxes[node, 3 + d])
-        if gap > 0.0:
-            square += gap * gap
-    return square
 
 
 @inner
@@ -43,19 +34,6 @@ def _closest(points, cells, t, x):
         s * points[i, 1] + u * points[j, 1] + v * points[k, 1],
         s * points[i, 2] + u * points[j, 2] + v * points[k, 2],
     )
-
-
-@inner
-def _holds(first, items, row, item):
-    """Return whether a sorted list holds an item."""
-    low, high = first[row], first[row + 1]
-    while low < high:
-        middle = (low + high) // 2
-        if items[middle] < item:
-            low = middle + 1
-        else:
-            high = middle
-    return low < first[row + 1] and items[low] == item
 
 
 @inner
@@ -157,18 +135,18 @@ def lower_separations(
         while top > 0:
             top -= 1
             node = stack[top]
-            if _distance2_to_box(boxes, node, x) >= distances[r] * distances[r]:
+            if distance2_to_box(boxes, node, x) >= distances[r] * distances[r]:
                 continue
             if node < n_leaves:
                 near, far = 2 * node, 2 * node + 1
-                if _distance2_to_box(boxes, far, x) < _distance2_to_box(boxes, near, x):
+                if distance2_to_box(boxes, far, x) < distance2_to_box(boxes, near, x):
                     near, far = far, near
                 stack[top], stack[top + 1] = far, near
                 top += 2
                 continue
             leaf = node - n_leaves
             for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-                if _holds(first_skipped, skipped, r, owner[t]):
+                if holds(first_skipped, skipped, r, owner[t]):
                     continue
                 qx, qy, qz = _closest(points, cells, t, x)
                 dx, dy, dz = qx - x[0], qy - x[1], qz - x[2]
@@ -178,7 +156,7 @@ def lower_separations(
                 counts = True
                 for e in range(2):
                     corner = ends[r, e]
-                    if corner >= 0 and _holds(first_touched, touched, owner[t], corner):
+                    if corner >= 0 and holds(first_touched, touched, owner[t], corner):
                         ax, ay, az = (
                             places[r, e, 0] - x[0], places[r, e, 1] - x[1], places[r, e, 2] - x[2],
                         )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -54,7 +54,7 @@ class SurfaceDomain:
     overlaps: bool = False
     """Whether bodies of the surface overlap, or intersect themselves."""
     _samples: InsideSamples | None = None
-    _shapes: dict[float, _Shape] = field(default_factory=dict)
+    _shape: _Shape | None = None
 
     @classmethod
     def of(cls, mesh: SimplexMesh) -> SurfaceDomain:
@@ -91,13 +91,12 @@ class SurfaceDomain:
         and the bounds are found at points between.  A new node on an edge along which the surface
         bends gets the mean of the curvatures at the ends.
         """
-        angle = request.crease_angle
-        if angle not in self._shapes:
-            self._shapes[angle] = _Shape(Faces.of(self.mesh, angle), angle, self.overlaps)
-        shape = self._shapes[angle]
+        if self._shape is None:  # requests differ in what does not change it
+            angle = request.crease_angle
+            self._shape = _Shape(Faces.of(self.mesh, angle), angle, self.overlaps)
         if request.h0 is not None and not callable(request.h0):
-            request = replace(request, h0=np.asarray(request.h0)[self.nodes])
-        surface = _Surface.of(shape, self.mesh, request)
+            request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
+        surface = _Surface.of(self._shape, self.mesh, request)
         max_nodes = float(_MAX_NODES)
         if not request.is_fixed:
             max_nodes = min(max_nodes, _NODES_PER_ELEMENT * request.max_elements)

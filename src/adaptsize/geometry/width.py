@@ -34,6 +34,8 @@ _LEAST_WEIGHT = 1.0 / 24.0
 _LONG = 0.27
 # Points this far beyond a wall, in the same unit, tell whether another body is there.
 _BESIDE = 1e-6
+# Winding numbers are as exact as this at holes, and at most this for points outside.
+_DOUBT = 0.05
 # Rays that leave more bodies, one inside the next, are given up.
 _MOST_BODIES = 64
 # Of more pieces, all points are tested; of fewer, those in the boxes of others.
@@ -95,11 +97,11 @@ def boundary_width(
     along a common normal, so each local minimum of the thickness is seen from both sides.
 
     Only what is inside the domain counts.  A ray that enters another body, as where bodies overlap,
-    ends where it leaves the last one.  Facets inside of another body have no width.  The facets of
-    open sheets are walls from both sides.
+    ends where it leaves the last one.  Facets inside of another body have no width.  Walls of
+    bodies that touch are walls, and so are open sheets, from both sides.
 
     The result does not depend on the order of nodes and facets, bit by bit, and on the position,
-    orientation and unit of the boundary only by rounding.  A ray takes O(log n), 2 to 10
+    orientation and unit of the boundary only by rounding.  A ray takes O(log n), 2 to 5
     microseconds.
 
     Examples
@@ -111,7 +113,7 @@ def boundary_width(
     ...     far = 3.0 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
     ...     wedge = SimplexMesh([[0, 0], [3, 0], far], [[0, 1], [1, 2], [2, 0]])
     ...     print(boundary_width(wedge).round(3))
-    [0.546 2.954 0.546]
+    [0.546   inf 0.546]
     [inf inf inf]
     """
     check_boundary(boundary)
@@ -302,15 +304,20 @@ class Width:
     def _are_inside(
         self, places: FloatArray, ways: FloatArray, cells: npt.NDArray[np.integer]
     ) -> BoolArray:
-        """Return whether the domain is beyond points of the boundary, in given directions.
+        """Return whether a body is beyond points of the boundary, other than one that begins there.
 
-        Points that are in the box of no other piece than that of their facet are not tested.
+        Walls of bodies that touch, and both sides of a slit, are walls.  Points that are in the box
+        of no other piece than that of their facet are not tested.
         """
         inside = np.zeros(len(places), np.bool_)
         near = np.flatnonzero(self._beside_others(places, cells))
         if len(near) > 0:
+            walls, enters = self.walls, np.empty(len(near), np.bool_)
+            given = (walls.facets, walls.boxes, self._is_open)
+            kernels.find_entries(*given, places[near], ways[near], SLACK, enters)
             beyond = places[near] + _BESIDE * ways[near]
-            inside[near] = self._winding.contains(beyond[:, : self.faces.mesh.dim])
+            turns = np.abs(self._winding(beyond[:, : self.faces.mesh.dim]))
+            inside[near] = turns > 0.5 + _DOUBT + enters
         return inside
 
     def _beside_others(self, places: FloatArray, cells: npt.NDArray[np.integer]) -> BoolArray:
