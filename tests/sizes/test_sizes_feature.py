@@ -19,6 +19,7 @@ from adaptsize import (
     size_function,
 )
 from adaptsize.errors import ResolutionWarning
+from adaptsize.sizes.feature import width_in_regions
 
 DATA = Path(__file__).parents[2] / "data"
 RTOL = 0.011  # of the spheres
@@ -134,6 +135,35 @@ def test_the_two_sides_of_a_slit_do_not_see_each_other():
         np.concatenate([left.points, right]), np.concatenate([left.cells, left.cells + 25])
     )
     np.testing.assert_allclose(size_from_feature(mesh, elements_across=2.0), 1.0, rtol=RTOL)
+
+
+def tagged_by_place(mesh, tag):
+    """Return a mesh with the tag of the middle of each cell."""
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    return SimplexMesh(mesh.points, mesh.cells, cell_tags=tag(middles).astype(np.int32))
+
+
+def test_each_region_has_its_own_width():
+    square = structured_square(16, half_width=1.0)
+    mesh = tagged_by_place(square, lambda x: 1 + (np.abs(x[:, 1]) < 0.25))
+    width = width_in_regions(mesh, 40.0, lambda *_: None)
+    y = mesh.points[:, 1]
+    far = np.abs(mesh.points[:, 0]) < 0.6  # from the ends, which are not narrow
+    np.testing.assert_allclose(width[far & (np.abs(y) <= 0.25)], 0.5, rtol=1e-12)
+    np.testing.assert_allclose(width[far & (np.abs(y) > 0.26)], 0.75, rtol=1e-12)
+    assert np.isinf(width_in_regions(square, 40.0, lambda *_: None)).all()
+    size = size_function(mesh, elements_across=4.0, g=1.0, hmax=0.4)
+    np.testing.assert_allclose(size.values[far & (y == 0.0)], 0.125, rtol=1e-12)
+
+
+def test_regions_that_follow_pixels_have_no_width():
+    square = structured_square(40, half_width=20.0)
+
+    def in_a_disc(x):  # of whole pixels
+        return 1 + (np.linalg.norm(np.floor(x) + 0.5, axis=1) < 12.0)
+
+    width = width_in_regions(tagged_by_place(square, in_a_disc), 40.0, lambda *_: None)
+    assert np.isinf(width).all()
 
 
 # --- limited, and counted ------------------------------------------------------------
