@@ -246,11 +246,10 @@ def _split_surface(
     mesh: SimplexMesh, targets: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], angle: float
 ) -> Faces:
     """Return the faces of triangles in space; the angle in radians."""
-    sharp = feature_facets(mesh, normals_of(mesh), angle)
-    is_feature = sharp.copy()
-    degree = np.bincount(mesh.edges[sharp].ravel(), minlength=mesh.n_points).astype(np.int32)
-    # All edges that are left out have two triangles.
-    remove_loose(mesh.edges, is_tagged(mesh) | (mesh.facet_cell_counts != 2), is_feature, degree)
+    normals = normals_of(mesh)
+    sharp, is_feature = (f(mesh, normals, angle) for f in (sharp_facets, feature_facets))
+    on_feature = np.zeros(mesh.n_points, np.bool_)
+    on_feature[mesh.edges[is_feature]] = True
     face = components_of(pairs_of_cells(mesh, ~is_feature) // 3, mesh.n_cells)
     edges = mesh.edges[is_feature]
     is_corner, curve = _curves_of(mesh.points, edges, angle)
@@ -258,7 +257,7 @@ def _split_surface(
     beside = Lists.of(mesh.cell_facets.ravel()[corner], face[corner // 3], len(mesh.facets))
     meets = _all_pairs(beside, np.flatnonzero(is_feature), int(face.max()) + 1)
     closed = face[pairs_of_cells(mesh, sharp & ~is_feature)[:, 0] // 3]
-    own = np.unique(np.concatenate([closed, face[_cells_at_tips(mesh, degree)]]))
+    own = np.unique(np.concatenate([closed, face[_cells_at_tips(mesh, on_feature)]]))
     owners = np.repeat(np.arange(len(meets.first) - 1), np.diff(meets.first))
     meets = Lists.of(
         np.concatenate([owners, own]), np.concatenate([meets.items, own]), len(meets.first) - 1
@@ -282,7 +281,7 @@ def _all_pairs(around: Lists, which: npt.NDArray[np.integer], n: int) -> Lists:
     return Lists.of(np.concatenate(own), np.concatenate(other), n)
 
 
-def _cells_at_tips(mesh: SimplexMesh, degree: IntArray) -> npt.NDArray[np.intp]:
+def _cells_at_tips(mesh: SimplexMesh, on_feature: BoolArray) -> npt.NDArray[np.intp]:
     """Return a cell at each tip: a node on no feature edge, with too small a sum of angles."""
     total = np.zeros(mesh.n_points)
     corners = mesh.points[mesh.cells]
@@ -290,7 +289,7 @@ def _cells_at_tips(mesh: SimplexMesh, degree: IntArray) -> npt.NDArray[np.intp]:
         a, b = (corners[:, (v + k) % 3] - corners[:, v] for k in (1, 2))
         angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
         np.add.at(total, mesh.cells[:, v], angle)
-    is_tip = (degree == 0) & (total < 2.0 * math.pi - _TIP)
+    is_tip = ~on_feature & (total < 2.0 * math.pi - _TIP)
     return np.flatnonzero(is_tip[mesh.cells].any(axis=1))
 
 
@@ -343,18 +342,35 @@ def normals_of(surface: SimplexMesh) -> Normals:
     return Normals(normals, areas, facet_cells)
 
 
-def feature_facets(surface: SimplexMesh, normals: Normals, angle: float) -> BoolArray:
-    """Return which edges of a surface are feature edges, loose ones too; the angle in radians."""
-    is_feature = np.empty(len(surface.facets), np.bool_)
+def sharp_facets(surface: SimplexMesh, normals: Normals, angle: float) -> BoolArray:
+    """Return which edges of a surface are sharp, of one or of several triangles, or tagged.
+
+    The angle is given in radians.
+    """
+    is_sharp = np.empty(len(surface.facets), np.bool_)
     kernels.mark_creases(
         surface.cells, surface.facets, normals.facet_cells, surface.facet_cell_counts,
-        normals.normals, angle, is_feature,
+        normals.normals, angle, is_sharp,
     )  # fmt: skip
-    return is_feature | is_tagged(surface)
+    return is_sharp | is_tagged(surface)
+
+
+def feature_facets(surface: SimplexMesh, normals: Normals, angle: float) -> BoolArray:
+    """Return which edges of a surface are feature edges; the angle in radians.
+
+    These are the ones of `sharp_facets` without sharp edges that have a loose end.
+    """
+    is_feature = sharp_facets(surface, normals, angle)
+    degree = np.bincount(surface.edges[is_feature].ravel(), minlength=surface.n_points)
+    is_kept = is_tagged(surface) | (surface.facet_cell_counts != 2)
+    remove_loose(surface.edges, is_kept, is_feature, degree.astype(np.int32))
+    return is_feature
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:
     """Return the feature edges of a surface: boundary, non-manifold, sharp and tagged edges.
+
+    Sharp edges with a loose end, a node on no other feature edge, are none; see `Faces`.
 
     Parameters
     ----------

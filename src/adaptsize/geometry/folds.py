@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.faces import feature_facets, normals_of
+from adaptsize.geometry.faces import normals_of, sharp_facets
 from adaptsize.typing import IntArray
 
 #: Triangles that turn by less are in one plane, radians.
@@ -49,7 +49,7 @@ def folds_of(surface: SimplexMesh, crease_angle: float) -> Folds:
     ([[1, 2], [1, 3]], [[0, 1], [0, 2], [1, 4], [2, 3], [3, 4]])
     """
     normals = normals_of(surface)
-    sharp = feature_facets(surface, normals, crease_angle)
+    sharp = sharp_facets(surface, normals, crease_angle)
     smooth = np.flatnonzero(~sharp)  # edges of two triangles
     one, other = normals.facet_cells[smooth].T
     cosine = np.abs(np.einsum("ij,ij->i", normals.normals[one], normals.normals[other]))

@@ -16,7 +16,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.splitting import halved_edges, split_edges
 from adaptsize.background.topology import are_among, is_tagged, renumbered_edges
-from adaptsize.geometry.faces import feature_facets, normals_of
+from adaptsize.geometry.faces import normals_of, sharp_facets
 from adaptsize.geometry.folds import folds_of
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.sizing import Size
@@ -124,7 +124,7 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
 
     Between two ridges much closer than the size, all tetrahedra are flat.
     """
-    sharp = feature_facets(mesh, normals_of(mesh), _FEATURE_ANGLE)
+    sharp = sharp_facets(mesh, normals_of(mesh), _FEATURE_ANGLE)
     kept_now = are_among(mesh.edges, kept) & ~sharp
     on_ridge = np.zeros(mesh.n_points, bool)
     on_ridge[mesh.edges[sharp | kept_now]] = True
