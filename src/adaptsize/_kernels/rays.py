@@ -207,7 +207,7 @@ def shoot(
                 cosine = abs(cosine)
                 if along >= counts or cosine < limits[0]:
                     continue
-                if cosine > limits[1] or not holds(first, meeting, own[r], face[t]):
+                if cosine > limits[1] or not holds(first, meeting, np.int64(own[r]), face[t]):
                     counts = along
         leaves[r], stops[r] = nearest, sheet <= nearest + slack
         widths[r] = counts if counts <= nearest + slack else math.inf

@@ -156,7 +156,7 @@ def lower_separations(
                 counts = True
                 for e in range(2):
                     corner = ends[r, e]
-                    if corner >= 0 and holds(first_touched, touched, owner[t], corner):
+                    if corner >= 0 and holds(first_touched, touched, np.int64(owner[t]), corner):
                         ax, ay, az = (
                             places[r, e, 0] - x[0], places[r, e, 1] - x[1], places[r, e, 2] - x[2],
                         )  # fmt: skip
