@@ -281,9 +281,9 @@ def test_defaults_in_words_are_those_of_the_library():
     assert f"[default: {MAX_ELEMENTS:.0f};" in most
     assert f"[default: {image_mask.SMOOTHING:g} pixels]" in options.Smoothing.__metadata__[0].help
     assert request._LARGEST_SHARE == 1 / 20
-    assert "[default: 1/20 of the diagonal]" in options.Largest.__metadata__[0].help
+    assert "[default: 1/20 of the diameter," in options.Largest.__metadata__[0].help
     assert request._SMALLEST_SHARE == 1 / 1000
-    assert "[default: 1/1000 of the diagonal]" in options.Smallest.__metadata__[0].help
+    assert "[default: 1/1000 of the diameter]" in options.Smallest.__metadata__[0].help
 
 
 def test_the_shell_completes_options_and_backends():

@@ -89,7 +89,7 @@ Smallest = Annotated[
     typer.Option(
         "--hmin",
         metavar="LENGTH",
-        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diagonal]",
+        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diameter]",
     ),
 ]
 ImageSmallest = Annotated[
@@ -97,8 +97,8 @@ ImageSmallest = Annotated[
     typer.Option(
         "--hmin",
         metavar="LENGTH",
-        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diagonal; of "
-        "an image at least 2 pixels]",
+        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diameter; of "
+        "an image 1/1000 of its diagonal, at least 2 pixels]",
     ),
 ]
 Largest = Annotated[
@@ -106,7 +106,8 @@ Largest = Annotated[
     typer.Option(
         "--hmax",
         metavar="LENGTH",
-        help="Largest size, in the unit of the coordinates.  [default: 1/20 of the diagonal]",
+        help="Largest size, in the unit of the coordinates.  [default: 1/20 of the diameter, of "
+        "an image of its diagonal]",
     ),
 ]
 Crease = Annotated[
