@@ -38,7 +38,7 @@ from _gallery import drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.quality import minimum_angles
-from adaptsize.remeshing.distmesh.api import mesh_from_distance
+from adaptsize.remeshing.distmesh.from_distance import mesh_from_distance
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

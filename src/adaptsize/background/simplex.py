@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from math import factorial
 from typing import Any, NamedTuple
 
@@ -317,9 +318,8 @@ class SimplexMesh(ReadOnlyState):
         >>> SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
         SimplexMesh(3 points in 2-D, 1 triangles)
         """
-        from adaptsize._formats import conversion
-
-        return conversion.from_meshio(mesh, kind=kind, flatten=flatten)
+        made: SimplexMesh = _conversion().from_meshio(mesh, kind=kind, flatten=flatten)
+        return made
 
     def to_meshio(self, *, tag_name: str = "cell_tags") -> Any:
         """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
@@ -343,9 +343,7 @@ class SimplexMesh(ReadOnlyState):
         ValueError
             If two tags have the same name, or a field is not numeric.
         """
-        from adaptsize._formats import conversion
-
-        return conversion.to_meshio(self, tag_name)
+        return _conversion().to_meshio(self, tag_name)
 
     @classmethod
     def from_pyvista(
@@ -376,9 +374,8 @@ class SimplexMesh(ReadOnlyState):
         MeshRepairWarning
             If cells were dropped or converted, with their number.
         """
-        from adaptsize._formats import conversion
-
-        return conversion.from_pyvista(mesh, kind=kind, flatten=flatten)
+        made: SimplexMesh = _conversion().from_pyvista(mesh, kind=kind, flatten=flatten)
+        return made
 
     def to_pyvista(self) -> Any:
         """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
@@ -390,9 +387,7 @@ class SimplexMesh(ReadOnlyState):
             other cell data are NaN, or 0 for integers.  Names of tags are strings in the field
             data ``"tag_names"``.  Points of plane meshes get z = 0.
         """
-        from adaptsize._formats import conversion
-
-        return conversion.to_pyvista(self)
+        return _conversion().to_pyvista(self)
 
     def with_data(
         self,
@@ -409,3 +404,8 @@ class SimplexMesh(ReadOnlyState):
         for name, value in self.__dict__.items():  # values of cached properties
             new.__dict__.setdefault(name, value)
         return new
+
+
+def _conversion() -> Any:
+    """Return the module of conversions, which is above this one, on the first use of a method."""
+    return import_module("adaptsize._formats.conversion")

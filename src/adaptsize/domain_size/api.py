@@ -31,7 +31,7 @@ from adaptsize.domain_size.request import (
     Implicit,
     as_request,
 )
-from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked
 from adaptsize.typing import FloatArray, ProgressCallback
 

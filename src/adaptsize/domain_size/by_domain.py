@@ -18,7 +18,7 @@ from adaptsize.domain_size.image_mask import Mask
 from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.report import PointBounds, SizeReport, nodal_measures
 from adaptsize.domain_size.request import AnyBackground, Request, limit_requested
-from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.width import Walls

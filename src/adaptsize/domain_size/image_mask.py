@@ -14,7 +14,7 @@ from adaptsize._checks import as_number, as_plain_array, describe, refuse_where
 from adaptsize.background import CartesianGrid
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning
-from adaptsize.geometry.distance.api import signed_distance
+from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 #: Margin around the objects in pixels, for finite differences and kinks of the distance.

@@ -19,7 +19,7 @@ from adaptsize.domain_size.image_mask import SMOOTHING, as_image, distance_to_ed
 from adaptsize.domain_size.image_regions import with_regions
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import as_request
-from adaptsize.remeshing.distmesh.api import mesh_from_distance
+from adaptsize.remeshing.distmesh.from_distance import mesh_from_distance
 from adaptsize.typing import FloatArray, ProgressCallback
 
 _DEFAULTS = (GRADIENT_LIMIT, MAX_ELEMENTS)

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
         polyline_curvature,
         surface_curvature,
     )
-    from adaptsize.geometry.distance.api import signed_distance
     from adaptsize.geometry.distance.function import SignedDistance
+    from adaptsize.geometry.distance.signed_distance import signed_distance
     from adaptsize.geometry.faces import crease_edges, tag_faces
     from adaptsize.geometry.level_sets import level_set_curvature
-    from adaptsize.geometry.medial.api import MedialAxis, feature_size, medial_axis
+    from adaptsize.geometry.medial.feature_size import MedialAxis, feature_size, medial_axis
     from adaptsize.geometry.separation import BoundarySeparation, boundary_separation
     from adaptsize.geometry.width import boundary_width
 
@@ -29,12 +29,12 @@ _HOMES = {
     "polyline_curvature": "curvature",
     "surface_curvature": "curvature",
     "SignedDistance": "distance.function",
-    "signed_distance": "distance.api",
+    "signed_distance": "distance.signed_distance",
     "tag_faces": "faces",
     "level_set_curvature": "level_sets",
-    "MedialAxis": "medial.api",
-    "medial_axis": "medial.api",
-    "feature_size": "medial.api",
+    "MedialAxis": "medial.feature_size",
+    "medial_axis": "medial.feature_size",
+    "feature_size": "medial.feature_size",
     "BoundarySeparation": "separation",
     "boundary_separation": "separation",
     "boundary_width": "width",

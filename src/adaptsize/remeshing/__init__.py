@@ -21,8 +21,8 @@ _HOMES = {
     "NearBodies": "open_surface",
     "overlapping_bodies": "overlaps",
     "OverlappingBodies": "overlaps",
-    "mesh_from_distance": "distmesh.api",
-    "SmoothingReport": "distmesh.api",
+    "mesh_from_distance": "distmesh.from_distance",
+    "SmoothingReport": "distmesh.from_distance",
 }
 
 __all__ = [*_HOMES]  # noqa: PLE0604 - the keys are strings

@@ -11,10 +11,10 @@ from adaptsize._checks import as_angle, as_number, check_type, describe, one_of
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.geometry.distance.closest_points import DistanceFunction
+from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
-from adaptsize.geometry.medial.api import feature_size
+from adaptsize.geometry.medial.feature_size import feature_size
 from adaptsize.geometry.width import Width
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback

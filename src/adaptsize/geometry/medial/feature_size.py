@@ -11,7 +11,6 @@ from adaptsize._checks import as_angle, as_float_array, check_type, describe, re
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.geometry.distance.api import signed_distance
 from adaptsize.geometry.distance.closest_points import (
     Boundary,
     DistanceFunction,
@@ -20,6 +19,7 @@ from adaptsize.geometry.distance.closest_points import (
     SurfaceBoundary,
 )
 from adaptsize.geometry.distance.propagation import AnyBackground
+from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.medial.fronts import MedialAxis
 from adaptsize.geometry.medial.on_grids import DomainOnGrid
 from adaptsize.geometry.medial.on_meshes import SEPARATION_ANGLE, DomainOnMesh
