@@ -1,4 +1,4 @@
-"""Conversion of meshes to and from objects of meshio and PyVista."""
+"""Conversion of meshes to and from objects of meshio and PyVista: methods of `SimplexMesh`."""
 
 from __future__ import annotations
 
@@ -29,8 +29,43 @@ _TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4
 _NAMES = "tag_names"
 
 
-def from_meshio(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
-    """Return a SimplexMesh from a ``meshio.Mesh``; see `SimplexMesh.from_meshio`."""
+def from_meshio(
+    cls: type[SimplexMesh], mesh: Any, *, kind: str | None = None, flatten: bool = True
+) -> SimplexMesh:
+    """Return the simplices of a ``meshio.Mesh``, with tags, tagged facets, names and fields.
+
+    Parameters
+    ----------
+    mesh : meshio.Mesh
+        Not changed.
+    kind, flatten
+        Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
+
+    Returns
+    -------
+    SimplexMesh
+        The mesh that `read` returns for a file with the same contents.  It has the cells
+        of the highest dimension; cells that are not simplices are split.  Tags come from
+        cell data of a known name (``"cell_tags"``, ``"gmsh:physical"``, ...), their names
+        from ``field_data``.  Cell sets are ignored.
+
+    Raises
+    ------
+    ValueError
+        If the argument is not a ``meshio.Mesh`` or has no such cells.
+
+    Warns
+    -----
+    MeshRepairWarning
+        If cells were dropped or converted, with their number.
+
+    Examples
+    --------
+    >>> import meshio
+    >>> points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+    >>> SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
+    SimplexMesh(3 points in 2-D, 1 triangles)
+    """
     import meshio
 
     if not isinstance(mesh, meshio.Mesh):
@@ -50,8 +85,28 @@ def from_meshio(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
     return _built(raw, kind, flatten)
 
 
-def to_meshio(mesh: SimplexMesh, tag_name: str) -> Any:
-    """Return a ``meshio.Mesh``; see `SimplexMesh.to_meshio`."""
+def to_meshio(mesh: SimplexMesh, *, tag_name: str = "cell_tags") -> Any:
+    """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
+
+    Parameters
+    ----------
+    tag_name : str, default "cell_tags"
+        Name of the cell data for the tags.  Use ``"gmsh:physical"`` for files of Gmsh.
+        meshio writes these with groups as ``file_format="gmsh22"``; in version 4.1 of the
+        format it omits them.  Cells without a tag then form a separate group, as for
+        `write`.
+
+    Returns
+    -------
+    meshio.Mesh
+        Tagged facets form a second block of cells.  Other cell data are NaN there, or 0
+        for integers.  Names of tags are in ``field_data``, like those of Gmsh's groups.
+
+    Raises
+    ------
+    ValueError
+        If two tags have the same name, or a field is not numeric.
+    """
     import meshio
 
     check_type("tag_name", tag_name, str)
@@ -77,8 +132,34 @@ def to_meshio(mesh: SimplexMesh, tag_name: str) -> Any:
     )
 
 
-def from_pyvista(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
-    """Return a SimplexMesh from a PyVista data set; see `SimplexMesh.from_pyvista`."""
+def from_pyvista(
+    cls: type[SimplexMesh], mesh: Any, *, kind: str | None = None, flatten: bool = True
+) -> SimplexMesh:
+    """Return the simplices of a PyVista data set, with tags, tagged facets, names and fields.
+
+    Parameters
+    ----------
+    mesh : pyvista.DataSet
+        An ``UnstructuredGrid``, ``PolyData`` or any other data set.  Not changed.
+    kind, flatten
+        Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
+
+    Returns
+    -------
+    SimplexMesh
+        The mesh that `read` returns for a file with the same contents.  Names of tags are
+        those that `to_pyvista` writes.
+
+    Raises
+    ------
+    ValueError
+        If it is not a data set, has no such cells, or has polygons of over four corners.
+
+    Warns
+    -----
+    MeshRepairWarning
+        If cells were dropped or converted, with their number.
+    """
     import pyvista
 
     if not isinstance(mesh, pyvista.DataSet):
@@ -100,7 +181,15 @@ def from_pyvista(mesh: Any, *, kind: str | None, flatten: bool) -> SimplexMesh:
 
 
 def to_pyvista(mesh: SimplexMesh) -> Any:
-    """Return a ``pyvista.UnstructuredGrid``; see `SimplexMesh.to_pyvista`."""
+    """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
+
+    Returns
+    -------
+    pyvista.UnstructuredGrid
+        Tags are the cell data ``"cell_tags"``.  Tagged facets are additional cells, on which
+        other cell data are NaN, or 0 for integers.  Names of tags are strings in the field
+        data ``"tag_names"``.  Points of plane meshes get z = 0.
+    """
     import pyvista
 
     content = writers.content_of(mesh, "cell_tags", pad=True)
@@ -128,7 +217,7 @@ def _built(raw: RawMesh, kind: str | None, flatten: bool) -> SimplexMesh:
     except MeshFileError as error:
         raise ValueError(f"mesh {error}") from error
     if notes:
-        warnings.warn("; ".join(notes), MeshRepairWarning, stacklevel=4)
+        warnings.warn("; ".join(notes), MeshRepairWarning, stacklevel=3)
     return made
 
 

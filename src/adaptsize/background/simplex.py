@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from math import factorial
-from typing import Any, NamedTuple
+from types import MethodType
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.location import SimplexLocator
 from adaptsize.typing import FloatArray, IntArray
 
+_Result = TypeVar("_Result")
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
@@ -33,6 +35,20 @@ class Boundary(NamedTuple):
     """``nodes[i]`` is the node of the whole mesh at boundary node i."""
     cells: IntArray
     """``cells[f]`` is the cell of the whole mesh that owns boundary facet f."""
+
+
+class _Conversion(Generic[_Result]):
+    """A method that a module of a higher layer defines, which is imported on its first use."""
+
+    module = "adaptsize._formats.conversion"
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, mesh: SimplexMesh | None, owner: type) -> Callable[..., _Result]:
+        function: Callable[..., _Result] = getattr(import_module(self.module), self.name)
+        bound = owner if self.name.startswith("from_") else mesh
+        return function if bound is None else MethodType(function, bound)
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
@@ -280,114 +296,10 @@ class SimplexMesh(ReadOnlyState):
         )
         return Boundary(mesh, nodes.astype(np.int32), cell.astype(np.int32))
 
-    @classmethod
-    def from_meshio(
-        cls, mesh: Any, *, kind: str | None = None, flatten: bool = True
-    ) -> SimplexMesh:
-        """Return the simplices of a ``meshio.Mesh``, with tags, tagged facets, names and fields.
-
-        Parameters
-        ----------
-        mesh : meshio.Mesh
-            Not changed.
-        kind, flatten
-            Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
-
-        Returns
-        -------
-        SimplexMesh
-            The mesh that `read` returns for a file with the same contents.  It has the cells
-            of the highest dimension; cells that are not simplices are split.  Tags come from
-            cell data of a known name (``"cell_tags"``, ``"gmsh:physical"``, ...), their names
-            from ``field_data``.  Cell sets are ignored.
-
-        Raises
-        ------
-        ValueError
-            If the argument is not a ``meshio.Mesh`` or has no such cells.
-
-        Warns
-        -----
-        MeshRepairWarning
-            If cells were dropped or converted, with their number.
-
-        Examples
-        --------
-        >>> import meshio
-        >>> points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
-        >>> SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
-        SimplexMesh(3 points in 2-D, 1 triangles)
-        """
-        made: SimplexMesh = _conversion().from_meshio(mesh, kind=kind, flatten=flatten)
-        return made
-
-    def to_meshio(self, *, tag_name: str = "cell_tags") -> Any:
-        """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
-
-        Parameters
-        ----------
-        tag_name : str, default "cell_tags"
-            Name of the cell data for the tags.  Use ``"gmsh:physical"`` for files of Gmsh.
-            meshio writes these with groups as ``file_format="gmsh22"``; in version 4.1 of the
-            format it omits them.  Cells without a tag then form a separate group, as for
-            `write`.
-
-        Returns
-        -------
-        meshio.Mesh
-            Tagged facets form a second block of cells.  Other cell data are NaN there, or 0
-            for integers.  Names of tags are in ``field_data``, like those of Gmsh's groups.
-
-        Raises
-        ------
-        ValueError
-            If two tags have the same name, or a field is not numeric.
-        """
-        return _conversion().to_meshio(self, tag_name)
-
-    @classmethod
-    def from_pyvista(
-        cls, mesh: Any, *, kind: str | None = None, flatten: bool = True
-    ) -> SimplexMesh:
-        """Return the simplices of a PyVista data set, with tags, tagged facets, names and fields.
-
-        Parameters
-        ----------
-        mesh : pyvista.DataSet
-            An ``UnstructuredGrid``, ``PolyData`` or any other data set.  Not changed.
-        kind, flatten
-            Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
-
-        Returns
-        -------
-        SimplexMesh
-            The mesh that `read` returns for a file with the same contents.  Names of tags are
-            those that `to_pyvista` writes.
-
-        Raises
-        ------
-        ValueError
-            If it is not a data set, has no such cells, or has polygons of over four corners.
-
-        Warns
-        -----
-        MeshRepairWarning
-            If cells were dropped or converted, with their number.
-        """
-        made: SimplexMesh = _conversion().from_pyvista(mesh, kind=kind, flatten=flatten)
-        return made
-
-    def to_pyvista(self) -> Any:
-        """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
-
-        Returns
-        -------
-        pyvista.UnstructuredGrid
-            Tags are the cell data ``"cell_tags"``.  Tagged facets are additional cells, on which
-            other cell data are NaN, or 0 for integers.  Names of tags are strings in the field
-            data ``"tag_names"``.  Points of plane meshes get z = 0.
-        """
-        return _conversion().to_pyvista(self)
+    from_meshio = _Conversion["SimplexMesh"]()
+    from_pyvista = _Conversion["SimplexMesh"]()
+    to_meshio = _Conversion[Any]()
+    to_pyvista = _Conversion[Any]()
 
     def with_data(
         self,
@@ -404,8 +316,3 @@ class SimplexMesh(ReadOnlyState):
         for name, value in self.__dict__.items():  # values of cached properties
             new.__dict__.setdefault(name, value)
         return new
-
-
-def _conversion() -> Any:
-    """Return the module of conversions, which is above this one, on the first use of a method."""
-    return import_module("adaptsize._formats.conversion")
