@@ -1,26 +1,26 @@
-"""Pictures: what a scene holds, what the pixels show, and machines that cannot draw."""
+"""Pictures: what the pixels show, and machines that cannot draw."""
 
+import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import jittered_cube, random_sphere, structured_square
+from meshes import jittered_cube, random_square, structured_square
+from PIL import Image
+from shapes import two_region_rectangle
 
-from adaptsize import SimplexMesh, SizeFunction
+import adaptsize as ads
+from adaptsize import CartesianGrid, MetricFunction, SimplexMesh, SizeFunction
+from adaptsize.domain_size.report import limit_bounds
 from adaptsize.errors import PlotError
-from adaptsize.plot import pictures, plot_mesh, plot_size, with_matplotlib, with_vtk
-from adaptsize.plot.scene import make_scene
+from adaptsize.plot import pictures, plot_causes, plot_mesh, plot_metric, plot_size, with_vtk
+from adaptsize.plot.scene import scene_of_mesh
 
 pytest.importorskip("pyvista")
 
 YELLOW, PURPLE = (253, 231, 37), (68, 1, 84)  # the ends of viridis
 WIDTH = 240
-
-
-def scene_of(mesh, values, clip="auto"):
-    return make_scene(mesh, values, label="h", clip=clip, on_nodes=True)
 
 
 def is_near(image, color, tolerance=40):
@@ -34,93 +34,6 @@ def drawn_by(request, monkeypatch):
         pytest.skip("VTK cannot draw here")
     monkeypatch.setattr(with_vtk, "is_possible", lambda: possible)
     return request.param
-
-
-# --- scenes -----------------------------------------------------------------------
-
-
-def test_axes_are_orthonormal_and_right_handed():
-    axes = scene_of(random_sphere(50, 731), np.ones(50)).axes
-    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(np.cross(axes[0], axes[1]), axes[2], atol=1e-14)
-    assert axes[1, 2] > 0.5  # z points up
-
-
-def test_colours_are_logarithmic_beyond_a_factor_of_ten():
-    mesh = structured_square(2)
-    assert scene_of(mesh, np.linspace(1.0, 10.5, 9)).is_logarithmic
-    assert not scene_of(mesh, np.linspace(1.0, 9.5, 9)).is_logarithmic
-    assert not scene_of(mesh, np.linspace(0.0, 9.5, 9)).is_logarithmic  # no logarithm of zero
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "ticks"),
-    [
-        (0.0122, 0.223, [0.02, 0.05, 0.1, 0.2]),
-        (1e-4, 1.0, [1e-4, 1e-3, 1e-2, 0.1, 1.0]),
-        (60.0, 178.0, [75.0, 100.0, 125.0, 150.0, 175.0]),
-        (-0.5, 0.5, [-0.5, -0.25, 0.0, 0.25, 0.5]),
-        (6.0, 6.0, [6.0]),
-    ],
-)
-def test_numbers_at_the_colour_bar_are_round(low, high, ticks):
-    scene = scene_of(structured_square(2), np.linspace(low, high, 9))
-    np.testing.assert_allclose(scene.ticks, ticks, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("decades", [1.1, 3.7, 12.0, 200.0])
-def test_colour_bar_has_two_to_seven_numbers_within_its_ends(decades):
-    low = 0.313
-    scene = scene_of(structured_square(2), np.geomspace(low, low * 10.0**decades, 9))
-    assert 2 <= len(scene.ticks) <= 7
-    assert scene.limits[0] <= scene.ticks[0] <= scene.ticks[-1] <= scene.limits[1]
-
-
-def test_edges_are_drawn_only_when_they_can_be_distinguished():
-    assert scene_of(structured_square(20), np.ones(21**2)).shows_edges
-    assert not scene_of(structured_square(500), np.ones(501**2)).shows_edges
-
-
-@pytest.mark.parametrize("clip", ["x", "y", "z"])
-def test_clip_keeps_whole_cells_of_the_half_away_from_the_eye(clip):
-    mesh = jittered_cube(6, 52)
-    axis = "xyz".index(clip)
-    scene = scene_of(mesh, mesh.points[:, axis], clip=clip)
-    whole = scene_of(mesh, mesh.points[:, axis], clip=None)
-    towards_eye = scene.axes[2, axis]
-    # No cell of this mesh is longer than two of its grid spacings, 20 each.
-    reach = (scene.points[:, axis] * np.sign(towards_eye)).max()
-    assert 0.0 < reach < 40.0
-    assert (whole.points[:, axis] * np.sign(towards_eye)).max() == pytest.approx(50.0)
-    np.testing.assert_array_equal(scene.values, scene.points[:, axis])  # values go with nodes
-
-
-def test_values_of_cells_go_with_their_cells():
-    mesh = jittered_cube(5, 53)
-    of_cells = mesh.points[mesh.cells].mean(axis=1)[:, 0]
-    scene = make_scene(mesh, of_cells, label="", clip="y", on_nodes=False)
-    # The owner of a face has its middle within one cell, 50 long at most, of the face.
-    assert np.abs(scene.values - scene.points[scene.cells].mean(axis=1)[:, 0]).max() < 25.0
-    assert len(scene.values) == len(scene.cells)
-
-
-def test_auto_clip_cuts_tetrahedra_only():
-    cube, sphere = jittered_cube(4, 54), random_sphere(40, 55)
-    assert scene_of(cube, np.ones(64)).points[:, 0].max() < 40.0
-    assert len(scene_of(sphere, np.ones(40)).cells) == sphere.n_cells
-
-
-def test_cells_without_a_finite_value_show_none():
-    mesh = structured_square(3)
-    values = np.full(16, np.inf)
-    values[0] = 2.0
-    scene = scene_of(mesh, values)
-    has_corner = (mesh.cells == 0).any(axis=1)
-    np.testing.assert_array_equal(np.isfinite(scene.values), has_corner)
-    assert scene.limits == (2.0, 2.0)
-
-
-# --- pictures ---------------------------------------------------------------------
 
 
 def test_plane_mesh_is_seen_from_above_with_equal_aspect(drawn_by):
@@ -161,18 +74,6 @@ def test_mesh_is_coloured_by_quality_region_or_field(drawn_by, color):
     assert differs == (color != "quality")  # all triangles have the same shape
 
 
-def test_regions_are_labelled_by_their_names():
-    mesh = structured_square(2)
-    tags = np.arange(8) % 3 + 5
-    names = {(2, 5): "steel", (2, 7): "air", (1, 6): "inlet"}  # of which (1, 6) names facets
-    mesh = SimplexMesh(mesh.points, mesh.cells, cell_tags=tags, tag_names=names)
-    scene = make_scene(mesh, tags, label="region", clip=None, on_nodes=False, classes=True)
-    assert scene.class_labels == ["steel", "6", "air"]
-    assert scene.shows_edges
-    quality = make_scene(mesh, tags, label="quality", clip=None, on_nodes=False)
-    assert quality.class_names == {}
-
-
 def test_segments_can_be_drawn():
     if not with_vtk.is_possible():
         pytest.skip("VTK cannot draw here")
@@ -190,8 +91,6 @@ def test_size_function_and_field_h_give_the_same_picture(drawn_by, tmp_path):
     path = tmp_path / "h.png"
     np.testing.assert_array_equal(plot_size(with_field, path=path, width=WIDTH), from_array)
 
-    from PIL import Image
-
     with Image.open(path) as written:
         np.testing.assert_array_equal(np.asarray(written), from_array)
     assert [p.name for p in tmp_path.iterdir()] == ["h.png"]
@@ -201,9 +100,6 @@ def test_size_function_and_field_h_give_the_same_picture(drawn_by, tmp_path):
 def test_constant_or_infinite_sizes_are_drawn(drawn_by, value):
     image = plot_size(structured_square(3), np.full(16, value), width=WIDTH)
     assert image.std() > 1.0
-
-
-# --- refusals ---------------------------------------------------------------------
 
 
 def test_bad_arguments_are_named():
@@ -262,12 +158,11 @@ def test_nothing_is_printed_without_a_display(tmp_path):
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == run.stderr == ""
-    assert Path(tmp_path / "a.png").stat().st_size > 100
+    assert (tmp_path / "a.png").stat().st_size > 100
 
 
 def test_drawing_leaves_the_environment_alone(monkeypatch):
     monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
-    import os
 
     plot_size(structured_square(2), np.ones(9), width=64)
     assert "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ
@@ -278,14 +173,11 @@ def test_matplotlib_draws_what_is_near_over_what_is_far():
     low = structured_square(1)
     points = np.concatenate([np.c_[low.points, np.zeros(4)], np.c_[low.points, np.full(4, 20.0)]])
     mesh = SimplexMesh(points, np.concatenate([low.cells + 4, low.cells]))
-    scene = make_scene(mesh, np.repeat([1.0, 2.0], 4), label="h", clip=None, on_nodes=True)
-    image = with_matplotlib.draw(scene, WIDTH, WIDTH)
+    scene = scene_of_mesh(mesh, np.repeat([1.0, 2.0], 4), None, on_nodes=True)
+    image = pictures.with_matplotlib.draw(scene, WIDTH, WIDTH)
     red, green, blue = np.moveaxis(image[:, : int(0.8 * WIDTH)].astype(int), 2, 0)
     yellow, purple = red > blue + 60, blue > green + 30
     assert yellow.sum() > 1.3 * purple.sum() > 0
-
-
-# --- one scale for several pictures -----------------------------------------------
 
 
 def test_pictures_with_the_same_limits_have_the_same_colours(drawn_by):
@@ -308,3 +200,95 @@ def test_equal_sizes_have_equal_colours_on_all_sides(drawn_by):
 def test_limits_that_are_no_range_are_refused(limits):
     with pytest.raises(ValueError, match="limits"):
         plot_size(structured_square(2), np.ones(9), limits=limits, width=WIDTH)
+
+
+@pytest.mark.parametrize("by_vtk", [True, False])
+def test_boxes_are_drawn(monkeypatch, by_vtk):
+    if by_vtk and not with_vtk.is_possible():
+        pytest.skip("VTK cannot draw here")
+    monkeypatch.setattr(with_vtk, "is_possible", lambda: by_vtk)
+    grid = CartesianGrid([0, 0], 1.0, (3, 2))
+    picture = plot_size(grid, lambda x: 1.0 + x[:, 0] ** 2, width=200)
+    row = picture[len(picture) // 2 + 4, :160].astype(int).sum(axis=1)  # left of the bar
+    shown = row[row < 700]
+    assert len(shown) > 130
+    assert np.median(shown[:20]) + 50 < np.median(shown[-20:])  # from purple to yellow
+
+
+def colours_of(image):
+    """The frequent colours that are not grey."""
+    pixels, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
+    coloured = np.ptp(pixels.astype(int), axis=1) > 40
+    return pixels[coloured & (counts > 0.005 * image.shape[0] * image.shape[1])]
+
+
+def test_each_cause_of_a_mesh_has_a_colour(tmp_path):
+
+    mesh = random_square(300, seed=77)
+    x = mesh.points[:, 0]
+    bounds = {
+        "left": np.where(x < -0.9, 0.05, np.inf),
+        "right": np.where(x > 0.9, 0.05, np.inf),
+    }
+    _, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
+    image = plot_causes(report, path=tmp_path / "causes.png", width=320)
+    assert image.shape[1:] == (320, 3)
+    assert len(colours_of(image)) >= 3
+    assert (tmp_path / "causes.png").exists()
+
+
+def test_what_is_outside_a_grid_is_left_out(tmp_path):
+
+    grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))
+    _, report = ads.size_function(
+        lambda x: np.linalg.norm(x, axis=1) - 1.0, background=grid, hmax=9.0, full_output=True
+    )
+    image = plot_causes(report, width=320)
+    # Drawn is the disc, which fills its box but for the corners: white or grey.
+    rows = image[:, : int(0.7 * 320)]
+    coloured = np.ptp(rows.astype(int), axis=2) > 40
+    high, wide = (np.flatnonzero(coloured.any(axis=d)) for d in (1, 0))
+    box = (np.ptp(high) + 1) * (np.ptp(wide) + 1)
+    assert 0.6 < coloured.sum() / box < 0.95
+
+
+def test_a_picture_is_drawn_also_without_a_bound_along_a_direction(tmp_path):
+    mesh = two_region_rectangle(6)
+    free = ads.Metric(np.tile([0.1, np.inf], (mesh.n_points, 1)), [np.eye(2)] * mesh.n_points)
+    image = plot_metric(MetricFunction(mesh, free), path=tmp_path / "metric.png", width=200)
+    assert image.shape[1] == 200
+    assert image.std() > 5.0
+    assert (tmp_path / "metric.png").exists()
+
+
+def test_bad_arguments_are_refused():
+    mesh = two_region_rectangle(2)
+    metric = ads.isotropic_metric(np.ones(mesh.n_points), 2)
+    with pytest.raises(ValueError, match="metric must be None with a MetricFunction"):
+        plot_metric(MetricFunction(mesh, metric), metric)
+    with pytest.raises(ValueError, match="metric must have 15 nodes"):
+        plot_metric(mesh, metric[:2])
+    with pytest.raises(ValueError, match="n_glyphs must be"):
+        plot_metric(mesh, metric, n_glyphs=0)
+
+
+def test_metrics_with_the_same_limits_have_the_same_colours():
+    mesh = two_region_rectangle(4)
+    colours = []
+    for size in (0.1, 0.2):
+        metric = ads.isotropic_metric(np.full(mesh.n_points, size), 2)
+        picture = plot_metric(mesh, metric, limits=(0.1, 0.2), width=200)[:, :150]
+        colours.append(picture[picture.min(axis=2) < 200].mean(axis=0))
+    assert colours[0][0] + 100 < colours[1][0]  # purple, yellow
+
+
+def test_what_is_drawn_is_checked():
+    grid = CartesianGrid([0, 0], 1.0, (3, 2))
+    with pytest.raises(ValueError, match="size must be given: grids and octrees carry no fields"):
+        plot_size(grid)
+    with pytest.raises(ValueError, match=r"size must have shape \(3, 2\), got \(6,\)"):
+        plot_size(grid, np.ones(6))
+    with pytest.raises(ValueError, match="clip must be one of 'auto', 'x', 'y', got 'z'"):
+        plot_size(SizeFunction(grid, np.ones((3, 2))), clip="z")
+    with pytest.raises(ValueError, match="mesh must be a mesh, grid or octree"):
+        plot_size("part.stl", [1.0])

@@ -11,7 +11,7 @@ from PIL import Image
 
 from adaptsize import CartesianGrid, PointSource, SimplexMesh, SizeFunction, report, size_function
 from adaptsize.cli.entry import run
-from adaptsize.reporting.views import figure_of, views_of_causes, views_of_mesh
+from adaptsize.reporting.figures import figure_of, scenes_of_mesh
 
 #: A cube in 4^3 smaller ones of six tetrahedra each.
 CUBE = CartesianGrid((0.0, 0.0, 0.0), 0.25, (5, 5, 5)).mesh
@@ -70,7 +70,7 @@ def _without_library(path):
 def test_tetrahedra_are_shown_whole_and_cut_open():
     mesh = CUBE
     size = SizeFunction(mesh, np.full(mesh.n_points, 0.25))
-    views = {view.name: view.scene for view in views_of_mesh(mesh, size)}
+    views = scenes_of_mesh(mesh, size, None)
     whole, cut = views["size h"], views["size h, cut open"]
     assert len(whole.cells) == len(mesh.boundary().mesh.cells)
     assert np.ptp(cut.points[np.unique(cut.cells)], axis=0).min() == pytest.approx(0.5)
@@ -80,8 +80,8 @@ def test_tetrahedra_are_shown_whole_and_cut_open():
 
 def test_one_view_at_a_time_is_visible(square):
     mesh, size, found = square
-    views = views_of_mesh(mesh, size) + views_of_causes(found)
-    assert views[-1].name == "what controls the size"
+    views = scenes_of_mesh(mesh, size, found)
+    assert list(views)[-1] == "what controls the size"
     figure = figure_of(views)
     assert [trace.visible for trace in figure.data] == [True, True] + [False] * 2 * (len(views) - 1)
     for number, button in enumerate(figure.layout.updatemenus[0].buttons):
@@ -93,17 +93,17 @@ def test_one_view_at_a_time_is_visible(square):
 def test_colour_bars_have_the_round_numbers_of_pictures(square, largest):
     mesh, *_ = square
     size = SizeFunction(mesh, np.linspace(0.07, largest, mesh.n_points))
-    view = views_of_mesh(mesh, size)[0]
-    bar = figure_of([view]).data[0].colorbar
-    np.testing.assert_allclose([float(text) for text in bar.ticktext], view.scene.ticks)
+    scene = scenes_of_mesh(mesh, size, None)["size h"]
+    bar = figure_of({"size h": scene}).data[0].colorbar
+    np.testing.assert_allclose([float(text) for text in bar.ticktext], scene.ticks)
     places = 10.0 ** np.array(bar.tickvals) if largest > 1.0 else bar.tickvals
-    np.testing.assert_allclose(places, view.scene.ticks)
+    np.testing.assert_allclose(places, scene.ticks)
 
 
 def test_causes_keep_their_names(square):
-    _, _, found = square
-    (view,) = views_of_causes(found)
-    names = set(figure_of([view]).data[0].colorbar.ticktext)
+    mesh, _, found = square
+    *_, scene = scenes_of_mesh(mesh, None, found).values()
+    names = set(figure_of({"causes": scene}).data[0].colorbar.ticktext)
     assert names <= set(found.causes)
     assert "sources" in names or any("point" in name for name in names)
 

@@ -153,7 +153,7 @@ def _names_of_parts(backend: str) -> Callable[[str], str]:
 
 def _check_outputs(file: Path, output: Path, plot: Path | None, page: Path | None) -> None:
     """Refuse files that cannot be written, before the work."""
-    from adaptsize.reporting.api import check_plotly
+    from adaptsize.reporting.page import check_plotly
 
     check_files(
         [file],
@@ -171,7 +171,7 @@ def _write_page(
     console: Console, page: Path | None, mesh: SimplexMesh, size: SizeFunction, **options: Any
 ) -> None:
     """Write the page to look at, if one is requested."""
-    from adaptsize.reporting.api import report
+    from adaptsize.reporting.page import report
 
     if page is not None:
         report(page, mesh, size, times=console.times, **options)

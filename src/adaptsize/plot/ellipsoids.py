@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.metrics import Metric
-from adaptsize.plot.scene import Scene, clip_axis, scene_of_cells
+from adaptsize.plot.scene import Scene, clip_axis
 from adaptsize.typing import FloatArray, IntArray
 
 #: Corners of an ellipse; rings and columns of an ellipsoid.
 _AROUND, _RINGS, _COLUMNS = 40, 8, 14
-#: Longest axis of the glyphs over the distance between them.
-_LENGTH = 0.95
-#: Thinner glyphs could not be seen.
-_THINNEST = 0.04
 
 
 def scene_of_metric(mesh: SimplexMesh, metric: Metric, n_glyphs: int, clip: str | None) -> Scene:
@@ -43,21 +37,16 @@ def scene_of_metric(mesh: SimplexMesh, metric: Metric, n_glyphs: int, clip: str 
     sizes = metric.sizes[nodes]
     largest = np.where(np.isfinite(sizes), sizes, 0.0).max(axis=1, keepdims=True)
     largest[largest == 0.0] = 1.0
-    axes = np.clip(sizes / largest, _THINNEST, 1.0) * (0.5 * _LENGTH * spacing)
+    # Thinner glyphs could not be seen.  They leave 5 % of the distance between them.
+    axes = np.clip(sizes / largest, 0.04, 1.0) * (0.475 * spacing)
     corners, cells = _unit_circle() if mesh.dim == 2 else _unit_sphere()
     placed = at[:, None, :] + np.einsum("nij,nj,kj->nki", metric.directions[nodes], axes, corners)
     full = np.zeros((len(nodes) * len(corners), 3))
     full[:, : mesh.dim] = placed.reshape(-1, mesh.dim)
     shifted = cells + len(corners) * np.arange(len(nodes))[:, None, None]
-    scene = scene_of_cells(
-        full,
-        shifted.reshape(-1, 3).astype(np.int32),
-        np.repeat(sizes[:, 0], len(cells)),
-        label="smallest size",
-        flat=mesh.dim == 2,
-        on_nodes=False,
-    )
-    return replace(scene, plain=True)
+    triangles = shifted.reshape(-1, 3).astype(np.int32)
+    values = np.repeat(sizes[:, 0], len(cells))
+    return Scene(full, triangles, values, mesh.dim == 2, False, "smallest size", plain=True)
 
 
 def _spacing(extents: FloatArray, n: int) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
@@ -14,20 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_path, check_type, describe, one_of
+from adaptsize._formats.whole_files import write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport
 from adaptsize.errors import PlotError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.plot import with_matplotlib, with_vtk
-from adaptsize.plot.boxes import scene_of_grid, scene_of_octree
 from adaptsize.plot.ellipsoids import scene_of_metric
-from adaptsize.plot.scene import Scene, make_scene
+from adaptsize.plot.scene import Scene, printable, scene_of_grid, scene_of_mesh, scene_of_octree
 from adaptsize.typing import FloatArray
 
 Image = npt.NDArray[np.uint8]
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-_SMALLEST, _LARGEST = 64, 10_000
 
 
 def plot_size(
@@ -151,10 +149,8 @@ def plot_mesh(
     _check_output(path, width)
     check_type("mesh", mesh, SimplexMesh)
     values, on_nodes = _values_to_show(mesh, color)
-    label = "radius ratio" if color == "quality" else color
-    scene = make_scene(
-        mesh, values, label=label, clip=clip, on_nodes=on_nodes, classes=color == "region"
-    )
+    label, classes = "radius ratio" if color == "quality" else printable(color), color == "region"
+    scene = scene_of_mesh(mesh, values, clip, on_nodes=on_nodes, label=label, classes=classes)
     if limits is not None and not scene.classes:
         scene = replace(scene, color_range=_color_range(limits))
     return _draw(scene, path, width)
@@ -200,24 +196,7 @@ def plot_causes(
     """
     check_type("report", report, SizeReport)
     _check_output(path, width)
-    background = report.background
-    if isinstance(background, CartesianGrid):
-        background = background.with_active(report.cause >= 0)
-    scene = _scene_of_sizes(background, report.cause.astype(np.float64), "cause", clip)
-    counts = np.stack([(scene.values[scene.cells] == k).sum(axis=1) for k in report.codes])
-    most = np.where(counts.max(axis=0) > 0, counts.argmax(axis=0), np.nan)
-    return _draw(
-        replace(
-            scene,
-            values=most,
-            on_nodes=False,
-            classes=True,
-            class_names=dict(enumerate(report.causes)),
-            plain=True,
-        ),
-        path,
-        width,
-    )
+    return _draw(scene_of_causes(report, clip), path, width)
 
 
 def plot_metric(
@@ -314,42 +293,58 @@ def _scene_of_sizes(
 ) -> Scene:
     if isinstance(background, CartesianGrid) and background.dim == 1:
         background = background.mesh
-    if isinstance(background, CartesianGrid):
-        given = background.sample(size) if callable(size) else size
-        values = as_float_array("size", _not_missing(given), background.shape)
-        return scene_of_grid(background, values, label=label, clip=clip)
-    if not isinstance(background, SimplexMesh | Octree):
+    if not isinstance(background, SimplexMesh | CartesianGrid | Octree):
         raise ValueError(
             f"mesh must be a mesh, grid or octree, or live on one, got {describe(background)}"
         )
-    if size is None and isinstance(background, SimplexMesh):
-        size = _field_h(background)
-    given = size(background.points) if callable(size) else size
-    values = as_float_array("size", _not_missing(given), background.nodal_shape)
-    if isinstance(background, Octree):
-        return scene_of_octree(background, values, label=label, clip=clip)
-    return make_scene(background, values, label=label, clip=clip, on_nodes=True)
-
-
-def _field_h(mesh: SimplexMesh) -> npt.NDArray[Any]:
-    if "h" not in mesh.point_data:
-        fields = ", ".join(mesh.point_data) or "none"
-        raise ValueError(f"size must be given: the mesh has no nodal field 'h' ({fields})")
-    return mesh.point_data["h"]
-
-
-def _not_missing(size: npt.ArrayLike | None) -> npt.ArrayLike:
     if size is None:
+        size = _field_h(background)
+    if callable(size):
+        size = (
+            background.sample(size)
+            if isinstance(background, CartesianGrid)
+            else size(background.points)
+        )
+    values = as_float_array("size", size, background.nodal_shape)
+    if isinstance(background, CartesianGrid):
+        return scene_of_grid(background, values, clip, label=printable(label))
+    if isinstance(background, Octree):
+        return scene_of_octree(background, values, clip, label=printable(label))
+    return scene_of_mesh(background, values, clip, on_nodes=True, label=printable(label))
+
+
+def scene_of_causes(report: SizeReport, clip: str | None) -> Scene:
+    """Return a scene in which a cell has the cause of the majority of its nodes."""
+    background = report.background
+    if isinstance(background, CartesianGrid):
+        background = background.with_active(report.cause >= 0)
+    scene = _scene_of_sizes(background, report.cause.astype(np.float64), "cause", clip)
+    counts = np.stack([(scene.values[scene.cells] == k).sum(axis=1) for k in report.codes])
+    return replace(
+        scene,
+        values=np.where(counts.max(axis=0) > 0, counts.argmax(axis=0), np.nan),
+        on_nodes=False,
+        classes=True,
+        class_names=dict(enumerate(report.causes)),
+        plain=True,
+    )
+
+
+def _field_h(background: SimplexMesh | CartesianGrid | Octree) -> npt.NDArray[Any]:
+    if not isinstance(background, SimplexMesh):
         raise ValueError("size must be given: grids and octrees carry no fields")
-    return size
+    if "h" not in background.point_data:
+        fields = ", ".join(background.point_data) or "none"
+        raise ValueError(f"size must be given: the mesh has no nodal field 'h' ({fields})")
+    return background.point_data["h"]
 
 
 def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
     if path is not None and as_path("path", path).suffix.lower() not in _SUFFIXES:
         raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, got {os.fspath(path)!r}")
     number = as_number("width", width, lower=-np.inf)
-    if not _SMALLEST <= number <= _LARGEST or number != int(number):
-        raise ValueError(f"width must be {_SMALLEST} to {_LARGEST} whole pixels, got {width}")
+    if not 64 <= number <= 10_000 or number != int(number):
+        raise ValueError(f"width must be 64 to 10000 whole pixels, got {width}")
     if find_spec("pyvista") is None:
         raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
 
@@ -369,16 +364,7 @@ def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Imag
             "machine, and matplotlib is not installed"
         )
     if path is not None:
-        _write(image, Path(path))
+        from PIL import Image as Pillow
+
+        write_whole(Path(path), Pillow.fromarray(image).save)
     return image
-
-
-def _write(image: Image, path: Path) -> None:
-    from PIL import Image as Pillow
-
-    unfinished = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
-    try:
-        Pillow.fromarray(image).save(unfinished)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)

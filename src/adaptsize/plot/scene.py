@@ -1,27 +1,28 @@
-"""The content of a picture as arrays: triangles, their values, and the view direction."""
+"""What a picture shows, as arrays: the visible faces of a mesh, grid or octree and their values."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import one_of
-from adaptsize.background import SimplexMesh
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.splitting_grid import whole_boxes
+from adaptsize.background.topology import unique_rows
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Direction towards the viewer for surfaces and solids: from the right, the front and above.
 _EYE = np.array([0.75, -1.0, 0.8])
 #: Colours of regions, chosen for colour-blind readers (Okabe and Ito 2008).
 CLASS_COLORS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#0072B2", "#D55E00")
 _AXES = ("x", "y", "z")
-#: Edges are drawn where the median edge is longer than this share of the picture's width.
-_SHORTEST_DRAWN_EDGE = 1.0 / 250.0
-#: A range of sizes wider than this is coloured by logarithm.
-_LINEAR_RANGE = 10.0
+#: Finer grids are drawn with this number of nodes along an axis.  More cannot be distinguished.
+_MOST_NODES = {2: 512, 3: 256}
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,14 @@ class Scene:
     cells : int32[m, 3], int32[m, 4] or int32[m, 2]
     values : float64[n] or float64[m]
         Not finite where there is no value to show.
+    flat : bool
+        Whether the scene is plane and shown from above.
     on_nodes : bool
         Whether ``values`` belong to the points.  All are finite in this case.
     label : str
         Title of the colour bar.
     classes : bool
         Whether values are categories (tags), not quantities.
-    flat : bool
-        Whether the scene is plane and shown from above.
     class_names : mapping of int to str
         Names of classes.  The others are labelled by number.
     plain : bool
@@ -53,10 +54,10 @@ class Scene:
     points: FloatArray
     cells: IntArray
     values: FloatArray
-    on_nodes: bool
-    label: str
-    classes: bool
     flat: bool
+    on_nodes: bool = True
+    label: str = ""
+    classes: bool = False
     class_names: Mapping[int, str] = field(default_factory=dict)
     plain: bool = False
     color_range: tuple[float, float] | None = None
@@ -93,14 +94,13 @@ class Scene:
     @property
     def class_labels(self) -> list[str]:
         """Labels of ``names`` in the picture."""
-        names = [self.class_names.get(int(name), f"{name:g}") for name in self.names]
-        return [_printable(name) for name in names]
+        return [printable(self.class_names.get(int(name), f"{name:g}")) for name in self.names]
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether colours follow the logarithm of the values."""
+        """Whether colours follow the logarithm of the values: over more than a factor of ten."""
         low, high = self.limits
-        return not self.classes and low > 0.0 and high > _LINEAR_RANGE * low
+        return not self.classes and low > 0.0 and high > 10.0 * low
 
     @property
     def ticks(self) -> FloatArray:
@@ -117,13 +117,13 @@ class Scene:
 
     @property
     def shows_edges(self) -> bool:
-        """Whether edges are to be drawn, and long enough in the picture."""
+        """Whether edges are to be drawn, and the median one is 1/250 of the picture long."""
         if self.plain:
             return False
         start, stop = self.points[self.cells[:, 0]], self.points[self.cells[:, 1]]
         low, high = self.frame
         median = float(np.median(np.linalg.norm(stop - start, axis=1)))
-        return median > _SHORTEST_DRAWN_EDGE * float((high - low)[:2].max())
+        return median > float((high - low)[:2].max()) / 250.0
 
     @property
     def values_of_cells(self) -> FloatArray:
@@ -131,25 +131,19 @@ class Scene:
         return self.values[self.cells].mean(axis=1) if self.on_nodes else self.values
 
 
-def make_scene(
-    mesh: SimplexMesh,
-    values: npt.NDArray[Any],
-    *,
-    label: str,
-    clip: str | None,
-    on_nodes: bool,
-    classes: bool = False,
+def scene_of_mesh(
+    mesh: SimplexMesh, values: npt.NDArray[Any], clip: str | None, *, on_nodes: bool, **look: Any
 ) -> Scene:
     """Return the visible part of ``mesh`` after the clip; of tetrahedra the outer faces.
 
-    Classes are labelled by the names of cell tags.
+    Classes are labelled by the names of cell tags.  The remaining arguments are those of `Scene`.
     """
     extents = np.ptp(mesh.points[np.unique(mesh.cells)], axis=0)
     clip = clip_axis(clip, mesh.dim, extents, solid=mesh.cell_dim == 3)
     cells, values = mesh.cells, np.asarray(values, dtype=np.float64)
     if clip is not None:
         axis = _AXES.index(clip)
-        kept = behind_the_cut(mesh.points[mesh.cells, axis].mean(axis=1), axis)
+        kept = _behind_the_cut(mesh.points[mesh.cells, axis].mean(axis=1), axis)
         cells = cells[kept]
         values = values if on_nodes else values[kept]
     points = np.zeros((mesh.n_points, 3))
@@ -158,45 +152,77 @@ def make_scene(
         skin = SimplexMesh(mesh.points, cells).boundary()
         cells, points = skin.mesh.cells, skin.mesh.points
         values = values[skin.nodes] if on_nodes else values[skin.cells]
-    scene = scene_of_cells(
-        points,
-        cells,
-        values,
-        label=label,
-        on_nodes=on_nodes,
-        classes=classes,
-        flat=mesh.dim < 3,
-    )
-    names = {tag: name for (dim, tag), name in mesh.tag_names.items() if dim == mesh.cell_dim}
-    return replace(scene, class_names=names) if classes else scene
+    if look.get("classes") and "class_names" not in look:
+        tags = mesh.tag_names.items()
+        look["class_names"] = {tag: name for (dim, tag), name in tags if dim == mesh.cell_dim}
+    return _finite_scene(Scene(points, cells, values, mesh.dim < 3, on_nodes, **look))
 
 
-def scene_of_cells(
-    points: FloatArray,
-    cells: IntArray,
-    values: FloatArray,
-    *,
-    label: str,
-    flat: bool,
-    on_nodes: bool = True,
-    classes: bool = False,
-) -> Scene:
+def _finite_scene(scene: Scene) -> Scene:
     """Return a scene in which nodal values that are not finite are left out of the cells."""
-    if on_nodes and not np.isfinite(values).all():
-        values, on_nodes = _means_of_finite(values[cells]), False
-    return Scene(points, cells, values, on_nodes, _printable(label), classes, flat)
-
-
-def _printable(text: str) -> str:
-    """Return a text in which characters that have no encoding are replaced."""
-    return text.encode(errors="replace").decode()
-
-
-def _means_of_finite(corners: FloatArray) -> FloatArray:
-    """Return the mean of the finite values of each row; NaN where a row has none."""
+    if not scene.on_nodes or np.isfinite(scene.values).all():
+        return scene
+    corners = scene.values[scene.cells]
     finite = np.isfinite(corners)
     sums, counts = np.where(finite, corners, 0.0).sum(axis=1), finite.sum(axis=1)
-    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    means = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    return replace(scene, values=means, on_nodes=False)
+
+
+def scene_of_grid(grid: CartesianGrid, values: FloatArray, clip: str | None, **look: Any) -> Scene:
+    """Return the visible faces of a grid after the clip: of boxes whose nodes are all active."""
+    clip = clip_axis(clip, grid.dim, grid.upper - grid.lower, solid=grid.dim == 3)
+    shown = [_some_of(n, _MOST_NODES[grid.dim]) for n in grid.shape]
+    axes = [axis[i] for axis, i in zip(grid.axes, shown, strict=True)]
+    shape = tuple(len(axis) for axis in axes)
+    kept = np.ones([n - 1 for n in shape], np.bool_)
+    if grid.active is not None:
+        kept = whole_boxes(grid.active[np.ix_(*shown)])
+    if not kept.any():
+        raise ValueError("active must leave at least one box with all its nodes, got none")
+    if clip is not None:
+        d = _AXES.index(clip)
+        # Of the boxes that there are, as the middle of a mesh is that of its cells.
+        there = np.flatnonzero(kept.any(axis=tuple(e for e in range(grid.dim) if e != d)))
+        middle = 0.5 * (axes[d][1:] + axes[d][:-1])
+        stays = np.zeros(len(middle), np.bool_)
+        stays[there] = _behind_the_cut(middle[there], d)
+        kept &= stays.reshape([-1 if e == d else 1 for e in range(grid.dim)])
+    nodes, cells = _renumbered(_outer_faces(kept, shape))
+    indices = np.unravel_index(nodes, shape)
+    points = np.zeros((len(nodes), 3))
+    for d, i in enumerate(indices):
+        points[:, d] = axes[d][i]
+    at_nodes = values[tuple(which[i] for which, i in zip(shown, indices, strict=True))]
+    return _finite_scene(Scene(points, cells, at_nodes, grid.dim == 2, **look))
+
+
+def scene_of_octree(tree: Octree, values: FloatArray, clip: str | None, **look: Any) -> Scene:
+    """Return the visible faces of the leaves of an octree after the clip."""
+    clip = clip_axis(clip, tree.dim, np.subtract(tree.upper, tree.lower), solid=tree.dim == 3)
+    around = [0, 2, 3, 1]  # corners are numbered row by row; these go round a square
+    corners = tree.leaf_corners
+    if clip is not None:
+        d = _AXES.index(clip)
+        corners = corners[_behind_the_cut(tree.leaf_centres[:, d], d)]
+    quads = corners[:, around]
+    if tree.dim == 3:
+        sides = [
+            [corner for corner in range(8) if corner >> (2 - d) & 1 == side]
+            for d, side in product(range(3), (0, 1))
+        ]
+        faces = np.concatenate([corners[:, side][:, around] for side in sides])
+        number = unique_rows(faces, tree.n_points)[1]
+        quads = faces[np.bincount(number)[number] == 1]
+    nodes, cells = _renumbered(quads)
+    points = np.zeros((len(nodes), 3))
+    points[:, : tree.dim] = tree.points[nodes]
+    return _finite_scene(Scene(points, cells, values[nodes], tree.dim == 2, **look))
+
+
+def printable(text: str) -> str:
+    """Return a text in which characters that have no encoding are replaced."""
+    return text.encode(errors="replace").decode()
 
 
 def clip_axis(clip: str | None, dim: int, extents: FloatArray, *, solid: bool) -> str | None:
@@ -212,7 +238,7 @@ def clip_axis(clip: str | None, dim: int, extents: FloatArray, *, solid: bool) -
     return _AXES[int(np.argsort(extents * (1.0, 1.0 + 1e-6, 1.0 - 1e-6))[1])]
 
 
-def behind_the_cut(middles: FloatArray, axis: int) -> npt.NDArray[np.bool_]:
+def _behind_the_cut(middles: FloatArray, axis: int) -> npt.NDArray[np.bool_]:
     """Mark the whole cells that remain when the half towards the viewer is removed."""
     cut = 0.5 * (middles.min() + middles.max())
     kept: npt.NDArray[np.bool_] = (middles - cut) * _EYE[axis] <= 0.0
@@ -239,3 +265,35 @@ def _between(numbers: FloatArray, low: float, high: float) -> FloatArray:
     """Return the numbers from low to high, with a tolerance for rounding."""
     slack = 1e-12 * np.abs(numbers)
     return numbers[(numbers >= low - slack) & (numbers <= high + slack)]
+
+
+def _renumbered(quads: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], IntArray]:
+    """Return the nodes that occur, and the same quadrilaterals numbered by their places."""
+    nodes, places = np.unique(quads, return_inverse=True)
+    cells: IntArray = np.asarray(places, dtype=np.int32).reshape(quads.shape)
+    return nodes, cells
+
+
+def _some_of(n: int, most: int) -> npt.NDArray[np.int64]:
+    """Return up to ``most`` of n indices, evenly, the first and the last among them."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+
+
+def _outer_faces(kept: BoolArray, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    """Return the boxes of a 2-D grid, the outer faces of those of a 3-D one, int64[n, 4]."""
+    strides = np.cumprod([1, *shape[:0:-1]])[::-1]
+    if len(shape) == 2:
+        first = np.argwhere(kept) @ strides
+        return _squares(first, strides[0], strides[1])
+    faces = []
+    for d in range(3):
+        across = np.moveaxis(kept, d, 0)
+        changes = np.diff(across, axis=0, prepend=False, append=False)
+        first = np.argwhere(np.moveaxis(changes, 0, d)) @ strides
+        faces.append(_squares(first, *(strides[e] for e in range(3) if e != d)))
+    return np.concatenate(faces)
+
+
+def _squares(first: npt.NDArray[Any], right: int, up: int) -> npt.NDArray[Any]:
+    """Return four nodes each, round a square, from the first one and two strides."""
+    return np.stack([first, first + right, first + right + up, first + up], axis=1)

@@ -17,9 +17,6 @@ from adaptsize.typing import FloatArray
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
 
-_DPI = 100.0
-_AMBIENT = 0.55
-
 
 def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     """Return the picture as uint8[height, width, 3]."""
@@ -37,7 +34,7 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     faces[~np.isfinite(values)] = (0.83, 0.83, 0.83, 1.0)
     faces[:, :3] *= _brightness(scene, corners)[:, None]
 
-    figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100.0)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0.02, 0.03, 0.80, 0.94))
     axes.set_aspect("equal")
@@ -84,5 +81,5 @@ def _brightness(scene: Scene, corners: FloatArray) -> FloatArray:
         return np.ones(len(corners))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
-    brightness: FloatArray = _AMBIENT + (1.0 - _AMBIENT) * np.abs(normal[:, 2]) / length
+    brightness: FloatArray = 0.55 + 0.45 * np.abs(normal[:, 2]) / length
     return brightness

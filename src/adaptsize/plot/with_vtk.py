@@ -16,18 +16,8 @@ import numpy.typing as npt
 from adaptsize.plot.scene import CLASS_COLORS, Scene
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
-_PROBE_SECONDS = 60.0
-#: Share of the picture's width for the mesh.  The rest is for the colour bar.
-_MESH_SHARE = 0.76
-_MARGIN = 1.06
-#: Place of a colour bar with names, which are left of it.
+#: Place of a colour bar with names, which are left of it, over the picture's width.
 _BAR_OF_NAMES = 0.89
-#: Width of a letter over its height, on average.
-_LETTER = 0.6
-#: Edges between triangles that form a larger angle than this, in degrees, are drawn thicker.
-_SHARP = 30.0
-#: With more classes than this, the colour bar has no names.
-_MAX_NAMES = 24
 
 _PROBE = """
 import vtkmodules.vtkRenderingOpenGL2
@@ -68,7 +58,7 @@ def _can_draw(window: str) -> bool:
             env={**os.environ, **chosen, "PYTHONFAULTHANDLER": ""},
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=_PROBE_SECONDS,
+            timeout=60.0,
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):
@@ -113,8 +103,8 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
             if not scene.classes:
                 _write_ticks(plotter, scene)
             if not (scene.flat or scene.is_shaded or lines):
-                # Without shading, these show the shape.
-                edges = drawn.extract_feature_edges(_SHARP, clear_data=True)
+                # Without shading, edges of more than 30 degrees show the shape.
+                edges = drawn.extract_feature_edges(30.0, clear_data=True)
                 if edges.n_cells:
                     plotter.add_mesh(edges, color="#202020", line_width=width / 800, lighting=False)
             _place_camera(plotter.camera, scene, width / height, _mesh_share(scene, width))
@@ -162,7 +152,7 @@ def _class_colors(scene: Scene) -> dict[str, Any]:
     return {
         "cmap": [CLASS_COLORS[i % len(CLASS_COLORS)] for i in range(n)],
         "clim": (-0.5, n - 0.5),
-        "annotations": named if n <= _MAX_NAMES else None,
+        "annotations": named if n <= 24 else None,  # more would overlap
     }
 
 
@@ -195,9 +185,10 @@ def _write_ticks(plotter: Any, scene: Scene) -> None:
 def _mesh_share(scene: Scene, width: int) -> float:
     """Return the share of the picture's width that the colour bar and its names leave."""
     if not scene.class_names:
-        return _MESH_SHARE
+        return 0.76
     longest = max((len(name) for name in scene.class_labels), default=0)
-    return min(_MESH_SHARE, _BAR_OF_NAMES - _LETTER * longest * _text_size(width) / width)
+    # Letters are 0.6 times as wide as high, on average.
+    return min(0.76, _BAR_OF_NAMES - 0.6 * longest * _text_size(width) / width)
 
 
 def _place_camera(camera: Any, scene: Scene, aspect: float, share: float) -> None:
@@ -205,7 +196,7 @@ def _place_camera(camera: Any, scene: Scene, aspect: float, share: float) -> Non
     axes = scene.axes
     low, high = scene.frame
     size = np.maximum(high - low, 1e-12 * max(float((high - low).max()), 1e-300))
-    tall = _MARGIN * max(size[1], size[0] / (share * aspect))
+    tall = 1.06 * max(size[1], size[0] / (share * aspect))
     focus = 0.5 * (low + high)
     focus[0] += 0.5 * (1.0 - share) * tall * aspect
     far = 2.0 * float(np.linalg.norm(size)) + tall

@@ -7,4 +7,4 @@ from adaptsize._lazy import lazily
 
 __all__ = ["report"]
 
-__getattr__, __dir__ = lazily(__name__, {"report": "api"})
+__getattr__, __dir__ = lazily(__name__, {"report": "page"})

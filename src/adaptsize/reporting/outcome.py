@@ -13,22 +13,10 @@ if TYPE_CHECKING:
     from adaptsize.domain_size.report import SizeReport
     from adaptsize.quality import Conformity
 
-# What is worth a warning: a number of cells off the predicted one by more than this share, ...
-_FAR_OFF = 0.25
-# ... fewer edges than this within the band, ...
-_LEAST_IN_BAND = 0.8
-# ... a smaller angle than this, in degrees, ...
-_LEAST_ANGLE = 5.0
-# ... and a volume that has changed by more than this share.
-_VOLUME_CHANGE = 0.01
-
-
-_KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
-
 
 def kind_of(mesh: SimplexMesh) -> str:
     """Return the name of the cells of a mesh."""
-    return _KINDS[mesh.cell_dim]
+    return ("segments", "triangles", "tetrahedra")[mesh.cell_dim - 1]
 
 
 @dataclass(frozen=True)
@@ -108,19 +96,19 @@ class Outcome:
                 f"the boundary is {self.distance:.2g} of the diagonal from the old one, more "
                 f"than the tolerance, {self.tolerance:.2g}; smaller sizes keep it closer"
             )
-        if found.share_in_band < _LEAST_IN_BAND:
+        if found.share_in_band < 0.8:
             lines.append(
                 f"only {found.share_in_band:.1%} of the edges are within a factor sqrt 2 of the "
                 "size; details of the boundary may not allow it"
             )
-        if self.excess is not None and abs(self.excess) > _FAR_OFF and not self.requested:
+        if self.excess is not None and abs(self.excess) > 0.25 and not self.requested:
             lines.append(
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
                 f"{'more' if self.excess > 0.0 else 'fewer'} than predicted"
             )
-        if found.angle_min < _LEAST_ANGLE:
+        if found.angle_min < 5.0:
             lines.append(f"the smallest angle is {found.angle_min:.2g} degrees")
-        if self.change is not None and abs(self.change) > _VOLUME_CHANGE:
+        if self.change is not None and abs(self.change) > 0.01:
             lines.append(f"the {self._measure} has changed by {self.change:+.1%}")
         return lines
 

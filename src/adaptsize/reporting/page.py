@@ -1,15 +1,24 @@
-"""The page: HTML around the figures, with nothing to fetch."""
+"""A report on a mesh as one page of HTML, with nothing to fetch."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
+from pathlib import Path
 
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
+import numpy as np
 
-    from adaptsize.quality.certificate import MeshCheck
+import adaptsize
+from adaptsize._checks import as_path, as_tolerance, check_type
+from adaptsize._formats.whole_files import write_whole
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import SimplexMesh
+from adaptsize.domain_size.report import SizeReport
+from adaptsize.quality import check_mesh, size_conformity
+from adaptsize.quality.certificate import MeshCheck
+from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
 
 _STYLE = """
 body { color: #222; font: 15px/1.45 system-ui, sans-serif; margin: 1rem auto; max-width: 1100px;
@@ -28,25 +37,95 @@ th { font-weight: 600; white-space: nowrap; } .number { font-variant-numeric: ta
 """
 
 
-def page_of(
-    title: str,
-    kind: str,
+def report(
+    path: str | os.PathLike[str],
+    mesh: SimplexMesh,
+    size: SizeFunction | None = None,
     *,
-    rows: Sequence[tuple[str, str]],
-    warnings: Sequence[str],
-    check: MeshCheck,
-    scene: go.Figure,
-    charts: Sequence[go.Figure],
-) -> str:
-    """Return the page as text."""
-    import adaptsize
+    original: SimplexMesh | None = None,
+    size_report: SizeReport | None = None,
+    tolerance: float = 1e-3,
+    title: str | None = None,
+    times: Sequence[tuple[str, float]] = (),
+) -> None:
+    """Write a page with the mesh in 3-D, its sizes and quality, and the worst places.
 
-    heading = f"{escape(title)}: {escape(kind)}"
+    The page is one HTML file without references to the network.  It shows the mesh as a
+    scene that can be turned, whole and cut open, with the sizes, the quality, the edge length
+    over the size, and what controls the sizes.  Below are histograms of edge lengths over sizes
+    and of angles, the comparison with the request, and the worst places with their coordinates.
+
+    Parameters
+    ----------
+    path : str or path
+        File to write, ending in ``.html`` or ``.htm``, completely or not at all.
+    mesh : SimplexMesh
+        Triangles or tetrahedra.
+    size : SizeFunction, optional
+        The requested sizes.  By default the nodal field ``h`` of the mesh, if there is one.
+    original : SimplexMesh, optional
+        The mesh or surface from which ``mesh`` was made, to compare the boundaries.
+    size_report : SizeReport, optional
+        Of ``size_function(..., full_output=True)``, to show causes and predicted elements.
+    tolerance : float
+        Allowed distance of the boundaries, over the diagonal of ``original``; at most 1.
+    title : str, optional
+        Heading of the page; by default the name of the file.
+    times : sequence of (str, float)
+        Names of steps and the seconds they took, for the table.
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid.
+    ImportError
+        If plotly is not installed.
+
+    Notes
+    -----
+    The file has about 5 MB for the viewer (plotly.js) and 150 bytes per triangle shown.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> report("square.html", mesh)  # doctest: +SKIP
+    """
+    target = as_path("path", path)
+    if target.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"path must end in .html or .htm, got {os.fspath(path)!r}")
+    check_type("mesh", mesh, SimplexMesh)
+    if mesh.cell_dim == 1:
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    for name, value, kind in (
+        ("size", size, SizeFunction),
+        ("original", original, SimplexMesh),
+        ("size_report", size_report, SizeReport),
+        ("title", title, str),
+    ):
+        if value is not None:
+            check_type(name, value, kind)
+    tolerance = as_tolerance("tolerance", tolerance)
+    check_plotly()
+    from adaptsize.reporting import figures
+
+    if size is None and "h" in mesh.point_data:
+        size = SizeFunction(mesh, mesh.point_data["h"])
+    outcome = None
+    if size is not None and original is not None and size_report is not None:
+        outcome = outcome_of_remeshing(mesh, original, size, size_report, tolerance)
+    elif size is not None:
+        outcome = Outcome(kind_of(mesh), size_conformity(mesh, size))
+    warnings = [] if outcome is None else outcome.warnings()
+    charts = [] if size is None else [figures.histogram_of_lengths(mesh, size)]
+    charts.append(figures.histogram_of_angles(mesh))
     config = {"responsive": True, "displaylogo": False}
-    mesh = scene.to_html(full_html=False, include_plotlyjs=True, config=config)
-    bars = [
-        chart.to_html(full_html=False, include_plotlyjs=False, config=config) for chart in charts
-    ]
+    scene, *bars = (
+        figure.to_html(full_html=False, include_plotlyjs=number == 0, config=config)
+        for number, figure in enumerate(
+            [figures.figure_of(figures.scenes_of_mesh(mesh, size, size_report)), *charts]
+        )
+    )
+    heading = f"{escape(title or target.stem)}: {kind_of(mesh)}"
     parts = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
@@ -55,19 +134,48 @@ def page_of(
         f"<h1>{heading}</h1>",
         *(f'<p class="warning">{escape(text)}</p>' for text in warnings),
         "<h2>Mesh</h2><p>Choose what to show from the list; drag to turn, scroll to zoom.</p>",
-        f'<div class="scene">{mesh}</div>',
+        f'<div class="scene">{scene}</div>',
         "<h2>Summary</h2>",
-        _table(rows),
-        "<h2>Edge lengths and angles</h2>",
-        '<div class="charts">',
+        _table(_rows(mesh, outcome, size_report, times)),
+        '<h2>Edge lengths and angles</h2><div class="charts">',
         *bars,
-        "</div>",
-        "<h2>Demands</h2>",
-        _demands(check),
+        "</div><h2>Demands</h2>",
+        _demands(check_mesh(mesh, original=original, size=size, tolerance=tolerance)),
         f"<footer>adaptsize {escape(adaptsize.__version__)}</footer>",
         "</body></html>",
     ]
-    return "\n".join(parts)
+
+    def write_text(path: Path) -> None:
+        path.write_text("\n".join(parts), encoding="utf-8")
+
+    write_whole(target, write_text)
+
+
+def check_plotly() -> None:
+    """Refuse a report without plotly."""
+    if find_spec("plotly") is None:
+        raise ImportError('reports need plotly; install it with: pip install "adaptsize[report]"')
+
+
+def _rows(
+    mesh: SimplexMesh,
+    outcome: Outcome | None,
+    size_report: SizeReport | None,
+    times: Sequence[tuple[str, float]],
+) -> list[tuple[str, str]]:
+    """Return the rows of the table: topic and finding."""
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    rows = [
+        ("points", str(mesh.n_points)),
+        ("extents", " x ".join(f"{x:.4g}" for x in np.asarray(high - low))),
+    ]
+    rows += outcome.rows if outcome else [("cells", f"{mesh.n_cells} {kind_of(mesh)}")]
+    if size_report is not None:
+        rows.append(("sizes", size_report.choices))
+    if times:
+        parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in times)
+        rows.append(("time", f"{sum(seconds for _, seconds in times):.1f} s: {parts}"))
+    return rows
 
 
 def _table(rows: Sequence[tuple[str, str]]) -> str:

@@ -1,0 +1,233 @@
+"""What pictures show: visible faces, their values, colours and ticks, before anything is drawn."""
+
+import numpy as np
+import pytest
+from meshes import jittered_cube, random_sphere, structured_square
+from shapes import block, two_region_rectangle
+
+from adaptsize import CartesianGrid, Metric, SimplexMesh, isotropic_metric
+from adaptsize.background import Octree
+from adaptsize.plot.ellipsoids import scene_of_metric
+from adaptsize.plot.scene import scene_of_grid, scene_of_mesh, scene_of_octree
+
+
+def scene_of(background, values=None, clip="auto"):
+    values = np.ones(background.nodal_shape) if values is None else values
+    if isinstance(background, SimplexMesh):
+        return scene_of_mesh(background, values, clip, on_nodes=True)
+    make = scene_of_grid if isinstance(background, CartesianGrid) else scene_of_octree
+    return make(background, values, clip)
+
+
+def test_axes_are_orthonormal_and_right_handed():
+    axes = scene_of(random_sphere(50, 731), np.ones(50)).axes
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(np.cross(axes[0], axes[1]), axes[2], atol=1e-14)
+    assert axes[1, 2] > 0.5  # z points up
+
+
+def test_colours_are_logarithmic_beyond_a_factor_of_ten():
+    mesh = structured_square(2)
+    assert scene_of(mesh, np.linspace(1.0, 10.5, 9)).is_logarithmic
+    assert not scene_of(mesh, np.linspace(1.0, 9.5, 9)).is_logarithmic
+    assert not scene_of(mesh, np.linspace(0.0, 9.5, 9)).is_logarithmic  # no logarithm of zero
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (0.0122, 0.223, [0.02, 0.05, 0.1, 0.2]),
+        (1e-4, 1.0, [1e-4, 1e-3, 1e-2, 0.1, 1.0]),
+        (60.0, 178.0, [75.0, 100.0, 125.0, 150.0, 175.0]),
+        (-0.5, 0.5, [-0.5, -0.25, 0.0, 0.25, 0.5]),
+        (6.0, 6.0, [6.0]),
+    ],
+)
+def test_numbers_at_the_colour_bar_are_round(low, high, ticks):
+    scene = scene_of(structured_square(2), np.linspace(low, high, 9))
+    np.testing.assert_allclose(scene.ticks, ticks, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("decades", [1.1, 3.7, 12.0, 200.0])
+def test_colour_bar_has_two_to_seven_numbers_within_its_ends(decades):
+    low = 0.313
+    scene = scene_of(structured_square(2), np.geomspace(low, low * 10.0**decades, 9))
+    assert 2 <= len(scene.ticks) <= 7
+    assert scene.limits[0] <= scene.ticks[0] <= scene.ticks[-1] <= scene.limits[1]
+
+
+def test_edges_are_drawn_only_when_they_can_be_distinguished():
+    assert scene_of(structured_square(20), np.ones(21**2)).shows_edges
+    assert not scene_of(structured_square(500), np.ones(501**2)).shows_edges
+
+
+@pytest.mark.parametrize("clip", ["x", "y", "z"])
+def test_clip_keeps_whole_cells_of_the_half_away_from_the_eye(clip):
+    mesh = jittered_cube(6, 52)
+    axis = "xyz".index(clip)
+    scene = scene_of(mesh, mesh.points[:, axis], clip=clip)
+    whole = scene_of(mesh, mesh.points[:, axis], clip=None)
+    towards_eye = scene.axes[2, axis]
+    # No cell of this mesh is longer than two of its grid spacings, 20 each.
+    reach = (scene.points[:, axis] * np.sign(towards_eye)).max()
+    assert 0.0 < reach < 40.0
+    assert (whole.points[:, axis] * np.sign(towards_eye)).max() == pytest.approx(50.0)
+    np.testing.assert_array_equal(scene.values, scene.points[:, axis])  # values go with nodes
+
+
+def test_values_of_cells_go_with_their_cells():
+    mesh = jittered_cube(5, 53)
+    of_cells = mesh.points[mesh.cells].mean(axis=1)[:, 0]
+    scene = scene_of_mesh(mesh, of_cells, "y", on_nodes=False)
+    # The owner of a face has its middle within one cell, 50 long at most, of the face.
+    assert np.abs(scene.values - scene.points[scene.cells].mean(axis=1)[:, 0]).max() < 25.0
+    assert len(scene.values) == len(scene.cells)
+
+
+def test_auto_clip_cuts_tetrahedra_only():
+    cube, sphere = jittered_cube(4, 54), random_sphere(40, 55)
+    assert scene_of(cube, np.ones(64)).points[:, 0].max() < 40.0
+    assert len(scene_of(sphere, np.ones(40)).cells) == sphere.n_cells
+
+
+def test_cells_without_a_finite_value_show_none():
+    mesh = structured_square(3)
+    values = np.full(16, np.inf)
+    values[0] = 2.0
+    scene = scene_of(mesh, values)
+    has_corner = (mesh.cells == 0).any(axis=1)
+    np.testing.assert_array_equal(np.isfinite(scene.values), has_corner)
+    assert scene.limits == (2.0, 2.0)
+
+
+def test_regions_are_labelled_by_their_names():
+    mesh = structured_square(2)
+    tags = np.arange(8) % 3 + 5
+    names = {(2, 5): "steel", (2, 7): "air", (1, 6): "inlet"}  # of which (1, 6) names facets
+    mesh = SimplexMesh(mesh.points, mesh.cells, cell_tags=tags, tag_names=names)
+    scene = scene_of_mesh(mesh, tags, None, on_nodes=False, classes=True)
+    assert scene.class_labels == ["steel", "6", "air"]
+    assert scene.shows_edges
+    quality = scene_of_mesh(mesh, tags, None, on_nodes=False)
+    assert quality.class_names == {}
+
+
+# --- grids and octrees ---------------------------------------------------------------
+
+
+def area_of(scene):
+    a, b, c, d = np.moveaxis(scene.points[scene.cells], 1, 0)
+    return 0.5 * np.linalg.norm(np.cross(c - a, d - b), axis=1).sum()
+
+
+def test_a_plane_grid_is_its_boxes():
+    grid = CartesianGrid([1.0, 2.0], [0.5, 1.0], (4, 3))
+    values = grid.sample(lambda x: x[:, 0] + 10.0 * x[:, 1])
+    scene = scene_of(grid, values)
+    assert scene.cells.shape == (6, 4)
+    assert scene.flat
+    assert scene.on_nodes
+    assert area_of(scene) == pytest.approx(3.0)
+    np.testing.assert_allclose(scene.values, scene.points @ [1.0, 10.0, 0.0])
+
+
+def test_a_grid_in_space_shows_its_outer_faces():
+    grid = CartesianGrid([0.0, 0.0, 1.0], [1.0, 2.0, 0.5], (3, 4, 5))
+    values = grid.sample(lambda x: x @ [1.0, 10.0, 100.0])
+    scene = scene_of(grid, values, clip=None)
+    assert scene.cells.shape == (2 * (6 + 8 + 12), 4)
+    assert area_of(scene) == pytest.approx(2.0 * (2 * 6 + 2 * 2 + 6 * 2))
+    np.testing.assert_allclose(scene.values, scene.points @ [1.0, 10.0, 100.0])
+    assert not scene.flat
+    assert "mesh" not in vars(grid)
+
+
+def test_a_grid_in_space_is_cut_in_the_middle():
+    scene = scene_of(CartesianGrid([0.0, 0.0, 0.0], 1.0, (3, 5, 9)))  # not across the longest
+    low, high = scene.points.min(axis=0), scene.points.max(axis=0)
+    np.testing.assert_array_equal([low, high], [[0, 2, 0], [2, 4, 8]])  # the eye is at low y
+    low = scene_of(CartesianGrid([0.0, 0.0, 0.0], 1.0, (3, 5, 9)), clip="z").points
+    assert low[:, 2].max() == 4.0
+
+
+def test_only_boxes_of_active_nodes_are_shown():
+    active = np.ones((4, 4), bool)
+    active[0, 0] = False
+    assert len(scene_of(CartesianGrid([0, 0], 1.0, (4, 4), active=active)).cells) == 8
+    ball = CartesianGrid([-1.0, -1.0, -1.0], 0.1, (21, 21, 21))
+    inside = ball.sample(lambda x: np.linalg.norm(x, axis=1)) < 0.8
+    scene = scene_of(ball.with_active(inside), clip="x")
+    assert np.linalg.norm(scene.points, axis=1).max() < 0.8
+    assert scene.points[:, 0].max() == pytest.approx(0.0)
+    alone = np.zeros((4, 4), bool)
+    alone[1, 1] = True
+    with pytest.raises(ValueError, match="active must leave at least one box"):
+        scene_of(CartesianGrid([0, 0], 1.0, (4, 4), active=alone))
+
+
+def test_boxes_with_free_nodes_show_the_others_or_nothing():
+    values = [[1.0, np.inf], [3.0, np.inf], [np.inf, np.inf]]
+    scene = scene_of(CartesianGrid([0, 0], 1.0, (3, 2)), np.array(values))
+    assert not scene.on_nodes
+    np.testing.assert_array_equal(scene.values, [2.0, 3.0])
+
+
+def test_fine_grids_are_drawn_by_some_of_their_nodes(monkeypatch):
+    monkeypatch.setattr("adaptsize.plot.scene._MOST_NODES", {2: 5, 3: 3})
+    grid = CartesianGrid([0, 0], 1.0, (101, 4))
+    scene = scene_of(grid, grid.sample(lambda x: 1.0 + x[:, 0]))
+    assert len(scene.cells) == 12
+    assert area_of(scene) == pytest.approx(300.0)
+    np.testing.assert_array_equal(np.unique(scene.values), [1.0, 26.0, 51.0, 76.0, 101.0])
+
+
+def test_an_octree_shows_its_leaves():
+    tree = Octree([0, 0], [1, 1], (1, 1), [1, 1, 1, 2, 2, 2, 2])
+    scene = scene_of(tree, 1.0 + tree.points[:, 0])
+    assert len(scene.cells) == 7
+    assert area_of(scene) == pytest.approx(1.0)
+    np.testing.assert_allclose(scene.values, 1.0 + scene.points[:, 0])
+
+
+def test_an_octree_in_space_shows_outer_faces_and_is_cut():
+    tree = Octree([0, 0, 0], [2, 1, 1], (2, 1, 1), [0, *[1] * 8])
+    scene = scene_of(tree, clip=None)
+    # One face of the large leaf, four of small ones between them are hidden but not equal.
+    assert len(scene.cells) == 6 + 6 * 4
+    assert area_of(scene) == pytest.approx(10.0 + 2.0)
+    assert scene_of(tree, clip="x").points[:, 0].max() == 1.0
+
+
+# --- metrics -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("mesh", "n_corners"), [(two_region_rectangle(8), 41), (block(6), 126)])
+def test_glyphs_have_the_proportions_and_directions_of_the_sizes(mesh, n_corners):
+    turn = np.linalg.qr(np.random.default_rng(88).standard_normal((mesh.dim, mesh.dim)))[0]
+    sizes = np.array([0.1, 0.4, 0.7])[: mesh.dim]
+    metric = Metric(np.tile(sizes, (mesh.n_points, 1)), np.tile(turn, (mesh.n_points, 1, 1)))
+    scene = scene_of_metric(mesh, metric, 30, "auto")
+    corners = scene.points.reshape(-1, n_corners, 3)[..., : mesh.dim]
+    middle = 0.5 * (corners.min(axis=1) + corners.max(axis=1))
+    along = np.abs((corners - middle[:, None]) @ turn).max(axis=1)
+    # 14 columns do not meet every axis of an ellipsoid.
+    assert along / along[:, -1:] == pytest.approx(
+        np.tile(sizes / sizes[-1], (len(along), 1)), rel=0.04
+    )
+    assert np.allclose(scene.values, 0.1)
+    assert 15 <= len(corners) <= 60
+
+
+def test_glyphs_do_not_overlap():
+    mesh = two_region_rectangle(20)
+    metric = isotropic_metric(np.full(mesh.n_points, 0.3), 2)
+    centres = scene_of_metric(mesh, metric, 100, None).points.reshape(-1, 41, 3)[:, 0]
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2) + 10.0 * np.eye(len(centres))
+    radius = np.linalg.norm(scene_of_metric(mesh, metric, 100, None).points[1] - centres[0])
+    assert apart.min() > 2.0 * radius
+
+
+def test_some_glyph_is_drawn_where_no_node_is_near_the_cut():
+    mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    scene = scene_of_metric(mesh, isotropic_metric(np.full(4, 0.1), 3), 10_000, "y")
+    assert len(scene.points) > 0
