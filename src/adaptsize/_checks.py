@@ -5,12 +5,16 @@ value and, for an array, the first bad index.
 """
 
 import os
+import sys
+import warnings
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.errors import UnitWarning
 from adaptsize.typing import FloatArray, IntArray
 
 #: Squares of gradients times four lengths must stay in the range of float64.
@@ -18,7 +22,8 @@ STEEPEST = 1e30
 #: Products of four lengths and two such gradients must stay in the range of float64.
 FARTHEST = 1e60
 NEAREST = 1e-60
-_LARGEST_ASPECT = 1e15
+# Angles up to this look like radians.  Those of edges are hardly smaller than 3 degrees.
+_LARGEST_IN_RADIANS = 3.2
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -148,10 +153,13 @@ def as_number(
     strict: bool = False,
     allow_inf: bool = False,
     within: tuple[float, float] = (NEAREST, FARTHEST),
+    upper: float | None = None,
+    unit: str = "",
 ) -> float:
-    """Return a float with ``value >= lower``, or ``> lower`` if ``strict``.
+    """Return a float with ``value >= lower``, or ``> lower`` if ``strict``, and ``<= upper``.
 
     Positive numbers but inf are ``within`` a range, so that they can be squared and divided by.
+    An angle in ``unit`` degrees that looks like one in radians draws a warning.
     """
     try:
         if isinstance(value, str | bytes) or np.iscomplexobj(value) or value is np.ma.masked:
@@ -164,6 +172,14 @@ def as_number(
         sign = ">" if strict else ">="
         finite = "" if allow_inf else "finite and "
         raise ValueError(f"{name} must be {finite}{sign} {lower:g}, got {number:g}")
+    if upper is not None and number > upper:
+        raise ValueError(f"{name} must be at most {upper:g}{unit and ' '}{unit}, got {number:g}")
+    if unit == "degrees" and 0.0 < number <= _LARGEST_IN_RADIANS:
+        warn_caller(
+            f"{name} is in degrees, got {number:g}; if this is in radians, pass "
+            f"{np.degrees(number):.4g}",
+            UnitWarning,
+        )
     least, most = within
     if 0.0 < number < least:
         raise ValueError(f"{name} must be at least {least:g}, got {number:g}")
@@ -192,23 +208,17 @@ def as_slope(name: str, value: Any) -> float:
 
 def as_aspect(name: str, value: Any) -> float:
     """Return a ratio of sizes in different directions, which float64 resolves."""
-    return as_number(name, value, lower=1.0, within=(1.0, _LARGEST_ASPECT))
+    return as_number(name, value, lower=1.0, upper=1e15)
 
 
 def as_tolerance(name: str, value: Any) -> float:
     """Return a tolerance of the boundary: > 0 and at most 1, relative to the diagonal."""
-    tolerance = as_number(name, value, lower=0.0, strict=True)
-    if tolerance > 1.0:
-        raise ValueError(f"{name} must be at most 1 (of the diagonal), got {tolerance:g}")
-    return tolerance
+    return as_number(name, value, lower=0.0, strict=True, upper=1.0)
 
 
 def as_angle(name: str, value: Any) -> float:
     """Return an angle of 0 to 180 degrees."""
-    angle = as_number(name, value, lower=0.0)
-    if angle > 180.0:
-        raise ValueError(f"{name} must be at most 180 degrees, got {angle:g}")
-    return angle
+    return as_number(name, value, lower=0.0, upper=180.0, unit="degrees")
 
 
 def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
@@ -294,3 +304,12 @@ def describe(value: object) -> str:
     """Return a short text for an error message: the value, or its type if it is long."""
     text = repr(value)
     return text if len(text) <= 60 else f"{type(value).__name__} {text[:50]}..."
+
+
+def warn_caller(text: str, category: type[Warning]) -> None:
+    """Issue a warning for the line outside of this package from which it was called."""
+    package, level = os.path.dirname(__file__), 2
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_code.co_filename.startswith(package):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)

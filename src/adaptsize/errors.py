@@ -79,3 +79,7 @@ class OutsideWarning(UserWarning):
 
     It acts only on the closest part of it.
     """
+
+
+class UnitWarning(UserWarning):
+    """A value is allowed but looks like one in another unit, such as radians instead of degrees."""

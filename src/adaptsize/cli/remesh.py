@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.cli.steps import Steps
     from adaptsize.domain_size.report import SizeReport
-    from adaptsize.remeshing.driver import Target
     from adaptsize.reporting.outcome import Outcome
 
 #: Names of the parts of meshing by the texts of the generators' progress.
@@ -94,7 +93,7 @@ def _read(console: Console, options: Options) -> SimplexMesh:
     from adaptsize.remeshing.driver import check_backend
 
     mesh = read_mesh(options.file)
-    check_backend(mesh, cast("Target", options.target), options.backend)
+    check_backend(mesh, options.target, options.backend)
     if mesh.cell_dim < mesh.dim and options.target != "triangles":
         share = TOLERANCE if options.tolerance is None else options.tolerance
         mesh = _accepted(

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
-from typing import Literal, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_number, as_tolerance, describe, one_of
-from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
+from adaptsize._checks import describe
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.acceptance import warn_of_deviation
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
@@ -44,6 +45,9 @@ from adaptsize.remeshing.strict import remesh_strictly, routes
 from adaptsize.remeshing.tensors import as_metric_at, mean_size
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 #: If cells have a smaller dihedral angle in degrees, fTetWild is tried alone.
 _LEAST_ANGLE = 2.0
 
@@ -56,23 +60,15 @@ _SECONDS_PER_CELL = 1e-3
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
 
-Target = Literal["auto", "tetrahedra", "triangles"]
 
-
+@with_options(RemeshOptions)
 def remesh(
     mesh: SimplexMesh,
     size: SizeLike | Metric | MetricFunction,
     *,
-    target: Target = "auto",
-    backend: str = "auto",
-    g: float = GRADIENT_LIMIT,
-    hmax: float = np.inf,
-    tolerance: float = TOLERANCE,
     required_facets: npt.ArrayLike | None = None,
-    max_elements: float = 5_000_000,
-    timeout: float | None = 3600.0,
-    strict: bool = False,
     progress: ProgressCallback | bool | None = None,
+    **options: Unpack[RemeshOptions],
 ) -> SimplexMesh:
     """Return a new mesh of the same domain with the requested edge lengths.
 
@@ -89,39 +85,11 @@ def remesh(
 
         Or sizes that depend on the direction (Mmg only): a `Metric` at the nodes of ``mesh``, a
         `MetricFunction`, or a callable that returns a Metric.  Apply `limit_metric` first.
-    target : {"auto", "tetrahedra", "triangles"}
-        What to make from a surface in space: tetrahedra in the volume it encloses
-        (also with "auto"), or a new surface.
-    backend : {"auto", "tetwild", "mmg", "gmsh"}
-        The mesh generator.  "auto" selects Mmg if it is installed, otherwise fTetWild.  To fill
-        a surface, Mmg starts from a first mesh by Netgen if that is installed and can fill it,
-        otherwise by fTetWild.  If it has a dihedral angle below 2 degrees, fTetWild fills the
-        surface with the same sizes, and the mesh with the larger angle is returned.  "auto" never
-        selects Gmsh.
-    g : float, default 0.25
-        Gradient with which nodal sizes on a surface grow into the volume.  A SizeFunction on a
-        surface uses its own g, if it has one.
-    hmax : float
-        Upper limit of the sizes, including those that grow into a volume.
-    tolerance : float
-        Allowed distance of the new boundary from the old one, over the diagonal of the bounding
-        box; at most 1.  No generator guarantees it.  On 13 closed parts with the sizes of
-        `size_function`, the meshes on a first volume by Netgen kept it (scans: 1.4 times it),
-        those by fTetWild alone too (except for sizes above 1/12 of the diagonal), and the meshes
-        by Mmg on a first volume by fTetWild were up to 4 times as far.  Where larger sizes are
-        requested than the tolerance allows, Mmg makes smaller cells.  Open or self-intersecting
-        surfaces are closed by fTetWild and may deviate more.
     required_facets : array_like of int, shape (n, cell_dim), optional
         Facets of ``mesh`` that must not change (Mmg only).
-    max_elements : float
-        If the sizes require more elements than this, no generator is started.
-    timeout : float or None
-        Seconds after which the generators are stopped.  None disables the limit.
-    strict : bool
-        Whether the mesh must meet all demands of `check_mesh`, with the same tolerance.  If it
-        does not, smaller tolerances and other generators are tried.
     progress : callable, bool or None
         Called with a text and None while generators work.  True shows a progress bar.
+    **options
 
     Returns
     -------
@@ -164,6 +132,17 @@ def remesh(
     Guaranteed are the checks above, positive cells, and regions and tags.  Mmg keeps regions and
     tags exactly.  For fTetWild they are looked up in the old mesh, within the tolerance.
 
+    To fill a surface, Mmg starts from a first mesh by Netgen if that is installed and can fill it,
+    otherwise by fTetWild.  If it has a dihedral angle below 2 degrees, fTetWild fills the surface
+    with the same sizes, and the mesh with the larger angle is returned.
+
+    No generator guarantees the tolerance.  On 13 closed parts with the sizes of `size_function`,
+    the meshes on a first volume by Netgen kept it (scans: 1.4 times it), those by fTetWild alone
+    too (except for sizes above 1/12 of the diagonal), and the meshes by Mmg on a first volume by
+    fTetWild were up to 4 times as far.  Where larger sizes are requested than the tolerance
+    allows, Mmg makes smaller cells.  Open or self-intersecting surfaces are closed by fTetWild and
+    may deviate more.
+
     No generator guarantees that the edges have the requested lengths.  `size_conformity`
     measures how closely they do.  On CAD parts with sizes that the geometry allows, 89 to 93 %
     (Mmg) and 84 to 93 % (fTetWild) of the edges were within sqrt 2 of the size, with dihedral
@@ -201,30 +180,24 @@ def remesh(
     ...
     adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
-    task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
-    tolerance = as_tolerance("tolerance", tolerance)
-    limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
-    g = as_number("g", g, lower=0.0)
-    hmax = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
-    strict = as_flag("strict", strict)
-    if timeout is not None:
-        timeout = as_number("timeout", timeout, lower=0.0, strict=True)
-    metric = as_metric_at(size, mesh, hmax)
+    given = checked(RemeshOptions, options)
+    task, tolerance = _task(mesh, given["target"]), given["tolerance"]
+    metric = as_metric_at(size, mesh, given["hmax"])
     if metric is not None:
-        _check_metric(task, strict=strict)
+        _check_metric(task, strict=given["strict"])
     chosen = choose_backend(
-        backend, task, keep_facets=required_facets is not None, metric=metric is not None
+        given["backend"], task, keep_facets=required_facets is not None, metric=metric is not None
     )
     sizes = cast(SizeLike, size) if metric is None else mean_size(metric, mesh.cell_dim)
-    wanted = as_size(sizes, mesh, g=g, hmax=hmax)
+    wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
     repaired = repair_mesh(mesh)
-    if strict:
-        attempt = partial(
-            remesh, mesh, sizes, target=target, g=g, hmax=hmax, required_facets=required_facets,
-            max_elements=max_elements, progress=progress,
+    if given["strict"]:
+        attempt: Callable[..., SimplexMesh] = partial(
+            remesh, mesh, sizes, required_facets=required_facets, progress=progress,
+            **(given | RemeshOptions(strict=False)),
         )  # fmt: skip
-        ways = routes(task, backend, chosen.name, keep_facets=required_facets is not None)
-        return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, timeout)
+        ways = routes(task, given["backend"], chosen.name, keep_facets=required_facets is not None)
+        return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
     allowed = tolerance * repaired.mesh.diagonal
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
@@ -235,10 +208,11 @@ def remesh(
     if metric is not None:
         part = replace(part, problem=replace(part.problem, metric=frame.metric(metric)))
     n_cells = _estimate(part.problem)
-    refuse_too_many(n_cells, limit)
+    refuse_too_many(n_cells, given["max_elements"])
     longest = _LONGEST + _LONGEST_PER_CELL * n_cells
     part = replace(part, problem=replace(part.problem, seconds=longest))
     with reporting(progress) as report:
+        timeout = given["timeout"]
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
@@ -250,13 +224,12 @@ def remesh(
     return made
 
 
-def check_backend(mesh: SimplexMesh, target: Target = "auto", backend: str = "auto") -> None:
+def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto") -> None:
     """Raise at once what `remesh` would raise for a target or a backend that cannot be used.
 
     For callers that spend time on the sizes first.
     """
-    task = _task(mesh, one_of("target", target, ("auto", "tetrahedra", "triangles")))
-    choose_backend(backend, task, keep_facets=False)
+    choose_backend(backend, _task(mesh, target), keep_facets=False)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,677 @@
+"""The options of the public functions, each declared once: default, range, unit and text.
+
+A record is a `TypedDict` whose fields are annotated with an `Option`.  From it follow the check of
+what is given (`checked`), the signature and the docstring of the function (`with_options`), the
+options of the command line and of its files, and the test that wrong values are refused.  To add
+an option, declare it here and use it in the function.
+"""
+
+import inspect
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import cache
+from types import NoneType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypedDict,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_flag, as_number, as_whole_number, one_of, warn_caller
+from adaptsize._defaults import (
+    CORNER_ANGLE,
+    CREASE_ANGLE,
+    GRADIENT_LIMIT,
+    MAX_ELEMENTS,
+    METRIC_GRADIENT_LIMIT,
+    TOLERANCE,
+)
+from adaptsize.errors import UnitWarning
+from adaptsize.typing import GradientLimit
+
+F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
+
+_WIDTH = 96  # of a docstring
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """The declaration of an option.
+
+    What is not given here is that of the annotated type: whether None is allowed, and the choices
+    of a ``Literal``.  Values of other types than numbers, flags and choices are checked where they
+    are used.
+    """
+
+    default: Any
+    text: str
+    """What it is, in one sentence; also the help of the command line."""
+    details: str = ""
+    """Further sentences, for the docstring only."""
+    chosen: str = ""
+    """The default in words, if None stands for one that depends on the other arguments."""
+    unit: Literal["", "length", "degrees", "seconds", "pixels"] = ""
+    lower: float = 0.0
+    above: bool = False
+    """Whether ``lower`` itself is refused."""
+    upper: float | None = None
+    inf: bool = False
+    """Whether inf is allowed."""
+    unusual: float | None = None
+    """From this value on, a gradient draws a warning: it looks like a percentage."""
+    type_text: str = ""
+    """The type in words, if it is not a number, a flag or one of some choices."""
+    flag: str = ""
+    """The name on the command line, if it is not that of the field."""
+    short: str = ""
+    """Its short name there."""
+    # The following are those of the field, set by `options_of`.
+    name: str = ""
+    type: Any = None
+    """Without None."""
+    optional: bool = False
+    """Whether None is allowed."""
+    group: str = ""
+    """Title of the record that declares it."""
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Names on the command line, the short one first."""
+        long = self.flag or "--" + self.name.replace("_", "-")
+        return (self.short, long) if self.short else (long,)
+
+    @property
+    def metavar(self) -> str:
+        """What stands for the value on the command line."""
+        if self.unit:
+            return self.unit.upper()
+        return "NUMBER" if self.type in (float, int) else "NAME"
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The values of a ``Literal``, else none."""
+        return get_args(self.type) if get_origin(self.type) is Literal else ()
+
+    @property
+    def help(self) -> str:
+        """The text with the default, for the command line."""
+        if self.type is bool:
+            return self.text
+        default = self.chosen or ("none" if self.default is None else f"{self.default}")
+        return f"{self.text}  [default: {default.removesuffix('.0')}]"
+
+    def check(self, value: Any) -> Any:
+        """Return a value in the type of the option, after checking it."""
+        if value is None and self.optional:
+            return None
+        if self.type is bool:
+            return as_flag(self.name, value)
+        if self.choices:
+            return one_of(self.name, value, self.choices)
+        if self.type is int:
+            upper = 2**53 if self.upper is None else int(self.upper)
+            return as_whole_number(self.name, value, lower=int(self.lower), upper=upper)
+        if self.type is float:
+            unit = self.unit if self.unit == "degrees" else ""
+            value = as_number(
+                self.name, value, lower=self.lower, strict=self.above, allow_inf=self.inf,
+                upper=self.upper, unit=unit,
+            )  # fmt: skip
+        if self.unusual is not None and isinstance(value, float | int) and value >= self.unusual:
+            warn_caller(
+                f"{self.name} = {value:g} hardly limits anything: it is a gradient, not a "
+                "percentage; 0.25 lets neighbouring edges differ by about a quarter",
+                UnitWarning,
+            )
+        return value
+
+    def as_parameter(self) -> inspect.Parameter:
+        """Return the parameter of a function."""
+        kind = self.type | None if self.optional else self.type
+        return inspect.Parameter(
+            self.name, inspect.Parameter.KEYWORD_ONLY, default=self.default, annotation=kind
+        )
+
+    def as_doc(self, indent: str) -> str:
+        """Return the entry of the option in a docstring."""
+        listed = ", ".join(f'"{choice}"' for choice in self.choices)
+        kind = self.type_text or (f"{{{listed}}}" if listed else self.type.__name__)
+        default = "optional" if self.default is None else f"default {self.default}"
+        if isinstance(self.default, float):
+            default = f"default {self.default:.10g}"
+        chosen = f"The default is {self.chosen}." if self.chosen else ""
+        text = "  ".join(part for part in (self.text, self.details, chosen) if part)
+        lines = textwrap.wrap(text, _WIDTH - len(indent) - 4, fix_sentence_endings=True)
+        return "\n".join(
+            [f"{indent}{self.name} : {kind}, {default}", *(f"{indent}    {x}" for x in lines)]
+        )
+
+
+class SizeOptions(TypedDict, total=False):
+    """Sizes."""
+
+    elements_per_radian: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="4",
+            short="-K",
+            text="Elements per radian of curved boundaries; 0 disables this bound.",
+            details="See `size_from_curvature`.  In a mesh that carries its own sizes, also of "
+            "curved interfaces and of tagged facets inside.",
+        ),
+    ]
+    elements_across: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="2",
+            text="Elements across narrow regions; 0 disables this bound.",
+            details="See `size_from_feature`.  In a mesh that carries its own sizes, each region "
+            "(``cell_tags``) counts separately.",
+        ),
+    ]
+    elements_between: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="1, or 0 on rough surfaces",
+            text="Elements between features of the boundary that are close and do not meet; 0 "
+            "disables this bound.",
+            details="See `size_from_separation`.  It has no effect on functions, images and level "
+            "sets.",
+        ),
+    ]
+    g: Annotated[
+        float,
+        Option(
+            default=GRADIENT_LIMIT,
+            flag="--gradient",
+            short="-g",
+            unusual=5.0,
+            text="Gradient limit: growth of the size per length.",
+        ),
+    ]
+    hmin: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="1/1000 of the diameter of the domain, at least one spacing of a level set and "
+            "two pixels",
+            unit="length",
+            above=True,
+            text="Smallest size, in the unit of the coordinates.",
+        ),
+    ]
+    hmax: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="1/20 of the diameter of the domain",
+            unit="length",
+            above=True,
+            text="Largest size, in the unit of the coordinates.",
+        ),
+    ]
+    crease_angle: Annotated[
+        float,
+        Option(
+            default=CREASE_ANGLE,
+            unit="degrees",
+            upper=180.0,
+            text="Angle above which an edge is a feature edge, not curvature.",
+        ),
+    ]
+    tolerance: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="1e-3, or more where the number of elements requires it",
+            above=True,
+            inf=True,
+            text="Allowed distance of the boundary of the mesh from that of the domain, over the "
+            "diameter.",
+            details="Sizes on boundaries of radius r are at most 2 sqrt(tolerance * diameter * r), "
+            "if the mesh or the surface itself carries the sizes.  inf disables this bound.",
+        ),
+    ]
+
+
+class NumberOptions(TypedDict, total=False):
+    """Number of elements."""
+
+    elements: Annotated[
+        float | None,
+        Option(
+            default=None,
+            lower=1.0,
+            text="Requested number of elements of the mesh.",
+        ),
+    ]
+    nodes: Annotated[
+        float | None,
+        Option(default=None, lower=1.0, text="Requested number of nodes, instead."),
+    ]
+
+
+class BudgetOptions(NumberOptions, total=False):
+    """Number of elements."""
+
+    max_elements: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen=f"{MAX_ELEMENTS:.0f}",
+            lower=1.0,
+            inf=True,
+            text="Parameters that are not given are relaxed until the mesh has about this many "
+            "elements; inf disables this.",
+        ),
+    ]
+
+
+class ImageOptions(TypedDict, total=False):
+    """Image."""
+
+    spacing: Annotated[
+        npt.ArrayLike | None,
+        Option(
+            default=None,
+            chosen="that of the image, 1 for arrays",
+            type_text="float or array_like of float, shape (dim,)",
+            text="Size of a pixel, in the unit of the coordinates.",
+        ),
+    ]
+    label: Annotated[
+        int | Sequence[int] | None,
+        Option(
+            default=None,
+            chosen="all but 0",
+            type_text="int or sequence of int",
+            text="Labels of the objects in an image.",
+        ),
+    ]
+    threshold: Annotated[
+        float | None,
+        Option(
+            default=None,
+            lower=-float("inf"),
+            text="Pixels with larger values belong to the objects, instead of labels.",
+        ),
+    ]
+    smoothing: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="2",
+            unit="pixels",
+            upper=1000.0,
+            text="Standard deviation of the low-pass filter of the mask.",
+            details="A value of 2 removes ripples of the boundary, lines of up to 2 pixels, and "
+            "specks of up to 3 x 3 pixels.",
+        ),
+    ]
+
+
+class GeneratorOptions(TypedDict, total=False):
+    """Mesh generator."""
+
+    backend: Annotated[
+        str,
+        Option(
+            default="auto",
+            text="Mesh generator: auto, tetwild, mmg or gmsh.",
+            details='"auto" selects Mmg if it is installed, otherwise fTetWild, and never Gmsh.',
+        ),
+    ]
+    timeout: Annotated[
+        float | None,
+        Option(
+            default=3600.0,
+            unit="seconds",
+            above=True,
+            text="Time limit of the mesh generators.",
+            details="None disables it.",
+        ),
+    ]
+
+
+class LimitOptions(TypedDict, total=False):
+    """Number of elements."""
+
+    max_elements: Annotated[
+        float,
+        Option(
+            default=5e6,
+            lower=1.0,
+            inf=True,
+            text="If the sizes require more elements than this, no mesh is made.",
+        ),
+    ]
+
+
+class MeshOptions(GeneratorOptions, total=False):
+    """Mesh generator."""
+
+    target: Annotated[
+        Literal["auto", "tetrahedra", "triangles"],
+        Option(
+            default="auto",
+            text="Cells to make from a surface: auto, tetrahedra or triangles.",
+            details='"auto" fills it with tetrahedra.',
+        ),
+    ]
+    strict: Annotated[
+        bool,
+        Option(
+            default=False,
+            text="Whether the mesh must meet all demands of `check_mesh`.",
+            details="If it does not, smaller tolerances and other generators are tried.",
+        ),
+    ]
+
+
+class RemeshOptions(MeshOptions, LimitOptions, total=False):
+    """Remeshing."""
+
+    g: Annotated[
+        float,
+        Option(
+            default=GRADIENT_LIMIT,
+            unusual=5.0,
+            flag="--gradient",
+            short="-g",
+            text="Gradient with which nodal sizes on a surface grow into the volume.",
+            details="A SizeFunction on a surface uses its own g, if it has one.",
+        ),
+    ]
+    hmax: Annotated[
+        float,
+        Option(
+            default=float("inf"),
+            unit="length",
+            above=True,
+            inf=True,
+            text="Upper limit of the sizes, including those that grow into a volume.",
+        ),
+    ]
+    tolerance: Annotated[
+        float,
+        Option(
+            default=TOLERANCE,
+            above=True,
+            upper=1.0,
+            text="Allowed distance of the new boundary from the old one, over the diagonal.",
+        ),
+    ]
+
+
+class DistanceOptions(LimitOptions, total=False):
+    """Mesh from a distance."""
+
+    clip: Annotated[
+        bool,
+        Option(
+            default=False,
+            text="Whether the domain may extend beyond the box.",
+            details="It is then cut off there.",
+        ),
+    ]
+    seed: Annotated[
+        int | np.random.Generator,
+        Option(
+            default=2004,
+            type_text="int or numpy.random.Generator",
+            text="Seed of the random initial points.",
+            details="The same seed gives the same mesh on the same machine.",
+        ),
+    ]
+    max_iter: Annotated[
+        int,
+        Option(default=150, lower=1.0, text="Maximum number of smoothing steps."),
+    ]
+
+
+class SizeFunctionOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
+    """Size function."""
+
+
+class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
+    """Mesh of an image."""
+
+    seed: Annotated[
+        int,
+        Option(default=2004, text="Seed of the random initial points."),
+    ]
+
+
+class RemeshToElementsOptions(SizeOptions, BudgetOptions, MeshOptions, total=False):
+    """Mesh with a number of elements."""
+
+
+class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, total=False):
+    """Adaptation."""
+
+    tolerance: Annotated[
+        float | None,
+        Option(
+            default=None,
+            above=True,
+            text="Target for the total error, the root of the sum of the squares.",
+            details="The sizes are computed for 0.95 of it.",
+        ),
+    ]
+    order: Annotated[
+        float,
+        Option(
+            default=1.0,
+            above=True,
+            text="The error is proportional to this power of the size.",
+            details="See `size_from_error`.",
+        ),
+    ]
+    g: Annotated[
+        GradientLimit | Literal["auto"] | None,
+        Option(
+            default="auto",
+            unusual=5.0,
+            type_text='float, array_like, callable, tuple, "auto" or None',
+            flag="--gradient",
+            short="-g",
+            text="Gradient limit, as in `limit_gradient`; None disables it.",
+            details=f'"auto" is {GRADIENT_LIMIT:g}, and {METRIC_GRADIENT_LIMIT:g} for metrics.',
+        ),
+    ]
+    hmin: Annotated[
+        float | None,
+        Option(default=None, unit="length", above=True, text="Smallest size."),
+    ]
+    hmax: Annotated[
+        float | None,
+        Option(default=None, unit="length", above=True, text="Largest size."),
+    ]
+    max_refine: Annotated[
+        float,
+        Option(
+            default=4.0,
+            lower=1.0,
+            text="Largest factor by which ``indicator`` reduces the size.",
+        ),
+    ]
+    max_coarsen: Annotated[
+        float,
+        Option(
+            default=2.0,
+            lower=1.0,
+            inf=True,
+            text="Largest factor by which ``indicator`` increases the size.",
+        ),
+    ]
+    boundary_tolerance: Annotated[
+        float,
+        Option(
+            default=TOLERANCE,
+            above=True,
+            upper=1.0,
+            text="Allowed distance of the new boundary from the old one, over the diagonal; see "
+            "`remesh`.",
+            details="In space, unless Gmsh makes the mesh, it bounds the sizes at curved "
+            "boundaries as in `size_function`.",
+        ),
+    ]
+    enough: Annotated[
+        float,
+        Option(
+            default=0.85,
+            text="The mesh is kept if it already has this share of the next mesh.",
+            details="The share is that of edges within sqrt 2 of the new sizes, each weighted by "
+            "the cells that replace it.  Besides, no edge may be 3 times too long, the number of "
+            "cells would change by less than 15 %, and the tolerance does not need more cells.  A "
+            "value above 1 always makes a new mesh.",
+        ),
+    ]
+    coarsen_converged: Annotated[
+        bool,
+        Option(
+            default=False,
+            text="Whether to remesh, and coarsen where possible, if the error is within the "
+            "tolerance.",
+        ),
+    ]
+    corner_angle: Annotated[
+        float,
+        Option(
+            default=CORNER_ANGLE,
+            unit="degrees",
+            text="Angle between two boundary facets from which on ``project`` does not move their "
+            "common nodes.",
+        ),
+    ]
+    conservative: Annotated[
+        bool,
+        Option(
+            default=True,
+            text="How cell fields are transferred, see `FieldTransfer.cells`.",
+            details="False for triangles in space.",
+        ),
+    ]
+    keep_integral: Annotated[
+        bool,
+        Option(default=False, text="Whether the transfer preserves the integrals of cell fields."),
+    ]
+    anisotropic: Annotated[
+        bool | str | Sequence[str],
+        Option(
+            default=False,
+            type_text="bool, str or sequence of str",
+            text="Whether sizes depend on the direction (Mmg only), such that linear elements "
+            "interpolate these nodal ``fields`` best: all, or those named.",
+            details="See `metric_from_hessian`.  Requires ``elements``, ``nodes``, or "
+            "``tolerance`` for the error of interpolation.",
+        ),
+    ]
+    norm: Annotated[
+        float,
+        Option(default=2.0, lower=1.0, inf=True, text="Norm of that error."),
+    ]
+    max_aspect: Annotated[
+        float,
+        Option(default=1000.0, lower=1.0, upper=1e15, text="Limit of the aspect ratio then."),
+    ]
+
+
+@cache
+def options_of(record: type) -> Mapping[str, Option]:
+    """Return the options of a record by their names, in the order of the declaration."""
+    options = {}
+    for name, kind in get_type_hints(record, include_extras=True).items():
+        types, option = get_args(kind)
+        members = get_args(types)
+        optional = NoneType in members
+        if optional:
+            rest = tuple(member for member in members if member is not NoneType)
+            types = rest[0] if len(rest) == 1 else types
+        options[name] = replace(
+            option, name=name, type=types, optional=optional, group=_group_of(name, option)
+        )
+    return options
+
+
+def _group_of(name: str, option: Option) -> str:
+    """Return the title of the first record with an option."""
+    for record in _GROUPS:
+        kind = record.__annotations__.get(name)
+        if kind is not None and option in get_args(kind):
+            return (record.__doc__ or "").split(".", maxsplit=1)[0]
+    return "Options"
+
+
+#: Records that declare options; their titles are those of the groups on the command line.
+_GROUPS: tuple[type, ...] = (
+    SizeOptions,
+    BudgetOptions,
+    ImageOptions,
+    LimitOptions,
+    MeshOptions,
+    RemeshOptions,
+    DistanceOptions,
+    ImageMeshOptions,
+    AdaptOptions,
+)
+
+
+def checked(record: type[R], given: Mapping[str, Any]) -> R:
+    """Return the options of a record, checked; those that are not given have their defaults.
+
+    Raises
+    ------
+    TypeError
+        If the record has no option of a given name.  The message has the closest name.
+    ValueError
+        If a value is out of range.
+    """
+    options = options_of(record)  # type: ignore[arg-type]
+    for name in given:
+        if name not in options:
+            close = get_close_matches(name, options, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(options)}"
+            raise TypeError(f"unexpected option {name!r}: {hint}")
+    values = {
+        name: option.check(given.get(name, option.default)) for name, option in options.items()
+    }
+    return cast(R, values)
+
+
+def with_options(record: type) -> Callable[[F], F]:
+    """Return a decorator that gives a function with ``**options`` the signature of a record.
+
+    The line ``**options`` of its docstring is replaced by the entries of the options.
+    """
+
+    def decorate(function: F) -> F:
+        options = options_of(record)
+        signature = inspect.signature(function)
+        kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        added = [option.as_parameter() for option in options.values()]
+        function.__signature__ = signature.replace(parameters=[*kept, *added])  # type: ignore[attr-defined]
+        lines = (function.__doc__ or "").split("\n")
+        for number, line in enumerate(lines):
+            if line.strip() == "**options":
+                indent = line[: len(line) - len(line.lstrip())]
+                lines[number] = "\n".join(option.as_doc(indent) for option in options.values())
+        function.__doc__ = "\n".join(lines)
+        return function
+
+    return decorate

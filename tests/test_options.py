@@ -1,0 +1,70 @@
+"""The records of options: defaults, checks, signatures and docstrings that follow from them."""
+
+import inspect
+import math
+import re
+
+import pytest
+
+import adaptsize as ads
+from adaptsize import options as records
+from adaptsize.errors import UnitWarning
+from adaptsize.options import AdaptOptions, RemeshOptions, SizeFunctionOptions, checked, options_of
+
+
+def test_what_is_not_given_has_its_default():
+    options = checked(RemeshOptions, {"backend": "mmg", "hmax": 3})
+    assert options["backend"] == "mmg"
+    assert options["hmax"] == 3.0
+    assert isinstance(options["hmax"], float)
+    assert options["timeout"] == 3600.0
+    assert options.keys() == options_of(RemeshOptions).keys()
+
+
+@pytest.mark.parametrize(
+    ("name", "closest"),
+    [("elemnts", "elements"), ("creaseangle", "crease_angle"), ("Hmin", "hmin")],
+)
+def test_an_unknown_name_is_refused_with_the_closest_one(name, closest):
+    with pytest.raises(TypeError, match=f"unexpected option '{name}': did you mean '{closest}'?"):
+        checked(SizeFunctionOptions, {name: 1})
+
+
+def test_an_unknown_name_that_is_like_no_other_is_refused_with_all():
+    with pytest.raises(TypeError, match="unexpected option 'xyz': there are backend, timeout, "):
+        checked(RemeshOptions, {"xyz": 1})
+
+
+@pytest.mark.parametrize("name", ["crease_angle"])
+def test_an_angle_in_radians_draws_a_warning_that_gives_degrees(name):
+    with pytest.warns(UnitWarning, match=r"is in degrees, got 0.7; .* pass 40.11"):
+        checked(SizeFunctionOptions, {name: 0.7})
+
+
+def test_a_gradient_limit_in_per_cent_draws_a_warning():
+    with pytest.warns(UnitWarning, match=re.escape("g = 25 hardly limits anything")):
+        checked(AdaptOptions, {"g": 25})
+
+
+def test_the_signature_shows_the_options():
+    parameters = inspect.signature(ads.remesh).parameters
+    assert parameters["tolerance"].default == 1e-3
+    assert parameters["timeout"].annotation == float | None
+    assert parameters["hmax"].default == math.inf
+    assert "options" not in parameters
+
+
+def test_the_docstring_lists_each_option_once():
+    lines = (ads.remesh.__doc__ or "").split("\n")
+    for name in options_of(RemeshOptions):
+        assert sum(line.startswith(f"    {name} : ") for line in lines) == 1
+
+
+def test_every_option_is_a_sentence_with_a_type_and_belongs_to_a_group():
+    classes = [c for c in vars(records).values() if isinstance(c, type) and hasattr(c, "__total__")]
+    for record in classes:
+        for name, option in options_of(record).items():
+            assert option.text[0].isupper(), name
+            assert option.text.endswith("."), name
+            assert option.group != "Options", name
+            assert len(option.as_doc("    ").split("\n")) > 1
