@@ -11,12 +11,11 @@ from adaptsize import SimplexMesh, remesh, size_conformity, size_function
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
 from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.quality import minimum_angles
-from adaptsize.remeshing import driver, first_volume, mmg, netgen, slivers
+from adaptsize.remeshing import driver, first_volume, mmg, netgen
+from adaptsize.remeshing.first_volume import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
-from adaptsize.remeshing.mmg_surface import adapt_surface
-from adaptsize.remeshing.slivers import remove_slivers
-from adaptsize.remeshing.surface import refine_surface
+from adaptsize.remeshing.surface import _with_flipped_caps, refine_surface, remove_slivers
 
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
@@ -274,7 +273,7 @@ def test_caps_are_not_flipped_to_and_fro():
     points = [[0, 0, 0], [1, 0, 0], [0.5, 1e-4, 0], [0.5, -1e-4, 0], [0.5, 0, 1], [0.5, 0, -1]]
     cells = [[0, 1, 2], [1, 0, 3], [0, 2, 4], [2, 1, 4], [1, 5, 0][::-1], [0, 3, 5][::-1]]
     mesh = SimplexMesh(points, cells)
-    flipped = slivers._with_flipped_caps(mesh, 1e-3)
+    flipped = _with_flipped_caps(mesh, 1e-3)
     assert flipped is mesh
 
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shapes import block, two_region_block
 
 from adaptsize import SimplexMesh, remesh
-from adaptsize.remeshing.frame import Frame
+from adaptsize.remeshing.preparation import Frame
 
 
 def moved(mesh, scale=1.0, offset=0.0):

@@ -8,7 +8,7 @@ import pytest
 from adaptsize import SimplexMesh, size_function
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.remeshing import near_bodies, overlapping_bodies
-from adaptsize.remeshing.open_surface import warn_of_surface
+from adaptsize.remeshing.surface_checks import warn_of_surface
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 CUBE = np.array([

@@ -8,8 +8,8 @@ from shapes import block
 from adaptsize import check_mesh
 from adaptsize.errors import MeshingError, ResolutionWarning
 from adaptsize.remeshing import register_backend, registry, remesh
+from adaptsize.remeshing.acceptance import routes
 from adaptsize.remeshing.protocol import RawMesh
-from adaptsize.remeshing.strict import routes
 
 CUBE = block(2)
 

@@ -212,8 +212,7 @@ def _accepted(
         this is ``strict``.
     """
     from adaptsize.remeshing.hole_filling import close_holes
-    from adaptsize.remeshing.open_surface import near_bodies, open_boundary
-    from adaptsize.remeshing.overlaps import overlapping_bodies
+    from adaptsize.remeshing.surface_checks import near_bodies, open_boundary, overlapping_bodies
 
     holes = open_boundary(mesh, tolerance)
     if close and holes is not None:

@@ -23,7 +23,7 @@ from adaptsize.geometry.folds import folds_of
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
 from adaptsize.remeshing.estimate import InsideSamples
-from adaptsize.remeshing.overlaps import overlapping_bodies
+from adaptsize.remeshing.surface_checks import overlapping_bodies
 from adaptsize.sizes.chords import radius_at_curves
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 

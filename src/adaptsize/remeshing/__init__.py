@@ -15,14 +15,14 @@ _HOMES = {
     "Problem": "protocol",
     "estimate_n_cells": "estimate",
     "close_holes": "hole_filling",
-    "open_boundary": "open_surface",
-    "OpenBoundary": "open_surface",
-    "near_bodies": "open_surface",
-    "NearBodies": "open_surface",
-    "overlapping_bodies": "overlaps",
-    "OverlappingBodies": "overlaps",
+    "open_boundary": "surface_checks",
+    "OpenBoundary": "surface_checks",
+    "near_bodies": "surface_checks",
+    "NearBodies": "surface_checks",
+    "overlapping_bodies": "surface_checks",
+    "OverlappingBodies": "surface_checks",
     "mesh_from_distance": "distmesh.from_distance",
-    "SmoothingReport": "distmesh.from_distance",
+    "SmoothingReport": "distmesh.report",
 }
 
 __all__ = [*_HOMES]  # noqa: PLE0604 - the keys are strings

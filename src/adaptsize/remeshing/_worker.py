@@ -1,8 +1,11 @@
-"""The job of a child process: read job.npz and job.json, call the function, write result.npz."""
+"""The child process of a generator: run a function of arrays, limit the processor time."""
 
 import json
+import math
 import os
+import time
 from importlib import import_module
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -23,3 +26,18 @@ def main() -> int:
     np.savez("unfinished.npz", **result)
     os.replace("unfinished.npz", "result.npz")
     return 0
+
+
+def limit_processor_time(seconds: float) -> None:
+    """Have the system end this process after so many more seconds of processor time.
+
+    Windows has no such limit.
+    """
+    if find_spec("resource") is None:
+        return
+    import resource
+
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    used = time.process_time()
+    limit = math.ceil(used + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))

@@ -19,30 +19,30 @@ from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality import minimum_angles
-from adaptsize.remeshing.acceptance import warn_of_deviation
+from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.first_volume import FirstVolume, first_volume
-from adaptsize.remeshing.frame import Frame
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.open_surface import warn_of_surface
 from adaptsize.remeshing.preparation import (
     Facets,
+    Frame,
     as_required,
     collect_facets,
     number_regions,
     repair_mesh,
+    restore,
 )
 from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Task
 from adaptsize.remeshing.registry import backend_named, choose_backend
-from adaptsize.remeshing.restoration import restore
 from adaptsize.remeshing.sizing import (
     Size,
     SizeLike,
+    as_metric_at,
     as_size,
     known_points,
+    mean_size,
 )
-from adaptsize.remeshing.strict import remesh_strictly, routes
-from adaptsize.remeshing.tensors import as_metric_at, mean_size
+from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:

@@ -28,13 +28,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
-from adaptsize.remeshing.processor_time import limit_processor_time
+from adaptsize.remeshing._worker import limit_processor_time
 from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
-    from adaptsize.remeshing.sizing import Size
-    from adaptsize.remeshing.tensors import MetricAt
+    from adaptsize.remeshing.sizing import MetricAt, Size
 
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
@@ -179,7 +178,7 @@ def run_adapt(
 
 def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
     """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
-    from adaptsize.remeshing.tensors import upper_triangles
+    from adaptsize.remeshing.sizing import upper_triangles
 
     assert problem.size is not None
     if problem.metric is None:

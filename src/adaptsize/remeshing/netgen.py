@@ -24,8 +24,8 @@ import numpy.typing as npt
 
 from adaptsize.errors import BackendError
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
+from adaptsize.remeshing._worker import limit_processor_time
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.processor_time import limit_processor_time
 from adaptsize.remeshing.protocol import RawMesh
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:  # the child processes do not need the mesh classes
     from adaptsize.background import SimplexMesh
-    from adaptsize.remeshing.tensors import MetricAt
+    from adaptsize.remeshing.sizing import MetricAt
 
 #: The task: fill a surface with tetrahedra, or remesh with the same kind of cells.
 Task: TypeAlias = Literal["surface to tetrahedra", "tetrahedra", "plane triangles", "surface"]

@@ -11,17 +11,18 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_matrix, csr_matrix
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.splitting import halved_edges, split_edges
-from adaptsize.background.topology import are_among, is_tagged, renumbered_edges
+from adaptsize.background.topology import are_among, is_tagged, pairs_of_cells, renumbered_edges
 from adaptsize.geometry.faces import normals_of, sharp_facets
 from adaptsize.geometry.folds import folds_of
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.sizing import Size
-from adaptsize.remeshing.slivers import remove_slivers
-from adaptsize.typing import IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Edges are divided until they are not longer than this many sizes ...
 _EDGE_OVER_SIZE = 4.0
@@ -133,3 +134,200 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
     crowded = np.zeros(len(mesh.edges), bool)
     crowded[mesh.cell_facets[narrow & on_ridge[mesh.cells]]] = True
     return mesh.edges[sharp | (kept_now & ~crowded)]
+
+
+#: Triangles that keep their height may turn by no more than the angle of this cosine.
+_LEAST_COSINE = 0.5
+_MAX_ROUNDS = 30
+
+
+def remove_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntArray]:
+    """Return the surface without triangles of less height, where that is possible.
+
+    CAD exports have gaps and strips of rounding width.  Between two feature edges so close,
+    all tetrahedra are flat.  Edges shorter than ``height`` are collapsed, and a node that is
+    closer to the opposite edge of its triangle than that gets connected across that edge.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        A closed surface.
+    height : float
+        In the unit of the coordinates.  The surface moves by less than this in each step.
+
+    Returns
+    -------
+    SimplexMesh
+        A surface of the same topology, on some of the nodes.  A triangle stays if its removal
+        would join distant triangles or turn one over.  Data and facet tags are dropped; cell
+        tags are kept.
+    int32[n]
+        The new node for each node of ``mesh``.
+
+    Examples
+    --------
+    >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1e-6, 0, 0]]
+    >>> cells = [[0, 2, 4], [4, 2, 1], [0, 4, 3], [4, 1, 3], [0, 3, 2], [1, 2, 3]]
+    >>> mesh, new_node = remove_slivers(SimplexMesh(points, cells), 1e-3)
+    >>> mesh.cells.tolist(), new_node.tolist()
+    ([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], [0, 1, 2, 3, 0])
+    """
+    new_node = np.arange(mesh.n_points, dtype=np.int32)
+    for _ in range(_MAX_ROUNDS):
+        ends = _collapsible(mesh, height)
+        if len(ends):
+            mesh, step = _collapsed(mesh, ends)
+            new_node = step[new_node]
+        flipped = _with_flipped_caps(mesh, height)
+        if len(ends) == 0 and flipped is mesh:
+            break
+        mesh = flipped
+    return mesh, new_node
+
+
+def _collapsible(mesh: SimplexMesh, length: float) -> IntArray:
+    """Return edges to collapse, the node that stays first, far enough from each other."""
+    short = np.flatnonzero(mesh.edge_lengths < length)
+    ends = _oriented(mesh, mesh.edges[short])
+    good = _keeps_topology(mesh, ends) & _keeps_orientation(mesh, ends, length)
+    return ends[good][_independent(mesh, ends[good], mesh.edge_lengths[short[good]])]
+
+
+def _collapsed(mesh: SimplexMesh, ends: IntArray) -> tuple[SimplexMesh, IntArray]:
+    target = np.arange(mesh.n_points)
+    target[ends[:, 1]] = ends[:, 0]
+    cells = target[mesh.cells]
+    ordered = np.sort(cells, axis=1)
+    left = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
+    nodes, local = np.unique(cells[left], return_inverse=True)
+    number = np.full(mesh.n_points, -1, np.int32)
+    number[nodes] = np.arange(len(nodes))
+    tags = None if mesh.cell_tags is None else mesh.cell_tags[left]
+    cells = local.reshape(-1, 3).astype(np.int32)
+    smaller = SimplexMesh(mesh.points[nodes], cells, cell_tags=tags, tag_names=mesh.tag_names)
+    return smaller, number[target]
+
+
+def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:
+    """Flip the longest edges of triangles with a node closer to it than ``height``.
+
+    Returns
+    -------
+    SimplexMesh
+        The same object if there is none.
+    """
+    corners = mesh.points[mesh.cells]
+    sides = np.linalg.norm(np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1), axis=2)
+    apex = sides.argmax(axis=1)
+    thin = np.flatnonzero((_heights(corners) < height) & (sides.min(axis=1) >= height))
+    edges = mesh.cell_facets[thin, apex[thin]]
+    chosen = np.zeros(len(mesh.edges), bool)
+    chosen[edges] = True
+    chosen &= mesh.facet_cell_counts == 2
+    places = pairs_of_cells(mesh, chosen)
+    cells, turn = np.divmod(places, 3)
+    around = (turn[:, :, None] + np.arange(3)) % 3
+    (c, p, q), (d, _, _) = (mesh.cells[cells[:, i, None], around[:, i]].T for i in (0, 1))
+    before = _normals(mesh.points[mesh.cells])
+    good = c != d
+    least = _heights(corners[cells].reshape(-1, 3, 3)).reshape(-1, 2).min(axis=1)
+    for new in ((c, p, d), (c, d, q)):
+        flipped = mesh.points[np.column_stack(new)]
+        good &= _heights(flipped) > least  # otherwise the same edges would be flipped back
+        normal = _normals(flipped)
+        for side in (0, 1):
+            matters = _heights(corners[cells[:, side]]) >= height
+            cosine = np.einsum("ij,ij->i", normal, before[cells[:, side]])
+            good &= ~matters | (cosine > _LEAST_COSINE)
+    good &= ~are_among(np.sort(np.column_stack([c, d]), axis=1), mesh.edges)
+    numbers = np.flatnonzero(good)
+    rank = np.arange(len(numbers))
+    best = np.full(mesh.n_points, len(numbers), np.int64)
+    quads = np.column_stack([c, p, d, q])[numbers]
+    for k in range(4):
+        np.minimum.at(best, quads[:, k], rank)
+    done = numbers[(best[quads] == rank[:, None]).all(axis=1)]
+    if len(done) == 0:
+        return mesh
+    new_cells = np.array(mesh.cells)
+    new_cells[cells[done, 0]] = np.column_stack([c, p, d])[done]
+    new_cells[cells[done, 1]] = np.column_stack([c, d, q])[done]
+    return SimplexMesh(mesh.points, new_cells, cell_tags=mesh.cell_tags, tag_names=mesh.tag_names)
+
+
+def _oriented(mesh: SimplexMesh, edges: IntArray) -> IntArray:
+    """Return the edges with the node first that stays: the one where the surface turns most."""
+    normals = _normals(mesh.points[mesh.cells])
+    total = np.zeros((mesh.n_points, 3))
+    count = np.zeros(mesh.n_points)
+    for k in range(3):
+        np.add.at(total, mesh.cells[:, k], normals)
+        np.add.at(count, mesh.cells[:, k], 1.0)
+    agreement = np.linalg.norm(total, axis=1) / np.maximum(count, 1.0)
+    turned = agreement[edges[:, 1]] < agreement[edges[:, 0]]
+    edges = edges.copy()
+    edges[turned] = edges[turned, ::-1]
+    return edges
+
+
+def _normals(corners: FloatArray) -> FloatArray:
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    return np.asarray(normals / np.maximum(lengths, np.finfo(float).tiny)[:, None])
+
+
+def _keeps_topology(mesh: SimplexMesh, ends: IntArray) -> BoolArray:
+    """Whether the ends of each edge have exactly two neighbours in common."""
+    first, second = mesh.edges.T
+    ones = np.ones(2 * len(first), np.int32)
+    rows, columns = np.concatenate([first, second]), np.concatenate([second, first])
+    near: csr_matrix = coo_matrix((ones, (rows, columns)), (mesh.n_points,) * 2).tocsr()
+    common = near[ends[:, 0]].multiply(near[ends[:, 1]]).sum(axis=1)
+    return np.asarray(np.ravel(common) == 2)
+
+
+def _keeps_orientation(mesh: SimplexMesh, ends: IntArray, length: float) -> BoolArray:
+    """Whether no triangle turns far if the second node moves to the first.
+
+    Triangles of less height than ``length`` do not count: their normals mean nothing.
+    """
+    good = np.ones(len(ends), bool)
+    if len(ends) == 0:
+        return good
+    edge_of = np.full(mesh.n_points, -1, np.intp)
+    edge_of[ends[:, 1]] = np.arange(len(ends))  # one of those that end here; others come later
+    good &= edge_of[ends[:, 1]] == np.arange(len(ends))
+    for k in range(3):
+        cells = np.flatnonzero(edge_of[mesh.cells[:, k]] >= 0)
+        edge = edge_of[mesh.cells[cells, k]]
+        inside = (mesh.cells[cells] == ends[edge, :1]).any(axis=1)
+        cells, edge = cells[~inside], edge[~inside]
+        corners = mesh.points[mesh.cells[cells]]
+        moved = corners.copy()
+        moved[:, k] = mesh.points[ends[edge, 0]]
+        cosine = np.einsum("ij,ij->i", _normals(corners), _normals(moved))
+        matters = _heights(corners) > length
+        good[edge[matters & (cosine < _LEAST_COSINE)]] = False
+    return good
+
+
+def _heights(corners: FloatArray) -> FloatArray:
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    twice = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    return np.asarray(twice / np.maximum(sides, np.finfo(float).tiny))
+
+
+def _independent(mesh: SimplexMesh, ends: IntArray, lengths: FloatArray) -> npt.NDArray[np.intp]:
+    """Return edges, the shortest first, of which no two have ends in neighbouring triangles."""
+    rank = np.empty(len(ends), np.int64)
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(ends))
+    best = np.full(mesh.n_points, len(ends), np.int64)
+    for end in (0, 1):
+        np.minimum.at(best, ends[:, end], rank)
+    for _ in range(2):  # from nodes to triangles and back, twice
+        of_cell = best[mesh.cells].min(axis=1)
+        for k in range(3):
+            np.minimum.at(best, mesh.cells[:, k], of_cell)
+    return np.flatnonzero((best[ends] == rank[:, None]).all(axis=1))

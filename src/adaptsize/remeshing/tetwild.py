@@ -74,7 +74,7 @@ class TetWildBackend:
         if options["filtered"]:
             return raw
         # Interfaces would disturb the winding number that separates inside from outside.
-        from adaptsize.remeshing.restoration import inside_only
+        from adaptsize.remeshing.preparation import inside_only
 
         return inside_only(raw, problem)
 

@@ -19,10 +19,9 @@ from adaptsize._checks import (
 )
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.remeshing._report import SmoothingReport, describe, warn_of_faults
-from adaptsize.remeshing.distmesh.density import far_from
 from adaptsize.remeshing.distmesh.finish import finish
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
+from adaptsize.remeshing.distmesh.nodes import far_from
 from adaptsize.remeshing.distmesh.rejection import (
     ELEMENTS_PER_NODE,
     Size,
@@ -32,6 +31,7 @@ from adaptsize.remeshing.distmesh.rejection import (
     sized,
 )
 from adaptsize.remeshing.distmesh.relaxation import relax
+from adaptsize.remeshing.distmesh.report import SmoothingReport, describe, warn_of_faults
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: A function of points, float64[n, dim], with one value per point.

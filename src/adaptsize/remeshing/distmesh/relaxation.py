@@ -25,9 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background import topology
-from adaptsize.remeshing.distmesh.corners import with_corners
-from adaptsize.remeshing.distmesh.density import MeshEdges, adapted, uncovered
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+from adaptsize.remeshing.distmesh.nodes import MeshEdges, adapted, uncovered, with_corners
 from adaptsize.remeshing.distmesh.rejection import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
