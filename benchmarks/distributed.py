@@ -13,7 +13,8 @@ import numpy as np
 from mpi4py import MPI
 
 from adaptsize import SimplexMesh
-from adaptsize.distributed import PartitionedMesh, as_communicator, limit_gradient
+from adaptsize.distributed import PartitionedMesh, limit_gradient
+from adaptsize.ranks import as_communicator
 
 
 def kuhn_cube(n):

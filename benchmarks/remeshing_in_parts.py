@@ -1,6 +1,6 @@
 """Remeshing in parts against gathering: processor time of all ranks, and quality.
 
-    python benchmarks/remeshing_in_parts.py --ranks 4 --edges 0.12 0.06
+    PYTHONPATH=tests/support python benchmarks/remeshing_in_parts.py --ranks 4 --edges 0.12 0.06
 
 Ranks are threads of one process, and Mmg runs in processes of their own; MPI is not needed.  With
 equal parts, the elapsed time of "parts" is its processor time divided by the number of ranks, and
@@ -11,8 +11,9 @@ import argparse
 import resource
 
 import numpy as np
+from simulated_ranks import SimulatedCommunicator
 
-from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator, remesh
+from adaptsize.distributed import PartitionedMesh, remesh
 from distributed import kuhn_cube
 
 

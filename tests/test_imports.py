@@ -104,7 +104,8 @@ def test_unknown_names_are_attribute_errors():
 
 SUBMODULES = [
     "adaptation", "background", "bridges", "distributed", "domain_size", "errors", "geometry",
-    "io", "limiting", "metrics", "plot", "quality", "remeshing", "reporting", "sizes", "typing",
+    "io", "limiting", "metrics", "options", "plot", "quality", "ranks", "remeshing", "reporting",
+    "sizes", "typing",
 ]  # fmt: skip
 
 

@@ -16,8 +16,6 @@ LEFT_OUT = {
     "SizeLike": "a type",
     "MedialAxis": "a result",
     "Problem": "the input of a mesh generator, checked before",
-    "Communicator": "a protocol",
-    "SimulatedCommunicator": "its ranks are threads; refuses nothing but a number of ranks",
     "to_dolfinx": "needs DOLFINx, which pip cannot install",
     "of": "takes what the library has computed, without checks",
     "once": "keeps what the library computes",

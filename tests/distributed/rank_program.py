@@ -12,9 +12,10 @@ import domains
 from meshes import jittered_cube, jittered_square, random_sphere
 
 from adaptsize import PointSource, limit_gradient, size_from_sources
-from adaptsize.distributed import PartitionedMesh, adapt, as_communicator
+from adaptsize.distributed import PartitionedMesh, adapt
 from adaptsize.distributed import limit_gradient as limit_parts
 from adaptsize.distributed import size_from_sources as sources_on_parts
+from adaptsize.ranks import as_communicator
 
 
 def compare(comm):

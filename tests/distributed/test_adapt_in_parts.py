@@ -106,7 +106,7 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
         new = result.part
         np.testing.assert_allclose(result.fields["u"], new.points @ slope, atol=1e-12)
         measures = np.zeros(0) if new.mesh is None else new.mesh.measures
-        integral = new.comm.allreduce(float(measures @ result.cell_fields["c"]), "sum")
+        integral = new.ranks.allreduce(float(measures @ result.cell_fields["c"]), "sum")
         return result, integral, new.gather()
 
     results, _ = on_ranks(mesh, None, 3, run)
@@ -188,7 +188,7 @@ def test_lost_tags_and_moved_boundaries_are_found():
 
     def run(part):
         rank_of = np.arange(disc.n_cells) % 3
-        new = ads.distributed.PartitionedMesh.from_serial(moved, rank_of, part.comm)
+        new = ads.distributed.PartitionedMesh.from_serial(moved, rank_of, part.ranks)
         return lost_tags(part, new), boundary_distance(part, new), boundary_distance(part, part)
 
     low, high = disc.points.min(axis=0), disc.points.max(axis=0)
@@ -243,7 +243,7 @@ def test_bad_arguments_are_reported_by_all_ranks(options, text):
     def run(part):
         given = {"indicator": eta[part.cell_ids], "target_elements": 300}
         with pytest.raises(ValueError, match=text):
-            adapt(part, **{**given, **options(part.comm.rank)})
+            adapt(part, **{**given, **options(part.ranks.rank)})
 
     on_ranks(mesh, None, 2, run)
 
@@ -260,7 +260,7 @@ def test_fields_must_be_the_same_on_all_ranks():
 
     def run(part):
         values = np.ones(part.n_points)
-        names = {"u": values} if part.comm.rank else {"u": values, "v": values}
+        names = {"u": values} if part.ranks.rank else {"u": values, "v": values}
         with pytest.raises(ValueError, match=r"^fields must be the same on all ranks"):
             ads.distributed.transfer_fields(part, part, fields=names)
 

@@ -62,14 +62,14 @@ def test_number_of_exchanges():
     def work(part):
         counts = []
         for _ in range(2):
-            before = part.comm.traffic.exchanges
+            before = part.ranks.traffic.exchanges
             part.minimum(np.zeros(part.n_points))
-            counts.append(part.comm.traffic.exchanges - before)
+            counts.append(part.ranks.traffic.exchanges - before)
         for _ in range(2):
-            before = part.comm.traffic.exchanges, part.comm.traffic.reductions
+            before = part.ranks.traffic.exchanges, part.ranks.traffic.reductions
             curvature_on_parts(part)
-            counts.append(part.comm.traffic.exchanges - before[0])
-            counts.append(part.comm.traffic.reductions - before[1])
+            counts.append(part.ranks.traffic.exchanges - before[0])
+            counts.append(part.ranks.traffic.reductions - before[1])
         return counts
 
     # One reduction is the agreement on errors.
@@ -97,9 +97,9 @@ def test_the_boundary_is_found_once():
     def work(part):
         counts = []
         for _ in range(2):
-            before = part.comm.traffic.exchanges
+            before = part.ranks.traffic.exchanges
             curvature_on_parts(part)
-            counts.append(part.comm.traffic.exchanges - before)
+            counts.append(part.ranks.traffic.exchanges - before)
         return counts
 
     results, _ = on_ranks(MESHES["cube"], None, SIZE, work)
@@ -108,7 +108,7 @@ def test_the_boundary_is_found_once():
 
 def test_bad_input_on_one_rank_is_reported_by_all():
     def work(part):
-        bad = -1.0 if part.comm.rank == 1 else 4.0
+        bad = -1.0 if part.ranks.rank == 1 else 4.0
         with pytest.raises(ValueError, match=r"^rank 1: elements_per_radian must be"):
             curvature_on_parts(part, elements_per_radian=bad)
         with pytest.raises(ValueError, match=r"^rank 0: elements_across must be"):

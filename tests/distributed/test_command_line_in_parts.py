@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from real_ranks import numbers_of_ranks, run_on_ranks
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient, write
 from adaptsize.cli.entry import main
 from adaptsize.cli.parallel import is_started_by_mpi
-from adaptsize.distributed import SimulatedCommunicator
 from adaptsize.distributed.files import read_parts, write_parts
 
 FAILING = Path(__file__).with_name("failing_rank.py")

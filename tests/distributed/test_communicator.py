@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from simulated_ranks import SimulatedCommunicator
 
-from adaptsize.distributed import SimulatedCommunicator, as_communicator
-from adaptsize.distributed.communicator import SingleRank, split_rows
+from adaptsize.ranks import SingleRank, as_communicator, split_rows
 
 run = SimulatedCommunicator.run
 

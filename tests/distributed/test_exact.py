@@ -75,9 +75,9 @@ def test_number_of_exchanges_and_bytes():
         def work(part, h0=h0, linear=linear):
             counts = []
             for _ in range(2):
-                before = part.comm.traffic.exchanges, part.comm.traffic.bytes_sent
+                before = part.ranks.traffic.exchanges, part.ranks.traffic.bytes_sent
                 limit_parts(part, h0[part.global_ids], 0.3, face_sources=linear)
-                now = part.comm.traffic.exchanges, part.comm.traffic.bytes_sent
+                now = part.ranks.traffic.exchanges, part.ranks.traffic.bytes_sent
                 counts.append((now[0] - before[0], now[1] - before[1]))
             return counts[0][0] - counts[1][0], *counts[1]
 
@@ -171,7 +171,7 @@ def test_bad_input_on_one_rank_is_reported_by_all(change, message):
 
     def work(part):
         options = {"h0": np.ones(part.n_points), "g": 0.3}
-        options |= change if part.comm.rank == 2 else {}
+        options |= change if part.ranks.rank == 2 else {}
         if message is None:
             return limit_parts(part, **options)
         with pytest.raises(ValueError, match=message):

@@ -92,9 +92,9 @@ def test_number_of_exchanges_in_a_frame_of_four_strips():
 
         def work(part, h0=h0):
             limit_parts(part, h0[part.global_ids], 0.3)
-            before = part.comm.traffic.exchanges
+            before = part.ranks.traffic.exchanges
             limit_parts(part, h0[part.global_ids], 0.3)
-            return part.comm.traffic.exchanges - before
+            return part.ranks.traffic.exchanges - before
 
         assert all(2 <= count <= 10 for count in on_ranks(mesh, strips, SIZE, work)[0])
 
@@ -111,7 +111,7 @@ def test_number_of_exchanges_and_bytes():
         def work(part, h0=h0, linear=linear):
             counts = []
             for _ in range(2):
-                traffic = part.comm.traffic
+                traffic = part.ranks.traffic
                 before = (traffic.exchanges, traffic.bytes_sent + traffic.bytes_gathered)
                 limit_parts(part, h0[part.global_ids], 0.3, face_sources=linear)
                 sent = traffic.bytes_sent + traffic.bytes_gathered - before[1]

@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import jittered_cube, jittered_square, random_sphere, structured_square
 from partitions import BOUNDS, KINDS, SIZE, bounds, on_ranks, partition
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.distributed import limit_gradient as limit_parts
 from adaptsize.distributed.info import _order_statistics
-from adaptsize.distributed.simulated import SimulatedCommunicator
 
 
 def beside_each_other():
@@ -150,7 +150,7 @@ def test_points_are_not_exchanged_and_figures_take_ten_reductions():
     h0, points = np.full(mesh.n_points, np.inf), between_nodes(mesh, rng)
 
     def work(part):
-        traffic, counts = part.comm.traffic, []
+        traffic, counts = part.ranks.traffic, []
         for full in (False, False, True):
             before = traffic.exchanges, traffic.bytes_sent, traffic.reductions
             given = {"point_sources": points, "full_output": full}
@@ -187,7 +187,7 @@ def test_order_statistics_are_those_of_all_values(data):
 def test_bad_input_on_one_rank_is_reported_by_all(change, message):
     def work(part):
         options = {"point_sources": ([[0.0, 0.0]], [1.0])}
-        options |= change if part.comm.rank == 2 else {}
+        options |= change if part.ranks.rank == 2 else {}
         with pytest.raises(ValueError, match=message):
             limit_parts(part, 1.0, 0.3, **options)
 

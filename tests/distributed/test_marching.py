@@ -80,7 +80,7 @@ def test_windows_keep_the_number_of_rounds_small():
     def work(part):
         given = (part, h0[part.global_ids], Slope(np.array([0.3])), lambda text, share: None)
         part.minimum(np.zeros(part.n_points))  # shared nodes are found on first use
-        traffic = part.comm.traffic
+        traffic = part.ranks.traffic
         before = traffic.exchanges, traffic.reductions
         marching.solve_fast_marching(*given)
         rounds = traffic.exchanges - before[0]

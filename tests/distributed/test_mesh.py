@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from meshes import jittered_square
 from partitions import KINDS, on_ranks, partition
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh
-from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.distributed.partition import partition_cells
 
 MESH = jittered_square(7, 811)
@@ -51,7 +52,7 @@ def test_values_at_shared_nodes(kind):
     rank_of = partition(MESH, kind, 5, np.random.default_rng(813))
 
     def work(part):
-        own = np.full(part.n_points, part.comm.rank + 1.0)
+        own = np.full(part.n_points, part.ranks.rank + 1.0)
         merged = [merge(own) for merge in (part.sum, part.minimum, part.maximum, part.exchange)]
         nodal = part.scatter_nodal(part.gather_nodal(part.global_ids * 2.0))
         assert np.array_equal(nodal, part.global_ids * 2.0)

@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import CartesianGrid, SimplexMesh
-from adaptsize.distributed import (
-    PartitionedMesh,
-    SimulatedCommunicator,
-    interpolate,
-    transfer_fields,
-)
+from adaptsize.distributed import PartitionedMesh, interpolate, transfer_fields
 from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
 
 

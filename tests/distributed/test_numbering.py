@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from simulated_ranks import SimulatedCommunicator
 
-from adaptsize.distributed import SimulatedCommunicator
 from adaptsize.distributed.numbering import keys_of_points, number_nodes
 
 

@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh, read, write
-from adaptsize.distributed import SimulatedCommunicator
 from adaptsize.distributed.assembly import NODE_NUMBERS
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.errors import MeshFileError

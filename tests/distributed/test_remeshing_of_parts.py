@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import CartesianGrid, SimplexMesh
-from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.distributed.remeshing import remesh
 from adaptsize.errors import TooManyElementsError
 

@@ -94,10 +94,10 @@ def test_the_search_for_a_number_of_elements_takes_few_rounds():
 
     def work(part):
         limit_gradient(part, 1.0, 0.3)  # finds the boundary
-        before = part.comm.traffic.exchanges
+        before = part.ranks.traffic.exchanges
         given = {"order": 1.0, "target_elements": 3000.0}
         size_on_parts(part, eta[part.cell_ids], **given)
-        return part.comm.traffic.exchanges - before
+        return part.ranks.traffic.exchanges - before
 
     results, _ = on_ranks(mesh, None, SIZE, work)
     assert 0 < results[0] <= 2 * 25
@@ -109,13 +109,13 @@ def test_bad_input_on_one_rank_is_reported_by_all():
     def work(part):
         eta = np.ones(part.n_cells)
         h = np.ones(part.n_points)
-        if part.comm.rank == 1:
+        if part.ranks.rank == 1:
             eta[0], h[0] = -1.0, 0.0
         with pytest.raises(ValueError, match=r"^rank 1: indicator must be finite and >= 0"):
             size_on_parts(part, eta, order=1.0, tolerance=1.0)
         with pytest.raises(ValueError, match=r"^rank 1: size must be positive"):
             predicted_elements(part, h)
-        eta, hmax = np.ones(part.n_cells), -1.0 if part.comm.rank == 1 else 1.0
+        eta, hmax = np.ones(part.n_cells), -1.0 if part.ranks.rank == 1 else 1.0
         with pytest.raises(ValueError, match=r"^rank 1: hmax must be finite and > 0"):
             size_on_parts(part, eta, order=1.0, tolerance=1.0, hmax=hmax)
 

@@ -129,7 +129,7 @@ def test_number_of_exchanges():
         def work(part, source=source):
             counts = []
             for _ in range(2):
-                traffic = part.comm.traffic
+                traffic = part.ranks.traffic
                 before = traffic.exchanges, traffic.reductions
                 sources_on_parts(part, source)
                 counts.append((traffic.exchanges - before[0], traffic.reductions - before[1]))
@@ -166,7 +166,7 @@ def test_a_point_outside_is_reported_once():
 def test_bad_sources_are_refused_by_all(sources, message):
     def work(part):
         with pytest.raises(ValueError, match=message):
-            sources_on_parts(part, sources(part.comm.rank))
+            sources_on_parts(part, sources(part.ranks.rank))
 
     on_ranks(MESHES["structured"], None, SIZE, work)
 

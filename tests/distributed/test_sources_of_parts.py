@@ -99,11 +99,11 @@ def test_numbers_of_nodes_are_sent_for_sources_only():
     def work(part):
         counts = []
         for full in (False, False, True):
-            before = part.comm.traffic.bytes_sent
+            before = part.ranks.traffic.bytes_sent
             found = limit_parts(
                 part, h0[part.global_ids], 0.3, face_sources=False, full_output=full
             )
-            counts.append(part.comm.traffic.bytes_sent - before)
+            counts.append(part.ranks.traffic.bytes_sent - before)
         assert repr(found[1].sources).startswith("PartsSources(")
         return counts[1:]
 

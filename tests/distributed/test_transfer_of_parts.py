@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh
 from adaptsize.adaptation import transfer_fields as serial
-from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 

@@ -1,9 +1,10 @@
 """Partitions of the cells of a mesh, and runs of a function on simulated ranks."""
 
 import numpy as np
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import limit_gradient
-from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.distributed import limit_gradient as limit_parts
 
 KINDS = ("default", "random", "strips", "single cells", "some empty")

@@ -20,6 +20,7 @@ from adaptsize.background import _mesh_arrays as arrays
 from adaptsize.background import topology
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.location import SimplexLocator
+from adaptsize.ranks import Communicator, SharedNodes, no_shared_nodes
 from adaptsize.typing import FloatArray, IntArray
 
 _Result = TypeVar("_Result")
@@ -187,6 +188,16 @@ class SimplexMesh(ReadOnlyState):
         in_a_cell = np.zeros(self.n_points, bool)
         in_a_cell[self.cells] = True
         return enclosing_diameter(self.points[in_a_cell])
+
+    @property
+    def ranks(self) -> Communicator:
+        """A single rank: the mesh is whole.  A `distributed.PartitionedMesh` has several."""
+        return self.shared.ranks
+
+    @cached_property
+    def shared(self) -> SharedNodes:
+        """The nodes that other ranks hold too: none."""
+        return no_shared_nodes()
 
     @cached_property
     def measures(self) -> FloatArray:

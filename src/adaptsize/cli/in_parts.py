@@ -15,7 +15,8 @@ from adaptsize.cli.files import check_files, check_place, nodal_field
 
 if TYPE_CHECKING:
     from adaptsize.cli.remesh_options import Options
-    from adaptsize.distributed import Communicator, PartitionedMesh
+    from adaptsize.distributed import PartitionedMesh
+    from adaptsize.ranks import Communicator
     from adaptsize.typing import FloatArray
 
 #: Options of ``remesh`` that are passed on to `distributed.remesh`, and all that it takes; of
@@ -38,7 +39,7 @@ def refuse_in_parts(given: Mapping[str, bool]) -> None:
 
 
 def _ranks(console: Console) -> Communicator:
-    from adaptsize.distributed import as_communicator
+    from adaptsize.ranks import as_communicator
 
     return as_communicator(None) if console.world is None else console.world.comm
 
@@ -61,7 +62,7 @@ def _bounds(part: PartitionedMesh, name: str) -> FloatArray:
             return np.empty(0)
         return np.asarray(nodal_field(part.mesh, name), np.float64)
 
-    return part.comm.agree(find)
+    return part.ranks.agree(find)
 
 
 def limit_in_parts(
@@ -135,7 +136,7 @@ def remesh_in_parts(console: Console, options: Options) -> None:
 
 def _finish(console: Console, part: PartitionedMesh, files: list[Path]) -> None:
     """Print the warnings of all ranks, and what was written."""
-    for texts in part.comm.allgather(console.warnings):
+    for texts in part.ranks.allgather(console.warnings):
         for text in texts:
             console.warn(text)
     n_points, n_cells = part.n_global_points, part.n_global_cells

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from adaptsize.cli.console import Console
-    from adaptsize.distributed import Communicator
+    from adaptsize.ranks import Communicator
 
 #: Variables in which launchers of MPI pass the number of ranks: MPICH and Intel MPI, Open MPI,
 #: MVAPICH.
@@ -62,7 +62,7 @@ class World:
     comm: Communicator
 
     def __init__(self, comm: Any) -> None:
-        from adaptsize.distributed import as_communicator
+        from adaptsize.ranks import as_communicator
 
         self.comm = as_communicator(comm)
         self._ends = comm.Dup()  # only for the ends of the ranks

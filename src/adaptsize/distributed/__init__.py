@@ -3,7 +3,6 @@
 from adaptsize.distributed.adaptation import adapt
 from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.boundary_sizes import size_from_curvature, size_from_feature
-from adaptsize.distributed.communicator import Communicator, Traffic, as_communicator
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
 from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
@@ -12,7 +11,6 @@ from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
-from adaptsize.distributed.simulated import SimulatedCommunicator
 from adaptsize.distributed.sizes import predicted_elements, size_from_error, size_from_hessian
 from adaptsize.distributed.source_sizes import size_from_sources
 from adaptsize.distributed.sources import PartsSources
@@ -20,7 +18,6 @@ from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 __all__ = [
     "AdaptedParts",
-    "Communicator",
     "DolfinxPart",
     "InterfaceQuality",
     "PartitionedMesh",
@@ -29,10 +26,7 @@ __all__ = [
     "PartsSources",
     "PlexPart",
     "RemeshedParts",
-    "SimulatedCommunicator",
-    "Traffic",
     "adapt",
-    "as_communicator",
     "from_dmplex",
     "from_dolfinx",
     "interpolate",

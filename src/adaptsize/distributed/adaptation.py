@@ -148,7 +148,7 @@ def adapt(
     (True, True)
     """
     check_type("part", part, PartitionedMesh)
-    comm = part.comm
+    comm = part.ranks
 
     def check() -> tuple[SizeRequest, TransferredFields, float, float]:
         if isinstance(h0, Metric | MetricFunction):
@@ -234,7 +234,7 @@ def _given(value: object) -> str:
 
 def _expected(part: PartitionedMesh, nodes: float) -> float:
     """Return the number of elements of the next mesh with so many nodes; collective."""
-    n_facets = part.comm.allreduce(len(boundary_facets(part)), "sum")
+    n_facets = part.ranks.allreduce(len(boundary_facets(part)), "sum")
     return cells_for_nodes(nodes, part.cell_dim, part.n_global_cells, n_facets)
 
 

@@ -145,17 +145,13 @@ def limit_gradient(
     --------
     >>> import numpy as np
     >>> from adaptsize import SimplexMesh
-    >>> from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator, limit_gradient
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> def work(comm):
-    ...     part = PartitionedMesh.from_serial(square, [0, 1], comm)
-    ...     h0 = np.where(part.global_ids == 1, 0.1, np.inf)
-    ...     return part.gather_nodal(limit_gradient(part, h0, 0.3))
-    >>> SimulatedCommunicator.run(2, work)[0].round(3)
+    >>> part = PartitionedMesh.from_serial(square)
+    >>> limit_gradient(part, np.where(part.global_ids == 1, 0.1, np.inf), 0.3).round(3)
     array([0.4  , 0.1  , 0.4  , 0.524])
     """
     check_type("part", part, PartitionedMesh)
-    comm = part.comm
+    comm = part.ranks
     given = (method, face_sources, threads, point_sources, full_output)
     bound, slope, limit, extra, own = comm.agree(lambda: _checked(part, h0, g, *given))
     every: list[_Limit] = comm.allgather(own)
@@ -283,10 +279,10 @@ def _collected(
         traced = None if info.sources is None else traced_from(info.sources)
         return h, info_from(info, part.n_global_points), traced
 
-    sizes, info, traced = part.comm.agree(solve)
+    sizes, info, traced = part.ranks.agree(solve)
     own = part.scatter_nodal(sizes)
     if not options["full_output"]:
         return own
-    info, is_traced = part.comm.bcast((info, traced is not None))
+    info, is_traced = part.ranks.bcast((info, traced is not None))
     assert info is not None  # that of rank 0
     return own, replace(info, sources=scattered(part, traced)) if is_traced else info

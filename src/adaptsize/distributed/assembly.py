@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.communicator import Communicator
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.numbering import keys_of_points, number_nodes
+from adaptsize.ranks import Communicator
 
 Ids = npt.NDArray[np.int64]
 

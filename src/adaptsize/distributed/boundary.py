@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.communicator import split_rows
 from adaptsize.distributed.mesh import Ids
 from adaptsize.distributed.pieces import Piece
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
+from adaptsize.ranks import split_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # A facet between two parts, on the boundary, or neither: a fold, or cells that coincide.
@@ -50,7 +50,7 @@ class Skeleton(NamedTuple):
             around = is_marked[self.rows(piece.ids)][mesh.cells].any(axis=1)
             cells = mesh.cells[around].astype(np.int64)
         nodes = np.unique(cells)
-        every = piece.comm.allgather((piece.ids[cells], piece.ids[nodes], mesh.points[nodes]))
+        every = piece.ranks.allgather((piece.ids[cells], piece.ids[nodes], mesh.points[nodes]))
         ids, at = np.unique(
             np.concatenate([self.ids, *[own[1] for own in every]]), return_index=True
         )
@@ -68,7 +68,7 @@ def find_skeleton(piece: Piece, threads: int) -> Skeleton | None:
 
     Returns None if any cell has no measure, or if cells overlap at a facet.
     """
-    comm, dim = piece.comm, piece.mesh.dim
+    comm, dim = piece.ranks, piece.mesh.dim
     walls, odd = np.empty((0, dim), np.int32), False
     if not piece.is_empty:
         own = flat_boundary(piece.mesh, threads)
@@ -95,7 +95,7 @@ def _statuses(piece: Piece, facets: Ids) -> npt.NDArray[np.int8]:
 
     Each facet is compared on one rank with the same facet of other ranks.
     """
-    comm = piece.comm
+    comm = piece.ranks
     judge = (facets.min(axis=1) % comm.size) if len(facets) else np.zeros(0, np.int64)
     received = comm.alltoallv(split_rows(facets, judge, comm.size))
     found = np.concatenate(received)

@@ -87,7 +87,7 @@ def size_from_curvature(
     if part.cell_dim < part.dim or part.dim == 1:
         return _collected(part, on)
     boundary = _boundary_of(part)
-    at_boundary = part.comm.agree(lambda: on(boundary.mesh))
+    at_boundary = part.ranks.agree(lambda: on(boundary.mesh))
     row = np.minimum(np.searchsorted(boundary.ids, part.global_ids), len(boundary.ids) - 1)
     h0 = np.where(boundary.ids[row] == part.global_ids, at_boundary[row], np.inf)
     return minimum(h0, hmin=hmin, hmax=hmax)
@@ -165,13 +165,13 @@ def size_from_feature(
         smallest = SMALLEST_SHARE * boundary.mesh.diameter
         return minimum(np.maximum(widths / across, smallest), hmin=hmin, hmax=hmax)
 
-    return part.scatter_nodal(part.comm.agree(solve))
+    return part.scatter_nodal(part.ranks.agree(solve))
 
 
 def _collected(part: PartitionedMesh, function: Callable[[SimplexMesh], FloatArray]) -> FloatArray:
     """Return the sizes that rank 0 computes on the whole mesh; collective."""
     whole = part.gather()
-    return part.scatter_nodal(part.comm.agree(lambda: None if whole is None else function(whole)))
+    return part.scatter_nodal(part.ranks.agree(lambda: None if whole is None else function(whole)))
 
 
 def _boundary_of(part: PartitionedMesh) -> _Boundary:
@@ -183,7 +183,7 @@ def _find_boundary(part: PartitionedMesh) -> _Boundary:
     own = _own_facets(part, interface_facets(part))
     nodes = np.unique(own[2])
     sent = (*own[:2], part.global_ids[own[2]], own[3], part.global_ids[nodes], part.points[nodes])
-    every = part.comm.allgather((*sent, None if part.mesh is None else dict(part.mesh.tag_names)))
+    every = part.ranks.allgather((*sent, None if part.mesh is None else dict(part.mesh.tag_names)))
     cell, opposite, facets, tags, ids, points = (
         np.concatenate([found[column] for found in every]) for column in range(6)
     )

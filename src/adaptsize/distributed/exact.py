@@ -15,7 +15,6 @@ import numpy as np
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background._curve import along_curve
 from adaptsize.distributed.boundary import Skeleton, find_skeleton
-from adaptsize.distributed.communicator import Communicator
 from adaptsize.distributed.entries import exchange_entries, of_this_rank, reach_of
 from adaptsize.distributed.info import Solved
 from adaptsize.distributed.kinks import merge_kinks
@@ -37,6 +36,7 @@ from adaptsize.limiting.exact.solve import (
 )
 from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.limiting.problem import PointBounds
+from adaptsize.ranks import Communicator
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
@@ -59,7 +59,7 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> Solved |
     """
     traced = untraced(part) if given.trace else None
     whole = Solved(h0.copy(), 0, n_hidden=0)
-    numbers = components_of(part).bounded(part.comm, h0)
+    numbers = components_of(part).bounded(part.ranks, h0)
     located = locate(part, given.point_sources)
     if located is not None:
         numbers = sorted({*numbers, *located.pairs[:, 0].tolist()})
@@ -96,7 +96,7 @@ def _solve_piece(
     skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, threads))
     if skeleton is None:
         return None
-    mesh, comm, bound = piece.mesh, piece.comm, piece.bounds(h0)
+    mesh, comm, bound = piece.mesh, piece.ranks, piece.bounds(h0)
     least = _least(bound, extra)
     facts = comm.allgather((least, bool(have_neighbours(mesh.cells, bound))))
     problem = Problem(
@@ -146,7 +146,7 @@ def _solve_interval(
     places = mesh.points
     order = along_curve(places)[: len(piece.ids)]
     ends = part.once(f"_ends_{number}", lambda: _ends(piece))
-    least = piece.comm.allreduce(_least(bound, extra), "min")
+    least = piece.ranks.allreduce(_least(bound, extra), "min")
     nodes = np.flatnonzero(np.isfinite(bound)).astype(np.int32)
     problem = Problem(mesh, bound, g, False, threads, given.report, extra)
     wave = wave_of_nodes(problem, nodes)
@@ -165,7 +165,7 @@ def _ends(piece: Piece) -> tuple[float, float]:
     """Return the ends of an interval; collective."""
     own = piece.mesh.points[: len(piece.ids)]
     ends = np.array([own.min(initial=np.inf), -own.max(initial=-np.inf)])
-    low, high = piece.comm.allreduce(ends, "min").tolist()
+    low, high = piece.ranks.allreduce(ends, "min").tolist()
     return low, -high
 
 
@@ -198,7 +198,7 @@ def _exchanged(
     sent = [of_this_rank(wave, problem.mesh.n_points) for wave in field.waves]
     reach = reach_of(points.places, points.order, found.h)
     named = None if numbers is None else [numbers.of(wave) for wave in sent]
-    received, ids = exchange_entries(piece.comm, sent, reach, problem.g, named)
+    received, ids = exchange_entries(piece.ranks, sent, reach, problem.g, named)
     own = field.waves.copy()
     field.add(received)
     field.lower_by_last(points, found.h, found.source, problem.threads, problem.report)
@@ -227,7 +227,7 @@ def _plane_on(piece: Piece, skeleton: Skeleton) -> tuple[Plane, Ids]:
         rows = np.full(piece.mesh.n_points, -1, np.int32)
 
     def merge(sizes: FloatArray, arrivals: FloatArray, lowered: BoolArray) -> None:
-        _merge_corners(piece.comm, sizes, arrivals, lowered)
+        _merge_corners(piece.ranks, sizes, arrivals, lowered)
 
     return replace(plane, boundary=whole._replace(rows=rows), merge=merge), wider.ids
 

@@ -15,10 +15,10 @@ from adaptsize._formats import gmsh_partitions
 from adaptsize._formats.whole_files import about_file
 from adaptsize.distributed import pvtu
 from adaptsize.distributed.assembly import Piece, from_pieces
-from adaptsize.distributed.communicator import Communicator, as_communicator
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.io import read, write
+from adaptsize.ranks import Communicator, as_communicator
 
 
 def read_parts(path: str | os.PathLike[str], comm: Any = None) -> PartitionedMesh:
@@ -131,5 +131,5 @@ def write_parts(
         if whole is not None:
             write(file, whole, fields={name: v for name, v in gathered.items() if v is not None})
 
-    part.comm.agree(save)
+    part.ranks.agree(save)
     return [file]

@@ -8,9 +8,9 @@ import numpy as np
 
 from adaptsize._checks import check_type, describe
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.communicator import as_communicator
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.numbering import number_nodes
+from adaptsize.ranks import MpiCommunicator, as_communicator
 from adaptsize.typing import FloatArray, IntArray
 
 _KINDS = {"interval": 1, "triangle": 2, "tetrahedron": 3}
@@ -122,9 +122,8 @@ def to_dolfinx(part: PartitionedMesh) -> Any:
         raise ImportError(
             "to_dolfinx needs DOLFINx; on Python 3.12 or later: pip install dolfinx-solver-real"
         ) from error
-    from adaptsize.distributed.mpi import MpiCommunicator
 
-    comm = part.comm
+    comm = part.ranks
     if not isinstance(comm, MpiCommunicator) and comm.size > 1:
         raise ValueError("part must be on a communicator of mpi4py")
     # Row i of the coordinates of all ranks, one after another, is node i.

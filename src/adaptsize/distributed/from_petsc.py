@@ -8,9 +8,9 @@ import numpy as np
 
 from adaptsize._checks import describe
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.communicator import as_communicator
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.numbering import number_nodes
+from adaptsize.ranks import as_communicator
 from adaptsize.typing import IntArray
 
 

@@ -30,7 +30,7 @@ class Surroundings(NamedTuple):
         every = np.zeros((n, *own.shape[1:]))
         every[self.own] = own
         for sent, received in zip(self.sent, self.received, strict=True):
-            found = part.comm.alltoallv([every[nodes] for nodes in sent])
+            found = part.ranks.alltoallv([every[nodes] for nodes in sent])
             for nodes, values in zip(received, found, strict=True):
                 every[nodes] = values
         return every
@@ -62,7 +62,7 @@ def surroundings_of(part: PartitionedMesh) -> Surroundings:
 
 
 def _find_surroundings(part: PartitionedMesh) -> Surroundings:
-    comm, ids = part.comm, part.global_ids
+    comm, ids = part.ranks, part.global_ids
     known = _Cells(part.cell_ids, ids[part.cells], part.points[part.cells])
     wanted = [ids[nodes] for nodes in part.shared.nodes]
     named: list[list[Ids]] = []

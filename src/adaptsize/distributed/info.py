@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptsize.distributed.communicator import Communicator
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.sources import PartsSources, Traced, sources_of
 from adaptsize.limiting import LimitingInfo
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.info import QUANTILES
 from adaptsize.limiting.on_simplices import slopes
+from adaptsize.ranks import Communicator
 from adaptsize.typing import FloatArray
 
 
@@ -82,7 +82,7 @@ def info_of(
     part: PartitionedMesh, method: str, h0: FloatArray, solved: Solved, slope: Slope
 ) -> PartsLimitingInfo:
     """Return the diagnostics; collective."""
-    comm, own = part.comm, part.is_owned
+    comm, own = part.ranks, part.is_owned
     h, n_hidden = solved.h, solved.n_hidden
     steepest, ratio = 0.0, np.empty(0)
     if part.mesh is not None:

@@ -80,8 +80,8 @@ def _quality(part: PartitionedMesh, h: FloatArray, chosen: BoolArray) -> Quality
                 n_good += int(np.count_nonzero(np.abs(np.log(ratio)) <= 0.5 * np.log(2.0)))
         angles = minimum_angles(part.mesh)[chosen]
         least, p01 = float(angles.min()), float(np.quantile(angles, 0.01))
-    total = part.comm.allreduce(np.array([np.count_nonzero(chosen), n_edges, n_good]), "sum")
-    least, p01 = part.comm.allreduce(np.array([least, p01]), "min").tolist()
+    total = part.ranks.allreduce(np.array([np.count_nonzero(chosen), n_edges, n_good]), "sum")
+    least, p01 = part.ranks.allreduce(np.array([least, p01]), "min").tolist()
     if total[0] == 0:
         return Quality(0, np.nan, np.nan, np.nan)
     return Quality(int(total[0]), float(total[2] / total[1]), least, p01)

@@ -22,7 +22,7 @@ def merge_kinks(piece: Piece, rows: Kinks) -> Kinks:
             for own, width in zip(rows[:2], widths, strict=False)
         ]
         sent.append(np.concatenate(packed))
-    found = np.concatenate(piece.comm.alltoallv(sent))
+    found = np.concatenate(piece.ranks.alltoallv(sent))
     nodes = found[:, 2:].reshape(-1, 4, dim + 2)
     ids, at = np.unique(nodes[:, :, 0].astype(np.int64), return_index=True)
     own = np.searchsorted(piece.ids, ids)

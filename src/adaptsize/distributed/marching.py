@@ -89,7 +89,7 @@ def _in_rounds(
     along_edges: bool,
 ) -> Marched | None:
     """March and exchange sizes until no node waits on any rank."""
-    comm, n = part.comm, part.n_points
+    comm, n = part.ranks, part.n_points
     sweep, march = kernels.sweep_cells, kernels.march
     keep = KEEP
     if along_edges:
@@ -124,7 +124,7 @@ def _exchange(part: PartitionedMesh, h: FloatArray, known: FloatArray, heap: Hea
     for nodes in part.shared.nodes:
         changed = np.flatnonzero(h[nodes] < known[nodes])
         sent.append(np.column_stack([changed, h[nodes[changed]]]).astype(np.float64))
-    received = part.comm.alltoallv(sent)
+    received = part.ranks.alltoallv(sent)
     candidate = np.full(part.n_points, np.inf)
     for nodes, rows in zip(part.shared.nodes, received, strict=True):
         at = nodes[rows[:, 0].astype(np.int64)]
@@ -146,5 +146,5 @@ def _window(part: PartitionedMesh, slope: Slope) -> float:
         lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
         grown = float((lengths * slope.values[near * slope.step]).sum())
         count = len(near)
-    total, number = part.comm.allreduce(np.array([grown, count]), "sum").tolist()
+    total, number = part.ranks.allreduce(np.array([grown, count]), "sum").tolist()
     return float(_WIDTH * total / number) if total > 0.0 else float(np.inf)

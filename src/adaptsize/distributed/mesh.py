@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, check_type
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.communicator import Communicator, as_communicator
 from adaptsize.distributed.parts import joined, parts_of
-from adaptsize.distributed.shared_nodes import SharedNodes, find_shared_nodes
+from adaptsize.ranks import Communicator, SharedNodes, as_communicator, find_shared_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 T = TypeVar("T")
@@ -63,7 +62,7 @@ class PartitionedMesh:
     mesh: SimplexMesh | None
     global_ids: Ids
     owner: IntArray
-    comm: Communicator
+    ranks: Communicator
     _: KW_ONLY
     cell_ids: Ids
     dim: int
@@ -108,7 +107,7 @@ class PartitionedMesh:
             "mesh": mesh,
             "global_ids": ids,
             "owner": owners,
-            "comm": ranks,
+            "ranks": ranks,
             "cell_ids": numbers,
             "dim": dim,
             "cell_dim": cell_dim,
@@ -121,7 +120,7 @@ class PartitionedMesh:
     def __repr__(self) -> str:
         """Return the rank and the numbers of cells and points."""
         return (
-            f"PartitionedMesh(rank {self.comm.rank} of {self.comm.size}: {self.n_cells} of "
+            f"PartitionedMesh(rank {self.ranks.rank} of {self.ranks.size}: {self.n_cells} of "
             f"{self.n_global_cells} cells, {self.n_points} of {self.n_global_points} points)"
         )
 
@@ -182,13 +181,13 @@ class PartitionedMesh:
     @property
     def is_owned(self) -> BoolArray:
         """Whether this rank owns each of its nodes."""
-        return np.asarray(self.owner == self.comm.rank)
+        return np.asarray(self.owner == self.ranks.rank)
 
     @property
     def shared(self) -> SharedNodes:
         """The nodes that other ranks hold too; collective on first use."""
         found: SharedNodes = self.once(
-            "_shared", lambda: find_shared_nodes(self.comm, self.global_ids, self.owner)
+            "_shared", lambda: find_shared_nodes(self.ranks, self.global_ids, self.owner)
         )
         return found
 
@@ -206,19 +205,19 @@ class PartitionedMesh:
         """Return nodal values, those of shared nodes as on their owners; collective."""
         own = self._nodal(values)
         held = np.where(_column(self.is_owned, own), own, 0.0)
-        return self.shared.merge(self.comm, held, np.add)
+        return self.shared.merge(held, np.add)
 
     def sum(self, values: npt.ArrayLike) -> FloatArray:
         """Return nodal values, summed over the ranks that hold the node; collective."""
-        return self.shared.merge(self.comm, self._nodal(values), np.add)
+        return self.shared.merge(self._nodal(values), np.add)
 
     def minimum(self, values: npt.ArrayLike) -> FloatArray:
         """Return the smallest of the values that ranks have at each node; collective."""
-        return self.shared.merge(self.comm, self._nodal(values), np.minimum)
+        return self.shared.merge(self._nodal(values), np.minimum)
 
     def maximum(self, values: npt.ArrayLike) -> FloatArray:
         """Return the largest of the values that ranks have at each node; collective."""
-        return self.shared.merge(self.comm, self._nodal(values), np.maximum)
+        return self.shared.merge(self._nodal(values), np.maximum)
 
     def gather(self) -> SimplexMesh | None:
         """Return the whole mesh on rank 0, None on other ranks; collective."""
@@ -255,7 +254,7 @@ class PartitionedMesh:
     def scatter_nodal(self, values: npt.ArrayLike | None) -> FloatArray:
         """Return the local part of nodal values of the whole mesh on rank 0; collective."""
         wanted = self._to_first(self.global_ids)
-        pieces: list[Any] = [None] * self.comm.size
+        pieces: list[Any] = [None] * self.ranks.size
 
         def split() -> list[Any]:
             if wanted is None:
@@ -267,16 +266,16 @@ class PartitionedMesh:
                 )
             return [whole[ids] for ids in wanted]
 
-        own: FloatArray = self.comm.alltoall(self.comm.agree(split))[0]
+        own: FloatArray = self.ranks.alltoall(self.ranks.agree(split))[0]
         return own
 
     def _to_first(self, value: Any) -> list[Any] | None:
         """Return the values of all ranks on rank 0."""
         if isinstance(value, PartitionedMesh):
             value = (value.mesh, value.global_ids, value.cell_ids)
-        sent = [value] + [None] * (self.comm.size - 1)
-        received = self.comm.alltoall(sent)
-        return received if self.comm.rank == 0 else None
+        sent = [value] + [None] * (self.ranks.size - 1)
+        received = self.ranks.alltoall(sent)
+        return received if self.ranks.rank == 0 else None
 
     def _nodal(self, values: npt.ArrayLike) -> FloatArray:
         """Return nodal values as an array with one row per local node."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize.distributed.assembly import Piece, from_pieces
-from adaptsize.distributed.communicator import split_rows
 from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.parts import cut_part
+from adaptsize.ranks import split_rows
 from adaptsize.typing import BoolArray, IntArray
 
 # Bits per axis of keys along a Morton curve, and keys that each rank contributes to the division.
@@ -20,15 +20,15 @@ def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
 
     Tags and fields move with the cells.  Nodes in no cell are left out, and nodes get new numbers.
     """
-    pieces: list[Piece | None] = [None] * part.comm.size
+    pieces: list[Piece | None] = [None] * part.ranks.size
     if part.mesh is not None:
         nobody = np.full(part.n_points, -1, np.int32)
         for rank in np.unique(rank_of_cells).tolist():
             cut = cut_part(part.mesh, rank_of_cells, nobody, rank)
             if cut.mesh is not None:
                 pieces[rank] = Piece(cut.mesh, part.global_ids[cut.global_ids])
-    received = part.comm.alltoall(pieces)
-    return from_pieces(part.comm, [piece for piece in received if piece is not None])
+    received = part.ranks.alltoall(pieces)
+    return from_pieces(part.ranks, [piece for piece in received if piece is not None])
 
 
 def interface_facets(part: PartitionedMesh) -> IntArray:
@@ -51,7 +51,7 @@ def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
     Two exchanges: each candidate goes to a rank that follows from its lowest node, which counts
     the ranks that have it.
     """
-    comm = part.comm
+    comm = part.ranks
     free = np.empty((0, part.cell_dim), np.int32)
     is_shared = np.zeros(part.n_points, np.bool_)
     is_shared[part.shared.every] = True
@@ -81,7 +81,7 @@ def displaced(part: PartitionedMesh, layers: int) -> IntArray:
     Parts with fewer cells grow by some layers of cells into those with more; of equal ones, that of
     the lower rank.  One exchange for each layer.
     """
-    comm = part.comm
+    comm = part.ranks
     counts = np.array(comm.allgather(part.n_cells))
     by_priority = np.lexsort((-np.arange(comm.size), -counts))  # the last one grows most
     priority = np.empty(comm.size)
@@ -102,7 +102,7 @@ def balanced(part: PartitionedMesh) -> IntArray:
 
     Cells along a Morton curve are divided into pieces of equal length, to about 1 % of a share.
     """
-    comm = part.comm
+    comm = part.ranks
     centroids = part.points[part.cells].mean(axis=1)
     low, high = centroids.min(axis=0, initial=np.inf), -centroids.max(axis=0, initial=-np.inf)
     ends = comm.allreduce(np.concatenate([low, high]), "min")

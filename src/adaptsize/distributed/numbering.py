@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import refuse_where
-from adaptsize.distributed.communicator import Communicator, split_rows
+from adaptsize.ranks import Communicator, split_rows
 from adaptsize.typing import FloatArray, IntArray
 
 Ids = npt.NDArray[np.int64]

@@ -8,8 +8,8 @@ import numpy as np
 
 from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh, topology
-from adaptsize.distributed.communicator import Communicator
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
+from adaptsize.ranks import Communicator
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -20,7 +20,7 @@ class Piece(NamedTuple):
     alike.
     """
 
-    comm: Communicator
+    ranks: Communicator
     mesh: SimplexMesh
     """On a rank without cells of the component, some simplex."""
     ids: Ids
@@ -77,21 +77,19 @@ def _find_components(part: PartitionedMesh) -> Components:
     used = np.zeros(part.n_points, np.bool_)
     used[part.cells] = True
     label[~used] = -1
-    received = part.comm.alltoallv([label[nodes] for nodes in part.shared.nodes])
+    received = part.ranks.alltoallv([label[nodes] for nodes in part.shared.nodes])
     links = [np.column_stack([np.unique(label[used])] * 2)]
     for nodes, theirs in zip(part.shared.nodes, received, strict=True):
         both = np.column_stack([label[nodes], theirs])
         links.append(np.unique(both[(both >= 0).all(axis=1)], axis=0))
-    every = np.concatenate(part.comm.allgather(np.concatenate(links)))
+    every = np.concatenate(part.ranks.allgather(np.concatenate(links)))
     labels, ends = np.unique(every, return_inverse=True)
     ends = ends.reshape(-1, 2)
     of_label = topology.components_of(ends, len(labels))
     number = np.full(part.n_points, -1, np.int32)
     number[used] = of_label[np.searchsorted(labels, label[used])]
     # A node without a cell here may have one on another rank.
-    return Components(
-        part.shared.merge(part.comm, number, np.maximum), int(of_label.max(initial=-1)) + 1
-    )
+    return Components(part.shared.merge(number, np.maximum), int(of_label.max(initial=-1)) + 1)
 
 
 def piece_of(part: PartitionedMesh, component: int) -> Piece:
@@ -106,7 +104,7 @@ def _find_piece(part: PartitionedMesh, component: int) -> Piece:
         corners = np.vstack([np.zeros(part.dim), np.eye(part.dim)])
         simplex = SimplexMesh(corners, np.arange(part.dim + 1)[None])
         none = np.empty(0, np.int32)
-        return Piece(part.comm, simplex, part.global_ids[:0], none, [none] * part.comm.size)
+        return Piece(part.ranks, simplex, part.global_ids[:0], none, [none] * part.ranks.size)
     nodes = np.flatnonzero(number == component)
     nodes = nodes[np.argsort(part.global_ids[nodes])]
     mesh, ids = part.mesh, part.global_ids[nodes]
@@ -115,4 +113,4 @@ def _find_piece(part: PartitionedMesh, component: int) -> Piece:
     if not np.array_equal(nodes, np.arange(part.n_points)):
         mesh = SimplexMesh(mesh.points[nodes], local[mesh.cells[own]])
     shared = [local[held][local[held] >= 0] for held in part.shared.nodes]
-    return Piece(part.comm, mesh, ids, nodes.astype(np.int32), shared)
+    return Piece(part.ranks, mesh, ids, nodes.astype(np.int32), shared)

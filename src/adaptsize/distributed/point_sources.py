@@ -45,5 +45,5 @@ def locate(part: PartitionedMesh, given: PointBounds | None) -> Located | None:
         which, cells = part.mesh.locator.within(given.points, reach)
         pairs = np.column_stack([number[part.cells[cells, 0]], which]).astype(np.int32)
         pairs = np.unique(pairs[np.isfinite(given.sizes)[which]], axis=0)
-    every: IntArray = np.unique(np.concatenate(part.comm.allgather(pairs)), axis=0)
+    every: IntArray = np.unique(np.concatenate(part.ranks.allgather(pairs)), axis=0)
     return Located(given, every)

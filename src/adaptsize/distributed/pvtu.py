@@ -96,22 +96,22 @@ def write_pieces(
     def write_own() -> tuple[str, SimplexMesh] | None:
         if part.mesh is None:
             return None
-        piece = path.with_name(f"{path.stem}_{part.comm.rank:04d}.vtu")
+        piece = path.with_name(f"{path.stem}_{part.ranks.rank:04d}.vtu")
         mesh = part.mesh.with_data(point_data={**fields, NODE_NUMBERS: part.global_ids})
         write(piece, mesh)
         return piece.name, mesh
 
-    own = part.comm.agree(write_own)
-    names = part.comm.allgather(None if own is None else own[0])
+    own = part.ranks.agree(write_own)
+    names = part.ranks.allgather(None if own is None else own[0])
     held = [name for name in names if name is not None]
     first = names.index(held[0])
 
     def write_list() -> None:
-        if own is not None and part.comm.rank == first:
+        if own is not None and part.ranks.rank == first:
             content = _listing(own[1], held)
             write_whole(path, partial(_write_bytes, content))
 
-    part.comm.agree(write_list)
+    part.ranks.agree(write_list)
     return [path, *(path.with_name(name) for name in held)]
 
 

@@ -106,7 +106,7 @@ def remesh(
     1.0
     """
     check_type("part", part, PartitionedMesh)
-    ranks = part.comm
+    ranks = part.ranks
 
     def check() -> tuple[FloatArray, str, int, _Options]:
         sizes = as_sizes("h", h, part.nodal_shape)
@@ -146,7 +146,7 @@ def _gathered(part: PartitionedMesh, sizes: FloatArray, options: _Options) -> Pa
         )  # fmt: skip
         return made
 
-    return PartitionedMesh.from_serial(part.comm.agree(make), None, part.comm)
+    return PartitionedMesh.from_serial(part.ranks.agree(make), None, part.ranks)
 
 
 def _by_parts(
@@ -164,11 +164,11 @@ def _by_parts(
         corners = work.points[frozen]
         places += [corners.mean(axis=1), corners.reshape(-1, part.dim)]
         own = work
-        made = work.comm.agree(partial(_remeshed, own, h, frozen, diagonal, options))
+        made = work.ranks.agree(partial(_remeshed, own, h, frozen, diagonal, options))
         work = _stitched(work, made, frozen)
-    if max(work.comm.allgather(work.n_cells)) * work.comm.size > _IMBALANCE * work.n_global_cells:
+    if max(work.ranks.allgather(work.n_cells)) * work.ranks.size > _IMBALANCE * work.n_global_cells:
         work = migrate(work, balanced(work))
-    return work, np.concatenate(part.comm.allgather(np.concatenate(places)))
+    return work, np.concatenate(part.ranks.allgather(np.concatenate(places)))
 
 
 def _remeshed(
@@ -195,7 +195,7 @@ def _stitched(old: PartitionedMesh, mesh: SimplexMesh | None, frozen: IntArray) 
 
     Frozen nodes have the same coordinates, bit for bit, and keep their numbers.
     """
-    comm = old.comm
+    comm = old.ranks
     n_new = comm.allgather(0 if mesh is None else mesh.n_points)
     keys = old.n_global_points + sum(n_new[: comm.rank]) + np.arange(n_new[comm.rank])
 

@@ -50,15 +50,15 @@ class PartSums(CellSums):
 
     def total(self, value: float) -> float:
         """Return a sum over the cells of all ranks."""
-        return float(self.part.comm.allreduce(float(value), "sum"))
+        return float(self.part.ranks.allreduce(float(value), "sum"))
 
     def largest(self, value: float) -> float:
         """Return a maximum over the cells of all ranks."""
-        return float(self.part.comm.allreduce(float(value), "max"))
+        return float(self.part.ranks.allreduce(float(value), "max"))
 
     def agree(self, task: Callable[[], T]) -> T:
         """Return the result of a task, or raise its error on all ranks."""
-        return self.part.comm.agree(task)
+        return self.part.ranks.agree(task)
 
 
 def cells_of(part: PartitionedMesh) -> Any:
@@ -93,7 +93,7 @@ def predicted_elements(
     115
     """
     check_type("part", part, PartitionedMesh)
-    h = part.comm.agree(lambda: as_sizes("size", size, part.nodal_shape))
+    h = part.ranks.agree(lambda: as_sizes("size", size, part.nodal_shape))
     counted = count_elements(cells_of(part), h, PartSums(part))
     return calibration(backend, part.cell_dim) * counted
 
@@ -212,11 +212,11 @@ def size_from_hessian(
             return as_float_array("values", values, (0,))
         return as_nodal_field("values", values, part.mesh)
 
-    nodal = part.comm.agree(check)
+    nodal = part.ranks.agree(check)
     around = surroundings_of(part)
     ends = np.array([nodal.min(initial=np.inf), -nodal.max(initial=-np.inf)])
     low, high = part.points.min(axis=0, initial=np.inf), part.points.max(axis=0, initial=-np.inf)
-    ends = part.comm.allreduce(np.concatenate([ends, low, -high]), "min")
+    ends = part.ranks.allreduce(np.concatenate([ends, low, -high]), "min")
     diagonal = float(np.linalg.norm(-ends[2 + part.dim :] - ends[2 : 2 + part.dim]))
     at_nodes = around.values(part, nodal)
     hessian = np.zeros((part.n_points, part.dim, part.dim))
@@ -239,7 +239,7 @@ def _finishing(
     part: PartitionedMesh, hmin: float | None, hmax: float | None, g: GradientLimit | None
 ) -> Callable[[FloatArray], FloatArray]:
     """Return the function that clips sizes to two limits and limits their gradient; collective."""
-    part.comm.agree(lambda: minimum(np.ones(1), hmin=hmin, hmax=hmax))
+    part.ranks.agree(lambda: minimum(np.ones(1), hmin=hmin, hmax=hmax))
 
     def finish(h0: FloatArray) -> FloatArray:
         clipped = minimum(h0, hmin=hmin, hmax=hmax)

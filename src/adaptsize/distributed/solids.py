@@ -159,7 +159,7 @@ class Shared(Alone):
 
     def __init__(self, part: PartitionedMesh, piece: Piece, body: Body) -> None:
         self.part, self.piece, self.body = part, piece, body
-        self.rank = piece.comm.rank
+        self.rank = piece.ranks.rank
 
     def merge(self, values: FloatArray, how: Literal["min", "max"]) -> FloatArray:
         """Merge the values of shared nodes and of those of reflex edges; collective."""
@@ -168,15 +168,15 @@ class Shared(Alone):
         least = how == "min"
         in_part = np.full((part.n_points, *values.shape[1:]), np.inf if least else -np.inf)
         in_part[piece.nodes] = values[body.own]
-        in_part = part.shared.merge(piece.comm, in_part, np.minimum if least else np.maximum)
+        in_part = part.shared.merge(in_part, np.minimum if least else np.maximum)
         merged = values.copy()
         merged[body.own] = in_part[piece.nodes]
-        merged[knots] = piece.comm.allreduce(merged[knots], how)
+        merged[knots] = piece.ranks.allreduce(merged[knots], how)
         return merged
 
     def any(self, flag: bool) -> bool:
         """Return whether the flag is set on any rank; collective."""
-        return bool(self.piece.comm.allreduce(int(flag), "max"))
+        return bool(self.piece.ranks.allreduce(int(flag), "max"))
 
 
 def _traced(
@@ -215,7 +215,7 @@ def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Flo
         both[0, body.own], both[1, body.own] = problem.h0, alone.h
         assert problem.order is not None
         order = problem.order
-    both[:, knots] = piece.comm.allreduce(both[:, knots], "min")
+    both[:, knots] = piece.ranks.allreduce(both[:, knots], "min")
     largest = _ABOVE * both[1]
     along = np.arange(len(knots), dtype=np.int32)
     own = reach_of(mesh.points, order, largest[body.own])
@@ -237,7 +237,7 @@ def _candidates(
     state[nodes] = 1
     in_part = np.zeros(part.n_points, np.int8)
     in_part[piece.nodes] = state[: len(piece.nodes)]
-    merged = part.shared.merge(piece.comm, in_part, np.maximum)[piece.nodes]
+    merged = part.shared.merge(in_part, np.maximum)[piece.nodes]
     return np.flatnonzero(merged == 1).astype(np.int32), steep
 
 
@@ -249,7 +249,7 @@ def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: FloatArray, g: f
     own = np.column_stack([wave.table, numbers[wave.nodes].astype(np.float64)])
     n = piece.mesh.n_points
     sent = own[wave.nodes[:, 0] < n]
-    others = exchange_rows(piece.comm, [of_this_rank(wave, n)], [sent], reach, g)
+    others = exchange_rows(piece.ranks, [of_this_rank(wave, n)], [sent], reach, g)
     rows = np.concatenate([own, others])
     order, _ = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
@@ -277,7 +277,7 @@ def _spread(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -
         lowered = h.copy()
         spread_out = solve_along_edges(part, in_part, slope, problem.report).h
         lowered[body.own] = spread_out[piece.nodes]
-        lowered[knots] = piece.comm.allreduce(lowered[knots], "min")
+        lowered[knots] = piece.ranks.allreduce(lowered[knots], "min")
         return lowered
 
     return spread

@@ -75,16 +75,13 @@ def size_from_sources(
     Examples
     --------
     >>> from adaptsize import PointSource
-    >>> from adaptsize.distributed import SimulatedCommunicator
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> def work(comm):
-    ...     part = PartitionedMesh.from_serial(square, [0, 1], comm)
-    ...     return part.gather_nodal(size_from_sources(part, PointSource([0.5, 0.5], 0.1), g=0.2))
-    >>> SimulatedCommunicator.run(2, work)[0].round(3)
+    >>> part = PartitionedMesh.from_serial(square)
+    >>> size_from_sources(part, PointSource([0.5, 0.5], 0.1), g=0.2).round(3)
     array([0.241, 0.241, 0.241, 0.241])
     """
     check_type("part", part, PartitionedMesh)
-    comm = part.comm
+    comm = part.ranks
 
     several, slope = comm.agree(lambda: (as_sources(sources), as_slope("g", g)))
     digests = [_digest(source) for source in several]
@@ -135,25 +132,25 @@ class _MeshOfParts(SourceMesh):
         super().__init__(part.mesh, (part.dim, part.cell_dim))
         self._part = part
         self._diagonal = diagonal_of(part)
-        self.speaks = part.comm.rank == 0
+        self.speaks = part.ranks.rank == 0
 
     @property
     def diagonal(self) -> float:
         return self._diagonal
 
     def least(self, values: FloatArray) -> FloatArray:
-        found: FloatArray = self._part.comm.allreduce(values, "min")
+        found: FloatArray = self._part.ranks.allreduce(values, "min")
         return found
 
     def boundary_nodes(self) -> IntArray:
         if self.cell_dim == 1:
             raise ValueError("the boundary of segments is not a mesh; cells must have 3 or 4 nodes")
         facets = boundary_facets(self._part)
-        if self._part.comm.allreduce(len(facets), "sum") == 0:
+        if self._part.ranks.allreduce(len(facets), "sum") == 0:
             raise ValueError("the mesh is closed: it has no boundary")
         return np.unique(facets).astype(np.int32)
 
     def every_tag(self, kind: Literal["cell", "facet"]) -> IntArray | None:
-        every = self._part.comm.allgather(super().every_tag(kind))
+        every = self._part.ranks.allgather(super().every_tag(kind))
         found = [tags for tags in every if tags is not None]
         return np.unique(np.concatenate(found)) if found else None

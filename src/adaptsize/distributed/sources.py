@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.exact_plane import CORNER
-from adaptsize.distributed.communicator import Communicator, split_rows
 from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.waves import Wave
 from adaptsize.limiting.sources import SizeSources
+from adaptsize.ranks import Communicator, split_rows
 from adaptsize.typing import FloatArray, IntArray
 
 
@@ -41,15 +41,13 @@ class PartsSources:
     --------
     >>> import numpy as np
     >>> from adaptsize import SimplexMesh
-    >>> from adaptsize.distributed import PartitionedMesh, SimulatedCommunicator, limit_gradient
+    >>> from adaptsize.distributed import PartitionedMesh, limit_gradient
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> def work(comm):
-    ...     part = PartitionedMesh.from_serial(square, [0, 1], comm)
-    ...     h0 = np.where(part.global_ids == 1, 0.1, np.inf)
-    ...     _, info = limit_gradient(part, h0, 0.3, full_output=True)
-    ...     return info.sources.roots()
-    >>> SimulatedCommunicator.run(2, work)  # all sizes are those that node 1 allows
-    [array([1, 1, 1]), array([1, 1, 1])]
+    >>> part = PartitionedMesh.from_serial(square)
+    >>> h0 = np.where(part.global_ids == 1, 0.1, np.inf)
+    >>> _, info = limit_gradient(part, h0, 0.3, full_output=True)
+    >>> info.sources.roots()  # all sizes are those that node 1 allows
+    array([1, 1, 1, 1])
     """
 
     part: PartitionedMesh
@@ -81,7 +79,7 @@ class PartsSources:
             Global numbers; -1 where no bound reaches, ``n_global_points + k`` for the k-th of the
             point sources.
         """
-        part, comm = self.part, self.part.comm
+        part, comm = self.part, self.part.ranks
         share = part.n_global_points // comm.size + 1  # of the nodes, for each rank
         own = part.is_owned
         ids = part.global_ids[own]

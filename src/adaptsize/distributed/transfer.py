@@ -15,8 +15,8 @@ from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.communicator import split_rows
 from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.ranks import split_rows
 from adaptsize.typing import FloatArray, IntArray
 
 # A cell with less than this share of its measure in the old domain counts as outside.
@@ -72,8 +72,10 @@ def transfer_fields(
             raise ValueError(f"{name} must consist of triangles or tetrahedra, got {part!r}")
     if (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
         raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
-    nodal, by_cell, averaged = old.comm.agree(check)
-    old.comm.require_equal(fields=_kinds(nodal), cell_fields=_kinds(by_cell), conservative=averaged)
+    nodal, by_cell, averaged = old.ranks.agree(check)
+    old.ranks.require_equal(
+        fields=_kinds(nodal), cell_fields=_kinds(by_cell), conservative=averaged
+    )
     boxes = _boxes(old)
     found = {name: _nodal(old, new, boxes, values) for name, values in nodal.items()}
     cells = {name: _cells(old, new, boxes, values, averaged) for name, values in by_cell.items()}
@@ -90,7 +92,7 @@ def interpolate(old: PartitionedMesh, values: npt.ArrayLike, points: FloatArray)
             field = field.astype(np.float64)
         return field, as_near_points("points", points, old.dim)
 
-    field, where = old.comm.agree(check)
+    field, where = old.ranks.agree(check)
     columns = _columns(field)
     return _restored(_ask(old, _boxes(old), where, partial(_values_at, old.mesh, columns)), field)
 
@@ -169,7 +171,7 @@ def _boxes(part: PartitionedMesh) -> FloatArray:
     if part.mesh is not None:
         used = part.points[np.unique(part.cells)]
         box = np.stack([used.min(axis=0), used.max(axis=0)])
-    return np.array(part.comm.allgather(box))
+    return np.array(part.ranks.allgather(box))
 
 
 def _ask(
@@ -188,8 +190,8 @@ def _ask(
         axis=2,
     )
     away[np.isnan(away)] = np.inf
-    here = away[:, old.comm.rank] <= away.min(axis=1, initial=np.inf)
-    first = np.where(here, old.comm.rank, away.argmin(axis=1))
+    here = away[:, old.ranks.rank] <= away.min(axis=1, initial=np.inf)
+    first = np.where(here, old.ranks.rank, away.argmin(axis=1))
     every = np.arange(len(points))
     best = _answers(old, points, every, first, answer)
     nearer = away < best[:, :1]
@@ -211,7 +213,7 @@ def _answers(
     answer: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
     """Return the answers of given ranks for given points, one row for each; collective."""
-    comm = old.comm
+    comm = old.ranks
     order = np.argsort(rank, kind="stable")
     asked = comm.alltoallv(split_rows(points[which], rank, comm.size))
     every = np.concatenate(asked)

@@ -14,7 +14,7 @@ from adaptsize.typing import BoolArray
 def total_measure(part: PartitionedMesh) -> float:
     """Return the area or volume of the mesh; collective."""
     own = 0.0 if part.mesh is None else float(part.mesh.measures.sum())
-    return float(part.comm.allreduce(own, "sum"))
+    return float(part.ranks.allreduce(own, "sum"))
 
 
 def diagonal_of(part: PartitionedMesh) -> float:
@@ -26,13 +26,13 @@ def _find_diagonal(part: PartitionedMesh) -> float:
     none = np.full(part.dim, np.inf)
     low = none if part.mesh is None else part.points.min(axis=0)
     high = none if part.mesh is None else -part.points.max(axis=0)
-    ends = part.comm.allreduce(np.concatenate([low, high]), "min")
+    ends = part.ranks.allreduce(np.concatenate([low, high]), "min")
     return float(np.linalg.norm(ends[part.dim :] + ends[: part.dim]))
 
 
 def lost_tags(old: PartitionedMesh, new: PartitionedMesh) -> tuple[str, ...]:
     """Return the tags of cells and facets of the old mesh that the new one lacks; collective."""
-    before, after = (set().union(*part.comm.allgather(_tags(part))) for part in (old, new))
+    before, after = (set().union(*part.ranks.allgather(_tags(part))) for part in (old, new))
     return tuple(f"{kind} tag {tag}" for kind, tag in sorted(before - after))
 
 
@@ -50,12 +50,12 @@ def boundary_distance(old: PartitionedMesh, new: PartitionedMesh) -> float:
 
     Collective.  All ranks get the boundary of the old mesh.
     """
-    corners = np.concatenate(old.comm.allgather(old.points[boundary_facets(old)]))
+    corners = np.concatenate(old.ranks.allgather(old.points[boundary_facets(old)]))
     nodes = np.unique(boundary_facets(new))
     rows = np.arange(corners.shape[0] * corners.shape[1]).reshape(corners.shape[:2])
     skin = SimplexMesh(corners.reshape(-1, old.dim), rows)
     own = float(skin.locator.nearest(new.points[nodes])[2].max()) if len(nodes) else 0.0
-    return float(old.comm.allreduce(own, "max"))
+    return float(old.ranks.allreduce(own, "max"))
 
 
 def compare_with(part: PartitionedMesh, sizes: NextSizes) -> Present:
@@ -67,14 +67,14 @@ def compare_with(part: PartitionedMesh, sizes: NextSizes) -> Present:
         weights, longest = edge_weights(pieces[counted], part.cell_dim), float(pieces.max())
     return Present(
         part.n_global_cells,
-        part.comm.allreduce(weights, "sum"),
-        float(part.comm.allreduce(longest, "max")),
+        part.ranks.allreduce(weights, "sum"),
+        float(part.ranks.allreduce(longest, "max")),
     )
 
 
 def _counted_edges(part: PartitionedMesh) -> BoolArray:
     """Return whether this rank is the lowest one that has each of its edges; one exchange."""
-    comm = part.comm
+    comm = part.ranks
     edges = np.empty((0, 2), np.int32) if part.mesh is None else part.mesh.edges
     low, high = np.sort(part.global_ids[edges], axis=1).T
     keys = low * part.n_global_points + high

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Sequence
 from threading import Condition, Thread
@@ -11,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_whole_number
-from adaptsize.distributed.communicator import Communicator, Operation, Traffic, reduced
+from adaptsize.ranks import Communicator, Operation, Traffic
 
 T = TypeVar("T")
 
@@ -121,7 +122,7 @@ class SimulatedCommunicator(Communicator):
         data = pickle.dumps(value)
         self._count(len(data))
         every = self._world.meet(self.rank, f"allreduce {op}", data)
-        return reduced([pickle.loads(item) for item in every], op)
+        return _reduced([pickle.loads(item) for item in every], op)
 
     def alltoallv(self, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
         """Send one array to each rank, and return the arrays received."""
@@ -147,3 +148,13 @@ class SimulatedCommunicator(Communicator):
     def _count(self, n_bytes: int) -> None:
         self.traffic.reductions += 1
         self.traffic.bytes_gathered += n_bytes
+
+
+def _reduced(values: Sequence[Any], op: Operation) -> Any:
+    """Return the sum, minimum or maximum of the values of all ranks; sums are rounded once."""
+    if isinstance(values[0], np.ndarray):
+        merge = {"sum": np.add, "min": np.minimum, "max": np.maximum}[op]
+        return merge.reduce(np.stack(values), axis=0)
+    if op == "sum":
+        return math.fsum(values) if isinstance(values[0], float) else sum(values)
+    return min(values) if op == "min" else max(values)
