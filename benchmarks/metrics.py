@@ -106,7 +106,7 @@ def times(n, dim):
     mesh, rows = square(n, dim), []
     for name, field in FIELDS.items():
         metric = field(mesh)
-        (_, info), seconds = timed(limit_metric, mesh, metric, G, threads=1, full_output=True)
+        (_, info), seconds = timed(limit_metric.with_info, mesh, metric, G, threads=1)
         rows.append([f"{dim}-D, {mesh.n_points}", name, info.n_sources, info.n_active.mean(),
                      seconds, seconds / mesh.n_points * 1e6])  # fmt: skip
     return rows

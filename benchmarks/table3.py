@@ -130,7 +130,7 @@ def limited(background, h0, method="fast-marching", **options):
     """Return the sizes of `limit_gradient`; and the number of steps of an iteration."""
     if "initial" not in options:
         return limit_gradient(background, h0, G, method=method, **options), None
-    h, info = limit_gradient(background, h0, G, method=method, full_output=True, **options)
+    h, info = limit_gradient.with_info(background, h0, G, method=method, **options)
     return h, info.iterations
 
 

@@ -20,7 +20,7 @@ import adaptsize as ads
 mesh = ads.read("data/slit.vtu")
 h0 = np.full(mesh.n_points, np.inf)
 h0[np.argmin(np.linalg.norm(mesh.points - [1.0, 2.0], axis=1))] = 0.05
-h, info = ads.limit_gradient(mesh, h0, 0.2, full_output=True)
+h, info = ads.limit_gradient.with_info(mesh, h0, 0.2)
 before = info.sources.nodes[:, 0]  # the last node on the shortest path to each node
 path = [np.argmin(np.linalg.norm(mesh.points - [3.0, 2.0], axis=1))]
 while before[path[-1]] != path[-1]:
@@ -75,7 +75,7 @@ def main(output_dir: Path, *, spacing: float = 0.05, width: int = 1440) -> dict[
     h0 = np.full(mesh.n_points, np.inf)
     for place, size in BOUNDS.items():
         h0[node_at(mesh, place)] = size
-    h, info = ads.limit_gradient(mesh, h0, G, full_output=True)
+    h, info = ads.limit_gradient.with_info(mesh, h0, G)
     before = info.sources.nodes[:, 0]  # the last node on the shortest path to each node
     corners = np.setdiff1d(before, np.flatnonzero(h == h0))
     paths = [path_to(node_at(mesh, place), before) for place in PLACES]

@@ -29,8 +29,8 @@ info = None
 for angle in np.linspace(0.0, 0.5, 6):  # a burner on its way
     there = [0.5 + 0.3 * np.cos(angle), 0.5 + 0.3 * np.sin(angle)]
     h0 = 0.01 + 0.5 * np.linalg.norm(grid.points - there, axis=1).reshape(grid.shape)
-    h, info = ads.limit_gradient(
-        grid, h0.clip(max=0.1), 0.25, face_sources=False, initial=info, full_output=True
+    h, info = ads.limit_gradient.with_info(
+        grid, h0.clip(max=0.1), 0.25, face_sources=False, initial=info
     )
 ads.plot.plot_size(grid, h, path="front.png")
 ```
@@ -176,13 +176,11 @@ class Follower:
     def limited(self, share: float) -> FloatArray:
         """Return the limited sizes; compare with limiting from nothing."""
         start = time.process_time()
-        h, info = ads.limit_gradient(
-            self.background, self.h0, G, face_sources=False, initial=self.info, full_output=True
+        h, info = ads.limit_gradient.with_info(
+            self.background, self.h0, G, face_sources=False, initial=self.info
         )
         warm = time.process_time()
-        cold = ads.limit_gradient(
-            self.background, self.h0, G, face_sources=False, full_output=True
-        )[0]
+        cold = ads.limit_gradient.with_info(self.background, self.h0, G, face_sources=False)[0]
         if self.info is not None:
             self.changed.append(float(share))
             self.seconds.append((warm - start, time.process_time() - warm))

@@ -86,7 +86,7 @@ def main(output_dir: Path, *, n_nodes: int = 401, width: int = 480) -> dict[str,
     for row, g in enumerate((np.where(x < 0.0, 0.4, 0.2), g_of_h)):
         # The sources are of slope 0.2 up to the nodes around them, which no g here is below.
         h0 = ads.size_from_sources(grid, curves(), g=0.2)
-        h, info = ads.limit_gradient(grid, np.minimum(h0, HMAX), g, full_output=True)
+        h, info = ads.limit_gradient.with_info(grid, np.minimum(h0, HMAX), g)
         name = "g(x)" if row == 0 else "g(h)"
         found[f"largest slope over g, {name}"] = info.largest_edge_slope
         found[f"mean size on the left, {name}"] = float(h[active & (x < 0.0)].mean())

@@ -48,7 +48,7 @@ SCALE = 0.3
 def main(output_dir: Path, *, n_side: int = 121, width: int = 1040) -> dict[str, float]:
     mesh = jittered_rectangle((0.0, 0.0), (3.0, 1.4), n_side)
     bound = requested(mesh)
-    limited, info = ads.limit_metric(mesh, bound, G, full_output=True)
+    limited, info = ads.limit_metric.with_info(mesh, bound, G)
 
     path = output_dir / "metric_gradation.png"
     draw(path, mesh, bound, limited, info.n_active, width)

@@ -46,7 +46,7 @@ def main(output_dir: Path, *, n_nodes: int = 401, width: int = 480) -> dict[str,
     found = {"steepest slope of h0": float(np.abs(np.diff(h0)).max() * (n_nodes - 1))}
     figure, panels = drawing(2, 2, width, shape=0.7)
     for g, panel in zip(LIMITS, panels, strict=True):
-        h, info = ads.limit_gradient(grid, h0, g, full_output=True)
+        h, info = ads.limit_gradient.with_info(grid, h0, g)
         exact = (h0 + g * np.abs(x[:, None] - x)).min(axis=1)
         found[f"share lowered, g = {g:g}"] = info.n_changed / n_nodes
         found[f"steepest slope over g, g = {g:g}"] = info.largest_edge_slope

@@ -11,7 +11,7 @@ import adaptsize as ads
 
 mesh = ads.read("data/curved.vtu")
 h0 = ads.size_from_curvature(mesh, elements_per_radian=4)
-h, info = ads.limit_gradient(mesh, h0, 0.3, full_output=True)
+h, info = ads.limit_gradient.with_info(mesh, h0, 0.3)
 roots = info.sources.roots()  # for each node the node whose bound controls it
 exact = ads.SizeFunction(mesh, h, sources=info.sources)  # not interpolated
 print(exact([[5.5, 2.5]]), ads.SizeFunction(mesh, h)([[5.5, 2.5]]))
@@ -45,7 +45,7 @@ def main(output_dir: Path, *, width: int = 640) -> dict[str, float]:
     node = node_at(mesh, PLACE)
     h0 = ads.size_from_curvature(mesh, elements_per_radian=4)
     h0[node] = SIZE
-    h, info = ads.limit_gradient(mesh, h0, G, full_output=True)
+    h, info = ads.limit_gradient.with_info(mesh, h0, G)
     roots = info.sources.roots()
     causes = causes_of(mesh)
     interpolated = ads.SizeFunction(mesh, h)

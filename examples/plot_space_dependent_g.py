@@ -36,7 +36,7 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, 
     h0 = np.full(mesh.n_points, np.inf)
     sources = [node_at(mesh, (-1, 1)), node_at(mesh, (1, 1))]
     h0[sources] = SMALLEST
-    h, info = ads.limit_gradient(mesh, h0, g, full_output=True)
+    h, info = ads.limit_gradient.with_info(mesh, h0, g)
 
     left, right = node_at(mesh, (-1, 0)), node_at(mesh, (1, 0))
     grown = [h[left] - SMALLEST, h[right] - SMALLEST]

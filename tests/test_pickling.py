@@ -38,7 +38,7 @@ def a_tree():
 def limited(background):
     h0 = np.full(background.nodal_shape, 1.0)
     h0.flat[7] = 0.05
-    return ads.limit_gradient(background, h0, 0.3, method="exact", full_output=True)
+    return ads.limit_gradient.with_info(background, h0, 0.3, method="exact")
 
 
 def size_with_sources():

@@ -68,10 +68,6 @@ WRONG = {
         lambda: ads.limit_gradient(SQUARE, H0, 0.3, face_sources="no"),
         "face_sources must be True or False, got 'no'",
     ),
-    "full_output that is an array": (
-        lambda: ads.limit_gradient(SQUARE, H0, 0.3, full_output=SEVERAL),
-        "full_output must be True or False",
-    ),
     "a floor that is an array": (
         lambda: ads.limit_gradient(SQUARE, H0, 0.3, floor=SEVERAL),
         "floor must be 'hopf-lax' or None, got array",

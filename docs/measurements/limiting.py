@@ -34,7 +34,7 @@ def accuracy(name, mesh):
     """Print errors of fast marching, the same with exact data near the sources, edge-based."""
     h0 = two_sources(mesh)
     exact = ads.limit_gradient(mesh, h0, G, method="exact")
-    h, info = ads.limit_gradient(mesh, h0, G, method="fast-marching", full_output=True)
+    h, info = ads.limit_gradient.with_info(mesh, h0, G, method="fast-marching")
     sources = mesh.points[np.isfinite(h0)]
     near = (np.linalg.norm(mesh.points[:, None] - sources, axis=2) <= 10.0).any(axis=1)
     no_tip = ads.limit_gradient(mesh, np.where(near, exact, np.inf), G, method="fast-marching")
@@ -52,9 +52,8 @@ def positive_coefficient(mesh):
     for floor in ("hopf-lax", None):
         for name, initial in (("fast marching", None), ("50", from_50)):
             start = time.perf_counter()
-            h, info = ads.limit_gradient(
+            h, info = ads.limit_gradient.with_info(
                 mesh, h0, G, method="positive-coefficient", floor=floor, initial=initial,
-                full_output=True,
             )  # fmt: skip
             seconds = time.perf_counter() - start
             error = h - exact
@@ -73,8 +72,8 @@ def slivers(n, stretch):
     h0[0] = 0.01
     texts = []
     start = time.perf_counter()
-    _, info = ads.limit_gradient(
-        mesh, h0, G, method="fast-marching", full_output=True,
+    _, info = ads.limit_gradient.with_info(
+        mesh, h0, G, method="fast-marching",
         progress=lambda text, share: texts.append(text),
     )  # fmt: skip
     print(
@@ -96,7 +95,7 @@ def sphere(n):
 
 def exact_gradients(mesh):
     """Print the gradients in the cells of the exact nodal values, over g."""
-    _, info = ads.limit_gradient(mesh, two_sources(mesh), G, method="exact", full_output=True)
+    _, info = ads.limit_gradient.with_info(mesh, two_sources(mesh), G, method="exact")
     print(f"exact nodal values, gradients over g: {info.cell_gradient_quantiles}")
 
 
@@ -105,7 +104,7 @@ def main(quick):
     warnings.simplefilter("ignore")
     sizes = 1 if quick else 3
     for mesh in (random_square(100, SEED), jittered_cube(5, SEED), random_sphere(100, SEED)):
-        ads.limit_gradient(mesh, mesh.points[:, 0] + 60.0, G, full_output=True)  # compile
+        ads.limit_gradient.with_info(mesh, mesh.points[:, 0] + 60.0, G)  # compile
     for n in (100, 200, 400)[:sizes]:
         accuracy("jittered", jittered_square(n, SEED))
         accuracy("random", random_square(n * n, SEED, half_width=50.0))

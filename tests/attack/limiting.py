@@ -63,7 +63,7 @@ def _check(
     domain: Domain, h0: np.ndarray, g: Any, method: str, options: dict[str, Any], rng: Any
 ) -> None:
     background = domain.background
-    h, info = ads.limit_gradient(background, h0, g, method=method, full_output=True, **options)
+    h, info = ads.limit_gradient.with_info(background, h0, g, method=method, **options)
     active = getattr(background, "active", None)
     active = np.ones(h.shape, bool) if active is None else active
     finite = np.isfinite(h) & active

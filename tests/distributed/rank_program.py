@@ -48,7 +48,7 @@ def compare_in_solid(comm):
     noise[rng.random(mesh.n_points) < 0.7] = np.inf
     points = np.concatenate([point, -point]).reshape(2, 3), [1.0, 3.0]
     for bound, options in [(h0, {}), (noise, {"point_sources": points})]:
-        whole, expected = limit_gradient(mesh, bound, 0.3, full_output=True, **options)
+        whole, expected = limit_gradient.with_info(mesh, bound, 0.3, **options)
         h, info = limit_parts(part, bound[part.global_ids], 0.3, full_output=True, **options)
         assert np.array_equal(h, whole[part.global_ids])
         assert (info.n_proved, info.largest_gap) == (expected.n_proved, expected.largest_gap)

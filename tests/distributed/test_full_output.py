@@ -53,7 +53,7 @@ def between_nodes(mesh, rng):
 
 
 def assert_equal_to_serial(mesh, h0, rank_of, g=0.3, **options):
-    whole, expected = limit_gradient(mesh, h0, g, full_output=True, **options)
+    whole, expected = limit_gradient.with_info(mesh, h0, g, **options)
 
     def work(part):
         return limit_parts(part, h0[part.global_ids], g, full_output=True, **options)
@@ -122,7 +122,7 @@ def test_marching_and_collected_meshes():
     for mesh in (square, sphere):
         h0 = bounds(mesh, "some", rng)
         options = {"method": "fast-marching"}
-        whole, expected = limit_gradient(mesh, h0, 0.3, full_output=True, **options)
+        whole, expected = limit_gradient.with_info(mesh, h0, 0.3, **options)
 
         def work(part, h0=h0, options=options):
             return limit_parts(part, h0[part.global_ids], 0.3, full_output=True, **options)

@@ -31,7 +31,7 @@ DOMAINS = {
 
 
 def assert_equal_to_serial(mesh, h0, rank_of, g=0.3, **options):
-    _, info = limit_gradient(mesh, h0, g, full_output=True, **options)
+    _, info = limit_gradient.with_info(mesh, h0, g, **options)
     expected, expected_roots = info.sources, info.sources.roots()
 
     def work(part):

@@ -163,7 +163,7 @@ def test_layout_in_memory_does_not_matter(case, background, h0, g, data):
 
 @law
 def test_info_agrees_with_the_field(case, background, h0, g, data):
-    h, info = case.limit(background, h0, g, full_output=True)
+    h, info = case.with_info(background, h0, g)
     active = active_nodes(background)
     assert info.method == case.method
     assert info.n_changed == (h < h0)[active].sum()

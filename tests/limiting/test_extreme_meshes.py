@@ -146,16 +146,14 @@ def test_cells_without_a_limit_beside_others_give_no_warning():
     h0 = rng.uniform(0.01, 1.0, 300)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        _, info = limit_gradient(mesh, h0, g, full_output=True)
+        _, info = limit_gradient.with_info(mesh, h0, g)
     assert not np.isnan(list(info.cell_gradient_quantiles.values())).any()
 
 
 @pytest.mark.parametrize("method", ALL)
 def test_equal_bounds_under_a_limit_of_the_size_leave_no_residual(method):
     # Regression: the transformed sizes are all 0, and the residual was divided by the largest.
-    h, info = limit_gradient(
-        SQUARE, np.full(4, 0.1), lambda h: 0.2 + h, method=method, full_output=True
-    )
+    h, info = limit_gradient.with_info(SQUARE, np.full(4, 0.1), lambda h: 0.2 + h, method=method)
     assert h.tolist() == [0.1] * 4
     assert info.residual == 0.0
 
@@ -164,7 +162,7 @@ def test_equal_bounds_under_a_limit_of_the_size_leave_no_residual(method):
 def test_equal_bounds_on_grids_under_a_limit_of_the_size_leave_no_residual(method):
     grid = CartesianGrid([0.0, 0.0], 0.5, (4, 3))
     h0 = np.full(grid.shape, 0.1)
-    h, info = limit_gradient(grid, h0, lambda h: 0.2 + h, method=method, full_output=True)
+    h, info = limit_gradient.with_info(grid, h0, lambda h: 0.2 + h, method=method)
     assert (h == 0.1).all()
     assert info.residual == 0.0
 
@@ -175,6 +173,6 @@ def test_equal_bounds_on_grids_under_a_limit_of_the_size_leave_no_residual(metho
 def test_a_number_is_a_bound_for_all_nodes(background):
     expected = limit_gradient(background, np.full(background.nodal_shape, 0.1), 0.3)
     assert_array_equal(limit_gradient(background, 0.1, 0.3), expected)
-    h, info = limit_gradient(background, 0.1, 0.3, full_output=True)
+    h, info = limit_gradient.with_info(background, 0.1, 0.3)
     assert_array_equal(h, expected)
     assert_array_equal(limit_gradient(background, 0.1, 0.3, initial=info), expected)

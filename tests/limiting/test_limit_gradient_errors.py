@@ -231,7 +231,7 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
     mesh = jittered_square(11, seed=92)
     h0 = np.where(np.arange(mesh.n_points) == 60, 1.0, np.inf)
     with pytest.warns(ConvergenceWarning, match="stopped after max_iter = 1 steps") as caught:
-        h, info = limit_gradient(
+        h, info = limit_gradient.with_info(
             mesh,
             h0,
             0.3,
@@ -239,7 +239,6 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
             floor=None,
             max_iter=1,
             tol=1e-12,
-            full_output=True,
         )
     assert len(caught) == 1
     assert caught[0].filename == __file__  # the caller's line is the one shown

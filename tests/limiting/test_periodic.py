@@ -188,13 +188,13 @@ def test_paired_nodes_get_equal_sizes_and_the_smaller_bound():
 def test_sizes_between_nodes_know_the_images():
     mesh = unit_square(6)
     h0 = sparse_bounds(mesh.n_points, 8108)
-    h, info = limit_gradient(mesh, h0, G, periodic=SQUARE, full_output=True)
+    h, info = limit_gradient.with_info(mesh, h0, G, periodic=SQUARE)
     size = SizeFunction(mesh, h, sources=info.sources)
     big, numbers = tiled(mesh, SQUARE, reach=2)
     bound = np.full(big.n_points, np.inf)
     for of_tile in numbers:
         np.minimum.at(bound, of_tile, h0)
-    among, of_all = limit_gradient(big, bound, G, full_output=True)
+    among, of_all = limit_gradient.with_info(big, bound, G)
     x = np.random.default_rng(8109).random((50, 2))
     expected = SizeFunction(big, among, sources=of_all.sources)(x)
     assert_allclose(size(x), expected, rtol=1e-12)
@@ -248,7 +248,7 @@ def test_translations_that_do_not_fit_are_refused(vectors, message):
 
 def test_other_options_are_refused():
     grid = CartesianGrid([0, 0], 0.25, (5, 5))
-    h, info = limit_gradient(grid, 1.0, G, periodic=SQUARE, full_output=True)
+    h, info = limit_gradient.with_info(grid, 1.0, G, periodic=SQUARE)
     for options in ({"initial": info}, {"order": 2}):
         with pytest.raises(ValueError, match="periodic cannot be combined"):
             limit_gradient(grid, h, G, periodic=SQUARE, **options)

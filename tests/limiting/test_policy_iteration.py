@@ -102,7 +102,7 @@ def test_too_few_policies_are_reported_by_a_warning_and_in_the_info(monkeypatch)
     monkeypatch.setattr(marching, "CHUNK", 1)
     monkeypatch.setattr(policy_iteration, "_MOST_STEPS", 1)
     with pytest.warns(ConvergenceWarning, match="policy iteration stopped after 1 steps") as caught:
-        h, info = limit_gradient(mesh, h0, g, method="fast-marching", full_output=True)
+        h, info = limit_gradient.with_info(mesh, h0, g, method="fast-marching")
     assert [w.filename for w in caught] == [__file__]  # the caller's line is the one shown
     assert not info.converged
     assert (h >= exact * (1.0 - 1e-12)).all()

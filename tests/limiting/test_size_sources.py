@@ -28,7 +28,7 @@ CONVEX = {
 
 def limited(background, h0, g=G):
     """Return the size function with its sources, and without."""
-    h, info = limit_gradient(background, h0, g, method="exact", full_output=True)
+    h, info = limit_gradient.with_info(background, h0, g, method="exact")
     return SizeFunction(background, h, sources=info.sources), SizeFunction(background, h)
 
 
@@ -174,7 +174,7 @@ def test_sizes_on_lines_are_exact_between_the_nodes():
     points = np.linspace(0.0, 4.0, 41)
     exact = np.minimum(1.0 + G * points, 1.5 + G * (4.0 - points))
     assert_allclose(with_sources(points[:, None]), exact, rtol=1e-14)
-    _, info = limit_gradient(line, [1.0, 1.5, np.inf, np.inf], G, full_output=True)
+    _, info = limit_gradient.with_info(line, [1.0, 1.5, np.inf, np.inf], G)
     assert_array_equal(info.sources.nodes[:, 0], [0, 1, 0, 0])
     assert_array_equal(info.sources.roots(), [0, 1, 0, 0])
 
@@ -212,7 +212,7 @@ def test_components_have_sources_of_their_own_between_the_nodes():
 
 def assert_sources_give_the_sizes(background, h0, **options):
     """Compare sizes with what each source allows; return sizes and sources."""
-    h, info = limit_gradient(background, h0, G, method="exact", full_output=True, **options)
+    h, info = limit_gradient.with_info(background, h0, G, method="exact", **options)
     sources, h, bound = info.sources, h.ravel(), np.ravel(h0)
     points = coordinates(background).reshape(-1, background.dim)
     reached = np.isfinite(h)
@@ -291,7 +291,7 @@ def test_where_nothing_is_steep_nothing_changes_and_every_node_is_its_own_source
     }[name]()  # fmt: skip
     x = coordinates(background)
     h0 = 100.0 + 0.1 * x.sum(axis=-1)
-    h, info = limit_gradient(background, h0, G, full_output=True)
+    h, info = limit_gradient.with_info(background, h0, G)
     assert_array_equal(h, h0)
     assert_array_equal(info.sources.nodes[:, 0], np.arange(h0.size))
     assert_array_equal(info.sources.roots(), np.arange(h0.size))
@@ -304,7 +304,7 @@ def test_where_nothing_is_steep_nothing_changes_and_every_node_is_its_own_source
 def test_roots_follow_bends_to_the_node_that_was_asked():
     mesh, _ = slit_square(500)
     h0, nodes = point_sources(mesh, [(-20, 30)], (1.0,))
-    _, info = limit_gradient(mesh, h0, G, full_output=True)
+    _, info = limit_gradient.with_info(mesh, h0, G)
     bends = np.unique(info.sources.nodes[:, 0])
     corners = point_sources(mesh, [(-0.5, -20.0), (0.5, -20.0)], (1.0, 1.0))[1]
     assert set(bends) == {*nodes, *corners}
@@ -322,7 +322,7 @@ def test_roots_of_an_edge_are_its_smaller_end_and_of_nothing_minus_1():
     # Linear along the lower side, of a slope below g: sources are inside its edges.
     x, y = apart.points.T
     h0 = np.where((y == -1.0) & (x < 2.0), 1.0 + 0.1 * x, np.inf)
-    _, info = limit_gradient(apart, h0, G, full_output=True)
+    _, info = limit_gradient.with_info(apart, h0, G)
     roots = info.sources.roots()
     assert (roots[n:] == -1).all()
     assert np.isfinite(h0[roots[:n]]).all()
@@ -336,7 +336,7 @@ def test_roots_of_an_edge_are_its_smaller_end_and_of_nothing_minus_1():
 
 def test_only_the_exact_method_has_sources():
     background, h0, _ = two_corners("triangles")
-    _, info = limit_gradient(background, h0, G, method="fast-marching", full_output=True)
+    _, info = limit_gradient.with_info(background, h0, G, method="fast-marching")
     assert info.sources is None
 
 

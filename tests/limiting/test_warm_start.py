@@ -96,7 +96,7 @@ def test_sizes_from_an_earlier_solution_are_those_from_nothing(
     background, rng = BACKGROUNDS[name], np.random.default_rng(seed)
     h0, g = bounds(background, rng, share), limits(background, limit, rng)
     options = {"face_sources": not nodes_only}
-    _, info = limit_gradient(background, h0, g, full_output=True, **options)
+    _, info = limit_gradient.with_info(background, h0, g, **options)
     new = changed(h0, kind, rng, first_node(background))
     h = limit_gradient(background, new, g, initial=info, **options)
     full = limit_gradient(background, new, g, **options)
@@ -171,16 +171,16 @@ STEPS = ("raised", "lowered", "new", "removed", "all", "least removed", "least r
 def test_many_changes_in_a_row_give_what_a_solution_from_nothing_gives(name, share):
     mesh = MESHES[name]()
     bounds = Bounds(mesh, share, 20267)
-    options = {"face_sources": False, "full_output": True}
-    h, info = limit_gradient(mesh, bounds.h0, G, **options)
+    options = {"face_sources": False}
+    h, info = limit_gradient.with_info(mesh, bounds.h0, G, **options)
     places = mesh.points[mesh.cells].mean(axis=1)[::5]
     n_other = 0
     for number in range(5 * len(STEPS)):
         before = h
         h0 = bounds.step(STEPS[number % len(STEPS)])
         kept = h0.copy()
-        h, info = limit_gradient(mesh, h0, G, initial=info, **options)
-        full, of_full = limit_gradient(mesh, h0, G, **options)
+        h, info = limit_gradient.with_info(mesh, h0, G, initial=info, **options)
+        full, of_full = limit_gradient.with_info(mesh, h0, G, **options)
         assert_array_equal(h, full)
         assert_array_equal(h0, kept)
         n_other += not np.array_equal(h, before)
@@ -198,12 +198,12 @@ def test_isolated_bounds_count_as_bounds_at_nodes(name):
     """Without two bounds in one cell nothing is linear: the same as nodes only."""
     mesh = MESHES[name]()
     bounds = Bounds(mesh, 0.0, 20268)
-    h, info = limit_gradient(mesh, bounds.h0, G, full_output=True)
+    h, info = limit_gradient.with_info(mesh, bounds.h0, G)
     for number in range(2 * len(STEPS)):
         h0 = bounds.step(STEPS[number % len(STEPS)])
         if number == len(STEPS):  # once two in a cell
             h0[mesh.cells[0]] = bounds.scale
-        h, info = limit_gradient(mesh, h0, G, initial=info, full_output=True)
+        h, info = limit_gradient.with_info(mesh, h0, G, initial=info)
         assert_array_equal(h, limit_gradient(mesh, h0, G))
 
 
@@ -216,7 +216,7 @@ def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
     for name, make in MESHES.items():
         mesh = make()
         bounds = Bounds(mesh, 0.02, 20269)
-        _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+        _, info = limit_gradient.with_info(mesh, bounds.h0, G, face_sources=False)
         h0 = bounds.step("all")
         full = limit_gradient(mesh, h0, G, face_sources=False)
         with monkeypatch.context() as patch:
@@ -230,7 +230,7 @@ def test_the_number_of_threads_may_change(threads):
     mesh = random_square(4000, 20270)  # several chunks
     bounds = Bounds(mesh, 0.1, 20271)
     options = {"face_sources": False, "threads": threads}
-    _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+    _, info = limit_gradient.with_info(mesh, bounds.h0, G, face_sources=False)
     h0 = bounds.step("all")
     h = limit_gradient(mesh, h0, G, initial=info, **options)
     assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False, threads=3 - threads))
@@ -245,10 +245,10 @@ def test_linear_data_and_solids_that_are_not_convex_are_solved_anew():
         (box, 0.01),
     ):
         bounds = Bounds(mesh, share, 20272)
-        _, info = limit_gradient(mesh, bounds.h0, G, full_output=True)
+        _, info = limit_gradient.with_info(mesh, bounds.h0, G)
         for kind in STEPS:
             h0 = bounds.step(kind)
-            h, info = limit_gradient(mesh, h0, G, initial=info, full_output=True)
+            h, info = limit_gradient.with_info(mesh, h0, G, initial=info)
             assert_array_equal(h, limit_gradient(mesh, h0, G))
 
 
@@ -262,10 +262,10 @@ def test_folds_make_no_difference(seed):
         points[mesh.cells[0, 0]] = points[mesh.cells[0, 1]]
     mesh = SimplexMesh(points, mesh.cells)
     bounds = Bounds(mesh, 0.2, seed)
-    _, info = limit_gradient(mesh, bounds.h0, G, face_sources=False, full_output=True)
+    _, info = limit_gradient.with_info(mesh, bounds.h0, G, face_sources=False)
     for kind in 3 * STEPS:
         h0 = bounds.step(kind)
-        h, info = limit_gradient(mesh, h0, G, face_sources=False, initial=info, full_output=True)
+        h, info = limit_gradient.with_info(mesh, h0, G, face_sources=False, initial=info)
         assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False))
 
 
@@ -274,11 +274,11 @@ def test_folds_make_no_difference(seed):
 
 def test_arrays_of_the_caller_may_change_afterwards():
     h0 = bounds(PLANE, np.random.default_rng(20272), 0.5)
-    h, info = limit_gradient(PLANE, h0, G, full_output=True)
+    h, info = limit_gradient.with_info(PLANE, h0, G)
     before = info.largest_edge_slope
     h[:] = 1.0
     h0[:50] = 2.0 * h0[:50]  # in place: the earlier bounds must have been kept
-    again, after = limit_gradient(PLANE, h0, G, initial=info, full_output=True)
+    again, after = limit_gradient.with_info(PLANE, h0, G, initial=info)
     assert_array_equal(again, limit_gradient(PLANE, h0, G, initial=info))
     assert_array_equal(again, limit_gradient(PLANE, h0, G))
     assert before == info.largest_edge_slope
@@ -288,11 +288,11 @@ def test_arrays_of_the_caller_may_change_afterwards():
 
 def test_info_of_a_warm_start_is_that_of_a_full_solution():
     h0 = bounds(PLANE, np.random.default_rng(20273), 0.5)
-    options = {"face_sources": False, "full_output": True}
-    _, info = limit_gradient(PLANE, h0, G, **options)
+    options = {"face_sources": False}
+    _, info = limit_gradient.with_info(PLANE, h0, G, **options)
     h0[::17] = 0.4
-    h, warm = limit_gradient(PLANE, h0, G, initial=info, **options)
-    _, full = limit_gradient(PLANE, h0, G, **options)
+    h, warm = limit_gradient.with_info(PLANE, h0, G, initial=info, **options)
+    _, full = limit_gradient.with_info(PLANE, h0, G, **options)
     assert isinstance(warm, LimitingInfo)
     assert (warm.residual, warm.largest_gap, warm.n_free, warm.converged) == (0.0, 0.0, 0, True)
     assert warm.largest_edge_slope == full.largest_edge_slope
@@ -303,7 +303,7 @@ def test_info_of_a_warm_start_is_that_of_a_full_solution():
 
 def test_an_equal_background_will_do():
     h0 = bounds(PLANE, np.random.default_rng(20274), 0.5)
-    _, info = limit_gradient(PLANE, h0, G, full_output=True)
+    _, info = limit_gradient.with_info(PLANE, h0, G)
     same = SimplexMesh(PLANE.points.copy(), PLANE.cells.copy())
     h0[7] = 0.011
     assert_array_equal(
@@ -314,7 +314,7 @@ def test_an_equal_background_will_do():
 def test_a_limit_written_anew_is_the_same_if_its_values_are():
     h0 = bounds(PLANE, np.random.default_rng(20275), 1.0)
     h0[0], h0[1] = 0.005, 3.0  # stay the least and the largest
-    _, info = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h), full_output=True)
+    _, info = limit_gradient.with_info(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h))
     h0[5:9] = 0.4
     h = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h), initial=info)
     full = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h))
@@ -333,7 +333,7 @@ def test_a_limit_written_anew_is_the_same_if_its_values_are():
 )
 def test_methods_without_a_warm_start_solve_anew(background, options):
     h0 = bounds(background, np.random.default_rng(20276), 0.5)
-    _, info = limit_gradient(background, h0, G, full_output=True, **options)
+    _, info = limit_gradient.with_info(background, h0, G, **options)
     h0.flat[3:9] *= 1.7
     assert_array_equal(
         limit_gradient(background, h0, G, initial=info, **options),
@@ -345,9 +345,9 @@ def test_the_hamilton_jacobi_iteration_starts_from_the_earlier_sizes():
     x = FLAT_GRID.points[:, 0].reshape(FLAT_GRID.shape)
     h0 = 0.3 + np.abs(np.sin(4.0 * x))
     options = {"method": "hamilton-jacobi", "tol": 1e-9, "max_iter": 10_000}
-    _, info = limit_gradient(FLAT_GRID, h0, G, full_output=True, **options)
+    _, info = limit_gradient.with_info(FLAT_GRID, h0, G, **options)
     h0[5, 5] = 0.2
-    h, after = limit_gradient(FLAT_GRID, h0, G, initial=info, full_output=True, **options)
+    h, after = limit_gradient.with_info(FLAT_GRID, h0, G, initial=info, **options)
     assert after.converged
     assert_allclose(h, limit_gradient(FLAT_GRID, h0, G, **options), rtol=1e-6)
 
@@ -379,20 +379,20 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_another_problem_is_refused(name):
     call, expected = REFUSED[name]
-    _, info = limit_gradient(PLANE, np.linspace(0.1, 2.0, 300), G, full_output=True)
+    _, info = limit_gradient.with_info(PLANE, np.linspace(0.1, 2.0, 300), G)
     with pytest.raises(ValueError, match=re.escape(expected)):
         call(info)
 
 
 def test_a_grid_of_another_mask_is_another_background():
-    _, info = limit_gradient(FLAT_GRID, np.ones(FLAT_GRID.shape), G, full_output=True)
+    _, info = limit_gradient.with_info(FLAT_GRID, np.ones(FLAT_GRID.shape), G)
     with pytest.raises(ValueError, match="initial must come from the same background"):
         limit_gradient(HOLED_GRID, np.ones(FLAT_GRID.shape), G, initial=info)
 
 
 def test_the_same_octree_built_again_will_do():
     h0 = bounds(TREE, np.random.default_rng(20277), 0.5)
-    _, info = limit_gradient(TREE, h0, G, method="fast-marching", full_output=True)
+    _, info = limit_gradient.with_info(TREE, h0, G, method="fast-marching")
     same = Octree(TREE.lower, TREE.upper, TREE.root_shape, TREE.levels)
     h0[4] = 0.012
     h = limit_gradient(same, h0, G, method="fast-marching", initial=info)

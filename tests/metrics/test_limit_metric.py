@@ -78,7 +78,7 @@ def test_a_node_without_any_guess_lists_sources_in_parts():
     metric = random_metric(rng, mesh.n_points, 2, 1.0)
     sizes = np.where(mesh.points[:, :1] + mesh.points[:, 1:] < 0.2, np.inf, metric.sizes)
     metric = Metric(sizes, metric.directions)
-    found, info = limit_metric(mesh, metric, 20.0, full_output=True)
+    found, info = limit_metric.with_info(mesh, metric, 20.0)
     assert info.n_sources > 1500
     corner = np.linalg.norm(mesh.points, axis=1).argsort()[:20]
     expected = limited_by_all(mesh.points, metric, 20.0, corner)
@@ -197,7 +197,7 @@ def test_info_counts_sources():
     sizes = np.full((mesh.n_points, 2), np.inf)
     sizes[5], sizes[9] = (0.01, 0.2), (50.0, 60.0)  # the second is dominated by the first
     metric = Metric(sizes, random_rotations(rng, mesh.n_points, 2))
-    limited, info = limit_metric(mesh, metric, G, full_output=True)
+    limited, info = limit_metric.with_info(mesh, metric, G)
     assert isinstance(info, MetricLimitingInfo)
     assert info.n_sources == 1
     assert_array_equal(np.flatnonzero(info.kept), [5])
@@ -234,7 +234,6 @@ def test_metrics_without_a_bound_in_one_direction():
         ({"metric": np.ones(30)}, "metric must be a Metric"),
         ({"background": 3}, "background must be a SimplexMesh, a CartesianGrid or an Octree"),
         ({"threads": 0}, "threads must be"),
-        ({"full_output": 1}, "full_output must be True or False"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):

@@ -56,10 +56,14 @@ class Case:
         name = f"{self.background}-{self.method}" + ("-2" if self.order == 2 else "")
         return name if self.options.get("face_sources", True) else f"{name}-of-nodes"
 
-    def limit(self, background: Background, h0: Any, g: Any, **options: Any) -> Any:
+    def limit(self, background: Background, h0: Any, g: Any, **options: Any) -> FloatArray:
         """Run the scheme with the options of the laws, or others."""
-        options = {**self.options, **options}
-        return limit_gradient(background, h0, g, method=self.method, order=self.order, **options)
+        return self.with_info(background, h0, g, **options)[0]
+
+    def with_info(self, background: Background, h0: Any, g: Any, **options: Any) -> Any:
+        """Run the scheme, return sizes and info."""
+        options = {"method": self.method, "order": self.order, **self.options, **options}
+        return limit_gradient.with_info(background, h0, g, **options)
 
     @property
     def all_kinds(self) -> tuple[str, ...]:

@@ -159,8 +159,8 @@ def _limit_sizes(
                 check_cells(path, mesh)
         h0 = nodal_field(mesh, field)
         steps.begin("limiting")
-        h, found = limit_gradient(
-            mesh, h0, gradient, method=method, full_output=True, progress=steps.report
+        h, found = limit_gradient.with_info(
+            mesh, h0, gradient, method=method, progress=steps.report
         )
         if sources is not None and found.sources is None:
             raise ValueError(

@@ -83,7 +83,7 @@ def limit_with_metric(
         mesh, given = read_with_metric(file, metric)
         check_cells(output, mesh)
         steps.begin("limiting")
-        limited, found = limit_metric(mesh, given, g, full_output=True, progress=steps.report)
+        limited, found = limit_metric.with_info(mesh, given, g, progress=steps.report)
         steps.begin("writing")
         function = MetricFunction(mesh, limited)
         written = _write(output, function)

@@ -74,7 +74,7 @@ def _plane() -> None:
         few = np.full(mesh.n_points, np.inf)
         few[0] = 0.1
         for h0 in (few, 0.1 + 2.0 * np.random.default_rng(1).random(mesh.n_points)):
-            _, info = ads.limit_gradient(mesh, h0, 0.3, full_output=True)
+            _, info = ads.limit_gradient.with_info(mesh, h0, 0.3)
             _ = info.largest_edge_slope, info.cell_gradient_quantiles
         size = ads.size_function(mesh)
         ads.size_conformity(mesh, size)

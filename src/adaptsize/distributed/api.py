@@ -187,12 +187,12 @@ def limit_gradient(
         else:
             solved = solve_fast_marching(part, u0, slope, report, residual=full_output)
         if solved is None:
-            serial: dict[str, Any] = {"method": method, "full_output": full_output}
+            serial: dict[str, Any] = {"method": method}
             if method == "exact":
                 serial |= {"face_sources": face_sources, "threads": threads}
                 serial["point_sources"] = None if extra is None else tuple(extra)
             per_cell = np.broadcast_to(slope.values, part.n_cells) if varies else None
-            return _collected(part, bound, (per_cell, limit, number), serial)
+            return _collected(part, bound, (per_cell, limit, number), serial, full_output)
     if not comm.allreduce(int(solved.finished), "min") and comm.rank == 0:
         warnings.warn(UNFINISHED, ConvergenceWarning, stacklevel=2)
     u = solved.h
@@ -258,6 +258,7 @@ def _collected(
     h0: FloatArray,
     g: tuple[FloatArray | None, GradientOfSize | None, float],
     options: dict[str, Any],
+    full_output: bool,
 ) -> FloatArray | tuple[FloatArray, PartsLimitingInfo]:
     """Return the sizes, and the info if asked for, that rank 0 computes on the whole mesh.
 
@@ -272,16 +273,15 @@ def _collected(
         if whole is None or bounds is None:
             return None, None, None
         limit: Any = in_space if of_size is None else (in_space, of_size)
-        found: Any = limiting.limit_gradient(whole, bounds, limit, **options)
-        if not options["full_output"]:
-            return found, None, None
-        h, info = found
+        h, info = limiting.limit_gradient.with_info(whole, bounds, limit, **options)
+        if not full_output:
+            return h, None, None
         traced = None if info.sources is None else traced_from(info.sources)
         return h, info_from(info, part.n_global_points), traced
 
     sizes, info, traced = part.ranks.agree(solve)
     own = part.scatter_nodal(sizes)
-    if not options["full_output"]:
+    if not full_output:
         return own
     info, is_traced = part.ranks.bcast((info, traced is not None))
     assert info is not None  # that of rank 0

@@ -211,7 +211,7 @@ def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Flo
     order = np.empty(0, np.int32)
     if not piece.is_empty:
         slope = Slope(np.array([problem.g]))
-        alone = solve_edge_based(mesh, problem.h0, slope, residual=False, report=problem.report)
+        alone = solve_edge_based(mesh, problem.h0, slope, report=problem.report)
         both[0, body.own], both[1, body.own] = problem.h0, alone.h
         assert problem.order is not None
         order = problem.order

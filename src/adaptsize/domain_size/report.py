@@ -213,8 +213,8 @@ def limit_bounds(
     else:
         if len(sizes) > 0:
             options = {"point_sources": (places, sizes)}
-        h, info = limit_gradient(
-            background, requested, g, full_output=True, progress=progress, **(options or {})
+        h, info = limit_gradient.with_info(
+            background, requested, g, progress=progress, **(options or {})
         )
         if info.sources is not None:
             roots = info.sources.roots().reshape(own.shape)

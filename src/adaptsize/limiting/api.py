@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import Literal, overload
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_number, as_whole_number, describe, one_of
 from adaptsize._progress import reporting, silent
+from adaptsize._with_info import with_info
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit, on_grids, on_simplices
 from adaptsize.limiting.arguments import as_bound, as_count, as_domain, as_point_bounds
 from adaptsize.limiting.gradient_limit import SizeTransform
 from adaptsize.limiting.info import LimitingInfo, Record
-from adaptsize.limiting.options import Method, refuse_idle
+from adaptsize.limiting.options import refuse_idle
 from adaptsize.limiting.periodic import as_periodicity
 from adaptsize.limiting.problem import Problem
 from adaptsize.limiting.warm_start import refuse_background, refuse_others, resume, with_start
@@ -26,44 +27,7 @@ from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 _TOL = 1e-3
 
 
-@overload
-def limit_gradient(
-    background: SimplexMesh | CartesianGrid | Octree,
-    h0: npt.ArrayLike,
-    g: GradientLimit,
-    *,
-    method: Method = ...,
-    order: int = ...,
-    floor: Literal["hopf-lax"] | None = ...,
-    initial: npt.ArrayLike | LimitingInfo | None = ...,
-    tol: float = ...,
-    max_iter: int | None = ...,
-    face_sources: bool = ...,
-    threads: int | None = ...,
-    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
-    periodic: npt.ArrayLike | None = ...,
-    full_output: Literal[False] = ...,
-    progress: ProgressCallback | bool | None = ...,
-) -> FloatArray: ...
-@overload
-def limit_gradient(
-    background: SimplexMesh | CartesianGrid | Octree,
-    h0: npt.ArrayLike,
-    g: GradientLimit,
-    *,
-    method: Method = ...,
-    order: int = ...,
-    floor: Literal["hopf-lax"] | None = ...,
-    initial: npt.ArrayLike | LimitingInfo | None = ...,
-    tol: float = ...,
-    max_iter: int | None = ...,
-    face_sources: bool = ...,
-    threads: int | None = ...,
-    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
-    periodic: npt.ArrayLike | None = ...,
-    full_output: Literal[True],
-    progress: ProgressCallback | bool | None = ...,
-) -> tuple[FloatArray, LimitingInfo]: ...
+@with_info
 def limit_gradient(
     background: SimplexMesh | CartesianGrid | Octree,
     h0: npt.ArrayLike,
@@ -79,9 +43,8 @@ def limit_gradient(
     threads: int | None = None,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     periodic: npt.ArrayLike | None = None,
-    full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
-) -> FloatArray | tuple[FloatArray, LimitingInfo]:
+) -> tuple[FloatArray, LimitingInfo]:
     r"""Return the largest mesh size below ``h0`` whose gradient is at most ``g``.
 
     This is the steady state of the gradient limiting equation [1]_
@@ -160,8 +123,6 @@ def limit_gradient(
         the domain is repeated, such as ``[[a, 0], [0, b]]``.  The result is that on the domain
         with all of its images.  Nodes on opposite sides must come in pairs; both get the same
         size.  See the notes.
-    full_output : bool, optional
-        Whether to return a `LimitingInfo` too.  Its attributes are computed on first access.
     progress : callable or bool, optional
         Called with a text and the fraction completed; True shows a progress bar on a
         terminal.  An exception raised in it (or Ctrl-C) stops the computation.
@@ -175,8 +136,8 @@ def limit_gradient(
         smallest of the cells at the edge; on grids, that at the end of larger size.
         The size is inf only at inactive nodes and in components of the domain where all of
         ``h0`` is inf.  Mesh nodes that belong to no cell keep ``h0``.
-    info : LimitingInfo
-        Returned only with ``full_output``.
+        ``limit_gradient.with_info``, with the same arguments, returns the pair ``(h, info)`` with
+        a `LimitingInfo`, whose attributes are computed on first access.
 
     Raises
     ------
@@ -247,7 +208,7 @@ def limit_gradient(
 
     Another bound at one node, with a warm start from the earlier result:
 
-    >>> h, info = limit_gradient(grid, h0, 0.3, full_output=True)
+    >>> h, info = limit_gradient.with_info(grid, h0, 0.3)
     >>> h0[2, 2] = 0.4
     >>> limit_gradient(grid, h0, 0.3, initial=info).round(3)
     array([[0.1  , 0.25 , 0.4  ],
@@ -257,9 +218,8 @@ def limit_gradient(
     domain = as_domain(background)
     schemes = on_grids if isinstance(domain, CartesianGrid) else on_simplices
     method = one_of("method", method, ("auto", *schemes.METHODS))
-    full_output = as_flag("full_output", full_output)
     bound = as_bound("h0", h0, background)
-    if full_output and np.may_share_memory(bound, h0):
+    if np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept for comparison in the next call
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
     if bound.min() == np.inf and (extra is None or extra.sizes.min(initial=np.inf) == np.inf):
@@ -309,7 +269,6 @@ def limit_gradient(
             face_sources=face_sources,
             threads=threads,
             point_sources=extra,
-            residual=full_output,
             report=report,
             periodicity=cell,
         )
@@ -324,11 +283,9 @@ def limit_gradient(
         if solution is None:
             solution = schemes.solve(domain, method, with_start(record, method, problem))
     if solution.unfinished:
-        warnings.warn(solution.unfinished, ConvergenceWarning, stacklevel=2)
+        warnings.warn(solution.unfinished, ConvergenceWarning, stacklevel=3)
     # The back transformation rounds.
     h = np.minimum(_backward(solution.h, transform, record), bound)
-    if not full_output:
-        return h
     problem = replace(problem, report=silent, initial=None)
     own = solution.h if transform is None else h.copy()
     found = Record(background, domain, bound, own, transform, problem, solution)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def solve_edge_based(
-    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, residual: bool, report: ProgressCallback
+    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, report: ProgressCallback
 ) -> Solution:
     """Solve h_k = min(h0_k, min over edges of h_j + g |x_k - x_j|) exactly.
 
@@ -27,9 +27,7 @@ def solve_edge_based(
 
     Parameters and result are those of `solve_fast_marching`.  No scheme is cheaper.
     """
-    return march_until_converged(
-        mesh, h0, slope, kernels.sweep_edges, kernels.march_edges, residual, report
-    )
+    return march_until_converged(mesh, h0, slope, kernels.sweep_edges, kernels.march_edges, report)
 
 
 def solve_grid_edges(
@@ -37,7 +35,6 @@ def solve_grid_edges(
     h0: FloatArray,
     slope: Slope,
     *,
-    residual: bool,
     report: ProgressCallback,
 ) -> Solution:
     """Solve h_k = min(h0_k, min over neighbours along the axes of h_j + g_k dx_a) exactly.
@@ -47,4 +44,4 @@ def solve_grid_edges(
     enforce the bound along edges on second-order sizes.  Parameters and result are those of
     `solve_grid_marching`.
     """
-    return march_grid_until_converged(grid, h0, slope, 1, True, residual, report)
+    return march_grid_until_converged(grid, h0, slope, 1, True, report)

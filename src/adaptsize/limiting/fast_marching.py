@@ -35,7 +35,7 @@ _TEXT = "limiting the gradient"
 
 
 def solve_fast_marching(
-    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, residual: bool, report: ProgressCallback
+    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, report: ProgressCallback
 ) -> Solution:
     r"""Solve h_k = min(h0_k, min over cells of the Hopf-Lax update) exactly.
 
@@ -51,8 +51,6 @@ def solve_fast_marching(
     h0 : float64[n]
         inf allowed.
     slope : Slope
-    residual : bool
-        Whether to compute the residual, which takes one more sweep.  If False, 0 is returned.
     report : callable
 
     Returns
@@ -75,9 +73,7 @@ def solve_fast_marching(
     .. [1] F. Bornemann, C. Rasch, Comput. Vis. Sci. 9 (2006) 57-69.
     .. [2] J. A. Sethian, Proc. Natl. Acad. Sci. 93 (1996) 1591-1595.
     """
-    return march_until_converged(
-        mesh, h0, slope, kernels.sweep_cells, kernels.march, residual, report
-    )
+    return march_until_converged(mesh, h0, slope, kernels.sweep_cells, kernels.march, report)
 
 
 def march_until_converged(
@@ -86,7 +82,6 @@ def march_until_converged(
     slope: Slope,
     sweep: Callable[..., None],
     march: Callable[..., int],
-    with_residual: bool,
     report: ProgressCallback,
 ) -> Solution:
     """March until convergence: no node is lowered any more."""
@@ -97,7 +92,6 @@ def march_until_converged(
     keep = 1.0 if along_edges else KEEP
     sweep_into_heap(mesh, sweep, h, limit, keep, heap)
     accepted, unfinished = 0, ""
-    stars = None
     if heap[3][0] > 0:
         stars = stars_of(mesh, limit)
         geometry = stars_in(mesh, stars)
@@ -110,8 +104,7 @@ def march_until_converged(
             accept_all(march, geometry, h, limit, heap, report, _TEXT, keep=_KEEP_ROUGHLY)
             h, unfinished = iterate_policies(mesh, slope, h, report)
 
-    residual = partial(residual_of, mesh, slope, h, sweep) if with_residual else 0.0
-    return Solution(h, accepted, residual, unfinished, stars)
+    return Solution(h, accepted, partial(residual_of, mesh, slope, h, sweep), unfinished)
 
 
 def residual_of(

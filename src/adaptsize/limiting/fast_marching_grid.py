@@ -29,7 +29,6 @@ def solve_grid_marching(
     slope: Slope,
     *,
     order: int,
-    residual: bool,
     report: ProgressCallback,
 ) -> Solution:
     r"""Solve the upwind equations of a Cartesian grid by marching.
@@ -58,9 +57,6 @@ def solve_grid_marching(
         g at the nodes, in the shape of the grid, or one g.
     order : int
         1 or 2.
-    residual : bool
-        Whether to compute the residual of the first-order equations, which takes one more
-        sweep.  If False, 0 is returned.  The second-order pass is explicit.
     report : callable
 
     Returns
@@ -80,7 +76,7 @@ def solve_grid_marching(
     .. [1] P.-O. Persson, Engineering with Computers 22 (2006) 95-109.
     .. [2] J. A. Sethian, SIAM Review 41 (1999) 199-235.
     """
-    return march_grid_until_converged(grid, h0, slope, order, False, residual, report)
+    return march_grid_until_converged(grid, h0, slope, order, False, report)
 
 
 def march_grid_until_converged(
@@ -89,7 +85,6 @@ def march_grid_until_converged(
     slope: Slope,
     order: int,
     edges: bool,
-    with_residual: bool,
     report: ProgressCallback,
 ) -> Solution:
     """March until no node is lowered any more, with ``edges`` along edges only."""
@@ -99,7 +94,7 @@ def march_grid_until_converged(
     g = pad(grid, slope.values) if slope.step else slope.values
     geometry = (strides_of_padded(grid), weights, g, slope.step)
     accepted = march_on_grid(grid, u, geometry, edges, report, _TEXT)
-    residual = partial(residual_of, u, geometry, edges) if with_residual else 0.0
+    residual = partial(residual_of, u, geometry, edges)
     if order == 2:
         u = _refine(grid, u, bounds, geometry, report)
         # A few sizes may be too steep along an edge.

@@ -33,20 +33,18 @@ def choose_method(grid: CartesianGrid, problem: Problem) -> str:
 def solve(grid: CartesianGrid, method: str, problem: Problem) -> Solution:
     """Run one of METHODS."""
     h0, slope = problem.h0, problem.slope
-    residual, report = problem.residual, problem.report
+    report = problem.report
     if method == "hamilton-jacobi":
         return _iterate(grid, problem)
     if method == "fast-marching":
 
         def march(bound: FloatArray) -> Solution:
             order = problem.order
-            return solve_grid_marching(
-                grid, bound, slope, order=order, residual=residual, report=report
-            )
+            return solve_grid_marching(grid, bound, slope, order=order, report=report)
 
         return in_rounds(march, problem)
     if method == "edge-based":
-        return solve_grid_edges(grid, h0, slope, residual=residual, report=report)
+        return solve_grid_edges(grid, h0, slope, report=report)
     return solve_problem(grid, problem)
 
 
@@ -56,7 +54,7 @@ def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:
 
     h0, slope, start = problem.h0, problem.slope, problem.initial
     # Needed even with a start: its inf mark the nodes that are not connected to any bound.
-    marched = solve_grid_marching(grid, h0, slope, order=1, residual=False, report=problem.report).h
+    marched = solve_grid_marching(grid, h0, slope, order=1, report=problem.report).h
     if start is None:
         start = marched
     elif np.isinf(start[np.isfinite(marched)]).any():
@@ -73,7 +71,7 @@ def _iterate(grid: CartesianGrid, problem: Problem) -> Solution:
     )
     if problem.order == 1:
         return solution
-    kept = solve_grid_edges(grid, solution.h, slope, residual=False, report=problem.report)
+    kept = solve_grid_edges(grid, solution.h, slope, report=problem.report)
     return replace(solution, h=kept.h)
 
 

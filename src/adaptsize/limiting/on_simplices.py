@@ -47,7 +47,7 @@ def solve(mesh: SimplexMesh, method: str, problem: Problem) -> Solution:
     if method == "exact":
         return solve_problem(mesh, problem)
     scheme = _DIRECT[method]
-    options: dict[str, Any] = {"residual": problem.residual, "report": problem.report}
+    options: dict[str, Any] = {"report": problem.report}
     return in_rounds(lambda bound: scheme(mesh, bound, problem.slope, **options), problem)
 
 
@@ -56,7 +56,7 @@ def _iterate(mesh: SimplexMesh, problem: Problem) -> Solution:
     from adaptsize.limiting.barth_sethian import solve_positive_coefficient
 
     h0, slope = problem.h0, problem.slope
-    start = solve_fast_marching(mesh, h0, slope, residual=False, report=problem.report).h
+    start = solve_fast_marching(mesh, h0, slope, report=problem.report).h
     if problem.initial is not None:
         if np.isinf(problem.initial[np.isfinite(start)]).any():
             raise ValueError("initial must be finite in every component with a finite h0")

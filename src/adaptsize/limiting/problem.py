@@ -34,7 +34,5 @@ class Problem:
     face_sources: bool
     threads: int | None
     point_sources: PointBounds | None
-    residual: bool
-    """Whether to compute the residual."""
     report: ProgressCallback
     periodicity: Periodicity | None = None

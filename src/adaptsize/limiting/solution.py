@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -22,8 +21,6 @@ class Solution:
     """The residual, or a function that computes it."""
     unfinished: str = ""
     """Message for the user if the scheme stopped before convergence; empty if it converged."""
-    memory: Any = None
-    """Data that the scheme reuses in a warm start."""
 
     @property
     def converged(self) -> bool:

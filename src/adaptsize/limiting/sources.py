@@ -26,7 +26,7 @@ class SizeSources:
     """The controlling source of each nodal size: the node, edge or face whose bound it grew from.
 
     The exact method computes the sources; they are ``info.sources`` of
-    ``limit_gradient(..., full_output=True)``.  With the sources, sizes between the nodes need
+    ``limit_gradient.with_info(...)``.  With the sources, sizes between the nodes need
     no interpolation; see `evaluate` and `SizeFunction`.
     """
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeGuard, overload
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from adaptsize._checks import (
-    as_flag,
     as_plain_array,
     as_slope,
     as_whole_number,
@@ -16,6 +15,7 @@ from adaptsize._checks import (
     describe,
 )
 from adaptsize._progress import reporting
+from adaptsize._with_info import with_info
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.metrics.metric import Metric
@@ -40,35 +40,15 @@ class MetricLimitingInfo:
     """Number of nodes that no single other node dominates."""
 
 
-@overload
-def limit_metric(
-    background: SimplexMesh | CartesianGrid | Octree,
-    metric: Metric,
-    g: float,
-    *,
-    threads: int | None = ...,
-    full_output: Literal[False] = ...,
-    progress: ProgressCallback | bool | None = ...,
-) -> Metric: ...
-@overload
-def limit_metric(
-    background: SimplexMesh | CartesianGrid | Octree,
-    metric: Metric,
-    g: float,
-    *,
-    threads: int | None = ...,
-    full_output: Literal[True],
-    progress: ProgressCallback | bool | None = ...,
-) -> tuple[Metric, MetricLimitingInfo]: ...
+@with_info
 def limit_metric(
     background: SimplexMesh | CartesianGrid | Octree,
     metric: Metric,
     g: float,
     *,
     threads: int | None = None,
-    full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
-) -> Metric | tuple[Metric, MetricLimitingInfo]:
+) -> tuple[Metric, MetricLimitingInfo]:
     r"""Return the largest metric that nowhere exceeds the metrics of all nodes grown by distance.
 
     With :math:`L = M^{-1/2}`, whose eigenvalues are the sizes, the metric of node y allows
@@ -93,8 +73,6 @@ def limit_metric(
     threads : int, optional
         Number of threads, by default that of numba (``numba.set_num_threads``).  The result does
         not depend on it, bit for bit.
-    full_output : bool, optional
-        Whether to return a `MetricLimitingInfo` too.
     progress : callable or bool, optional
         As in `limit_gradient`.
 
@@ -104,8 +82,8 @@ def limit_metric(
         In no direction is a size larger than in ``metric``, or than any grown metric of a node.
         Without a bound only at inactive nodes of a grid, and in the plane in components without
         any bound.
-    info : MetricLimitingInfo
-        Returned only with ``full_output``.
+        ``limit_metric.with_info``, with the same arguments, returns the pair ``(limited, info)``
+        with a `MetricLimitingInfo`.
 
     Raises
     ------
@@ -166,7 +144,6 @@ def limit_metric(
     slope = as_gradient_limit(g)
     if threads is not None:
         threads = as_whole_number("threads", threads, lower=1, upper=_MOST_THREADS)
-    full_output = as_flag("full_output", full_output)
     sizes = _on_active(background, metric.sizes)
     if not np.isfinite(sizes).any():
         raise ValueError("metric must have a finite size at one node at least, got inf everywhere")
@@ -182,8 +159,6 @@ def limit_metric(
         )
     h = _on_active(background, found.h)
     limited = Metric.of(h, found.r)
-    if not full_output:
-        return limited
     kept = (limited.density <= metric.density * (1.0 + _KEPT)) & np.isfinite(sizes).any(axis=1)
     return limited, MetricLimitingInfo(found.active, kept, found.n_sources)
 

@@ -311,6 +311,6 @@ def test_bounds_that_satisfy_the_limit_need_no_paths():
     points = np.random.default_rng(2).random((20, 3))
     cells = Delaunay(points).simplices
     doubled = SimplexMesh(points, np.concatenate([cells, cells]))
-    h, info = limit_gradient(doubled, np.full(20, 0.5), 0.3, method="exact", full_output=True)
+    h, info = limit_gradient.with_info(doubled, np.full(20, 0.5), 0.3, method="exact")
     assert (h == 0.5).all()
     assert info.n_proved == 20

@@ -194,7 +194,7 @@ def test_sizes_behind_a_wall_in_space_are_exact():
     section = np.array([[-1, -1], [-w, -1], [-w, 0], [w, 0], [w, -1], [1, -1], [1, 1], [-1, 1]])
     nodes = np.array([[2, 2, 4], [9, 8, 10]])
     sizes = np.array([1.0, 1.4])
-    h, info = limit(grid, points_only(grid, nodes, sizes), full_output=True)
+    h, info = limit_gradient.with_info(grid, points_only(grid, nodes, sizes), G, method=METHOD)
     active = grid.active.ravel()
     starts = grid.points[np.ravel_multi_index(tuple(nodes.T), grid.shape)]
     exact = geodesics.prism_sizes((section,), grid.points[active], G, starts, sizes)

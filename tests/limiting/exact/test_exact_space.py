@@ -37,7 +37,7 @@ def limit(mesh, h0, **options):
 
 def assert_between_bounds(mesh, h0):
     """Limit; compare with straight lines, paths along edges, and the info."""
-    h, info = limit(mesh, h0, full_output=True)
+    h, info = limit_gradient.with_info(mesh, h0, G, method=METHOD, face_sources=False)
     lower, upper = straight_sizes(mesh.points, h0, G), edge_sizes(mesh, h0, G)
     assert np.isfinite(upper).all()
     assert (h >= lower * (1.0 - 1e-12)).all()
@@ -201,11 +201,11 @@ def test_a_search_for_paths_that_stops_early_warns_and_says_so_in_the_info(monke
 
     mesh = solid_of_cubes(keep, (4, 6, 4), 2412)
     h0 = np.where(np.arange(mesh.n_points) == 0, 1.0, np.inf)
-    h, info = limit_gradient(mesh, h0, G, full_output=True)
+    h, info = limit_gradient.with_info(mesh, h0, G)
     assert info.converged
     monkeypatch.setattr(space, "_ROUNDS", 1)
     with pytest.warns(ConvergenceWarning, match="the exact method stopped its search"):
-        cut_short, info = limit_gradient(mesh, h0, G, full_output=True)
+        cut_short, info = limit_gradient.with_info(mesh, h0, G)
     assert not info.converged
     assert (cut_short >= h * (1.0 - 1e-12)).all()
 

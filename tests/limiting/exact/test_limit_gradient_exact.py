@@ -158,7 +158,7 @@ def test_the_limit_of_an_edge_is_the_smallest_of_its_cells(case):
     # Cells have the mean of g, 0.367: more than at both ends of the diagonal, less than at the
     # mean of the ends of each side, 0.5.
     mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    h, info = case.limit(mesh, [0.1, 9.0, 9.0, 9.0], [0.1, 0.9, 0.1, 0.9], full_output=True)
+    h, info = case.with_info(mesh, [0.1, 9.0, 9.0, 9.0], [0.1, 0.9, 0.1, 0.9])
     g = 1.1 / 3.0
     assert_allclose(h[[1, 3]], 0.1 + g, rtol=1e-14)
     assert h[2] <= 0.1 + g * np.sqrt(2.0) * (1.0 + 1e-14)

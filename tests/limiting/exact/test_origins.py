@@ -32,7 +32,7 @@ def test_named_nodes_have_bounds_that_allow_the_sizes(name, g):
             rng.random(mesh.n_points) < share, rng.uniform(1.0, 50.0, mesh.n_points), np.inf
         )
         h0[0] = 1.0
-        h, info = limit_gradient(mesh, h0, g, method="exact", full_output=True, face_sources=False)
+        h, info = limit_gradient.with_info(mesh, h0, g, method="exact", face_sources=False)
         reached = np.isfinite(h)
         source = info.sources.roots()
         assert_array_equal(source >= 0, reached)

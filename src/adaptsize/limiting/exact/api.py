@@ -366,14 +366,14 @@ def _on_active(
     assert grid.active is not None  # else the box is convex
     slope = Slope(np.array([g]))
     if grid.n_cells == 0:  # no whole box
-        found = solve_grid_edges(grid, h0, slope, residual=False, report=report)
+        found = solve_grid_edges(grid, h0, slope, report=report)
         return as_solution(found.h, [])
     mesh = grid.mesh
     solution = _on_grid_mesh(grid, h0, given, _inside(mesh, point_sources))
     h, parts, n_later = solution.h, solution.parts, 0
     unfinished = solution.unfinished
     while True:
-        along = solve_grid_edges(grid, h, slope, residual=False, report=report).h
+        along = solve_grid_edges(grid, h, slope, report=report).h
         with np.errstate(invalid="ignore"):
             lowered = along < h * (1.0 - _EQUAL)
         if not lowered.any():

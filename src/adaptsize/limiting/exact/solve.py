@@ -238,7 +238,7 @@ def _keep_edges(problem: Problem, found: Found) -> None:
     """
     mesh, g = problem.mesh, problem.g
     slope = Slope(np.array([g]))
-    along = solve_edge_based(mesh, found.h, slope, residual=False, report=problem.report).h
+    along = solve_edge_based(mesh, found.h, slope, report=problem.report).h
     with np.errstate(invalid="ignore"):
         lowered = along < found.h * (1.0 - _EQUAL)
     if len(found.field.waves[0].nodes) and not lowered.any():

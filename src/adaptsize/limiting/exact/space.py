@@ -112,7 +112,7 @@ def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None =
 def spread_along_edges(mesh: SimplexMesh, g: float, report: ProgressCallback) -> Spread:
     """Return the function that lowers sizes along the edges of a mesh."""
     slope = Slope(np.array([g]))
-    return lambda h: solve_edge_based(mesh, h, slope, residual=False, report=report).h
+    return lambda h: solve_edge_based(mesh, h, slope, report=report).h
 
 
 def solve_in_space(

@@ -1,0 +1,58 @@
+"""Functions that also have diagnostics: ``f(...)`` is the result, ``f.with_info(...)`` a pair."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, ParamSpec, Protocol, TypeVar
+
+P = ParamSpec("P")
+R_co = TypeVar("R_co", covariant=True)
+I_co = TypeVar("I_co", covariant=True)
+
+
+class WithInfo(Protocol[P, R_co, I_co]):
+    """A function with an attribute `with_info`, which takes the same arguments."""
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R_co:
+        """Return the result."""
+        ...
+
+    @property
+    def with_info(self) -> Callable[P, tuple[R_co, I_co]]:
+        """Return the result and the info."""
+        ...
+
+
+def with_info(function: Callable[P, tuple[R_co, I_co]]) -> WithInfo[P, R_co, I_co]:
+    """Return a function that returns the first item of the pair ``(result, info)`` only.
+
+    Its attribute ``with_info`` returns the pair.  Both add one frame to the stack, which counts for
+    the ``stacklevel`` of warnings.
+
+    Parameters
+    ----------
+    function : callable
+        Annotated to return ``tuple[Result, Info]``.
+    """
+    pair = inspect.signature(function).return_annotation
+    first = pair.removeprefix("tuple[").split(",")[0]
+
+    @functools.wraps(function)
+    def result_only(*args: P.args, **kwargs: P.kwargs) -> R_co:
+        return function(*args, **kwargs)[0]
+
+    @functools.wraps(function)
+    def both(*args: P.args, **kwargs: P.kwargs) -> tuple[R_co, I_co]:
+        return function(*args, **kwargs)
+
+    name = function.__name__
+    both.__doc__ = f"Return the pair ``(result, info)``; takes the arguments of `{name}`."
+    both.__qualname__ = f"{function.__qualname__}.with_info"
+    plain: Any = result_only  # functions may have attributes, but their type does not say so
+    plain.with_info = both
+    plain.__annotations__ = {**function.__annotations__, "return": first}
+    plain.__signature__ = inspect.signature(function).replace(return_annotation=first)
+    decorated: WithInfo[P, R_co, I_co] = plain
+    return decorated
