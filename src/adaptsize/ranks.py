@@ -16,6 +16,9 @@ from adaptsize._checks import describe
 from adaptsize.typing import IntArray
 
 T = TypeVar("T")
+
+#: Global numbers.
+Ids: TypeAlias = npt.NDArray[np.int64]
 Operation: TypeAlias = Literal["sum", "min", "max"]
 
 # Largest number of rows that MPI counts, in messages and their offsets.

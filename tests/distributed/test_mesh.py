@@ -9,8 +9,8 @@ from partitions import KINDS, on_ranks, partition
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh
+from adaptsize.background.partitioning import partition_cells
 from adaptsize.distributed import PartitionedMesh
-from adaptsize.distributed.partition import partition_cells
 
 MESH = jittered_square(7, 811)
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -77,7 +77,7 @@ def test_values_at_shared_nodes(kind):
 
 def test_partition_without_metis_is_balanced(monkeypatch):
     monkeypatch.setitem(sys.modules, "pymetis", None)
-    monkeypatch.setattr("adaptsize.distributed.partition.find_spec", lambda name: None)
+    monkeypatch.setattr("adaptsize.background.partitioning.find_spec", lambda name: None)
     sizes = np.bincount(partition_cells(MESH, 5))
     assert len(sizes) == 5
     assert np.ptp(sizes) <= 1

@@ -5,8 +5,8 @@ import pytest
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize.background.migration import balanced, displaced, interface_facets, migrate
 from adaptsize.distributed import PartitionedMesh, interpolate, transfer_fields
-from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
 
 
 def _square(n):

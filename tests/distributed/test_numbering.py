@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize.distributed.numbering import keys_of_points, number_nodes
+from adaptsize.background.migration import keys_of_points, number_nodes
 
 
 @pytest.mark.parametrize("n_ranks", [1, 2, 5])

@@ -8,7 +8,7 @@ import pytest
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh, read, write
-from adaptsize.distributed.assembly import NODE_NUMBERS
+from adaptsize.background.migration import NODE_NUMBERS
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.errors import MeshFileError
 

@@ -4,6 +4,7 @@ from adaptsize.background.grid import CartesianGrid
 from adaptsize.background.image import Image
 from adaptsize.background.interpolation import interpolate
 from adaptsize.background.octree import Octree
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.refinement import refine_at_boundary, refine_to_size
 from adaptsize.background.simplex import Boundary, SimplexMesh
 
@@ -12,6 +13,7 @@ __all__ = [
     "CartesianGrid",
     "Image",
     "Octree",
+    "PartitionedMesh",
     "SimplexMesh",
     "interpolate",
     "refine_at_boundary",

@@ -1,5 +1,6 @@
 """Mesh sizes on meshes that are distributed over many processes."""
 
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.adaptation import adapt
 from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.boundary_sizes import size_from_curvature, size_from_feature
@@ -8,7 +9,6 @@ from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dol
 from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
 from adaptsize.distributed.info import PartsLimitingInfo
 from adaptsize.distributed.interface_quality import InterfaceQuality
-from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.sizes import predicted_elements, size_from_error, size_from_hessian

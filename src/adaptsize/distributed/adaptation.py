@@ -29,11 +29,11 @@ from adaptsize.adaptation.next_sizes import (
     refuse_two_targets,
 )
 from adaptsize.adaptation.transfer import TransferredFields
+from adaptsize.background.migration import boundary_facets
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.boundary_sizes import size_from_curvature
 from adaptsize.distributed.interface_quality import measure_interfaces
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.migration import boundary_facets
 from adaptsize.distributed.remeshing import How, RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.sizes import PartSums, cells_of
@@ -41,7 +41,6 @@ from adaptsize.distributed.transfer import transfer_fields
 from adaptsize.distributed.whole import (
     boundary_distance,
     compare_with,
-    diagonal_of,
     lost_tags,
     total_measure,
 )
@@ -205,7 +204,7 @@ def adapt(
 
     with reporting(progress if comm.rank == 0 else None) as report:
         report("sizes", None)
-        extent = diagonal_of(part)
+        extent = part.diagonal
         if part.dim == 3:
             radius = size_from_curvature(part, elements_per_radian=1.0)
             request = replace(request, chords=size_of_chords(radius, allowed * extent))

@@ -8,11 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import Ids
 from adaptsize.distributed.pieces import Piece
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.ranks import split_rows
+from adaptsize.ranks import Ids, split_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # A facet between two parts, on the boundary, or neither: a fold, or cells that coincide.

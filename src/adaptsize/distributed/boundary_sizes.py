@@ -12,9 +12,10 @@ from adaptsize._checks import as_angle, as_number, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
+from adaptsize.background.migration import interface_facets
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.topology import oriented_facets, tags_of_facets
-from adaptsize.distributed.mesh import Ids, PartitionedMesh
-from adaptsize.distributed.migration import interface_facets
+from adaptsize.ranks import Ids
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.feature import SMALLEST_SHARE, widths_in
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback

@@ -9,9 +9,8 @@ import numpy as np
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._kernels.exact_reach import list_entries_in_reach
 from adaptsize._kernels.trees import DEPTH
-from adaptsize.distributed.mesh import Ids
 from adaptsize.limiting.exact.waves import Wave, sorted_wave
-from adaptsize.ranks import Communicator
+from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import FloatArray, IntArray
 
 # Pieces into which the nodes of a rank are divided.  Their boxes are smaller than one for all.

@@ -14,11 +14,11 @@ import numpy as np
 
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background._curve import along_curve
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.boundary import Skeleton, find_skeleton
 from adaptsize.distributed.entries import exchange_entries, of_this_rank, reach_of
 from adaptsize.distributed.info import Solved
 from adaptsize.distributed.kinks import merge_kinks
-from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece, components_of, piece_of
 from adaptsize.distributed.point_sources import locate
 from adaptsize.distributed.solids import find_body, solve_body
@@ -36,7 +36,7 @@ from adaptsize.limiting.exact.solve import (
 )
 from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.limiting.problem import PointBounds
-from adaptsize.ranks import Communicator
+from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from adaptsize._checks import as_path, check_type, describe
 from adaptsize._formats import gmsh_partitions
 from adaptsize._formats.whole_files import about_file
+from adaptsize.background.migration import Piece, from_pieces
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed import pvtu
-from adaptsize.distributed.assembly import Piece, from_pieces
-from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.io import read, write
 from adaptsize.ranks import Communicator, as_communicator

@@ -8,8 +8,8 @@ import numpy as np
 
 from adaptsize._checks import check_type, describe
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.numbering import number_nodes
+from adaptsize.background.migration import number_nodes
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.ranks import MpiCommunicator, as_communicator
 from adaptsize.typing import FloatArray, IntArray
 

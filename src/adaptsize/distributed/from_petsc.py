@@ -8,8 +8,8 @@ import numpy as np
 
 from adaptsize._checks import describe
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.numbering import number_nodes
+from adaptsize.background.migration import number_nodes
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.ranks import as_communicator
 from adaptsize.typing import IntArray
 

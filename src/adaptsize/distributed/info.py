@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.sources import PartsSources, Traced, sources_of
 from adaptsize.limiting import LimitingInfo
 from adaptsize.limiting.gradient_limit import Slope

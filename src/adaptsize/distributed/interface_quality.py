@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.quality import minimum_angles
 from adaptsize.typing import BoolArray, FloatArray
 

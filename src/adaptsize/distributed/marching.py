@@ -24,8 +24,8 @@ from adaptsize.background.marching import (
     stars_of,
     sweep_into_heap,
 )
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.info import Solved
-from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.limiting.fast_marching import largest_excess
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import FloatArray, ProgressCallback

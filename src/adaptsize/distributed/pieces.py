@@ -8,8 +8,8 @@ import numpy as np
 
 from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh, topology
-from adaptsize.distributed.mesh import Ids, PartitionedMesh
-from adaptsize.ranks import Communicator
+from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.pieces import Piece, components_of
-from adaptsize.distributed.whole import diagonal_of
 from adaptsize.limiting.exact.api import OUTSIDE
 from adaptsize.limiting.exact.problem import Extra
 from adaptsize.limiting.problem import PointBounds
@@ -40,7 +39,7 @@ def locate(part: PartitionedMesh, given: PointBounds | None) -> Located | None:
         return None
     pairs = np.empty((0, 2), np.int32)
     number = components_of(part).number
-    reach = OUTSIDE * diagonal_of(part)
+    reach = OUTSIDE * part.diagonal
     if part.mesh is not None:
         which, cells = part.mesh.locator.within(given.points, reach)
         pairs = np.column_stack([number[part.cells[cells, 0]], which]).astype(np.int32)

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from adaptsize._formats.whole_files import write_whole
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.assembly import NODE_NUMBERS, Piece
-from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.background.migration import NODE_NUMBERS, Piece
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.errors import MeshFileError
 from adaptsize.io import read, write
 

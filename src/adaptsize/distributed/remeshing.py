@@ -21,12 +21,16 @@ from adaptsize._checks import (
 )
 from adaptsize._progress import reporting, silent
 from adaptsize.background import SimplexMesh
+from adaptsize.background.migration import (
+    balanced,
+    displaced,
+    interface_facets,
+    migrate,
+    number_nodes,
+)
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.interface_quality import InterfaceQuality, measure_interfaces
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.migration import balanced, displaced, interface_facets, migrate
-from adaptsize.distributed.numbering import number_nodes
 from adaptsize.distributed.transfer import interpolate
-from adaptsize.distributed.whole import diagonal_of
 from adaptsize.errors import BackendError
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -153,7 +157,7 @@ def _by_parts(
     part: PartitionedMesh, sizes: FloatArray, rounds: int, options: _Options
 ) -> tuple[PartitionedMesh, FloatArray]:
     """Return the mesh, and the nodes and middles of all interfaces of the rounds but the last."""
-    diagonal = diagonal_of(part)
+    diagonal = part.diagonal
     work, h = part, sizes
     places: list[FloatArray] = []
     for number in range(rounds):

@@ -8,8 +8,8 @@ from typing import Any
 import numpy.typing as npt
 
 from adaptsize.adaptation.report import CycleReport
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.interface_quality import InterfaceQuality, Quality
-from adaptsize.distributed.mesh import PartitionedMesh
 from adaptsize.typing import FloatArray
 
 

@@ -12,11 +12,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from adaptsize.background import SimplexMesh
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.boundary import Skeleton
 from adaptsize.distributed.entries import exchange_rows, of_this_rank, reach_of
 from adaptsize.distributed.info import Solved
 from adaptsize.distributed.marching import solve_along_edges
-from adaptsize.distributed.mesh import Ids, PartitionedMesh
 from adaptsize.distributed.pieces import Piece
 from adaptsize.distributed.sources import Traced, trace
 from adaptsize.geometry.boundary import FlatBoundary
@@ -36,6 +36,7 @@ from adaptsize.limiting.exact.space import (
 )
 from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
 from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.ranks import Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Columns of a table of entries; those with the global numbers of their nodes follow.

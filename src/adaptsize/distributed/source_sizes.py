@@ -13,9 +13,8 @@ import numpy as np
 from adaptsize._checks import as_float_array, as_sizes, as_slope, check_type
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.migration import boundary_facets
-from adaptsize.distributed.whole import diagonal_of
+from adaptsize.background.migration import boundary_facets
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.sizes._touched import SourceMesh
 from adaptsize.sizes.sources import (
     BallSource,
@@ -131,7 +130,7 @@ class _MeshOfParts(SourceMesh):
     def __init__(self, part: PartitionedMesh) -> None:
         super().__init__(part.mesh, (part.dim, part.cell_dim))
         self._part = part
-        self._diagonal = diagonal_of(part)
+        self._diagonal = part.diagonal
         self.speaks = part.ranks.rank == 0
 
     @property

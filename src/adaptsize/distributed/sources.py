@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.exact_plane import CORNER
-from adaptsize.distributed.mesh import Ids, PartitionedMesh
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.pieces import Piece
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.waves import Wave
 from adaptsize.limiting.sources import SizeSources
-from adaptsize.ranks import Communicator, split_rows
+from adaptsize.ranks import Communicator, Ids, split_rows
 from adaptsize.typing import FloatArray, IntArray
 
 

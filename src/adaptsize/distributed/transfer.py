@@ -15,7 +15,7 @@ from adaptsize.adaptation._fields import as_field, as_fields
 from adaptsize.adaptation.overlaps import overlaps_of
 from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import PartitionedMesh
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.ranks import split_rows
 from adaptsize.typing import FloatArray, IntArray
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from adaptsize.adaptation.next_sizes import NextSizes, Present, edge_weights
 from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import PartitionedMesh
-from adaptsize.distributed.migration import boundary_facets
+from adaptsize.background.migration import boundary_facets
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.typing import BoolArray
 
 
@@ -15,19 +15,6 @@ def total_measure(part: PartitionedMesh) -> float:
     """Return the area or volume of the mesh; collective."""
     own = 0.0 if part.mesh is None else float(part.mesh.measures.sum())
     return float(part.ranks.allreduce(own, "sum"))
-
-
-def diagonal_of(part: PartitionedMesh) -> float:
-    """Return the diagonal of the whole mesh; collective on first use."""
-    return part.once("_diagonal", lambda: _find_diagonal(part))
-
-
-def _find_diagonal(part: PartitionedMesh) -> float:
-    none = np.full(part.dim, np.inf)
-    low = none if part.mesh is None else part.points.min(axis=0)
-    high = none if part.mesh is None else -part.points.max(axis=0)
-    ends = part.ranks.allreduce(np.concatenate([low, high]), "min")
-    return float(np.linalg.norm(ends[part.dim :] + ends[: part.dim]))
 
 
 def lost_tags(old: PartitionedMesh, new: PartitionedMesh) -> tuple[str, ...]:

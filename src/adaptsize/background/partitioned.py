@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, check_type
-from adaptsize.background import SimplexMesh
-from adaptsize.distributed.parts import joined, parts_of
-from adaptsize.ranks import Communicator, SharedNodes, as_communicator, find_shared_nodes
+from adaptsize.background.partitioning import joined, parts_of
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 T = TypeVar("T")
-Ids = npt.NDArray[np.int64]
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
@@ -177,6 +176,22 @@ class PartitionedMesh:
         """Cells of this rank, as local nodes."""
         none = np.empty((0, self.cell_dim + 1), np.int32)
         return none if self.mesh is None else self.mesh.cells
+
+    @property
+    def measures(self) -> FloatArray:
+        """Length, area or volume of each cell of this rank."""
+        return np.empty(0) if self.mesh is None else self.mesh.measures
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the box around the whole mesh; collective on first use."""
+        return self.once("_diagonal", self._find_diagonal)
+
+    def _find_diagonal(self) -> float:
+        low = self.points.min(axis=0, initial=np.inf)
+        high = self.points.max(axis=0, initial=-np.inf)
+        ends = self.ranks.allreduce(np.concatenate([low, -high]), "min")
+        return float(np.linalg.norm(ends[self.dim :] + ends[: self.dim]))
 
     @property
     def is_owned(self) -> BoolArray:

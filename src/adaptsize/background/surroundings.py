@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.background import SimplexMesh
-from adaptsize.distributed.mesh import Ids, PartitionedMesh
+from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.ranks import Ids
 from adaptsize.typing import FloatArray, IntArray
 
 

@@ -1,0 +1,298 @@
+"""Assembly of parts, cells that move from rank to rank, and facets between parts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import refuse_where
+from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background.partitioning import cut_part
+from adaptsize.background.simplex import SimplexMesh
+from adaptsize.ranks import Communicator, Ids, split_rows
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+# Bits per axis of keys along a Morton curve, and keys that each rank contributes to the division.
+_BITS = 20
+_SAMPLES = 1000
+
+
+def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
+    """Return the same mesh with each cell on another rank; collective.
+
+    Tags and fields move with the cells.  Nodes in no cell are left out, and nodes get new numbers.
+    """
+    pieces: list[Piece | None] = [None] * part.ranks.size
+    if part.mesh is not None:
+        nobody = np.full(part.n_points, -1, np.int32)
+        for rank in np.unique(rank_of_cells).tolist():
+            cut = cut_part(part.mesh, rank_of_cells, nobody, rank)
+            if cut.mesh is not None:
+                pieces[rank] = Piece(cut.mesh, part.global_ids[cut.global_ids])
+    received = part.ranks.alltoall(pieces)
+    return from_pieces(part.ranks, [piece for piece in received if piece is not None])
+
+
+def interface_facets(part: PartitionedMesh) -> IntArray:
+    """Return the facets that this rank shares with others, as local nodes; collective."""
+    facets, is_between = _free_facets(part)
+    between: IntArray = facets[is_between]
+    return between
+
+
+def boundary_facets(part: PartitionedMesh) -> IntArray:
+    """Return the facets on the boundary of the whole mesh, as local nodes; collective."""
+    facets, is_between = _free_facets(part)
+    boundary: IntArray = facets[~is_between]
+    return boundary
+
+
+def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
+    """Return the facets with one cell on this rank, and whether other ranks have them too.
+
+    Two exchanges: each candidate goes to a rank that follows from its lowest node, which counts
+    the ranks that have it.
+    """
+    comm = part.ranks
+    free = np.empty((0, part.cell_dim), np.int32)
+    is_shared = np.zeros(part.n_points, np.bool_)
+    is_shared[part.shared.every] = True
+    if part.mesh is not None:
+        free = part.mesh.facets[part.mesh.facet_cell_counts == 1]
+    candidates = is_shared[free].all(axis=1)
+    keys = np.sort(part.global_ids[free[candidates]], axis=1)
+    at = keys[:, 0] % comm.size
+    order = np.argsort(at, kind="stable")
+    asked = comm.alltoallv(split_rows(keys, at, comm.size))
+    rows = np.concatenate(asked)
+    by = np.repeat(np.arange(comm.size), [len(part) for part in asked])
+    count = np.zeros(0, np.int64)
+    if len(rows):
+        _, group, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+        count = times[group.ravel()]
+    found = np.empty(len(keys), np.int64)
+    found[order] = np.concatenate(comm.alltoallv(split_rows(count, by, comm.size)))
+    is_between = np.zeros(len(free), np.bool_)
+    is_between[candidates] = found > 1
+    return free, is_between
+
+
+def displaced(part: PartitionedMesh, layers: int) -> IntArray:
+    """Return a rank for each cell such that present interfaces lie inside parts; collective.
+
+    Parts with fewer cells grow by some layers of cells into those with more; of equal ones, that of
+    the lower rank.  One exchange for each layer.
+    """
+    comm = part.ranks
+    counts = np.array(comm.allgather(part.n_cells))
+    by_priority = np.lexsort((-np.arange(comm.size), -counts))  # the last one grows most
+    priority = np.empty(comm.size)
+    priority[by_priority] = np.arange(comm.size)
+    of_cells = np.full(part.n_cells, priority[comm.rank])
+    for _ in range(layers):
+        of_nodes = np.full(part.n_points, -1.0)
+        if part.n_cells:
+            np.maximum.at(of_nodes, part.cells, of_cells[:, None])
+        of_nodes = part.maximum(of_nodes)
+        if part.n_cells:
+            of_cells = of_nodes[part.cells].max(axis=1)
+    return by_priority[of_cells.astype(np.int64)].astype(np.int32)
+
+
+def balanced(part: PartitionedMesh) -> IntArray:
+    """Return a rank for each cell such that all have about the same number; collective.
+
+    Cells along a Morton curve are divided into pieces of equal length, to about 1 % of a share.
+    """
+    comm = part.ranks
+    centroids = part.points[part.cells].mean(axis=1)
+    low, high = centroids.min(axis=0, initial=np.inf), -centroids.max(axis=0, initial=-np.inf)
+    ends = comm.allreduce(np.concatenate([low, high]), "min")
+    width = float((-ends[part.dim :] - ends[: part.dim]).max())
+    scale = (2**_BITS - 1) / width if width > 0.0 else 0.0
+    steps = ((centroids - ends[: part.dim]) * scale).astype(np.int64)
+    keys = np.zeros(len(steps), np.int64)
+    for bit in range(_BITS):
+        for axis in range(part.dim):
+            keys |= ((steps[:, axis] >> bit) & 1) << (bit * part.dim + axis)
+    count = min(_SAMPLES, len(keys))
+    at = (np.arange(count) + 0.5) * len(keys) / max(count, 1)
+    own = np.sort(keys)[at.astype(np.int64)]
+    every = comm.allgather((own, np.full(count, len(keys) / max(count, 1))))
+    samples = np.concatenate([keys for keys, _ in every])
+    weights = np.concatenate([weights for _, weights in every])
+    order = np.argsort(samples, kind="stable")
+    share = np.cumsum(weights[order]) / weights.sum()
+    cuts = np.searchsorted(share, np.arange(1, comm.size) / comm.size)
+    ranks: IntArray = np.searchsorted(samples[order[cuts]], keys, side="left").astype(np.int32)
+    return ranks
+
+
+#: Name of the nodal field with the numbers of the nodes in the whole mesh.
+NODE_NUMBERS = "GlobalPointIds"
+
+
+class Piece(NamedTuple):
+    """Some cells of a mesh."""
+
+    mesh: SimplexMesh
+    keys: Ids | None
+    """Numbers >= 0 that identify the nodes in the whole mesh; None if only their coordinates do."""
+
+
+def from_pieces(comm: Communicator, pieces: Sequence[Piece]) -> PartitionedMesh:
+    """Return the mesh composed of pieces, of which each rank has any number; collective.
+
+    Nodes of different pieces are the same if their keys are equal, or if some piece has no keys,
+    if their coordinates are.
+    """
+
+    def check() -> list[Piece]:
+        if by_points:
+            return [Piece(piece.mesh, keys_of_points(piece.mesh.points)) for piece in pieces]
+        return list(pieces)
+
+    by_points = bool(comm.allreduce(int(any(p.keys is None for p in pieces)), "max"))
+    own = comm.agree(check)
+    mesh, keys = comm.agree(lambda: _joined(own))
+    mesh = _with_common_tags(comm, mesh)
+    ids, owner = number_nodes(comm, keys)
+    return PartitionedMesh(mesh, ids, owner, comm)
+
+
+def _joined(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
+    """Return the pieces of this rank as one mesh, and the keys of its nodes."""
+    if not pieces:
+        return None, np.empty(0, np.int64)
+    meshes = [piece.mesh for piece in pieces]
+    every = np.concatenate([piece.keys for piece in pieces if piece.keys is not None])
+    keys, first, number = np.unique(every, return_index=True, return_inverse=True)
+    ends = np.cumsum([mesh.n_points for mesh in meshes])
+    numbers = np.split(number.astype(np.int32), ends[:-1])
+    cells = [new[mesh.cells] for new, mesh in zip(numbers, meshes, strict=True)]
+    common = {"point": set(meshes[0].point_data), "cell": set(meshes[0].cell_data)}
+    for mesh in meshes:
+        common["point"] &= set(mesh.point_data)
+        common["cell"] &= set(mesh.cell_data)
+    tagged: dict[str, Any] = {}
+    if any(mesh.cell_tags is not None for mesh in meshes):
+        tagged["cell_tags"] = np.concatenate([_cell_tags(mesh) for mesh in meshes])
+    rows = [
+        new[mesh.tagged_facets]
+        for new, mesh in zip(numbers, meshes, strict=True)
+        if mesh.tagged_facets is not None
+    ]
+    if rows:
+        # A facet between two pieces may be in both.
+        facets = np.concatenate(rows)
+        once = np.sort(np.unique(np.sort(facets, axis=1), axis=0, return_index=True)[1])
+        tags = [mesh.facet_tags for mesh in meshes if mesh.facet_tags is not None]
+        tagged["tagged_facets"] = facets[once]
+        tagged["facet_tags"] = np.concatenate(tags)[once]
+    mesh = SimplexMesh(
+        np.concatenate([mesh.points for mesh in meshes])[first],
+        np.concatenate(cells),
+        tag_names={key: name for mesh in meshes for key, name in mesh.tag_names.items()},
+        point_data={
+            name: np.concatenate([mesh.point_data[name] for mesh in meshes])[first]
+            for name in meshes[0].point_data
+            if name in common["point"] and name != NODE_NUMBERS
+        },
+        cell_data={
+            name: np.concatenate([mesh.cell_data[name] for mesh in meshes])
+            for name in meshes[0].cell_data
+            if name in common["cell"]
+        },
+        **tagged,
+    )
+    return mesh, keys
+
+
+def _cell_tags(mesh: SimplexMesh) -> npt.NDArray[np.int32]:
+    return np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
+
+
+def _with_common_tags(comm: Communicator, mesh: SimplexMesh | None) -> SimplexMesh | None:
+    """Return the mesh in the dimension of all pieces, with tags if any piece has some.
+
+    Files of meshes in the plane have z = 0.  A piece of a surface may lie in that plane by chance.
+    """
+    has_height = mesh is not None and mesh.dim == 3 and bool((mesh.points[:, 2] != 0.0).any())
+    has_height |= mesh is not None and mesh.cell_dim == 3
+    has_cells = mesh is not None and mesh.cell_tags is not None
+    has_facets = mesh is not None and mesh.tagged_facets is not None
+    given = comm.allreduce(np.array([has_height, has_cells, has_facets], np.int64), "max")
+    if mesh is None:
+        return None
+    if mesh.dim == 3 and not given[0]:
+        mesh = replace(mesh, points=mesh.points[:, :2])
+    added: dict[str, Any] = {}
+    if given[1] and not has_cells:
+        added["cell_tags"] = _cell_tags(mesh)
+    if given[2] and not has_facets:
+        added["tagged_facets"] = np.empty((0, mesh.cell_dim), np.int32)
+        added["facet_tags"] = np.empty(0, np.int32)
+    return replace(mesh, **added) if added else mesh
+
+
+def number_nodes(comm: Communicator, keys: Ids) -> tuple[Ids, IntArray]:
+    """Return a global number, and the owner, of each node of this rank; collective.
+
+    Numbers are consecutive from 0 in the order of the keys, so that keys without gaps are
+    returned as they are.  The owner is the lowest rank that holds the node.  Two exchanges: the
+    range of the keys is divided among the ranks, and each numbers the keys of its share.
+
+    Parameters
+    ----------
+    comm : Communicator
+    keys : int64[n]
+        The same number >= 0 for the same node on all ranks; different numbers for different nodes.
+    """
+    largest = comm.allreduce(int(keys.max(initial=-1)), "max")
+    share = largest // comm.size + 1
+    at = keys // share
+    order = np.argsort(at, kind="stable")
+    asked = comm.alltoallv(split_rows(keys, at, comm.size))
+    every = np.concatenate(asked)
+    by = np.repeat(np.arange(comm.size, dtype=np.int64), [len(part) for part in asked])
+    known, group = np.unique(every, return_inverse=True)
+    owner = np.full(len(known), comm.size, np.int64)
+    np.minimum.at(owner, group, by)
+    counts = comm.allgather(len(known))
+    numbers = group + sum(counts[: comm.rank])
+    answers = comm.alltoallv(split_rows(np.column_stack([numbers, owner[group]]), by, comm.size))
+    found = np.empty((len(keys), 2), np.int64)
+    found[order] = np.concatenate(answers)
+    return found[:, 0].copy(), found[:, 1].astype(np.int32)
+
+
+def keys_of_points(points: FloatArray) -> Ids:
+    """Return a number for each point that depends on its coordinates only.
+
+    Raises
+    ------
+    ValueError
+        If two points coincide.
+    """
+    bits = (np.ascontiguousarray(points) + 0.0).view(np.uint64)  # -0.0 becomes 0.0
+    key = np.zeros(len(points), np.uint64)
+    for column in bits.T:
+        key = (key ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        key ^= key >> np.uint64(29)
+        key *= np.uint64(0xBF58476D1CE4E5B9)
+        key ^= key >> np.uint64(32)
+    keys = (key >> np.uint64(1)).astype(np.int64)
+    first, count = np.unique(keys, return_index=True, return_counts=True)[1:]
+    twice = np.zeros(len(keys), bool)
+    twice[first[count > 1]] = True
+    refuse_where(
+        "points",
+        np.broadcast_to(twice[:, None], points.shape),
+        points,
+        "must differ from each other if nodes have no global numbers",
+    )
+    return keys
