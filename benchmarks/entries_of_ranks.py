@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 
-from adaptsize.distributed.entries import entries_in_reach
 from adaptsize.limiting.exact.waves import node_wave
+from adaptsize.limiting.in_parts.entries import entries_in_reach
 
 G, LARGEST = 0.3, 1.0
 PIECES = {2: (4, 4), 3: (4, 2, 2)}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from adaptsize.distributed import api
+from adaptsize.limiting.in_parts import limit as api
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 
 from adaptsize._kernels.exact_plane import COLUMNS, CORNER
 from adaptsize.background._curve import along_curve
-from adaptsize.distributed.entries import entries_in_reach, of_this_rank, reach_of
 from adaptsize.limiting.exact.waves import node_wave
+from adaptsize.limiting.in_parts.entries import entries_in_reach, of_this_rank, reach_of
 
 
 def test_all_entries_are_in_reach_of_a_rank_without_bounds_but_of_none_without_nodes():

@@ -11,7 +11,7 @@ from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.distributed import limit_gradient as limit_parts
-from adaptsize.distributed.info import _order_statistics
+from adaptsize.limiting.in_parts.info import _order_statistics
 
 
 def beside_each_other():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from adaptsize.background._curve import along_curve
-from adaptsize.distributed.entries import entries_in_reach, reach_of
 from adaptsize.limiting.exact.waves import wave_at
+from adaptsize.limiting.in_parts.entries import entries_in_reach, reach_of
 
 
 def _slow(wave, boxes, g):

@@ -2,19 +2,18 @@
 
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.adaptation import adapt
-from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.boundary_sizes import size_from_curvature, size_from_feature
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
 from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
-from adaptsize.distributed.info import PartsLimitingInfo
 from adaptsize.distributed.interface_quality import InterfaceQuality
 from adaptsize.distributed.remeshing import RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.sizes import predicted_elements, size_from_error, size_from_hessian
 from adaptsize.distributed.source_sizes import size_from_sources
-from adaptsize.distributed.sources import PartsSources
 from adaptsize.distributed.transfer import interpolate, transfer_fields
+from adaptsize.limiting.in_parts.info import PartsLimitingInfo, PartsSources
+from adaptsize.limiting.in_parts.limit import limit_gradient
 
 __all__ = [
     "AdaptedParts",

@@ -31,7 +31,6 @@ from adaptsize.adaptation.next_sizes import (
 from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.api import limit_gradient
 from adaptsize.distributed.boundary_sizes import size_from_curvature
 from adaptsize.distributed.interface_quality import measure_interfaces
 from adaptsize.distributed.remeshing import How, RemeshedParts, remesh
@@ -45,6 +44,7 @@ from adaptsize.distributed.whole import (
     total_measure,
 )
 from adaptsize.errors import ResolutionWarning
+from adaptsize.limiting.in_parts.limit import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.sizes.budget import calibration
 from adaptsize.sizes.chords import size_of_chords

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_sizes, check_type
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.surroundings import surroundings_of
-from adaptsize.distributed.api import limit_gradient
+from adaptsize.limiting.in_parts.limit import limit_gradient
 from adaptsize.sizes.budget import CellSums, calibration, count_elements
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.error import scaled_by_derivative, scaled_by_error, steepest_derivatives

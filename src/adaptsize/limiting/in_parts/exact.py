@@ -15,18 +15,11 @@ import numpy as np
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background._curve import along_curve
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.boundary import Skeleton, find_skeleton
-from adaptsize.distributed.entries import exchange_entries, of_this_rank, reach_of
-from adaptsize.distributed.info import Solved
-from adaptsize.distributed.kinks import merge_kinks
-from adaptsize.distributed.pieces import Piece, components_of, piece_of
-from adaptsize.distributed.point_sources import locate
-from adaptsize.distributed.solids import find_body, solve_body
-from adaptsize.distributed.sources import Numbers, numbers_of, trace, untraced, with_piece
 from adaptsize.geometry.boundary import plane_boundary
+from adaptsize.limiting.exact.api import OUTSIDE
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, plane_of
-from adaptsize.limiting.exact.problem import Extra, Problem, margin_for
+from adaptsize.limiting.exact.problem import Extra, Kinks, Problem, margin_for
 from adaptsize.limiting.exact.solve import (
     Found,
     rises_too_fast,
@@ -35,6 +28,23 @@ from adaptsize.limiting.exact.solve import (
     wave_of_nodes,
 )
 from adaptsize.limiting.exact.work import number_of_threads
+from adaptsize.limiting.in_parts.domain import (
+    Piece,
+    Skeleton,
+    components_of,
+    find_skeleton,
+    piece_of,
+)
+from adaptsize.limiting.in_parts.entries import exchange_entries, of_this_rank, reach_of
+from adaptsize.limiting.in_parts.info import (
+    Numbers,
+    Solved,
+    numbers_of,
+    trace,
+    untraced,
+    with_piece,
+)
+from adaptsize.limiting.in_parts.solids import find_body, solve_body
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -252,3 +262,89 @@ def _local_facets(piece: Piece, skeleton: Skeleton) -> IntArray:
     local = np.where(piece.ids[at] == skeleton.ids, at, -1).astype(np.int32)
     facets = local[skeleton.boundary.facets]
     return facets[(facets >= 0).all(axis=1)]
+
+
+def merge_kinks(piece: Piece, rows: Kinks) -> Kinks:
+    """Return the rows with those of other ranks at the same edges and faces; one exchange."""
+    dim = rows.points.shape[1]
+    widths = (2, 3) if dim == 3 else (2,)
+    sent = []
+    for nodes in piece.shared:
+        held = np.zeros(len(rows.points), np.bool_)
+        held[nodes] = True
+        packed = [
+            _packed(piece, rows, own[held[own[:, :width]].all(axis=1)], width)
+            for own, width in zip(rows[:2], widths, strict=False)
+        ]
+        sent.append(np.concatenate(packed))
+    found = np.concatenate(piece.ranks.alltoallv(sent))
+    nodes = found[:, 2:].reshape(-1, 4, dim + 2)
+    ids, at = np.unique(nodes[:, :, 0].astype(np.int64), return_index=True)
+    own = np.searchsorted(piece.ids, ids)
+    known = own < len(piece.ids)
+    known[known] = piece.ids[own[known]] == ids[known]
+    number = np.where(known, own, 0)
+    number[~known] = len(rows.points) + np.arange(np.count_nonzero(~known))
+    new = nodes.reshape(-1, dim + 2)[at[~known]]
+    named = number[np.searchsorted(ids, nodes[:, :, 0].astype(np.int64))]
+    more = [
+        _unpacked(named[found[:, 0] == width], found[found[:, 0] == width, 1], width)
+        for width in (2, 3)
+    ]
+    return Kinks(
+        np.concatenate([rows.edges, more[0]]),
+        np.concatenate([rows.faces, more[1]]),
+        np.concatenate([rows.points, new[:, 1:-1]]),
+        np.concatenate([rows.h0, new[:, -1]]),
+    )
+
+
+def _packed(piece: Piece, rows: Kinks, own: IntArray, width: int) -> FloatArray:
+    """Return rows with the global numbers, places and bounds of their nodes."""
+    if len(own) == 0:
+        return np.empty((0, 2 + 4 * (rows.points.shape[1] + 2)))
+    nodes = np.delete(own, width, axis=1)
+    packed = np.concatenate(
+        [piece.ids[nodes][:, :, None], rows.points[nodes], rows.h0[nodes][:, :, None]], axis=2
+    )
+    flags = np.column_stack([np.full(len(own), width), own[:, width]])
+    return np.concatenate([flags, packed.reshape(len(own), -1)], axis=1)
+
+
+def _unpacked(nodes: IntArray, allows: FloatArray, width: int) -> IntArray:
+    """Return rows as they are listed."""
+    return np.insert(nodes, width, allows.astype(np.int64), axis=1).astype(np.int32)
+
+
+class Located(NamedTuple):
+    """Sources between the nodes, and the components that they lie in."""
+
+    given: PointBounds
+    pairs: IntArray
+    """int32[k, 2]: a component and one of the points in it, in ascending order."""
+
+    def extra(self, component: int, piece: Piece) -> Extra | None:
+        """Return the sources in a component; None if there are none."""
+        chosen = self.pairs[self.pairs[:, 0] == component, 1]
+        if len(chosen) == 0:
+            return None
+        points = np.ascontiguousarray(self.given.points[chosen])
+        return Extra(points, self.given.sizes[chosen], piece.mesh.n_points + chosen)
+
+
+def locate(part: PartitionedMesh, given: PointBounds | None) -> Located | None:
+    """Return the sources that lie in the domain, with their components; collective.
+
+    Each rank sends pairs of numbers for the points in its part (one gather).
+    """
+    if given is None:
+        return None
+    pairs = np.empty((0, 2), np.int32)
+    number = components_of(part).number
+    reach = OUTSIDE * part.diagonal
+    if part.mesh is not None:
+        which, cells = part.mesh.locator.within(given.points, reach)
+        pairs = np.column_stack([number[part.cells[cells, 0]], which]).astype(np.int32)
+        pairs = np.unique(pairs[np.isfinite(given.sizes)[which]], axis=0)
+    every: IntArray = np.unique(np.concatenate(part.ranks.allgather(pairs)), axis=0)
+    return Located(given, every)

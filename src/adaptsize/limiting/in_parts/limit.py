@@ -14,14 +14,21 @@ from adaptsize import limiting
 from adaptsize._checks import as_flag, as_float_array, as_plain_array, as_sizes, check_type, one_of
 from adaptsize._progress import reporting
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.exact import Given, solve_exact
-from adaptsize.distributed.info import PartsLimitingInfo, Solved, info_from, info_of
-from adaptsize.distributed.marching import solve_fast_marching
-from adaptsize.distributed.sources import Traced, scattered, traced_from
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.arguments import as_count, as_point_bounds
 from adaptsize.limiting.exact.api import UNFINISHED
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
+from adaptsize.limiting.in_parts.exact import Given, solve_exact
+from adaptsize.limiting.in_parts.info import (
+    PartsLimitingInfo,
+    Solved,
+    Traced,
+    info_from,
+    info_of,
+    scattered,
+    traced_from,
+)
+from adaptsize.limiting.in_parts.marching import solve_fast_marching
 from adaptsize.limiting.on_simplices import METHODS
 from adaptsize.limiting.options import refuse_idle
 from adaptsize.limiting.problem import PointBounds

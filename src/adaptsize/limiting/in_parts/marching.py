@@ -25,9 +25,9 @@ from adaptsize.background.marching import (
     sweep_into_heap,
 )
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.info import Solved
 from adaptsize.limiting.fast_marching import largest_excess
 from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.in_parts.info import Solved
 from adaptsize.typing import FloatArray, ProgressCallback
 
 # Width of a window in edges: nodes accepted too early are accepted again, and narrow windows mean

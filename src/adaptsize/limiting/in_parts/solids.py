@@ -13,12 +13,6 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.boundary import Skeleton
-from adaptsize.distributed.entries import exchange_rows, of_this_rank, reach_of
-from adaptsize.distributed.info import Solved
-from adaptsize.distributed.marching import solve_along_edges
-from adaptsize.distributed.pieces import Piece
-from adaptsize.distributed.sources import Traced, trace
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import solve_edge_based
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
@@ -36,6 +30,10 @@ from adaptsize.limiting.exact.space import (
 )
 from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
 from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.in_parts.domain import Piece, Skeleton
+from adaptsize.limiting.in_parts.entries import exchange_rows, of_this_rank, reach_of
+from adaptsize.limiting.in_parts.info import Solved, Traced, trace
+from adaptsize.limiting.in_parts.marching import solve_along_edges
 from adaptsize.ranks import Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 

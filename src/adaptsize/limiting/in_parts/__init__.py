@@ -1,0 +1,1 @@
+"""Gradient limiting on meshes in parts."""
