@@ -11,18 +11,11 @@ from typing import Any
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_path, one_of
-from adaptsize._formats import (
-    assembly,
-    gmsh_partitions,
-    image,
-    metrics,
-    parts,
-    raster,
-    readers,
-    writers,
-)
+from adaptsize._formats import assembly, raster, readers, sizes, writers
 from adaptsize._formats.blocks import KINDS
-from adaptsize._formats.whole_files import about_file, check_readable, is_special, write_whole
+from adaptsize._formats.gmsh import refuse_split
+from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
+from adaptsize._formats.vtk_xml import read_vti
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
@@ -117,7 +110,7 @@ def read(
         one_of("kind", kind, tuple(KINDS))
     notes: list[str] = []
     try:
-        gmsh_partitions.refuse_split(file)
+        refuse_split(file)
         check_readable(file)
         raw = readers.load(file)
         notes.extend(raw.notes)
@@ -193,25 +186,25 @@ def write(
     path = as_path("path", path)
     target = Path(os.path.realpath(path)) if not is_special(path) else path
     chosen = writers.format_of(path, file_format)
-    background, nodal = parts.parts_of(obj, fields)
+    background, nodal = writers.parts_of(obj, fields)
     needed = list(nodal)
     if isinstance(obj, MetricFunction):
         if not chosen.holds_metrics:
             raise ValueError(f"{path.name} cannot hold a metric; write .vtu, .sol or .pos")
         if chosen.only_sizes:
-            nodal.pop(metrics.LENGTHS, None)
+            nodal.pop(sizes.LENGTHS, None)
     if chosen.holds_fields and not chosen.only_sizes:
-        nodal = parts.growth_of(obj, background.n_points) | nodal
+        nodal = writers.growth_of(obj, background.n_points) | nodal
     if needed and not chosen.holds_fields:
         raise ValueError(
             f"{path.name} cannot hold nodal fields, got {', '.join(needed)}; "
             "write .vtu, or a .sol with the sizes for a .mesh"
         )
-    others = [name for name in needed if name not in ("h", metrics.METRIC, metrics.LENGTHS)]
+    others = [name for name in needed if name not in ("h", sizes.METRIC, sizes.LENGTHS)]
     if others and chosen.only_sizes:
         raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {', '.join(others)}")
     try:
-        write_whole(target, parts.writing(background, nodal, chosen))
+        write_whole(target, writers.writing(background, nodal, chosen))
     except (MeshFileError, OSError) as error:
         raise about_file(path, error) from error
 
@@ -261,7 +254,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     if file.suffix.lower() == ".vti":
         try:
             check_readable(file)
-            background, fields = image.read(file)
+            background, fields = read_vti(file)
         except (ValueError, MemoryError) as error:
             raise about_file(file, error) from error
     else:
@@ -271,7 +264,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         listed = ", ".join(fields) or "none"
         raise about_file(file, MeshFileError(f"has no nodal field {name!r} (found: {listed})"))
     try:
-        return SizeFunction(background, fields[name], **parts.growth_in(fields, name))
+        return SizeFunction(background, fields[name], **writers.growth_in(fields, name))
     except ValueError as error:
         raise about_file(file, MeshFileError(f"{name}: {error}")) from error
 
@@ -314,12 +307,12 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
     try:
         if file.suffix.lower() in (".sol", ".solb"):
             check_readable(file)
-            return metrics.read_sol(file)
+            return sizes.read_sol(file)
         mesh = read(file)
         if name not in mesh.point_data:
             listed = ", ".join(mesh.point_data) or "none"
             raise MeshFileError(f"has no nodal field {name!r} (found: {listed})")
-        return metrics.metric_in(mesh.point_data[name], mesh.dim)
+        return sizes.metric_in(mesh.point_data[name], mesh.dim)
     except ValueError as error:
         raise about_file(file, error) from error
 

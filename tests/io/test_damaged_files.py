@@ -18,7 +18,7 @@ from numpy.testing import assert_array_equal
 from stl_files import ASCII_STL, binary_stl
 
 from adaptsize import SimplexMesh, SizeFunction, read, read_image, read_size, write
-from adaptsize._formats import text
+from adaptsize._formats import completeness
 from adaptsize.background import CartesianGrid
 from adaptsize.errors import MeshFileError, MeshRepairWarning
 
@@ -377,8 +377,8 @@ def test_a_size_function_in_a_damaged_file_is_refused(tmp_path):
 
 def test_words_that_are_no_numbers_are_named_in_short():
     with pytest.raises(MeshFileError, match=r"holds 'x{37}\.\.\.' where float64"):
-        text.numbers([b"1", b"x" * 1000], float)
+        completeness.numbers([b"1", b"x" * 1000], float)
     with pytest.raises(MeshFileError, match=r"holds '1.5' where int32"):
-        text.numbers([b"1", b"1.5"], np.int32)
+        completeness.numbers([b"1", b"1.5"], np.int32)
     with pytest.raises(MeshFileError, match="too large"):
-        text.numbers([b"1", b"99999999999999999999"], np.int64)
+        completeness.numbers([b"1", b"99999999999999999999"], np.int64)

@@ -10,7 +10,7 @@ from meshes import jittered_cube, random_sphere
 from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, SizeFunction, read, read_size, write
-from adaptsize._formats import stl
+from adaptsize._formats import surfaces
 
 MESH_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh", ".mesh", ".meshb"]
 FIELD_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh"]
@@ -129,7 +129,7 @@ def test_a_surface_comes_back_from_stl_rounded_to_float32(tmp_path):
 def test_normals_in_stl_files_are_unit_and_point_outward(tmp_path):
     mesh = random_sphere(50, 7306)
     write(tmp_path / "mesh.stl", mesh)
-    records = np.frombuffer((tmp_path / "mesh.stl").read_bytes(), stl._RECORD, offset=84)
+    records = np.frombuffer((tmp_path / "mesh.stl").read_bytes(), surfaces._RECORD, offset=84)
     along = (records["normal"] * records["corners"].mean(axis=1)).sum(axis=1)
     assert (along > 0).all()
     # float32 has 24 bits: the sum of three squares is 1 to a few 6e-8.

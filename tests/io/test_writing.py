@@ -14,7 +14,7 @@ from mesh_files import SQUARE, TWO_TRIANGLES
 from meshes import random_sphere
 
 from adaptsize import SimplexMesh, SizeFunction, read, write
-from adaptsize._formats import stl
+from adaptsize._formats import writers
 from adaptsize.errors import MeshFileError
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="pipes with a path")
@@ -52,7 +52,7 @@ def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(stl, "write_binary", interrupt)
+    monkeypatch.setattr(writers, "write_binary", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path / "mesh.stl", SimplexMesh(SQUARE, TWO_TRIANGLES))
     assert os.listdir(tmp_path) == []

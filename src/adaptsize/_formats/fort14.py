@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh
-from adaptsize._formats.text import check_last_number, numbers
+from adaptsize._formats.completeness import check_last_number, numbers
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.quietness import quiet
-from adaptsize._formats.readers import FOREIGN_FAILURES, reason
+from adaptsize._formats.guards import FOREIGN_FAILURES, quiet, reason
 from adaptsize.background.image import Image
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray

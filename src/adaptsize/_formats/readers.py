@@ -16,25 +16,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from adaptsize._formats import (
-    fort14,
-    gmsh_names,
-    gmsh_partitions,
-    gmsh_views,
-    off,
-    ply,
-    stl,
-    xdmf,
-)
+from adaptsize._formats import fort14
 from adaptsize._formats.blocks import RawMesh, check_raw, join
 from adaptsize._formats.completeness import check_counts, check_end
-from adaptsize._formats.quietness import quiet
+from adaptsize._formats.gmsh import is_partitioned, read_blocks, read_names, read_view
+from adaptsize._formats.guards import FOREIGN_FAILURES, quiet, reason
+from adaptsize._formats.surfaces import read_corners, read_off, read_ply
+from adaptsize._formats.vtk_xml import read_xdmf
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
-
-#: Whatever a reader of another package may raise.  meshio calls sys.exit, and some errors of
-#: these packages are derived from Exception only.  Ctrl-C is not among them.
-FOREIGN_FAILURES: tuple[type[BaseException], ...] = (Exception, SystemExit)
 
 
 def load(path: Path) -> RawMesh:
@@ -76,18 +66,8 @@ def _loaded(loader: Callable[[Path], RawMesh], path: Path) -> RawMesh:
     return raw
 
 
-def reason(error: BaseException, printed: str = "") -> str:
-    """Return one short line with the error of another package."""
-    if isinstance(error, ModuleNotFoundError) and error.name:
-        return f"needs the package {error.name} (pip install {error.name})"
-    lines = printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
-    text = "; ".join(line.strip().rstrip(".") for line in lines.splitlines() if line.strip())
-    line = " ".join(text.split()) or type(error).__name__
-    return line if len(line) <= 160 else line[:157] + "..."
-
-
 def _load_stl(path: Path) -> RawMesh:
-    corners = stl.read_corners(path)
+    corners = read_corners(path)
     points, number = merge_equal_points(corners.reshape(-1, 3))
     return RawMesh(points, [("triangle", number.reshape(-1, 3))])
 
@@ -108,13 +88,13 @@ def _load_with_meshio(path: Path) -> RawMesh:
         raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
     points = np.asarray(mesh.points, dtype=np.float64)
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-    return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, gmsh_names.read(path))
+    return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, read_names(path))
 
 
 def _load_gmsh(path: Path) -> RawMesh:
     """Read a file of Gmsh; meshio does not know the sections of partitioned ones."""
-    if gmsh_partitions.is_partitioned(path):
-        return gmsh_partitions.read_blocks(path)
+    if is_partitioned(path):
+        return read_blocks(path)
     return _load_with_meshio(path)
 
 
@@ -192,14 +172,14 @@ _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     ".stla": (_load_stl,),
     ".stlb": (_load_stl,),
     ".obj": (_load_with_meshio, _load_with_trimesh),  # meshio does not know all spellings
-    ".off": (off.read,),
-    ".ply": (ply.read,),
+    ".off": (read_off,),
+    ".ply": (read_ply,),
     ".gltf": (_load_with_trimesh,),
     ".glb": (_load_with_trimesh,),
     ".vtk": (_load_with_meshio, _load_vtk_of_new_types),
     ".vtu": (_load_vtu,),
-    ".xdmf": (_load_with_meshio, xdmf.read),  # meshio needs h5py
-    ".xmf": (_load_with_meshio, xdmf.read),
+    ".xdmf": (_load_with_meshio, read_xdmf),  # meshio needs h5py
+    ".xmf": (_load_with_meshio, read_xdmf),
     ".msh": (_load_gmsh, _load_gmsh_without_cell_fields),
     ".mesh": (_load_with_meshio,),
     ".meshb": (_load_with_meshio,),
@@ -211,5 +191,5 @@ _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     ".14": (fort14.read,),
     ".grd": (fort14.read,),
     ".gr3": (fort14.read,),
-    ".pos": (gmsh_views.read,),
+    ".pos": (read_view,),
 }

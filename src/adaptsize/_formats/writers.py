@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, describe, refuse_where
-from adaptsize._formats import fort14, gmsh_names, sizes, stl, xdmf
+from adaptsize._checks import as_sizes, check_type, describe, refuse_where
+from adaptsize._formats import fort14, sizes
 from adaptsize._formats.blocks import UNTAGGED
-from adaptsize._formats.metrics import METRIC, as_tensors
-from adaptsize._formats.quietness import quiet
-from adaptsize._formats.readers import FOREIGN_FAILURES, reason
-from adaptsize.background import SimplexMesh
+from adaptsize._formats.gmsh import add_names
+from adaptsize._formats.guards import FOREIGN_FAILURES, quiet, reason
+from adaptsize._formats.sizes import METRIC, as_tensors
+from adaptsize._formats.surfaces import write_binary
+from adaptsize._formats.vtk_xml import write_vti, write_xdmf
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import MeshFileError
+from adaptsize.metrics import MetricFunction
 from adaptsize.typing import FloatArray
 
 _CELL_TYPES = {1: "line", 2: "triangle", 3: "tetra"}
@@ -91,18 +96,16 @@ def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
     return values
 
 
+def _sizes_or_metric(mesh: SimplexMesh, generator: str) -> FloatArray:
+    """Return the sizes, float64[n], or matrices, float64[n, 3, 3], for a generator."""
+    if METRIC in mesh.point_data:
+        return as_tensors(mesh.point_data[METRIC])
+    return sizes_of(mesh, generator)
+
+
 def _write_view(path: Path, mesh: SimplexMesh) -> None:
-    if METRIC in mesh.point_data:
-        sizes.write_metric_view(path, mesh, as_tensors(mesh.point_data[METRIC]))
-    else:
-        sizes.write_gmsh_view(path, mesh, sizes_of(mesh, "Gmsh"))
-
-
-def _write_sol(path: Path, mesh: SimplexMesh) -> None:
-    if METRIC in mesh.point_data:
-        sizes.write_metric_sol(path, mesh, as_tensors(mesh.point_data[METRIC]))
-    else:
-        sizes.write_medit_sol(path, mesh, sizes_of(mesh, "mmg"))
+    values = _sizes_or_metric(mesh, "Gmsh")
+    sizes.write_view(path, mesh, values, "h" if values.ndim == 1 else "metric")
 
 
 def surface_of(mesh: SimplexMesh) -> SimplexMesh:
@@ -148,7 +151,7 @@ def _write_vtk(path: Path, mesh: SimplexMesh) -> None:
 
 def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
     content = content_of(mesh, "cell_tags", pad=mesh.dim == 1)
-    xdmf.write(path, content.points, content.blocks, content.point_data, content.cell_data)
+    write_xdmf(path, content.points, content.blocks, content.point_data, content.cell_data)
 
 
 def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
@@ -159,7 +162,7 @@ def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
     slim = Content(content.points, content.blocks, nodal, tags)
     _write_with_meshio(path, slim, "gmsh22")
-    gmsh_names.add(path, names)
+    add_names(path, names)
 
 
 def gmsh_groups(
@@ -225,7 +228,7 @@ def _write_bare_surface(path: Path, mesh: SimplexMesh, file_format: str) -> None
 
 def _write_stl(path: Path, mesh: SimplexMesh) -> None:
     surface = content_of(surface_of(mesh), "cell_tags", pad=True)
-    stl.write_binary(path, surface.points[surface.blocks[0][1]])
+    write_binary(path, surface.points[surface.blocks[0][1]])
 
 
 def _write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
@@ -246,7 +249,11 @@ FORMATS: dict[str, Format] = {
         (".jig.msh",), _write_jigsaw, only_sizes=True, only_full=True, holds_metrics=False
     ),
     "gmsh-view": Format((".pos",), _write_view, only_sizes=True),
-    "medit-sol": Format((".sol",), _write_sol, only_sizes=True),
+    "medit-sol": Format(
+        (".sol",),
+        lambda path, mesh: sizes.write_sol(path, mesh, _sizes_or_metric(mesh, "mmg")),
+        only_sizes=True,
+    ),
     "vti": Format((".vti",), _refuse_mesh, holds_grids=True),
     "vtu": Format((".vtu",), _write_vtu),
     "vtk": Format((".vtk",), _write_vtk),
@@ -289,3 +296,67 @@ def format_of(path: Path, file_format: str | None) -> Format:
 
 def _listed() -> str:
     return ", ".join(f"{name} {'/'.join(f.suffixes)}" for name, f in FORMATS.items())
+
+
+def parts_of(
+    obj: object, fields: Mapping[str, npt.ArrayLike] | None
+) -> tuple[SimplexMesh | CartesianGrid, dict[str, npt.ArrayLike]]:
+    """Return the mesh or grid, and the nodal fields that must be written."""
+    nodal: dict[str, npt.ArrayLike] = {}
+    background = obj
+    if isinstance(obj, SizeFunction):
+        background = obj.background
+        nodal["h"] = obj.values
+    elif isinstance(obj, MetricFunction):
+        background = obj.mesh
+        nodal |= sizes.fields_of(obj.metric)
+    if isinstance(background, Octree):
+        background = background.mesh
+    if not isinstance(background, SimplexMesh | CartesianGrid):
+        raise ValueError(
+            "obj must be a SimplexMesh, CartesianGrid, Octree, a SizeFunction or a MetricFunction, "
+            f"got {describe(background)}"
+        )
+    if fields is not None:
+        check_type("fields", fields, Mapping)
+        for name in fields:
+            check_type("names of fields", name, str)
+        nodal.update(fields)
+    return background, nodal
+
+
+def growth_of(obj: object, n_points: int) -> dict[str, npt.ArrayLike]:
+    """Return how a size function grows off its background, as constant nodal fields."""
+    if not isinstance(obj, SizeFunction) or obj.g is None:
+        return {}
+    growth = {"h.g": obj.g} | ({"h.hmax": obj.hmax} if np.isfinite(obj.hmax) else {})
+    return {name: np.full(n_points, value) for name, value in growth.items()}
+
+
+def growth_in(fields: Mapping[str, npt.NDArray[Any]], name: str) -> dict[str, Any]:
+    """Return g and hmax of a size function from the fields of a file, if they are there."""
+    return {
+        part: float(np.ravel(fields[f"{name}.{part}"])[0])
+        for part in ("g", "hmax")
+        if f"{name}.{part}" in fields
+    }
+
+
+def writing(
+    background: SimplexMesh | CartesianGrid,
+    nodal: Mapping[str, npt.ArrayLike],
+    chosen: Format,
+) -> Callable[[Path], None]:
+    """Return the function that writes a mesh or grid with fields to a path."""
+    if isinstance(background, SimplexMesh):
+        return partial(chosen.write, mesh=background.with_data(point_data=nodal))
+    arrays = {name: np.asarray(values) for name, values in nodal.items()}
+    for name, values in arrays.items():
+        if values.shape != background.shape:
+            raise ValueError(
+                f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
+            )
+    if chosen.holds_grids:
+        return partial(write_vti, grid=background, fields=arrays)
+    at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
+    return partial(chosen.write, mesh=background.mesh.with_data(point_data=at_nodes))

@@ -52,7 +52,7 @@ def read_with_metric(
     file: Path, metric: str, hmin: float | None = None, hmax: float | None = None
 ) -> tuple[SimplexMesh, Metric]:
     """Return the mesh in a file and the metric at its nodes, within limits of the sizes."""
-    from adaptsize._formats.metrics import metric_in
+    from adaptsize._formats.sizes import metric_in
     from adaptsize.cli.files import read_mesh
     from adaptsize.io import read_metric
 
@@ -130,7 +130,7 @@ def remesh_with_metric(console: Console, options: Options) -> None:
 
 def _write(path: Path, function: MetricFunction) -> list[dict[str, Any]]:
     """Write a metric on its mesh, and return what is in the files; a .mesh has a .sol beside it."""
-    from adaptsize._formats.metrics import fields_of
+    from adaptsize._formats.sizes import fields_of
     from adaptsize.io import write
 
     sizes = beside(path)

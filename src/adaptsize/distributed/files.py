@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_path, check_type, describe
-from adaptsize._formats import gmsh_partitions
-from adaptsize._formats.whole_files import about_file
+from adaptsize._formats import gmsh
+from adaptsize._formats.guards import about_file
 from adaptsize.background.migration import Piece, from_pieces
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed import pvtu
@@ -56,7 +56,7 @@ def read_parts(path: str | os.PathLike[str], comm: Any = None) -> PartitionedMes
         )
         return from_pieces(ranks, [piece for piece in own if piece is not None])
     if suffix == ".msh":
-        names = ranks.bcast(gmsh_partitions.split_files(file) if ranks.rank == 0 else [])
+        names = ranks.bcast(gmsh.split_files(file) if ranks.rank == 0 else [])
         if names:
             pieces = ranks.agree(lambda: _pieces_of(names[ranks.rank :: ranks.size]))
             return from_pieces(ranks, pieces)
@@ -68,9 +68,9 @@ def _pieces_of(names: list[Path]) -> list[Piece]:
     return [Piece(partition.mesh, partition.numbers) for partition in found]
 
 
-def _partition_in(name: Path) -> gmsh_partitions.Partition:
+def _partition_in(name: Path) -> gmsh.Partition:
     try:
-        return gmsh_partitions.read_partition(name)
+        return gmsh.read_partition(name)
     except MeshFileError as error:
         raise about_file(name, error) from error
 
@@ -81,11 +81,7 @@ def _from_one_file(ranks: Communicator, file: Path) -> PartitionedMesh:
     def load() -> tuple[Any, Any]:
         if ranks.rank > 0:
             return None, None
-        if (
-            file.suffix.lower() == ".msh"
-            and file.is_file()
-            and gmsh_partitions.is_partitioned(file)
-        ):
+        if file.suffix.lower() == ".msh" and file.is_file() and gmsh.is_partitioned(file):
             found = _partition_in(file)
             whole = from_pieces(as_communicator(None), [Piece(found.mesh, found.numbers)]).mesh
             return whole, (found.parts % ranks.size).astype(np.int32)

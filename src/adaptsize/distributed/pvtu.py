@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.whole_files import write_whole
+from adaptsize._formats.guards import write_whole
 from adaptsize.background import SimplexMesh
 from adaptsize.background.migration import NODE_NUMBERS, Piece
 from adaptsize.background.partitioned import PartitionedMesh

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_path, check_type, describe, one_of
-from adaptsize._formats.whole_files import write_whole
+from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.domain_size.report import SizeReport

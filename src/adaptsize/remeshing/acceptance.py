@@ -24,15 +24,6 @@ from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
-#: A boundary farther away than this, over the diagonal, is another one.  Coarse sizes and cut
-#: corners give less.
-_FAR = 0.05
-#: Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by fTetWild
-#: reaches 4 times the tolerance, everything else less.
-_MUCH = 4.0
-#: Allowed change of the volume or area of a mesh.
-_CHANGE = 0.25
-
 
 def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> None:
     """Refuse a mesh of another domain.
@@ -45,7 +36,9 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
         If the bounding box, the boundary or the volume is far from the given one.
     """
     old = problem.mesh
-    far = max(_FAR * old.diagonal, 10.0 * problem.tolerance)
+    # A boundary farther away than this, over the diagonal, is another one.  Coarse sizes and cut
+    # corners give less.
+    far = max(0.05 * old.diagonal, 10.0 * problem.tolerance)
     ends = np.stack([[mesh.points.min(axis=0), mesh.points.max(axis=0)] for mesh in (new, old)])
     _refuse_beyond(far, float(np.abs(ends[0] - ends[1]).max()), "bounding box", problem, backend)
     old_skin = skin_of(old)
@@ -57,7 +50,8 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
     _refuse_beyond(far, max(lost, added), "boundary", problem, backend)
     if old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)
-        allowed = max(_CHANGE, problem.tolerance * old_skin.measures.sum() / old.measures.sum())
+        # Allowed change of the volume or area of a mesh.
+        allowed = max(0.25, problem.tolerance * old_skin.measures.sum() / old.measures.sum())
         if abs(change) > allowed:
             raise BackendError(
                 f"{backend} returned a mesh of another domain: its measure differs by {change:+.0%}"
@@ -97,7 +91,9 @@ def warn_of_deviation(
     old_skin, skin = skin_of(old), skin_of(new)
     if not old_skin.is_closed:
         return
-    far = _MUCH * tolerance
+    # Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by
+    # fTetWild reaches 4 times the tolerance, everything else less.
+    far = 4.0 * tolerance
     deviations = (
         (
             "the mesh misses part of the domain: its boundary is",
@@ -162,9 +158,6 @@ def _farthest(points: FloatArray, mesh: SimplexMesh, far: float) -> tuple[float,
     return float(distance[k] if distance[k] > far else 0.0), rest[k]
 
 
-#: Tolerances passed to a generator, over the allowed one.  Generators keep a smaller tolerance than
-#: the one they are given, at most 2.2 times.
-_FACTORS, _LAST_FACTOR = (1.0, 0.4), 0.15
 #: Length of a failure in the message about all routes, of which there are five.
 _LONGEST = 120
 
@@ -266,5 +259,7 @@ def routes(task: Task, backend: str, chosen: str, *, keep_facets: bool) -> Itera
             fits = task in info.tasks and info.keeps_required_facets >= keep_facets
             if info.installed and fits and name not in (chosen, "gmsh"):  # Gmsh has no tolerance
                 names.append(name)
-    yield from (Route(name, factor) for name in names for factor in _FACTORS)
-    yield Route(chosen, _LAST_FACTOR)  # takes long
+    # Tolerances passed to a generator, over the allowed one.  Generators keep a smaller tolerance
+    # than the one they are given, at most 2.2 times.
+    yield from (Route(name, factor) for name in names for factor in (1.0, 0.4))
+    yield Route(chosen, 0.15)  # takes long

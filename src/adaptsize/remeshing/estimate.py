@@ -15,8 +15,6 @@ from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, mean_density
 from adaptsize.typing import FloatArray
 
 _COLUMNS = 40
-#: Sizes are evaluated at so many triangles of a surface for the lower bound.
-_MAX_SAMPLES = 5_000
 
 
 def estimate_n_cells(mesh: SimplexMesh, size: Size) -> float:
@@ -90,7 +88,7 @@ class InsideSamples(NamedTuple):
 
 def _estimate_n_triangles(surface: SimplexMesh, size: Size) -> float:
     """Return the estimated number of triangles, from an even sample if there are very many."""
-    step = surface.n_cells // _MAX_SAMPLES + 1
+    step = surface.n_cells // 5_000 + 1
     if step == 1:
         return estimate_n_cells(surface, size)
     nodes, local = np.unique(surface.cells[::step], return_inverse=True)

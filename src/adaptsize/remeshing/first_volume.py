@@ -21,10 +21,6 @@ from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
 from adaptsize.typing import IntArray
 
-#: Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
-#: shorter than this share of the tolerance are removed.
-_SHORTEST = 0.5
-
 
 @dataclass(frozen=True)
 class FirstVolume:
@@ -76,20 +72,14 @@ def _adapted(
         surface, ridges = adapt_surface(surface, ridges, size, problem.tolerance, run)
     except BackendError:
         return None
-    height = sliver_height(surface, size, _SHORTEST * problem.tolerance)
+    # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
+    # shorter than this share of the tolerance are removed.
+    height = sliver_height(surface, size, 0.5 * problem.tolerance)
     surface, new_node = remove_slivers(surface, height)
     raw = netgen.fill(surface, run)
     if raw is None:
         return None
     return FirstVolume(raw, "netgen", renumbered_edges(ridges, new_node), is_adapted=True)
-
-
-#: The first run, on triangles of all shapes, makes far too many.  The second one corrects that.
-#: Both take a tenth of the time that the volume takes.
-_SURFACE_TURNS = 2
-_LARGEST_SURFACE_FACTOR = 1.25
-#: ``hausd`` over the tolerance, if the volume is adapted afterwards.
-_SURFACE_TOLERANCE = 0.8
 
 
 def adapt_surface(
@@ -122,9 +112,10 @@ def adapt_surface(
         "facet_groups": np.empty(0, np.int32),
         "ridges": ridges,
     }
+    # ``hausd`` over the tolerance, if the volume is adapted afterwards.
     options = {
         "class": "MmgMeshS",
-        "hausd": _SURFACE_TOLERANCE * tolerance,
+        "hausd": 0.8 * tolerance,
         "ridge_angle": RIDGE_ANGLE["MmgMeshS"],
         "n_regions": len(tags),
         "n_groups": 0,
@@ -132,7 +123,9 @@ def adapt_surface(
         "open_boundaries": False,
     }
     factor = 1.0
-    for _ in range(_SURFACE_TURNS):
+    # The first run, on triangles of all shapes, makes far too many.  The second one corrects that.
+    # Both take a tenth of the time that the volume takes.
+    for _ in range(2):
         sizes = factor * size(made["points"])
         made = run_adapt(made, sizes, options, run, "adapting the surface with Mmg")
         if len(made["cells"]) == 0:
@@ -140,7 +133,7 @@ def adapt_surface(
         share, median = band_and_median(size, made)
         if share >= GOOD_SHARE:
             break
-        limit = _LARGEST_SURFACE_FACTOR
+        limit = 1.25
         factor = float(np.clip(factor / median, 1.0 / limit, limit))
     new_tags = None if surface.cell_tags is None else tags[made["regions"]]
     new = SimplexMesh(

@@ -20,10 +20,6 @@ from adaptsize.typing import FloatArray, IntArray
 
 #: Loops of more edges are divided; the triangulation costs the cube of their number.
 _MOST_AT_ONCE = 96
-#: Weight of the squared perimeter beside the area: of equal areas, compact triangles.
-_COMPACT = 1e-6
-#: A body whose volume is less than this times its area and its diagonal encloses nothing.
-_FLAT = 1e-6
 
 
 def close_holes(surface: SimplexMesh) -> SimplexMesh:
@@ -198,7 +194,8 @@ def _least_area(points: FloatArray) -> IntArray:
 def _triangle_cost(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1)
     perimeter = sum(np.linalg.norm(p - q, axis=-1) for p, q in ((a, b), (b, c), (c, a)))
-    return np.asarray(area + _COMPACT * perimeter**2)
+    # Weight of the squared perimeter beside the area: of equal areas, compact triangles.
+    return np.asarray(area + 1e-6 * perimeter**2)
 
 
 def _encloses_volume(closed: SimplexMesh) -> bool:
@@ -206,4 +203,5 @@ def _encloses_volume(closed: SimplexMesh) -> bool:
     body = bodies_of(closed)
     volume = np.abs(np.bincount(body, cone_measures(closed, closed.points.mean(axis=0))))
     area = np.bincount(body, closed.measures)
-    return bool((volume > _FLAT * closed.diagonal * area).any())
+    # A body whose volume is less than this times its area and its diagonal encloses nothing.
+    return bool((volume > 1e-6 * closed.diagonal * area).any())

@@ -32,14 +32,8 @@ from adaptsize.errors import BackendError, BackendTimeoutError
 _SUPERVISOR = "adaptsize._supervisor"
 #: The messages of the generators; they are silent unless its level is DEBUG.
 _LOGGER = logging.getLogger("adaptsize.remeshing")
-_POLL_SECONDS = 0.1
-_LAST_LINES = 8
 #: Codes that colour the text of a terminal.
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-#: The supervisor has this long to end a job.
-_PATIENCE = 10.0
-#: A child that prints more than this is stopped.
-_MAX_LOG_BYTES = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -128,13 +122,13 @@ class IsolatedRunner:
         while True:
             self.report(text, None)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                child.wait(_POLL_SECONDS)
+                child.wait(0.1)
                 return
             if self.deadline is not None and time.monotonic() > self.deadline:
                 raise BackendTimeoutError(
                     f"{self.backend} was stopped after the time limit of {self.timeout:g} s"
                 )
-            if log.stat().st_size > _MAX_LOG_BYTES:
+            if log.stat().st_size > 50_000_000:
                 raise BackendError(f"{self.backend} was stopped: it printed too much")
 
     def _fail(self, folder: Path, code: int) -> NoReturn:
@@ -155,7 +149,7 @@ class IsolatedRunner:
         with open(folder / "log.txt", "rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - 4000))
             tail = _COLOUR.sub("", log.read().decode("utf-8", "replace"))
-        lines = [line.strip() for line in tail.splitlines() if line.strip()][-_LAST_LINES:]
+        lines = [line.strip() for line in tail.splitlines() if line.strip()][-8:]
         said = f"; its last lines: {' | '.join(lines)}" if lines else ""
         raise BackendError(f"{self.backend} failed: {reason}{said}")
 
@@ -194,7 +188,8 @@ def _end(child: subprocess.Popen[bytes]) -> int:
     with contextlib.suppress(BrokenPipeError):
         child.stdin.close()
     try:
-        return child.wait(_PATIENCE)
+        # The supervisor has this long to end a job.
+        return child.wait(10.0)
     except subprocess.TimeoutExpired:
         child.kill()  # the job dies with it where the system can do that
         return child.wait()

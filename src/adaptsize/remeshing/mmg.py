@@ -52,13 +52,6 @@ RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 #: with sizes too large for the tolerance, it was up to 1.5 times ``hausd`` on circles.  With a
 #: factor of 1.6 it was up to 7 times, and with .7 a notch of coarse arcs was rounded farther.
 _TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 1.3, "MmgMeshS": 1.0}
-#: Nodes in the plane are kept if a smooth curve would bulge by more than this share of the
-#: tolerance.
-_BULGE = 0.2
-#: Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
-_OWN_GRADIENT = 0.25
-#: Upper limit of the gradation passed to Mmg.  A larger one has no effect.
-_STEEPEST = 3.0
 #: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
 #: new mesh.
 #: Mmg does not change edges within sqrt 2 of the requested length.  If this shifts the median,
@@ -67,13 +60,8 @@ _STEEPEST = 3.0
 _MAX_TURNS = 3
 #: With a metric, cells of the input are farther from the requested ones.
 _MAX_METRIC_TURNS = 6
-_NO_GRADATION = -1.0
 GOOD_SHARE = 0.9
 _LARGEST_FACTOR = 1.1
-#: Sizes are evaluated at so many edges.  The share in the band is then known within .005.
-_MAX_EDGES = 20_000
-#: From a first volume with a surface of the requested sizes, edges come out shorter by this factor.
-_FIRST_FACTOR = 1.06
 
 
 @dataclass(frozen=True)
@@ -114,7 +102,9 @@ class MmgBackend:
             "ridges": problem.ridges,
         }
         best, best_share = made, -1.0
-        factor = _FIRST_FACTOR if problem.is_adapted else 1.0
+        # From a first volume with a surface of the requested sizes, edges come out shorter by this
+        # factor.
+        factor = 1.06 if problem.is_adapted else 1.0
         most = _MAX_TURNS if problem.metric is None else _MAX_METRIC_TURNS
         for _ in range(most - int(problem.is_adapted)):
             try:
@@ -160,10 +150,12 @@ def run_adapt(
     BackendError
         If Mmg fails, or returns cells with nodes out of range, as it may for meshes with flaws.
     """
-    hgrad = _NO_GRADATION
+    hgrad = -1.0
     if sizes.ndim == 1:
-        gradient = max(_OWN_GRADIENT, _steepest_slope(made, sizes))
-        hgrad = float(np.exp(min(gradient, _STEEPEST)))
+        # Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
+        gradient = max(0.25, _steepest_slope(made, sizes))
+        # Upper limit of the gradation passed to Mmg.  A larger one has no effect.
+        hgrad = float(np.exp(min(gradient, 3.0)))
     new = run(
         "adaptsize.remeshing.mmg:adapt",
         text,
@@ -218,7 +210,8 @@ def band_and_median(
 
     edges, lengths = _edges(made)
     if metric is None:
-        step = len(edges) // _MAX_EDGES + 1
+        # Sizes are evaluated at so many edges.  The share in the band is then known within .005.
+        step = len(edges) // 20_000 + 1
         edges, lengths = edges[::step], lengths[::step]
         ratio = lengths / size(made["points"][edges].mean(axis=1))
     else:
@@ -307,7 +300,7 @@ def _nodes_to_keep(
     sine = np.abs(along[one, 0] * along[other, 1] - along[one, 1] * along[other, 0])
     angle = sine / np.maximum(length[one] * length[other], np.finfo(float).tiny)
     bulge = angle * np.maximum(length[one], length[other]) / 8.0
-    return np.asarray(nodes[order[first]][bulge > _BULGE * tolerance])
+    return np.asarray(nodes[order[first]][bulge > 0.2 * tolerance])
 
 
 def _references(numbers: npt.NDArray[Any], first: int) -> npt.NDArray[np.int32]:

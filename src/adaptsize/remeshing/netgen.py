@@ -38,8 +38,6 @@ _SECONDS_PER_TRIANGLE = 1e-3
 #: The limit of elapsed time over that of processor time.  It is needed where processes cannot have
 #: the latter, and far away from it, so that a busy machine makes the same mesh.
 _PATIENCE = 5.0
-#: Relative difference of the volume of the tetrahedra to that enclosed by the surface.
-_VOLUME_ERROR = 1e-9
 
 
 def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
@@ -85,7 +83,7 @@ def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
     mesh = SimplexMesh(made["points"], made["cells"])
     volumes = mesh.signed_measures
     enclosed = enclosed_measure(surface)
-    if not (volumes > 0.0).all() or abs(volumes.sum() - enclosed) > _VOLUME_ERROR * enclosed:
+    if not (volumes > 0.0).all() or abs(volumes.sum() - enclosed) > 1e-9 * enclosed:
         return False
     boundary = mesh.facets[mesh.facet_cell_counts == 1]
     rows = np.concatenate([boundary, np.sort(surface.cells, axis=1)])

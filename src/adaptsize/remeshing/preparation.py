@@ -21,8 +21,6 @@ from adaptsize.typing import FloatArray, IntArray
 
 #: Points of a surface closer than this times the diagonal are merged.
 MERGE_DISTANCE = 1e-9
-#: Triangles smaller than this times the squared diagonal are degenerate.
-SMALLEST_AREA = 1e-16
 
 
 class RepairedMesh(NamedTuple):
@@ -80,7 +78,8 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
 
 
 def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    kept = _has_different_nodes(cells) & (mesh.measures > SMALLEST_AREA * mesh.diagonal**2)
+    # Triangles smaller than this times the squared diagonal are degenerate.
+    kept = _has_different_nodes(cells) & (mesh.measures > 1e-16 * mesh.diagonal**2)
     number = unique_rows(cells.astype(np.int32), mesh.n_points)[1]
     candidates = np.flatnonzero(kept)
     first = np.unique(number[candidates], return_index=True)[1]
@@ -200,10 +199,6 @@ def as_required(
     return repaired.node_map[facets] if len(facets) else None
 
 
-#: Generators that scale their input move nodes that they keep by rounding, by less than this.
-_NOT_MOVED = 1e-13
-
-
 class Frame(NamedTuple):
     """The middle and the scale of a part."""
 
@@ -253,7 +248,9 @@ class Frame(NamedTuple):
 
         points = self.from_own(new.points)
         tree = cKDTree(self.to_own(old.points))
-        distance, number = tree.query(new.points, distance_upper_bound=_NOT_MOVED)
+        # Generators that scale their input move nodes that they keep by rounding, by less than
+        # this.
+        distance, number = tree.query(new.points, distance_upper_bound=1e-13)
         kept = np.isfinite(distance)
         points[kept] = old.points[number[kept]]
         return _with_points(new, points)

@@ -18,13 +18,6 @@ from adaptsize.typing import FloatArray, IntArray
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 Size: TypeAlias = Callable[[FloatArray], FloatArray]
 
-#: The background for a generator may deviate from the size function by this share ...
-_SAMPLING_ERROR = 0.05
-#: ... unless it would need more nodes than this.
-_MAX_SAMPLES = 150_000
-#: Rounds of refinement; each about halves the distance between nodes where it is needed.
-_MAX_REFINEMENTS = 4
-
 
 def as_size(
     size: SizeLike, mesh: SimplexMesh, *, g: float | None = None, hmax: float = np.inf
@@ -123,14 +116,16 @@ def sample_in_box(
     inside = ((known > low - margin) & (known < high + margin)).all(axis=1)
     points = np.unique(np.concatenate([mesh.points, known[inside], grid]), axis=0)
     sizes = size(points)
-    for _ in range(_MAX_REFINEMENTS):
+    # Each round about halves the distance between nodes where it is needed.
+    for _ in range(4):
         cells = Delaunay(points).simplices.astype(np.int32)
         centers = points[cells].mean(axis=1)
         there = size(centers)
-        off = np.abs(sizes[cells].mean(axis=1) - there) > _SAMPLING_ERROR * there
+        # The background may deviate by this share, unless it would need too many nodes.
+        off = np.abs(sizes[cells].mean(axis=1) - there) > 0.05 * there
         edge = np.linalg.norm(np.ptp(points[cells], axis=1), axis=1)
         off &= edge > 2.0 * there  # details smaller than the elements have no effect
-        if not off.any() or len(points) + int(off.sum()) > _MAX_SAMPLES:
+        if not off.any() or len(points) + int(off.sum()) > 150_000:
             break
         points = np.concatenate([points, centers[off]])
         sizes = np.concatenate([sizes, there[off]])

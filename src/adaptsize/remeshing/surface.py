@@ -24,21 +24,10 @@ from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Edges are divided until they are not longer than this many sizes ...
-_EDGE_OVER_SIZE = 4.0
-#: ... or the surface would have more triangles than this.
-_MAX_TRIANGLES = 400_000
 #: Triangles of less height than these shares of the tolerance are removed, in two attempts.
 THINNEST = (0.2, 0.02)
-#: Triangles higher than this share of the smallest size are no slivers.
-_SLIVER_OVER_SIZE = 0.1
-#: Ridges closer than this share of the size are too close for good cells between them.
-_NARROW = 0.3
 #: Angle above which an edge is a feature edge, for Mmg, too; in radians.
 _FEATURE_ANGLE = math.radians(RIDGE_ANGLE["MmgMeshS"])
-#: Mmg rounds the triangles at an edge that is not a feature edge.  They may bulge by this share
-#: of the tolerance.
-_BULGE = 0.25
 
 
 def refine_surface(
@@ -72,8 +61,9 @@ def refine_surface(
     kept = _edges_to_keep(mesh, tolerance)
     while True:
         middles = mesh.points[mesh.edges].mean(axis=1)
-        long = mesh.edge_lengths > _EDGE_OVER_SIZE * size(middles)
-        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > _MAX_TRIANGLES:
+        # Edges are divided until they are four sizes long, or there are too many triangles.
+        long = mesh.edge_lengths > 4.0 * size(middles)
+        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > 400_000:
             return mesh, _ridges(mesh, kept, size)
         split = split_edges(mesh, long)
         kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
@@ -87,7 +77,7 @@ def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
 
     Where the tolerance is larger than a thin plate, its sides must not be joined.
     """
-    return min(height, _SLIVER_OVER_SIZE * float(size(mesh.points).min()))
+    return min(height, 0.1 * float(size(mesh.points).min()))
 
 
 def _without_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntArray]:
@@ -117,7 +107,9 @@ def _edges_to_keep(mesh: SimplexMesh, tolerance: float) -> IntArray:
     one, other = normals.facet_cells[bent].T
     sine = np.linalg.norm(np.cross(normals.normals[one], normals.normals[other]), axis=1)
     height = 2.0 * np.maximum(normals.areas[one], normals.areas[other]) / mesh.edge_lengths[bent]
-    return np.asarray(mesh.edges[bent][sine * height / 8.0 > _BULGE * tolerance])
+    # Mmg rounds the triangles at an edge that is not a feature edge.  They may bulge by this share
+    # of the tolerance.
+    return np.asarray(mesh.edges[bent][sine * height / 8.0 > 0.25 * tolerance])
 
 
 def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
@@ -130,7 +122,8 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
     on_ridge = np.zeros(mesh.n_points, bool)
     on_ridge[mesh.edges[sharp | kept_now]] = True
     height = 2.0 * mesh.measures[:, None] / mesh.edge_lengths[mesh.cell_facets]
-    narrow = height < _NARROW * size(mesh.points[mesh.cells].mean(axis=1))[:, None]
+    # Ridges closer than this share of the size are too close for good cells between them.
+    narrow = height < 0.3 * size(mesh.points[mesh.cells].mean(axis=1))[:, None]
     crowded = np.zeros(len(mesh.edges), bool)
     crowded[mesh.cell_facets[narrow & on_ridge[mesh.cells]]] = True
     return mesh.edges[sharp | (kept_now & ~crowded)]
@@ -138,7 +131,6 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
 
 #: Triangles that keep their height may turn by no more than the angle of this cosine.
 _LEAST_COSINE = 0.5
-_MAX_ROUNDS = 30
 
 
 def remove_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntArray]:
@@ -173,7 +165,7 @@ def remove_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntAr
     ([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], [0, 1, 2, 3, 0])
     """
     new_node = np.arange(mesh.n_points, dtype=np.int32)
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(30):
         ends = _collapsible(mesh, height)
         if len(ends):
             mesh, step = _collapsed(mesh, ends)

@@ -22,17 +22,11 @@ from adaptsize.typing import FloatArray
 #: Crossings less deep than this times the diagonal count as contacts.  It is above the rounding
 #: of the single precision of STL files.
 _SLACK = 1e-6
-#: A compiled loop cannot be interrupted.  One call should take about this long.
-_SECONDS_PER_CALL = 0.3
 #: Pairs of bodies that are examined for overlaps in common planes, and for small distances: those
 #: with the closest boxes first.
 _MOST_PAIRS = 200
-#: Points of a body that are examined for being inside another one.
-_MOST_SAMPLES = 2000
 #: Pairs that are named.
 _MOST_NAMED = 3
-#: Rows of the stack of a descent in a tree.
-_STACK = 64
 
 
 @dataclass(frozen=True)
@@ -155,7 +149,8 @@ def _crossings(mesh: SimplexMesh) -> _Crossings | None:
     n = mesh.n_cells
     depths, partners, places = np.zeros(n), np.zeros(n, np.int32), np.zeros((n, 3))
     slack = _SLACK * mesh.diagonal * tree.scale
-    stack, work = np.empty(_STACK, np.int64), np.empty((WORK, 4))
+    # Rows of the stack of a descent in a tree.
+    stack, work = np.empty(64, np.int64), np.empty((WORK, 4))
     first, step = 0, 1024
     while first < n:
         last = min(first + step, n)
@@ -165,7 +160,8 @@ def _crossings(mesh: SimplexMesh) -> _Crossings | None:
             depths, partners, places, stack, work,
         )  # fmt: skip
         seconds = time.perf_counter() - begin
-        step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
+        # A compiled loop cannot be interrupted: one call should take about .3 s.
+        step = 2 * step if seconds < 0.15 else max(step // 2, 1)
         first = last
     rows = np.flatnonzero(depths > 0.0)
     if len(rows) == 0:
@@ -229,7 +225,8 @@ class _Body(NamedTuple):
         cells = mesh.cells[which]
         nodes, local = np.unique(cells, return_inverse=True)
         surface = SimplexMesh(mesh.points[nodes], local.reshape(cells.shape))
-        stride = -(-len(cells) // _MOST_SAMPLES)
+        # Points of a body that are examined for being inside another one.
+        stride = -(-len(cells) // 2000)
         samples = mesh.points[cells[::stride]].mean(axis=1)
         return cls(surface, samples, WindingNumber(surface))
 
@@ -244,8 +241,6 @@ class _Body(NamedTuple):
         return deep[worst : worst + 1], self.samples[worst : worst + 1]
 
 
-#: Coordinates of a mean smaller than this times the diagonal are 0.
-_ROUNDING = 1e-12
 #: Surfaces with more bodies than this are not examined for bodies that nearly touch.
 _MOST_BODIES = 2000
 
@@ -338,7 +333,8 @@ def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | N
     if around is None:
         around = mesh.points[np.unique(open_edges)]
     place = around.mean(axis=0)
-    place[np.abs(place) < _ROUNDING * mesh.diagonal] = 0.0
+    # Coordinates of a mean smaller than this times the diagonal are 0.
+    place[np.abs(place) < 1e-12 * mesh.diagonal] = 0.0
     return OpenBoundary(n_edges + n_loose, n_loops, n_loose, length, tuple(place.tolist()))
 
 

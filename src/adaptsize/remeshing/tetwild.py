@@ -23,21 +23,9 @@ import numpy.typing as npt
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
 
-#: Edge length over the diagonal if no size is given: fTetWild's default.
-_FREE_LENGTH = 0.05
-
-#: fTetWild starts with edges up to about this over the diagonal, and makes longer ones only if
-#: coarsening is enabled.  Coarsening may leave the envelope: one part deviated by 4.5e-3 of
-#: the diagonal instead of 6e-4.  Therefore it is enabled only where it is needed.
-_COARSEST_START = 1.0 / 12.0
-
-
 #: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it
 #: crashed in each run at .02 of the diagonal, and not at .005.
 _SECOND = 0.25
-#: A larger tolerance, over the diagonal, is the likely cause of the failure, and so is a quarter of
-#: it.  With 1000 the second run did not end.
-_LARGEST_REPEATED = 0.1
 
 
 @dataclass(frozen=True)
@@ -56,11 +44,12 @@ class TetWildBackend:
         mesh = problem.mesh
         faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facet_nodes
         arrays: dict[str, npt.NDArray[Any]] = {"points": mesh.points, "faces": faces}
+        # Edge length over the diagonal if no size is given: fTetWild's default.
         options: dict[str, Any] = {
             "epsilon": problem.tolerance / mesh.diagonal,
             "coarsen": False,
             "filtered": problem.task == "surface to tetrahedra",
-            "edge_length": _FREE_LENGTH * mesh.diagonal,
+            "edge_length": 0.05 * mesh.diagonal,
         }
         if problem.size is not None:
             from adaptsize.remeshing.sizing import sample_in_box
@@ -68,7 +57,11 @@ class TetWildBackend:
             points, cells, sizes = sample_in_box(problem.size, mesh, problem.size_nodes)
             arrays |= {"size_points": points, "size_cells": cells, "sizes": sizes}
             options["edge_length"] = min(float(sizes.max()), mesh.diagonal)
-            options["coarsen"] = options["edge_length"] > _COARSEST_START * mesh.diagonal
+            # fTetWild starts with edges up to about this over the diagonal, and makes longer ones
+            # only if coarsening is enabled.  Coarsening may leave the envelope: one part deviated
+            # by 4.5e-3 of the diagonal instead of 6e-4.  Therefore it is enabled only where it is
+            # needed.
+            options["coarsen"] = options["edge_length"] > (1.0 / 12.0) * mesh.diagonal
         made = _run_twice(run, arrays, options)
         raw = RawMesh(made["points"], made["cells"])
         if options["filtered"]:
@@ -95,7 +88,9 @@ def _run_twice(
     except BackendTimeoutError:
         raise
     except BackendError as error:
-        if options["epsilon"] > _LARGEST_REPEATED:
+        # A larger tolerance, over the diagonal, is the likely cause of the failure, and so is a
+        # quarter of it.  With 1000 the second run did not end.
+        if options["epsilon"] > 0.1:
             raise
         failure = error
     try:

@@ -12,7 +12,7 @@ import numpy as np
 
 import adaptsize
 from adaptsize._checks import as_path, as_tolerance, check_type
-from adaptsize._formats.whole_files import write_whole
+from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.report import SizeReport

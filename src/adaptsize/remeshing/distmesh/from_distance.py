@@ -37,11 +37,6 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 #: A function of points, float64[n, dim], with one value per point.
 Field: TypeAlias = Callable[[FloatArray], Any]
 
-#: Allowed distance of a fixed point from the domain, in sizes.
-_FIXED_OUTSIDE = 0.01
-#: Allowed depth of the domain at the faces of the box, in sizes.
-_CUT = 0.5
-
 
 @overload
 def mesh_from_distance(
@@ -272,7 +267,8 @@ def _refuse_cut(domain: ImplicitDomain, size: Size) -> None:
     skin = grid[((grid == domain.lower) | (grid == domain.upper)).any(axis=1)]
     depth = domain.depth(domain.given(skin))
     deep = depth > 0.0
-    deep[deep] = depth[deep] > _CUT * size(skin[deep])
+    # Allowed depth of the domain at the faces of the box, in sizes.
+    deep[deep] = depth[deep] > 0.5 * size(skin[deep])
     if deep.any():
         first = skin[int(np.argmax(np.where(deep, depth, -np.inf)))]
         at = ", ".join(f"{float(x):.6g}" for x in first)
@@ -292,7 +288,8 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain, size: Size) 
     depth = domain.depth(domain.phi(fixed))
     h = size(fixed)
     # On the boundary the size may be unknown.  The size inside is used then.
-    outside = (depth < 0.0) & ~(depth >= -_FIXED_OUTSIDE * h)
+    # Allowed distance of a fixed point from the domain, in sizes.
+    outside = (depth < 0.0) & ~(depth >= -0.01 * h)
     refuse_where("fixed_points", outside, depth, "must lie in the domain (depths are given)")
     _, first = np.unique(fixed, axis=0, return_index=True)
     double = np.ones(len(fixed), np.bool_)

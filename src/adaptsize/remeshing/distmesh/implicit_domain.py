@@ -16,8 +16,6 @@ from adaptsize.typing import FloatArray
 _STEP = 1e-4
 #: Gradients shorter than this times the steepest slope are not used to locate the boundary.
 _FLAT = 1e-3
-#: Newton steps with a gradient that is too short by this factor overshoot by 10 of the steps above.
-_SHALLOW = 0.1
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,8 @@ class ImplicitDomain:
         edge of the domain, forward steps along all axes may lead inside along the other face.
         """
         gradient = self._differences(points, phi, _STEP * h)
-        shallow = np.flatnonzero(np.linalg.norm(gradient, axis=1) < _SHALLOW * self.slope)
+        # A gradient that is too short by this factor would overshoot by 10 of the steps above.
+        shallow = np.flatnonzero(np.linalg.norm(gradient, axis=1) < 0.1 * self.slope)
         back = self._differences(points[shallow], phi[shallow], -_STEP * h[shallow])
         steeper = np.linalg.norm(back, axis=1) > np.linalg.norm(gradient[shallow], axis=1)
         gradient[shallow[steeper]] = back[steeper]

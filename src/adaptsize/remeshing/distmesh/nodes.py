@@ -13,8 +13,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Edges shorter or longer than this lose a node or get one at their midpoint, in sizes.
 _TOO_SHORT, _TOO_LONG = 0.6, 1.55
-#: The same if edges are too short or too long on average.
-_RATHER_SHORT, _RATHER_LONG = 0.85, 1.15
 #: A point of the domain this far from all nodes gets a node, in sizes.  In the ideal lattices
 #: no point is further away than 0.61.
 _TOO_FAR = 0.85
@@ -75,7 +73,7 @@ def _short_and_long(
     n_short = int(np.searchsorted(sorted_ratio, _TOO_SHORT))
     n_long = len(ratio) - int(np.searchsorted(sorted_ratio, _TOO_LONG))
     surplus = n_points * (float(np.median(ratio)) ** dim - 1.0)
-    limits = np.searchsorted(sorted_ratio, [_RATHER_SHORT, _RATHER_LONG])
+    limits = np.searchsorted(sorted_ratio, [0.85, 1.15])
     n_short = max(n_short, min(int(-surplus), int(limits[0])))
     n_long = max(n_long, min(int(surplus), len(ratio) - int(limits[1])))
     return order[:n_short], order[::-1][:n_long]
@@ -138,12 +136,8 @@ def far_from(fixed: FloatArray, points: FloatArray, size: Size) -> FloatArray:
     return np.asarray(points[cKDTree(fixed).query(points)[0] > _TOO_SHORT * size(points)])
 
 
-#: Cosine of the least angle between the normals beside a corner (40 degrees).
-_SHARP = 0.77
-#: The tangents meet this near to the boundary, in sizes.
-_MEETING = 0.02
 #: A node this near to a corner is moved there; a node still nearer counts as there, in sizes.
-_BRING, _THERE = 0.5, 1e-4
+_BRING = 0.5
 #: Tangents are recomputed at this share of the distance from the corner.
 _NEARER = 0.2
 _ROUNDS = 3
@@ -182,7 +176,7 @@ def with_corners(
     way, node = cKDTree(points).query(corners)
     near = way < _BRING * h[node]
     is_fixed = near & (node < n_fixed)
-    there = near & (way < _THERE * h[node])
+    there = near & (way < 1e-4 * h[node])
     used, first = np.unique(node[near & ~is_fixed], return_index=True)
     chosen = np.flatnonzero(near & ~is_fixed)[first]
     new = corners[~near]
@@ -215,7 +209,8 @@ def _between(
             )
             both, _ = domain.project(both, np.tile(size, 2), tolerance=1e-6, max_steps=5)
             a, b = both[: len(a)], both[len(a) :]
-    on_it = np.abs(domain.depths(corner, size)) < _MEETING * size
+    # The tangents meet this near to the boundary, in sizes.
+    on_it = np.abs(domain.depths(corner, size)) < 0.02 * size
     return corner[on_it], size[on_it]
 
 
@@ -226,7 +221,8 @@ def _meeting(
     u, v = _normals(domain, a, size), _normals(domain, b, size)
     middle = 0.5 * (a + b)
     cosine = np.einsum("ij,ij->i", u, v)
-    sharp = np.abs(cosine) < _SHARP
+    # Cosine of the least angle between the normals beside a corner (40 degrees).
+    sharp = np.abs(cosine) < 0.77
     # middle + p u + q v lies on both tangents.
     along_u = np.einsum("ij,ij->i", u, a - middle)
     along_v = np.einsum("ij,ij->i", v, b - middle)

@@ -32,11 +32,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Target lengths are scaled up by this factor.  The pressure drives nodes to the boundary.
 _PRESSURE = {2: 1.15, 3: 1.1}
-#: Length of a step, in forces over the number of neighbours: below 2 neighbours that are pushed
-#: against each other along one edge do not pass the place where the force ends.
-_STEP = 1.5
-#: The triangulation is renewed when 1 % of the nodes have moved further than this, in sizes.
-_STALE = 0.1
 #: No node moves further in one step, in sizes.
 _LONGEST = 0.25
 #: Nodes are added and removed in every tenth of the first steps.
@@ -45,13 +40,6 @@ _ADAPT_EVERY, _ADAPT_UNTIL = 10, 60
 ON_BOUNDARY = 1e-3
 #: Cells this deep in the domain at least are part of it, in sizes.
 _INSIDE = 0.05
-#: Steps are shortened by this factor from then on: where several triangulations are as good, nodes
-#: would swing between them for ever.
-_COOLING = 0.985
-#: Mean displacement per step at which the nodes have converged, in sizes.
-_CONVERGED = 2.5e-3
-#: Convergence is tested only after this step, when the rules above have been applied.
-_FEWEST = 36
 
 
 class Relaxed(NamedTuple):
@@ -173,21 +161,26 @@ def relax(
         if changed is not None:
             points, known = changed, None
             continue
-        shortened = _COOLING ** max(0, k - _ADAPT_UNTIL)
+        # Steps are shortened by this factor from then on: where several triangulations are as good,
+        # nodes would swing between them for ever.
+        shortened = 0.985 ** max(0, k - _ADAPT_UNTIL)
         move = shortened * _forces(points, known.edges, h)
         move[:n_fixed] = 0.0
         moved = _put_back(domain, points + move, h, known.on_boundary, n_fixed)
         mean = float((np.linalg.norm(moved - points, axis=1) / h).mean()) / shortened
         points = moved
-        converged = mean < _CONVERGED
-        if converged and k >= _FEWEST:
+        # Mean displacement per step at which the nodes have converged, in sizes.
+        converged = mean < 2.5e-3
+        # Convergence is tested only after this step, when the rules above have been applied.
+        if converged and k >= 36:
             break
     return Relaxed(points, n_fixed, k, count, mean, converged)
 
 
 def _is_stale(points: FloatArray, connected: FloatArray, h: FloatArray) -> bool:
     way = np.linalg.norm(points - connected, axis=1) / h
-    return bool(np.quantile(way, 0.99) > _STALE)
+    # The triangulation is renewed when 1 % of the nodes have moved further than this, in sizes.
+    return bool(np.quantile(way, 0.99) > 0.1)
 
 
 def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
@@ -206,7 +199,9 @@ def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
         along = force * edge[:, d]
         move[:, d] = np.bincount(i, along, n) - np.bincount(j, along, n)
     n_neighbours = np.bincount(edges.ravel(), minlength=n)
-    move *= (_STEP / np.maximum(n_neighbours, 1))[:, None]
+    # Length of a step, in forces over the number of neighbours: below 2 neighbours that are pushed
+    # against each other along one edge do not pass the place where the force ends.
+    move *= (1.5 / np.maximum(n_neighbours, 1))[:, None]
     way = np.linalg.norm(move, axis=1)
     far = way > _LONGEST * h
     move[far] *= (_LONGEST * h[far] / way[far])[:, None]

@@ -19,17 +19,6 @@ from adaptsize.typing import IntArray
 
 #: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.
 SLIVER_ANGLE = 10.0
-#: The mesh has not converged while nodes move more than this per step, in sizes.
-_NOT_CONVERGED = 0.03
-#: Share of the domain's measure that the mesh may miss or have in excess.  Tetrahedra with
-#: edges of 0.6 radii miss 6 % of a ball.
-_MEASURE_OFF = 0.1
-#: A sample point without a node within this distance is not covered, in sizes.
-_COVERED = 1.1
-#: Allowed distance of boundary nodes from the boundary of the domain, in sizes.
-_OFF_BOUNDARY = 0.05
-#: Nodes of different components this near are checked for a connection, in sizes.
-_NEIGHBOURS = 1.6
 
 
 @dataclass(frozen=True)
@@ -120,7 +109,8 @@ def describe(
     centres = skin.points[skin.cells].mean(axis=1)
     h = size(centres)
     gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
-    far = cKDTree(mesh.points).query(sampling.probes)[0] > _COVERED * size(sampling.probes)
+    # A sample point without a node within this distance is not covered, in sizes.
+    far = cKDTree(mesh.points).query(sampling.probes)[0] > 1.1 * size(sampling.probes)
     component = _components(mesh)
     return SmoothingReport(
         n_steps=relaxed.n_steps,
@@ -161,7 +151,8 @@ def _n_broken(
     part[mesh.cells] = component[:, None]
     edges = topology.edges_of(Delaunay(mesh.points).simplices.astype(np.int32), mesh.n_points)
     a, b = mesh.points[edges].transpose(1, 0, 2)
-    near = np.linalg.norm(a - b, axis=1) < _NEIGHBOURS * size(0.5 * (a + b))
+    # Nodes of different components this near are checked for a connection, in sizes.
+    near = np.linalg.norm(a - b, axis=1) < 1.6 * size(0.5 * (a + b))
     pairs = near & (part[edges[:, 0]] != part[edges[:, 1]])
     a, b = a[pairs], b[pairs]
     visible = np.ones(len(a), np.bool_)
@@ -172,7 +163,7 @@ def _n_broken(
 
 def warn_of_faults(report: SmoothingReport) -> None:
     """Warn of a mesh that has not converged or does not resolve its domain."""
-    if not report.converged and report.last_move > _NOT_CONVERGED:
+    if not report.converged and report.last_move > 0.03:
         warnings.warn(
             f"nodes still moved by {report.last_move:.2g} sizes per step after "
             f"{report.n_steps} steps; raise max_iter, or limit the gradient of the sizes",
@@ -188,14 +179,16 @@ def warn_of_faults(report: SmoothingReport) -> None:
             f"{report.n_broken} places), which is narrow there"
         )
     share = report.measure / report.domain_measure
-    if abs(share - 1.0) > _MEASURE_OFF:
+    # Share of the domain's measure that the mesh may miss or have in excess.  Tetrahedra with edges
+    # of 0.6 radii miss 6 % of a ball.
+    if abs(share - 1.0) > 0.1:
         faults.append(f"its measure is {share:.1%} of that of the domain")
     if report.n_slivers:
         faults.append(
             f"it has {report.n_slivers} slivers, smallest angle "
             f"{report.conformity.angle_min:.2g} degrees"
         )
-    if report.boundary_residual > _OFF_BOUNDARY:
+    if report.boundary_residual > 0.05:
         faults.append(
             f"its boundary nodes are up to {report.boundary_residual:.2g} sizes from the boundary "
             "of the domain (inf: distance has no slope there)"

@@ -1,4 +1,4 @@
-"""PLY files, text and binary: surfaces with fields at the vertices and faces."""
+"""Files of surfaces: OFF, PLY (text and binary, with fields), STL (ascii and binary)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,100 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh
-from adaptsize._formats.polygons import as_blocks
-from adaptsize._formats.text import check_last_number, numbers
+from adaptsize._formats.completeness import check_last_number, numbers
 from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray
+
+
+class Blocks(NamedTuple):
+    """Blocks of triangles and quadrilaterals, and the faces that they come from."""
+
+    cells: list[tuple[str, npt.NDArray[np.int64]]]
+    faces: list[npt.NDArray[np.intp]]
+    """Number of the face of each cell, one array per block."""
+
+
+def as_blocks(counts: npt.NDArray[Any], nodes: npt.NDArray[Any]) -> Blocks:
+    """Return faces as cells.  Polygons of five corners or more become fans of triangles.
+
+    Parameters
+    ----------
+    counts : int[n_faces]
+        Number of corners of each face.
+    nodes : int[sum of counts]
+        Corners of all faces.
+
+    Raises
+    ------
+    MeshFileError
+        If a face has fewer than three corners.
+    """
+    if len(counts) and counts.min() < 3:
+        bad = int(np.argmin(counts))
+        raise MeshFileError(f"has a face with {counts[bad]} corners (face {bad})")
+    starts = np.cumsum(counts) - counts
+    blocks = Blocks([], [])
+    for n in np.unique(counts):
+        faces = np.flatnonzero(counts == n)
+        corners = nodes[starts[faces][:, None] + np.arange(n)].astype(np.int64)
+        if n == 4:
+            blocks.cells.append(("quad", corners))
+            blocks.faces.append(faces)
+            continue
+        first = np.broadcast_to(corners[:, :1], (len(faces), n - 2))
+        triangles = np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2)
+        blocks.cells.append(("triangle", triangles.reshape(-1, 3)))
+        blocks.faces.append(np.repeat(faces, n - 2))
+    return blocks
+
+
+_COMMENT = re.compile(rb"#[^\r\n]*")
+#: Vertices may have texture coordinates, colours and normals after their coordinates.
+_KEYWORD = re.compile(rb"(?:ST)?C?N?OFF", re.IGNORECASE)
+
+
+def read_off(path: Path) -> RawMesh:
+    """Return the surface in an OFF file.  Colours, normals and texture are left out.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is damaged, or ends before the counts in its header are reached.
+    """
+    content = _COMMENT.sub(b"", path.read_bytes())
+    rows = [row for row in map(bytes.split, content.splitlines()) if row]
+    if not rows or not _KEYWORD.fullmatch(rows[0][0]):
+        raise MeshFileError("cannot be read as a mesh (an OFF file begins with OFF)")
+    rows = [rows[0][1:], *rows[1:]] if len(rows[0]) > 1 else rows[1:]
+    if not rows or len(rows[0]) not in (2, 3) or not all(word.isdigit() for word in rows[0]):
+        raise MeshFileError("cannot be read as a mesh (no numbers of vertices and faces)")
+    n_points, n_faces = int(rows[0][0]), int(rows[0][1])
+    points, faces = rows[1 : 1 + n_points], rows[1 + n_points : 1 + n_points + n_faces]
+    if len(points) < n_points:
+        raise MeshFileError(f"is truncated (promises {n_points} vertices, holds {len(points)})")
+    if len(faces) < n_faces:
+        raise MeshFileError(f"is truncated (promises {n_faces} faces, holds {len(faces)})")
+    if len(rows) == 1 + n_points + n_faces:
+        check_last_number(content, n_points)
+    counts, nodes = _corners(faces)
+    return RawMesh(_coordinates(points), as_blocks(counts, nodes).cells)
+
+
+def _coordinates(rows: list[list[bytes]]) -> npt.NDArray[Any]:
+    short = next((row for row in rows if len(row) < 3), None)
+    if short is not None:
+        raise MeshFileError(f"has a vertex with {len(short)} coordinates, where 3 are required")
+    return numbers([word for row in rows for word in row[:3]], np.float64).reshape(-1, 3)
+
+
+def _corners(rows: list[list[bytes]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    counts = numbers([row[0] for row in rows], np.int64)
+    for i, (row, n) in enumerate(zip(rows, counts.tolist(), strict=True)):
+        if len(row) <= n:
+            raise MeshFileError(f"has {len(row) - 1} of {n} nodes of face {i}; is it truncated?")
+    nodes = [word for row, n in zip(rows, counts.tolist(), strict=True) for word in row[1 : n + 1]]
+    return counts, numbers(nodes, np.int64)
+
 
 _HEADER = re.compile(rb"\Aply\s.*?\bend_header\s*?\n", re.DOTALL)
 _TYPES = {
@@ -58,7 +149,7 @@ class _Lists(NamedTuple):
 _Columns = dict[str, "npt.NDArray[Any] | _Lists"]
 
 
-def read(path: Path) -> RawMesh:
+def read_ply(path: Path) -> RawMesh:
     """Return the surface in a PLY file, with its scalar fields.
 
     Raises
@@ -217,3 +308,84 @@ def _take(
         name = _PLURALS.get(element.name, f"{element.name} records")
         raise MeshFileError(f"is truncated (promises {element.n} {name}, holds {done})")
     return np.frombuffer(body, dtype, n, start)
+
+
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_HEADER = 84  # 80 free bytes and the number of triangles
+_VERTEX = re.compile(rb"^[ \t]*vertex\b([^\n]*)", re.MULTILINE | re.IGNORECASE)
+_END_FACET = re.compile(rb"^[ \t]*endfacet\b", re.MULTILINE | re.IGNORECASE)
+_SOLID = re.compile(rb"^[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
+_END_SOLID = re.compile(rb"^[ \t]*end ?solid\b", re.MULTILINE | re.IGNORECASE)
+
+
+def read_corners(path: Path) -> npt.NDArray[Any]:
+    """Return the corners of the triangles, float[n, 3, 3], in the order of the file.
+
+    A file with the length of a binary file is read as binary, even if it starts with
+    ``solid``, which is common.
+    """
+    content = path.read_bytes()
+    n = int(np.frombuffer(content, "<u4", 1, 80)[0]) if len(content) >= _STL_HEADER else 0
+    if len(content) >= _STL_HEADER and len(content) == _STL_HEADER + n * _RECORD.itemsize:
+        if n == 0:
+            raise MeshFileError("is a binary STL file without triangles")
+        return np.frombuffer(content, _RECORD, n, _STL_HEADER)["corners"]
+    if content.lstrip()[:5].lower() == b"solid" and b"\0" not in content:
+        return _ascii_corners(content)
+    if len(content) > _STL_HEADER + n * _RECORD.itemsize and n > 0:
+        return np.frombuffer(content, _RECORD, n, _STL_HEADER)["corners"]
+    held = max(len(content) - _STL_HEADER, 0) // _RECORD.itemsize
+    if n and held and b"\0" in content:
+        raise MeshFileError(
+            f"is a truncated binary STL file (promises {n} triangles, holds {held})"
+        )
+    raise MeshFileError("is neither an ascii nor a binary STL file")
+
+
+def write_binary(path: Path, corners: FloatArray) -> None:
+    """Write float64[n, 3, 3] as a binary STL file.  Coordinates are rounded to float32."""
+    records = np.zeros(len(corners), _RECORD)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    records["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    records["corners"] = corners
+    with path.open("wb") as file:
+        file.write(b"binary STL".ljust(80))
+        file.write(np.array([len(corners)], "<u4").tobytes())
+        file.write(records.tobytes())
+
+
+def _ascii_corners(content: bytes) -> FloatArray:
+    rows = [line.split() for line in _VERTEX.findall(content)]
+    if not rows:
+        raise MeshFileError("is an ascii STL file without triangles")
+    try:
+        corners = numbers([word for row in rows for word in row], np.float64)
+    except MeshFileError:
+        corners = np.empty(0)
+    if len(corners) != 3 * len(rows) or any(len(row) != 3 for row in rows):
+        raise MeshFileError(f"is a broken ascii STL file: {_first_bad_vertex(content)}")
+    n_facets = len(_END_FACET.findall(content))
+    if len(rows) != 3 * n_facets:
+        raise MeshFileError(
+            f"is a broken or truncated ascii STL file ({len(rows)} vertices in {n_facets} facets)"
+        )
+    begins = [match.start() for match in _SOLID.finditer(content)]  # of one solid or several
+    if not _END_SOLID.search(content, max(begins, default=0)):
+        raise MeshFileError("is a truncated ascii STL file (no endsolid)")
+    return corners.reshape(-1, 3, 3)
+
+
+def _first_bad_vertex(content: bytes) -> str:
+    """Return a text with the line of the first vertex that is not three numbers."""
+    for match in _VERTEX.finditer(content):
+        words = match.group(1).split()
+        try:
+            good = len([float(word) for word in words]) == 3
+        except ValueError:
+            good = False
+        if not good:
+            line = content.count(b"\n", 0, match.start(1)) + 1
+            given = " ".join(match.group(1).decode("latin-1").split())[:40]
+            return f"line {line}: a vertex is three numbers, got {given!r}"
+    return "a vertex is three numbers"
