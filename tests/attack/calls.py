@@ -6,25 +6,27 @@ a division by zero, NaN in a result that was not in an argument, a changed argum
 """
 
 import dataclasses
-import hashlib
 import inspect
 import linecache
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from .arguments import fitting, kind_for, owner_of
 from .cases import Failure
-from .nonsense import OfTheCaller, nonsense, spoiled
 from .subjects import Subject, subjects
-from .world import make
+from .values import BAD, OfTheCaller, nonsense, spoiled
+from .world import World, fitting, kind_for, make, owner_of
 
 #: Those that make meshes in child processes are called less often.
-SLOW = {"remesh", "adapt", "mesh_image", "mesh_from_distance", "plot_size", "plot_mesh"}
+SLOW = {
+    "remesh", "remesh_to_elements", "adapt", "mesh_image", "mesh_from_distance", "plot_size",
+    "plot_mesh", "report",
+}  # fmt: skip
 
 _LONGEST = 1000
 
@@ -42,68 +44,100 @@ def run(rng: np.random.Generator, folder: Path) -> str:
     weights = np.array([0.15 if s.name in SLOW else 1.0 for s in known])
     subject = known[int(rng.choice(len(known), p=weights / weights.sum()))]
     world = make(kind_for(subject, rng), rng)
-    given = {
-        name: fitting(name, str(p.annotation), world)
-        for name, p in subject.parameters.items()
-        if p.default is inspect.Parameter.empty or rng.random() < 0.25
-    }
+    given = arguments_for(subject, world, 0.25)
     names = list(subject.parameters)
-    for _ in range(int(rng.integers(0, 3))):
-        if not names:
-            break
+    for _ in range(int(rng.integers(0, 3)) if names else 0):
         name = str(rng.choice(names))
         fits = given.get(name, subject.parameters[name].default)
         is_near = name in given and rng.random() < 0.5
         given[name] = spoiled(fits, rng) if is_near else nonsense(rng)
-    what = f"{subject.name}({', '.join(f'{k}={short(v)}' for k, v in given.items())})"
-    what += f" on {world.kind}"
+    return _checked_call(subject, given, world)
+
+
+@cache
+def _swept() -> list[tuple[Subject, str]]:
+    return [(subject, name) for subject in subjects() for name in subject.parameters]
+
+
+def n_sweep() -> int:
+    """Return the number of cases of the sweep: every bad value for every parameter."""
+    return len(_swept()) * len(BAD)
+
+
+def sweep(number: int, rng: np.random.Generator) -> str:
+    """Call a subject with one bad value, and with fitting values where they are required."""
+    subject, name = _swept()[number // len(BAD) % len(_swept())]
+    world = make(kind_for(subject, rng), rng)
+    given = arguments_for(subject, world, 0.0) | {name: BAD[number % len(BAD)]}
+    return _checked_call(subject, given, world)
+
+
+def arguments_for(subject: Subject, world: World, share: float) -> dict[str, Any]:
+    """Return what is required, and a share of what is not."""
+    chosen = [
+        name
+        for name, parameter in subject.parameters.items()
+        if parameter.default is inspect.Parameter.empty or world.rng.random() < share
+    ]
+    given = {name: fitting(name, subject.annotations[name], world) for name in chosen}
+    return {k: nonsense(world.rng) if v is NotImplemented else v for k, v in given.items()}
+
+
+def described(subject: Subject, given: dict[str, Any], world: World) -> str:
+    """Return the call in words."""
+    shown = ", ".join(f"{name}={_short(value)}" for name, value in given.items())
+    return f"{subject.name}({shown}) on {world.kind}"
+
+
+def _checked_call(subject: Subject, given: dict[str, Any], world: World) -> str:
+    what = described(subject, given, world)
     try:
-        outcome = _call(subject, given, world)
+        return f"{_outcome(subject, given, world)}: {what}"
     except Failure as failure:
         raise Failure(f"{failure}: {what}") from failure.__cause__
-    return f"{outcome}: {what}"
 
 
-def _call(subject: Subject, given: dict[str, Any], world: Any) -> str:
-    before = _digest(given)
-    has_nan = any(_has_nan(value) for value in given.values())
-    arguments, options = bound(subject, given)
-    if subject.owner:
-        arguments.insert(0, owner_of(subject, world))
+def _outcome(subject: Subject, given: dict[str, Any], world: World) -> str:
+    before = _bytes_of(given)
+    has_nan = any(map(_has_nan, given.values()))
     try:
-        result = subject.call(*arguments, **options)
-        if inspect.isgenerator(result):
-            result = list(result)
+        result = call(subject, owner_of(subject, world), given)
     except OfTheCaller:
         return "raised by an argument"
-    except Exception as error:
-        check_error(error)
-        return f"{type(error).__name__}"
-    if _digest(given) != before:
+    if isinstance(result, Exception):
+        return type(result).__name__
+    if _bytes_of(given) != before:
         raise Failure("an argument was changed")
     if not has_nan and subject.name not in _MAY_BE_NAN and _has_nan(result):
-        raise Failure(f"NaN in the result {short(result)}")
-    for name, parameter in subject.parameters.items():
-        if name in given and _is_wrong(str(parameter.annotation), given[name]):
-            raise Failure(f"{name}={short(given[name])} was accepted")
+        raise Failure(f"NaN in the result {_short(result)}")
+    for name, value in given.items():
+        if _is_wrong(subject.annotations[name], value):
+            raise Failure(f"{name}={_short(value)} was accepted")
     return "ok"
 
 
-def bound(subject: Subject, given: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
-    """Return positional and keyword arguments as the signature wants them."""
-    arguments: list[Any] = []
+def call(subject: Subject, owner: Any, given: dict[str, Any]) -> Any:
+    """Return the result, or the error if it is one that adaptsize may raise."""
+    arguments: list[Any] = [owner] if subject.owner else []
     options = dict(given)
     for name, parameter in subject.parameters.items():
         if parameter.kind is inspect.Parameter.VAR_POSITIONAL:
             arguments.append(options.pop(name, 1.0))
         elif parameter.kind is inspect.Parameter.POSITIONAL_ONLY and name in options:
             arguments.append(options.pop(name))
-    return arguments, options
+    try:
+        result = subject.call(*arguments, **options)
+        return list(result) if inspect.isgenerator(result) else result
+    except OfTheCaller:
+        raise
+    except Exception as error:
+        check_error(error)
+        return error
 
 
 def _is_wrong(annotation: str, value: Any) -> bool:
     """Return whether a parameter wants one number, or True or False, and did not get it."""
-    kinds = {part.strip() for part in annotation.strip("'\"").split("|")}
+    kinds = {part.strip() for part in annotation.split("|")}
     if kinds == {"bool"}:
         return not isinstance(value, bool | np.bool_)
     if not kinds & {"float", "int"} or kinds - {"float", "int", "None"}:
@@ -131,13 +165,10 @@ def check_error(error: Exception) -> None:
 
 def _is_raised_by_us(error: Exception) -> bool:
     frames = list(_frames(error.__traceback__))
-    ours = [f for f in frames if "/adaptsize/" in f[0]]
-    if not ours:  # a wrong number or name of arguments
-        return isinstance(error, TypeError)
+    if not any("/adaptsize/" in file for file, _ in frames):
+        return isinstance(error, TypeError)  # a wrong number or name of arguments
     file, line = frames[-1]
-    if "/adaptsize/" not in file:
-        return False
-    return linecache.getline(file, line).strip().startswith("raise")
+    return "/adaptsize/" in file and linecache.getline(file, line).strip().startswith("raise")
 
 
 def _frames(traceback: TracebackType | None) -> Iterator[tuple[str, int]]:
@@ -146,51 +177,65 @@ def _frames(traceback: TracebackType | None) -> Iterator[tuple[str, int]]:
         traceback = traceback.tb_next
 
 
-def _digest(value: Any) -> str:
-    """Return a number that changes if an array anywhere in the value does."""
-    total = hashlib.sha1()
-    for array in _arrays(value, 0):
-        total.update(repr((array.shape, str(array.dtype))).encode())
-        total.update(repr(array.tolist()).encode() if array.dtype.hasobject else array.tobytes())
-    return total.hexdigest()
+# --- what is in a value ---------------------------------------------------------------------------
+
+
+#: Public names that hold what a result consists of, in classes that are not dataclasses.
+_PARTS = (
+    "points", "cells", "cell_tags", "tagged_facets", "facet_tags", "names", "levels", "active",
+    "origin", "spacing", "shape", "lower", "upper", "root_shape", "values", "background", "g",
+    "matrices", "mesh", "global_ids", "owner",
+)  # fmt: skip
+
+
+def leaves(value: Any, depth: int = 5, where: str = "") -> Iterator[tuple[str, Any]]:
+    """Return the arrays, numbers and texts in a value, its items and attributes, with their place.
+
+    Integers and floats in a container are the same.
+    """
+    if isinstance(value, np.ndarray):
+        yield where, np.ma.getdata(value)
+    elif isinstance(value, bool | int | float | np.generic) and where:
+        yield where, np.asarray(value, float if np.asarray(value).dtype.kind in "fiub" else None)
+    elif isinstance(value, bool | int | float | str | np.generic):
+        yield where, np.asarray(value)
+    elif depth == 0 or (callable(value) and not hasattr(value, "background")):
+        return
+    elif isinstance(value, list | tuple | set | frozenset | dict):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, item in items:
+            yield from leaves(item, depth - 1, f"{where}[{key!r}]")
+    else:
+        names: Any = ()
+        if dataclasses.is_dataclass(value):
+            names = [field.name for field in dataclasses.fields(value)]
+        elif type(value).__module__.startswith("adaptsize"):
+            names = _PARTS
+        for name in names:
+            yield from leaves(getattr(value, name, None), depth - 1, f"{where}.{name}")
+
+
+def _bytes_of(value: Any) -> list[tuple[str, str, Any]]:
+    """Return what changes if an array anywhere in the value does."""
+    arrays = [(place, leaf) for place, leaf in leaves(value) if isinstance(leaf, np.ndarray)]
+    return [
+        (place, f"{a.dtype}{a.shape}", repr(a.tolist()) if a.dtype.hasobject else a.tobytes())
+        for place, a in arrays
+    ]
 
 
 def _has_nan(value: Any) -> bool:
-    if isinstance(value, float):
-        return bool(np.isnan(value))
-    # From 3 on: deeper down are tables that fill up their rows with NaN.
-    return any(map(_holds_nan, _arrays(value, 3)))
+    # To a small depth: deeper down are tables that fill up their rows with NaN.
+    for _, leaf in leaves(value, 2):
+        if leaf.dtype.hasobject:
+            if any(isinstance(item, float) and np.isnan(item) for item in leaf.flat):
+                return True
+        elif leaf.dtype.kind in "fc" and np.isnan(leaf).any():
+            return True
+    return False
 
 
-def _holds_nan(array: np.ndarray) -> bool:
-    if array.dtype.hasobject:
-        return any(isinstance(item, float) and np.isnan(item) for item in array.flat)
-    return array.dtype.kind in "fc" and bool(np.isnan(array).any())
-
-
-def _arrays(value: Any, depth: int) -> Iterator[np.ndarray]:
-    """Return the arrays in a value, its items and its attributes."""
-    if depth > 4 or (callable(value) and not hasattr(value, "background")):
-        return
-    if isinstance(value, np.ndarray):
-        yield np.ma.getdata(value)
-    elif isinstance(value, float | np.floating):
-        yield np.asarray(value)
-    elif isinstance(value, list | tuple | set | frozenset):
-        for item in value:
-            yield from _arrays(item, depth + 1)
-    elif isinstance(value, dict):
-        for item in value.values():
-            yield from _arrays(item, depth + 1)
-    elif dataclasses.is_dataclass(value):
-        for field in dataclasses.fields(value):
-            yield from _arrays(getattr(value, field.name, None), depth + 1)
-    elif type(value).__module__.startswith("adaptsize"):
-        for name in ("points", "cells", "levels", "active", "values"):
-            yield from _arrays(getattr(value, name, None), depth + 1)
-
-
-def short(value: Any) -> str:
+def _short(value: Any) -> str:
     if isinstance(value, np.ndarray):
         head = " ".join(str(v) for v in value.ravel()[:4])
         return f"{value.dtype}{list(value.shape)} {head}"[:70]

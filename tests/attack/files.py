@@ -9,13 +9,13 @@ import io
 import re
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import Delaunay
+from meshes import random_cube, random_square
 
 import adaptsize as ads
 
@@ -39,12 +39,11 @@ def run(rng: np.random.Generator, folder: Path) -> str:
     path = folder / f"file{name[name.index('.') :]}"
     path.write_bytes(damaged)
     what = f"{name}, {change}, {len(data)} bytes before and {len(damaged)} after"
-    reader = _reader(name)
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         warnings.simplefilter("error", RuntimeWarning)
         try:
-            found = reader(path)
+            found = _reader(name)(path)
         except Exception as error:
             try:
                 check_error(error)
@@ -79,17 +78,10 @@ def _size_of_original(name: str) -> int:
 
 def _size(found: Any) -> int:
     """Return the number of cells, nodes or pixels that were read."""
-    if isinstance(found, ads.SimplexMesh):
-        return found.n_cells
-    return int(found.values.size)
+    return found.n_cells if isinstance(found, ads.SimplexMesh) else int(found.values.size)
 
 
 # --- damage ---------------------------------------------------------------------------------------
-
-
-def _cut(data: bytes, rng: np.random.Generator) -> bytes:
-    end = len(data.rstrip()) - 1
-    return data[: int(rng.integers(0, max(end, 1)))]
 
 
 def _flipped(data: bytes, rng: np.random.Generator) -> bytes:
@@ -99,41 +91,33 @@ def _flipped(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
-def _flipped_in_header(data: bytes, rng: np.random.Generator) -> bytes:
-    head = min(len(data), 200)
-    return _flipped(data[:head], rng) + data[head:]
-
-
 def _other_number(data: bytes, rng: np.random.Generator) -> bytes:
     """Replace one number of a text, more often one near the beginning."""
     found = list(re.finditer(rb"-?\d+(\.\d+)?([eE][-+]?\d+)?", data))
     if not found:
         return _flipped(data, rng)
     place = found[int(len(found) * rng.random() ** 2)]
-    return (
-        data[: place.start()] + _NUMBERS[int(rng.integers(0, len(_NUMBERS)))] + data[place.end() :]
-    )
+    number = _NUMBERS[int(rng.integers(0, len(_NUMBERS)))]
+    return data[: place.start()] + number + data[place.end() :]
+
+
+def _overwritten(data: bytes, rng: np.random.Generator, new: bytes) -> bytes:
+    first = int(rng.integers(0, len(data)))
+    return data[:first] + new[: len(data) - first] + data[first + len(new) :]
+
+
+def _part(data: bytes, rng: np.random.Generator) -> list[int]:
+    return sorted(map(int, rng.integers(0, len(data), 2)))
 
 
 def _without_part(data: bytes, rng: np.random.Generator) -> bytes:
-    first, last = sorted(map(int, rng.integers(0, len(data), 2)))
+    first, last = _part(data, rng)
     return data[:first] + data[min(last, first + 100) :]
 
 
 def _twice(data: bytes, rng: np.random.Generator) -> bytes:
-    first, last = sorted(map(int, rng.integers(0, len(data), 2)))
+    first, last = _part(data, rng)
     return data[:last] + data[first:]
-
-
-def _zeros(data: bytes, rng: np.random.Generator) -> bytes:
-    first = int(rng.integers(0, len(data)))
-    count = int(rng.choice([4, 8, 100]))
-    return data[:first] + bytes(min(count, len(data) - first)) + data[first + count :]
-
-
-def _noise(data: bytes, rng: np.random.Generator) -> bytes:
-    first = int(rng.integers(0, len(data)))
-    return data[:first] + rng.bytes(50) + data[first + 50 :]
 
 
 def _lines_exchanged(data: bytes, rng: np.random.Generator) -> bytes:
@@ -143,21 +127,17 @@ def _lines_exchanged(data: bytes, rng: np.random.Generator) -> bytes:
     return b"\n".join(lines)
 
 
-def _as_is(data: bytes, rng: np.random.Generator) -> bytes:
-    return data
-
-
 _CHANGES: dict[str, Callable[[bytes, np.random.Generator], bytes]] = {
-    "cut": _cut,
+    "cut": lambda data, rng: data[: int(rng.integers(0, max(len(data.rstrip()) - 1, 1)))],
     "bytes flipped": _flipped,
-    "header flipped": _flipped_in_header,
+    "header flipped": lambda data, rng: _flipped(data[:200], rng) + data[200:],
     "another number": _other_number,
     "a part left out": _without_part,
     "a part twice": _twice,
-    "zeros": _zeros,
-    "noise": _noise,
+    "zeros": lambda data, rng: _overwritten(data, rng, bytes(int(rng.choice([4, 8, 100])))),
+    "noise": lambda data, rng: _overwritten(data, rng, rng.bytes(50)),
     "lines exchanged": _lines_exchanged,
-    "as it is": _as_is,
+    "as it is": lambda data, rng: data,
 }
 
 
@@ -170,42 +150,40 @@ def originals() -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for make in (_ours, _by_meshio, _by_trimesh, _images):
-            for name, data in make(Path(folder)):
-                if data:
-                    found.setdefault(name, data)
+        for make in (_ours, _by_meshio, _by_trimesh, _images, _volumes):
+            try:
+                for name, data in make(Path(folder)):
+                    if data:
+                        found.setdefault(name, data)
+            except ImportError:  # of an optional package
+                continue
     return found
 
 
 def _meshes() -> dict[str, ads.SimplexMesh]:
-    rng = np.random.default_rng(9)
-    plane, solid = rng.random((12, 2)), rng.random((10, 3))
-    flat = ads.SimplexMesh(plane, Delaunay(plane).simplices)
-    volume = ads.SimplexMesh(solid, Delaunay(solid).simplices)
-    return {"flat": flat, "volume": volume, "surface": volume.boundary().mesh}
+    volume = random_cube(10, 9)
+    return {"flat": random_square(12, 9), "volume": volume, "surface": volume.boundary().mesh}
 
 
-def _ours(folder: Path) -> Any:
+def _ours(folder: Path) -> Iterator[tuple[str, bytes]]:
     from adaptsize._formats.writers import FORMATS
 
     for kind, mesh in _meshes().items():
-        for form in FORMATS.values():
-            for suffix in form.suffixes:
-                path = folder / f"ours{suffix}"
-                try:
-                    size = ads.SizeFunction(mesh, np.full(mesh.n_points, 0.1))
-                    ads.write(path, mesh)
-                    yield f"{kind}{suffix}", path.read_bytes()
-                    ads.write(path, size)
-                    yield f"size {kind}{suffix}", path.read_bytes()
-                except ValueError:  # cannot hold such a mesh or fields
-                    continue
+        size = ads.SizeFunction(mesh, np.full(mesh.n_points, 0.1))
+        for suffix in (suffix for form in FORMATS.values() for suffix in form.suffixes):
+            path = folder / f"ours{suffix}"
+            try:
+                for name, thing in ((kind, mesh), (f"size {kind}", size)):
+                    ads.write(path, thing)
+                    yield f"{name}{suffix}", path.read_bytes()
+            except ValueError:  # cannot hold such a mesh or fields
+                continue
     grid = ads.CartesianGrid([0.0, 0.0], 0.5, (4, 3))
     ads.write(folder / "grid.vti", ads.SizeFunction(grid, np.full(grid.shape, 0.1)))
     yield "size grid.vti", (folder / "grid.vti").read_bytes()
 
 
-def _by_meshio(folder: Path) -> Any:
+def _by_meshio(folder: Path) -> Iterator[tuple[str, bytes]]:
     import meshio
 
     for kind, mesh in _meshes().items():
@@ -220,7 +198,7 @@ def _by_meshio(folder: Path) -> Any:
                 continue
 
 
-def _by_trimesh(folder: Path) -> Any:
+def _by_trimesh(folder: Path) -> Iterator[tuple[str, bytes]]:
     import trimesh
 
     surface = _meshes()["surface"]
@@ -230,49 +208,39 @@ def _by_trimesh(folder: Path) -> Any:
             data = mesh.export(file_type=suffix)
         except Exception:  # of a package that is not installed
             continue
-        if isinstance(data, str):
-            data = data.encode()
+        data = data.encode() if isinstance(data, str) else data
         if isinstance(data, bytes):
             yield f"trimesh {suffix}.{suffix.split('_')[0]}", data
 
 
-def _images(folder: Path) -> Any:
-    disc = np.zeros((12, 10), np.uint8)
-    disc[3:8, 3:8] = 255
+def _ball() -> np.ndarray:
     ball = np.zeros((6, 6, 6), np.uint8)
     ball[2:4, 2:4, 2:4] = 1
-    stored = io.BytesIO()
-    np.save(stored, ball)
-    yield "image.npy", stored.getvalue()
-    stored = io.BytesIO()
-    np.savez_compressed(stored, ball)
-    yield "image.npz", stored.getvalue()
-    try:
-        from PIL import Image
-
-        for suffix in ("png", "tif", "bmp"):
-            stored = io.BytesIO()
-            Image.fromarray(disc).save(stored, format={"tif": "TIFF"}.get(suffix, suffix.upper()))
-            yield f"image.{suffix}", stored.getvalue()
-    except ImportError:
-        pass
-    yield from _volumes(folder, ball)
+    return ball
 
 
-def _volumes(folder: Path, ball: np.ndarray) -> Any:
-    try:
-        import nibabel
+def _images(folder: Path) -> Iterator[tuple[str, bytes]]:
+    for name, save in (("image.npy", np.save), ("image.npz", np.savez_compressed)):
+        stored = io.BytesIO()
+        save(stored, _ball())
+        yield name, stored.getvalue()
+    from PIL import Image
 
-        nibabel.save(nibabel.Nifti1Image(ball, np.eye(4)), folder / "ball.nii")
-        data = (folder / "ball.nii").read_bytes()
-        yield "image.nii", data
-        yield "image.nii.gz", gzip.compress(data, mtime=0)
-    except ImportError:
-        pass
-    try:
-        import nrrd
+    disc = np.zeros((12, 10), np.uint8)
+    disc[3:8, 3:8] = 255
+    for suffix, file_format in {"png": "PNG", "tif": "TIFF", "bmp": "BMP"}.items():
+        stored = io.BytesIO()
+        Image.fromarray(disc).save(stored, format=file_format)
+        yield f"image.{suffix}", stored.getvalue()
 
-        nrrd.write(str(folder / "ball.nrrd"), ball)
-        yield "image.nrrd", (folder / "ball.nrrd").read_bytes()
-    except ImportError:
-        pass
+
+def _volumes(folder: Path) -> Iterator[tuple[str, bytes]]:
+    import nibabel
+    import nrrd
+
+    nibabel.save(nibabel.Nifti1Image(_ball(), np.eye(4)), folder / "ball.nii")
+    data = (folder / "ball.nii").read_bytes()
+    yield "image.nii", data
+    yield "image.nii.gz", gzip.compress(data, mtime=0)
+    nrrd.write(str(folder / "ball.nrrd"), _ball())
+    yield "image.nrrd", (folder / "ball.nrrd").read_bytes()

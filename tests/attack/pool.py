@@ -3,17 +3,19 @@
 import contextlib
 import json
 import os
-import selectors
+import queue
+import select
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from .cases import LIMITS, class_of
+from .cases import LIMITS, USUAL_LIMITS, class_of
 
 _ROOT = Path(__file__).parents[2]
 
@@ -21,59 +23,56 @@ _ROOT = Path(__file__).parents[2]
 _MOST_CASES = 400
 
 
-class Child:
+class _Child:
     """One child process, in a session of its own."""
 
     def __init__(self) -> None:
         self.log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `end`
-        package = __package__ or "tests.attack"
-        paths = [str(_ROOT), str(_ROOT / "tests"), *filter(None, sys.path)]
+        paths = os.pathsep.join([str(_ROOT), str(_ROOT / "tests"), *filter(None, sys.path)])
         self.process = subprocess.Popen(
-            [sys.executable, "-m", f"{package}.worker"],
+            [sys.executable, "-m", f"{__package__}.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self.log,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONFAULTHANDLER": "1"},
+            env={**os.environ, "PYTHONPATH": paths, "PYTHONFAULTHANDLER": "1"},
             start_new_session=True,
         )
         self.n_cases = 0
-        self.case = -1
-        self.since = 0.0
-        self.cpu_since = 0.0
-        self.answer = b""
+        self.is_usable = True
 
-    def give(self, number: int) -> None:
-        """Start a case."""
+    def run(self, number: int) -> dict[str, Any]:
+        """Run a case and return its outcome, also if the child crashes or hangs."""
         assert self.process.stdin is not None
-        self.case, self.n_cases = number, self.n_cases + 1
-        self.since, self.cpu_since = time.monotonic(), self._processor_time()
+        assert self.process.stdout is not None
+        self.n_cases += 1
+        began, processor_began = time.monotonic(), self._processor_time()
         # A child that is gone answers with the end of its output.
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(b"%d\n" % number)
             self.process.stdin.flush()
-
-    def take(self) -> dict[str, Any] | None:
-        """Return the outcome of the case if the child has answered or died."""
-        assert self.process.stdout is not None
-        part = os.read(self.process.stdout.fileno(), 1 << 16)
-        self.answer += part
-        if part and not self.answer.endswith(b"\n"):
-            return None
-        answer, self.answer = self.answer, b""
-        if part:
-            return {**json.loads(answer), "seconds": round(time.monotonic() - self.since, 3)}
-        code = self.process.wait()
-        died = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return self._outcome(f"the interpreter died: {died}")
-
-    def overdue(self) -> dict[str, Any] | None:
-        """Return the outcome of a case that exceeds its time."""
-        processor, wall = LIMITS[class_of(self.case)]
-        if self._processor_time() - self.cpu_since > processor:
-            return self._outcome(f"no end after {processor:g} s of processor time")
-        if time.monotonic() - self.since > wall:
-            return self._outcome(f"no end after {wall:g} s")
-        return None
+        processor, wall = LIMITS.get(class_of(number), USUAL_LIMITS)
+        answer, what = b"", ""
+        while not what and not answer.endswith(b"\n"):
+            if select.select([self.process.stdout], [], [], 1.0)[0]:
+                part = os.read(self.process.stdout.fileno(), 1 << 16)
+                answer += part
+                if not part:
+                    code = self.process.wait()
+                    died = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+                    what = f"the interpreter died: {died}"
+            elif self._processor_time() - processor_began > processor:
+                what = f"no end after {processor:g} s of processor time"
+            elif time.monotonic() - began > wall:
+                what = f"no end after {wall:g} s"
+        seconds = round(time.monotonic() - began, 3)
+        if not what:
+            self.is_usable = self.n_cases < _MOST_CASES
+            return {**json.loads(answer), "seconds": seconds}
+        self.is_usable = False
+        self.log.seek(max(0, self.log.seek(0, os.SEEK_END) - 2500))
+        where = self.log.read().decode("utf-8", "replace")
+        about = {"seed": number, "class": class_of(number), "status": "failed"}
+        return {**about, "what": what, "where": where, "seconds": seconds}
 
     def end(self) -> None:
         """End the child and all that it started."""
@@ -83,17 +82,6 @@ class Child:
         for stream in (self.process.stdin, self.process.stdout, self.log):
             with contextlib.suppress(OSError):
                 stream.close()
-
-    def _outcome(self, what: str) -> dict[str, Any]:
-        self.log.seek(max(0, self.log.seek(0, os.SEEK_END) - 2500))
-        return {
-            "seed": self.case,
-            "class": class_of(self.case),
-            "status": "failed",
-            "what": what,
-            "where": self.log.read().decode("utf-8", "replace"),
-            "seconds": round(time.monotonic() - self.since, 3),
-        }
 
     def _processor_time(self) -> float:
         """Return the seconds that the child itself has computed."""
@@ -107,43 +95,37 @@ class Child:
 
 def outcomes(numbers: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
     """Run the cases in ``jobs`` children and return the outcome of each as it comes."""
-    waiting = iter(numbers)
-    selector = selectors.DefaultSelector()
-    busy: set[Child] = set()
+    waiting, lock = iter(numbers), threading.Lock()
+    found: queue.SimpleQueue = queue.SimpleQueue()
+    children: set[_Child] = set()
+    is_over = threading.Event()
 
-    def start(child: Child | None = None) -> None:
-        """Give the next case to a child, or to a new one; end the child if there is none."""
-        number = next(waiting, None)
-        if child is not None and (number is None or child.n_cases >= _MOST_CASES):
-            stop(child)
-            child = None
-        if number is None:
-            return
-        if child is None:
-            child = Child()
-            busy.add(child)
-            selector.register(child.process.stdout, selectors.EVENT_READ, child)
-        child.give(number)
+    def serve() -> None:
+        child = None
+        try:
+            while not is_over.is_set():
+                with lock:
+                    number = next(waiting, None)
+                if number is None:
+                    break
+                if child is None:
+                    child = _Child()
+                    children.add(child)
+                found.put(child.run(number))
+                if not child.is_usable:
+                    children.discard(child)
+                    child.end()
+                    child = None
+        finally:
+            found.put(None)
 
-    def stop(child: Child) -> None:
-        selector.unregister(child.process.stdout)
-        busy.discard(child)
-        child.end()
-
+    threads = [threading.Thread(target=serve, daemon=True) for _ in range(jobs)]
     try:
+        for thread in threads:
+            thread.start()
         for _ in range(jobs):
-            start()
-        while busy:
-            ready = {key.data for key, _ in selector.select(1.0)}
-            for child in list(busy):
-                found = child.take() if child in ready else child.overdue()
-                if found is None:
-                    continue
-                is_gone = child not in ready or child.process.poll() is not None
-                if is_gone:
-                    stop(child)
-                start(None if is_gone else child)
-                yield found
+            yield from iter(found.get, None)
     finally:
-        for child in list(busy):
-            stop(child)
+        is_over.set()
+        for child in list(children):
+            child.end()

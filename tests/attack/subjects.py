@@ -3,6 +3,7 @@
 import importlib
 import inspect
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any, NamedTuple
 
 import adaptsize as ads
@@ -34,8 +35,28 @@ class Subject(NamedTuple):
     call: Callable[..., Any]
     parameters: dict[str, inspect.Parameter]
     """Without ``self``."""
+    annotations: dict[str, str]
+
+    @classmethod
+    def of(cls, name: str, call: Callable[..., Any], owner: str = "") -> "Subject":
+        found = inspect.signature(call).parameters
+        # Without ``**options``, which have no name of their own.
+        parameters = {key: p for key, p in found.items() if p.kind is not p.VAR_KEYWORD}
+        if owner:
+            parameters.pop("self")
+        return cls(name, owner, call, parameters, {k: _text(p) for k, p in parameters.items()})
 
 
+def _text(parameter: inspect.Parameter) -> str:
+    annotation = parameter.annotation
+    if hasattr(annotation, "__metadata__"):  # of an option: what is annotated
+        annotation = annotation.__origin__
+    if not isinstance(annotation, str):
+        annotation = inspect.formatannotation(annotation).replace("typing.", "")
+    return annotation.strip("'\"")
+
+
+@cache
 def subjects() -> list[Subject]:
     """Return all public callables, sorted by name."""
     found: dict[str, Subject] = {}
@@ -54,22 +75,21 @@ def subjects() -> list[Subject]:
 
 def _of(name: str, thing: Any) -> Iterator[Subject]:
     if not inspect.isclass(thing):
-        yield Subject(name, "", thing, _parameters(thing))
+        yield Subject.of(name, thing)
+        if hasattr(thing, "with_info"):
+            yield Subject.of(f"{name}.with_info", thing.with_info)
         return
     if _is_record(thing):
         return
-    yield Subject(name, "", thing, _parameters(thing))
+    yield Subject.of(name, thing)
     for method, raw in vars(thing).items():
         is_public = not method.startswith("_") or method == "__call__"
         if not is_public or method in LEFT_OUT:
             continue
         if isinstance(raw, classmethod | staticmethod):
-            call = getattr(thing, method)
-            yield Subject(f"{name}.{method}", "", call, _parameters(call))
+            yield Subject.of(f"{name}.{method}", getattr(thing, method))
         elif inspect.isfunction(raw):
-            parameters = _parameters(raw)
-            parameters.pop("self")
-            yield Subject(f"{name}.{method}", name, raw, parameters)
+            yield Subject.of(f"{name}.{method}", raw, owner=name)
 
 
 def _is_record(thing: type) -> bool:
@@ -80,9 +100,3 @@ def _is_record(thing: type) -> bool:
     if parameters is None or hasattr(thing, "__post_init__"):
         return False
     return bool(thing.__init__.__code__.co_filename == "<string>")  # written by dataclass
-
-
-def _parameters(function: Any) -> dict[str, inspect.Parameter]:
-    """Return the parameters without ``**options``, which have no name of their own."""
-    found = inspect.signature(function).parameters
-    return {name: p for name, p in found.items() if p.kind is not p.VAR_KEYWORD}

@@ -13,6 +13,12 @@ def random_square(n, seed, *, half_width=1.0):
     return SimplexMesh(points, Delaunay(points).simplices)
 
 
+def random_cube(n, seed):
+    """Delaunay tetrahedra of n uniformly random points in the unit cube."""
+    points = np.random.default_rng(seed).random((n, 3))
+    return SimplexMesh(points, Delaunay(points).simplices)
+
+
 def jittered_square(n_side, seed, *, half_width=50.0):
     """Delaunay triangles of an n_side x n_side grid, inner points moved by up to 0.3 cells."""
     points, spacing = _grid(n_side, 2, half_width)

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay
-from stl_files import binary_stl
 
 
 class Surface(NamedTuple):
@@ -55,7 +54,10 @@ def _off(surface: Surface) -> str:
 
 
 def _stl(surface: Surface) -> bytes:
-    return binary_stl(surface.points[surface.cells])
+    kinds = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    facets = np.zeros(len(surface.cells), kinds)
+    facets["corners"] = surface.points[surface.cells]
+    return bytes(80) + np.array(len(facets), "<u4").tobytes() + facets.tobytes()
 
 
 # --- shapes ---------------------------------------------------------------------------------------
@@ -139,7 +141,7 @@ def _folded(rng: np.random.Generator) -> Surface:
 
 
 def _open_shell(rng: np.random.Generator) -> Surface:
-    """A cap is missing."""
+    """Leave out a cap."""
     surface = _shape(rng)
     middle = surface.points[surface.cells].mean(axis=1) @ rng.normal(size=3)
     cut = np.quantile(middle, rng.choice([0.05, 0.2, 0.6]))
@@ -189,14 +191,14 @@ def _doubled(rng: np.random.Generator) -> Surface:
 
 
 def _flipped(rng: np.random.Generator) -> Surface:
-    """Normals point either way."""
+    """Turn normals either way."""
     surface = _shape(rng)
     over = rng.random(len(surface.cells)) < rng.choice([0.01, 0.5, 1.0])
     return Surface(surface.points, np.where(over[:, None], surface.cells[:, ::-1], surface.cells))
 
 
 def _nested(rng: np.random.Generator) -> Surface:
-    """A cavity, or a body inside a body; the gap may be narrow."""
+    """Put a cavity or a body inside a body; the gap may be narrow."""
     surface = _shape(rng)
     inner = _moved(surface, 0.0, float(rng.choice([0.3, 0.9, 0.999])))
     inner = _turned(inner) if rng.random() < 0.5 else inner
@@ -219,7 +221,7 @@ def _narrow_gap(rng: np.random.Generator) -> Surface:
 
 
 def _thin(rng: np.random.Generator) -> Surface:
-    """A plate, a needle, or a shell."""
+    """Return a plate, a needle, or a shell."""
     thickness = float(rng.choice([1e-2, 1e-4, 1e-6]))
     kind = int(rng.integers(0, 3))
     if kind == 0:
@@ -285,7 +287,7 @@ def _few(rng: np.random.Generator) -> Surface:
 
 
 def _many_bodies(rng: np.random.Generator) -> Surface:
-    """A heap of small boxes, some of them in others."""
+    """Return a heap of small boxes, some of them in others."""
     boxes = [
         _moved(_box(n=1), rng.uniform(-1.0, 1.0, 3), float(rng.choice([0.05, 0.2, 0.6])))
         for _ in range(int(rng.integers(5, 40)))
