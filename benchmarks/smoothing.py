@@ -89,9 +89,7 @@ def measure(dim, size, name):
     with variant(name), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # slivers are what is to be seen
         start = time.process_time()
-        mesh, report = ads.mesh_from_distance(
-            ring, size, [-1.1] * dim, [1.1] * dim, full_output=True
-        )
+        mesh, report = ads.mesh_from_distance.with_info(ring, size, [-1.1] * dim, [1.1] * dim)
         seconds = time.process_time() - start
     c = report.conformity
     return {

@@ -109,14 +109,12 @@ def main(output_dir: Path, *, n: int = 240, n_solid: int = 52, width: int = 640)
     """Draw both; ``n`` and ``n_solid`` are boxes of the grids along x."""
     lower, upper = [-1.95, -1.35], [1.95, 1.65]
     plane = problem(blob, lower, upper, n, G)
-    mesh, report = ads.mesh_from_distance(
-        plane.distance, plane.size, lower, upper, full_output=True
-    )
+    mesh, report = ads.mesh_from_distance.with_info(plane.distance, plane.size, lower, upper)
     draw_plane(output_dir / "smooth_boundaries.png", plane, mesh, width)
 
     low, high = [-1.2] * 3, [1.2] * 3
     space = problem(solid, low, high, n_solid, G_SOLID)
-    body, found = ads.mesh_from_distance(solid, space.size, low, high, full_output=True)
+    body, found = ads.mesh_from_distance.with_info(solid, space.size, low, high)
     draw_solid(output_dir / "solid.png", space, body, width)
     ring = np.abs(np.linalg.norm(mesh.points - np.array(HOLE[0]), axis=1) - HOLE[1])
     return {

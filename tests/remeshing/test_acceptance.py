@@ -7,14 +7,14 @@ from shapes import block, joined, moved
 from adaptsize import SimplexMesh
 from adaptsize.errors import BackendError, BoundaryWarning, ResolutionWarning
 from adaptsize.remeshing.acceptance import refuse_other_domain, warn_of_deviation
-from adaptsize.remeshing.driver import _Part
+from adaptsize.remeshing.preparation import as_problem
 
 CUBE = block(2)
 SURFACE = CUBE.boundary().mesh
 
 
 def accept(new, old, task="surface to tetrahedra"):
-    refuse_other_domain(new, _Part.of(task, old, None, 1e-3).problem, "fake")
+    refuse_other_domain(new, as_problem(task, old, 1e-3), "fake")
 
 
 def test_a_mesh_within_the_tolerance_of_its_surface_is_accepted():

@@ -29,6 +29,11 @@ def mesh_of(distance, size, half, dim=2, **options):
     return ads.mesh_from_distance(distance, size, [-half] * dim, [half] * dim, **options)
 
 
+def with_report(distance, size, half, dim=2, **options):
+    low, high = [-half] * dim, [half] * dim
+    return ads.mesh_from_distance.with_info(distance, size, low, high, **options)
+
+
 def assert_is_sound(mesh, distance, tolerance):
     """No cell inverted or given twice, no node unused, all facets of one or two cells."""
     assert (mesh.signed_measures > 0.0).all()
@@ -42,7 +47,7 @@ def assert_is_sound(mesh, distance, tolerance):
 @pytest.mark.parametrize("name", PLANE)
 def test_plane_meshes_are_sound_good_and_of_the_wanted_sizes(name, seed):
     distance, size, half, area = PLANE[name]
-    mesh, report = mesh_of(distance, size, half, seed=seed, full_output=True)
+    mesh, report = with_report(distance, size, half, seed=seed)
     # The tolerance of the projection is 1e-6 sizes; the slope of the ellipse is up to 2.
     assert_is_sound(mesh, distance, 1e-6)
     assert report.conformity.share_in_band > 0.97
@@ -69,13 +74,12 @@ def test_the_mesh_does_not_depend_on_the_unit_of_length(dim):
 
 def test_the_mesh_hardly_depends_on_where_the_domain_is():
     away = np.array([1000.0, -300.0])
-    here = mesh_of(ring, ring_size, 1.2, full_output=True)[1].conformity
-    there = ads.mesh_from_distance(
+    here = with_report(ring, ring_size, 1.2)[1].conformity
+    there = ads.mesh_from_distance.with_info(
         lambda x: ring(x - away),
         lambda x: ring_size(x - away),
         away - 1.2,
         away + 1.2,
-        full_output=True,
     )[1].conformity
     # Rounding decides which of the random points are kept only where it is a near thing.
     assert there.n_cells == pytest.approx(here.n_cells, rel=0.03)
@@ -98,7 +102,7 @@ def test_limited_sizes_on_a_grid_are_met():
     away = np.linalg.norm(grid.points - [0.9, 0.0], axis=1).reshape(grid.shape)
     h = np.minimum(0.02 + 0.2 * away, 0.2)
     size = ads.SizeFunction(grid, h)
-    mesh, report = mesh_of(disc, size, 1.2, full_output=True)
+    mesh, report = with_report(disc, size, 1.2)
     assert report.conformity.share_in_band > 0.97
     assert mesh.edge_lengths.min() < 0.03
     assert mesh.edge_lengths.max() > 0.18
@@ -108,7 +112,7 @@ def test_sizes_may_be_anything_outside_the_domain():
     def size(x):
         return np.where(disc(x) < 0.0, 0.2, np.where(x[:, 0] > 0.0, np.inf, np.nan))
 
-    mesh, report = mesh_of(disc, size, 1.2, full_output=True)
+    mesh, report = with_report(disc, size, 1.2)
     assert report.conformity.share_in_band > 0.97
     assert np.isfinite(mesh.points).all()
 
@@ -116,7 +120,7 @@ def test_sizes_may_be_anything_outside_the_domain():
 def test_fixed_points_are_the_first_nodes():
     fixed = np.array([[0.0, 0.0], [1.0, 0.0], [0.31, -0.4]])
     given = fixed.copy()
-    mesh, report = mesh_of(disc, 0.2, 1.2, fixed_points=fixed, full_output=True)
+    mesh, report = with_report(disc, 0.2, 1.2, fixed_points=fixed)
     np.testing.assert_array_equal(mesh.points[:3], given)
     np.testing.assert_array_equal(fixed, given)
     assert report.fixed_nodes.tolist() == [0, 1, 2]
@@ -151,7 +155,7 @@ def graded(x):
 
 
 def test_a_graded_ball_has_no_slivers():
-    mesh, report = mesh_of(disc, graded, 1.2, 3, full_output=True)
+    mesh, report = with_report(disc, graded, 1.2, 3)
     assert_is_sound(mesh, disc, 1e-5)
     assert mesh.boundary().mesh.is_closed
     assert report.n_slivers == 0
@@ -161,7 +165,7 @@ def test_a_graded_ball_has_no_slivers():
 
 def test_edges_of_a_box_in_space_are_found():
     half = np.array([0.8, 0.5, 0.5])
-    mesh, report = mesh_of(lambda x: box(x, half), 0.25, 1.0, 3, full_output=True)
+    mesh, report = with_report(lambda x: box(x, half), 0.25, 1.0, 3)
     # Chamfers of a size at all edges would take 14.4 * 0.25^2 / 2 of 1.6.
     assert mesh.measures.sum() == pytest.approx(1.6, rel=0.01)
     assert report.conformity.angle_min > 15.0
@@ -172,20 +176,20 @@ def test_parts_that_do_not_touch_are_all_meshed():
     def two(x):
         return np.minimum(*(np.linalg.norm(x - [c, 0.0], axis=1) - 0.4 for c in (-0.6, 0.6)))
 
-    report = mesh_of(two, 0.12, 1.2, full_output=True)[1]
+    report = with_report(two, 0.12, 1.2)[1]
     assert report.n_components == 2
     assert report.n_broken == 0
 
 
 def test_a_neck_narrower_than_the_size_is_reported():
     with pytest.warns(ResolutionWarning, match=r"components are connected|no node nearby|measure"):
-        report = mesh_of(dumbbell, 0.3, 2.0, full_output=True)[1]
+        report = with_report(dumbbell, 0.3, 2.0)[1]
     assert report.n_broken + report.n_uncovered > 0
 
 
 def test_a_function_without_slope_is_reported():
     with pytest.warns(ResolutionWarning, match="no slope"):
-        report = mesh_of(lambda x: np.sign(disc(x)), 0.3, 1.2, full_output=True)[1]
+        report = with_report(lambda x: np.sign(disc(x)), 0.3, 1.2)[1]
     assert report.boundary_residual == np.inf
 
 
@@ -204,7 +208,7 @@ def test_too_few_steps_are_reported():
 
 
 def test_the_report_prints_what_matters():
-    text = str(mesh_of(disc, 0.3, 1.2, full_output=True)[1])
+    text = str(with_report(disc, 0.3, 1.2)[1])
     for word in ("triangles", "slivers", "component", "steps", "boundary"):
         assert word in text
 

@@ -351,13 +351,13 @@ def test_shallow_ridge_is_kept_only_if_it_is_passed():
 def first_volumes(monkeypatch):
     """Names of the generators that make first volumes, in the order of their use."""
     used = []
-    restored = driver._Part.restored
+    restore = driver.restore
 
-    def recording(part, raw, backend):
+    def recording(raw, problem, backend):
         used.append(backend)
-        return restored(part, raw, backend)
+        return restore(raw, problem, backend)
 
-    monkeypatch.setattr(driver._Part, "restored", recording)
+    monkeypatch.setattr(driver, "restore", recording)
     return used
 
 

@@ -1,18 +1,20 @@
 """The loop around Mmg, with a generator of the test's own in its place."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from meshes import jittered_square
 
 from adaptsize import SimplexMesh, check_mesh, remesh
 from adaptsize.errors import BackendError
-from adaptsize.remeshing.driver import _Part
 from adaptsize.remeshing.mmg import MmgBackend, run_adapt
+from adaptsize.remeshing.preparation import as_problem
 
 
 def test_coincident_nodes_in_a_result_are_no_division_by_zero():
-    part = _Part.of("plane triangles", jittered_square(4, 7), None, 1e-3)
-    part = part.with_size(lambda points: np.full(len(points), 0.3), np.empty((0, 2)))
+    problem = as_problem("plane triangles", jittered_square(4, 7), 1e-3)
+    problem = replace(problem, size=lambda points: np.full(len(points), 0.3))
     n_runs = 0
 
     def collapse(function, text, arrays, options):
@@ -22,9 +24,9 @@ def test_coincident_nodes_in_a_result_are_no_division_by_zero():
         points[arrays["cells"][: -1 if n_runs == 1 else None]] = points[0]
         return {**arrays, "points": points}
 
-    made = MmgBackend().solve(part.problem, collapse)
+    made = MmgBackend().solve(problem, collapse)
     assert n_runs == 3
-    assert len(made.cells) == part.problem.mesh.n_cells
+    assert len(made.cells) == problem.mesh.n_cells
 
 
 def test_cells_with_nodes_out_of_range_are_an_error_of_mmg():

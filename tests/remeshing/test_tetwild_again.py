@@ -5,11 +5,11 @@ import pytest
 from shapes import block
 
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
-from adaptsize.remeshing.driver import _Part
+from adaptsize.remeshing.preparation import as_problem
 from adaptsize.remeshing.tetwild import TetWildBackend
 
 CUBE = block(1)
-PROBLEM = _Part.of("surface to tetrahedra", CUBE.boundary().mesh, None, 0.02).problem
+PROBLEM = as_problem("surface to tetrahedra", CUBE.boundary().mesh, 0.02)
 
 
 def runner(*failures):
@@ -42,7 +42,7 @@ def test_the_error_of_the_first_run_is_raised_if_both_fail():
 
 def test_a_run_with_an_absurd_tolerance_is_not_repeated():
     run, tolerances = runner(BackendError("the first"))
-    absurd = _Part.of("surface to tetrahedra", CUBE.boundary().mesh, None, 1000.0).problem
+    absurd = as_problem("surface to tetrahedra", CUBE.boundary().mesh, 1000.0)
     with pytest.raises(BackendError, match="the first"):
         TetWildBackend().solve(absurd, run)
     assert len(tolerances) == 1

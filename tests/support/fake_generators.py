@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from adaptsize.remeshing.protocol import RawMesh
+from adaptsize.remeshing.protocol import Backend, RawMesh
 
 
 def crash(arrays, options):
@@ -143,7 +143,7 @@ def all_inverted_and_unused(arrays, options):
 
 
 @dataclass(frozen=True)
-class FakeBackend:
+class FakeBackend(Backend):
     """Does whatever ``function`` of this module does, and knows no tags."""
 
     function: str
@@ -152,8 +152,6 @@ class FakeBackend:
     package: str = "numpy"
     install: str = "pip install fake"
     tasks: frozenset = frozenset({"tetrahedra"})
-    needs_volume: bool = False
-    keeps_required_facets: bool = False
 
     def solve(self, problem, run):
         made = run(

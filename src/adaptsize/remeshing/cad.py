@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import as_number, as_path
 from adaptsize._progress import reporting
@@ -97,7 +92,7 @@ def read_cad(
     with reporting(progress) as report:
         run = IsolatedRunner("gmsh", seconds, time.monotonic() + seconds, report)
         made = run(
-            "adaptsize.remeshing.cad:triangulate",
+            "adaptsize.remeshing.gmsh:triangulate",
             "triangulating the CAD model with Gmsh",
             {},
             {"path": str(file.resolve()), "count": count, "largest": limit},
@@ -111,58 +106,3 @@ def read_cad(
         tagged_facets=made["segments"],
         facet_tags=made["segment_tags"],
     )
-
-
-def triangulate(
-    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
-) -> dict[str, npt.NDArray[Any]]:
-    """Read a CAD file and mesh its faces.  Runs in the child process.
-
-    Parameters
-    ----------
-    arrays : empty
-    options : path, count (triangles per circle), largest (0: by the diagonal)
-
-    Returns
-    -------
-    points float64[n, 3], cells int32[m, 3], cell_tags int32[m], segments int32[k, 2],
-    segment_tags int32[k]
-    """
-    import gmsh
-
-    gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 1)
-    gmsh.option.setNumber("General.Verbosity", 2)  # errors and warnings
-    gmsh.model.occ.importShapes(options["path"], highestDimOnly=False)
-    gmsh.model.occ.synchronize()
-    *low, hx, hy, hz = gmsh.model.getBoundingBox(-1, -1)
-    diagonal = float(np.linalg.norm(np.subtract((hx, hy, hz), low)))
-    gmsh.option.setNumber("Mesh.MeshSizeMax", options["largest"] or 0.1 * diagonal)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", options["count"])
-    gmsh.model.mesh.generate(2)
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    number = np.zeros(int(tags.max(initial=0)) + 1, np.int32)
-    number[tags] = np.arange(len(tags))
-    cells, cell_tags = _elements(gmsh, 2, 2, number)
-    segments, segment_tags = _elements(gmsh, 1, 1, number)
-    used, new = np.unique(np.concatenate([cells.ravel(), segments.ravel()]), return_inverse=True)
-    corners, ends = new[: cells.size], new[cells.size :]
-    return {
-        "points": coordinates.reshape(-1, 3)[used],
-        "cells": corners.reshape(-1, 3).astype(np.int32),
-        "cell_tags": cell_tags,
-        "segments": ends.reshape(-1, 2).astype(np.int32),
-        "segment_tags": segment_tags,
-    }
-
-
-def _elements(
-    gmsh: Any, dim: int, element_type: int, number: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return the elements of all entities of a dimension, and the entity of each."""
-    parts, tags = [np.empty((0, dim + 1), np.int32)], [np.empty(0, np.int32)]
-    for _, tag in gmsh.model.getEntities(dim):
-        corners = gmsh.model.mesh.getElementsByType(element_type, tag)[1]
-        parts.append(number[corners].reshape(-1, dim + 1))
-        tags.append(np.full(len(parts[-1]), tag, np.int32))
-    return np.concatenate(parts), np.concatenate(tags)

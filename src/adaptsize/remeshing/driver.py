@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import TYPE_CHECKING, cast
@@ -21,21 +21,18 @@ from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
-from adaptsize.remeshing.first_volume import FirstVolume, first_volume
+from adaptsize.remeshing.first_volume import first_volume
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import (
-    Facets,
     Frame,
+    as_problem,
     as_required,
-    collect_facets,
-    number_regions,
     repair_mesh,
     restore,
 )
-from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Task
+from adaptsize.remeshing.protocol import Backend, Problem, Task
 from adaptsize.remeshing.registry import backend_named, choose_backend
 from adaptsize.remeshing.sizing import (
-    Size,
     SizeLike,
     as_metric_at,
     as_size,
@@ -43,7 +40,7 @@ from adaptsize.remeshing.sizing import (
     mean_size,
 )
 from adaptsize.remeshing.surface_checks import warn_of_surface
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import ProgressCallback
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -202,23 +199,23 @@ def remesh(
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
-    part = _Part.of(task, frame.mesh(repaired.mesh), required, tolerance)
-    own_size, known = frame.size(wanted), frame.to_own(known_points(sizes, mesh.dim))
-    part = part.with_size(own_size, known)
-    if metric is not None:
-        part = replace(part, problem=replace(part.problem, metric=frame.metric(metric)))
-    n_cells = _estimate(part.problem)
+    problem = replace(
+        as_problem(task, frame.mesh(repaired.mesh), tolerance, required),
+        size=frame.size(wanted),
+        size_nodes=frame.to_own(known_points(sizes, mesh.dim)),
+        metric=None if metric is None else frame.metric(metric),
+    )
+    n_cells = _estimate(problem)
     refuse_too_many(n_cells, given["max_elements"])
-    longest = _LONGEST + _LONGEST_PER_CELL * n_cells
-    part = replace(part, problem=replace(part.problem, seconds=longest))
+    problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
     with reporting(progress) as report:
         timeout = given["timeout"]
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
-            new = _filled(part, chosen, run, n_cells)
+            new = _filled(problem, chosen, run, n_cells)
         else:
-            new = part.restored(chosen.solve(part.problem, run), chosen.name)
+            new = restore(chosen.solve(problem, run), problem, chosen.name)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     return made
@@ -232,67 +229,26 @@ def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto"
     choose_backend(backend, _task(mesh, target), keep_facets=False)
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A meshing problem, and the tags for its numbers of regions and groups."""
-
-    problem: Problem
-    facets: Facets
-    region_tags: IntArray
-
-    @classmethod
-    def of(
-        cls, task: Task, mesh: SimplexMesh, required: IntArray | None, tolerance: float
-    ) -> _Part:
-        regions, region_tags = number_regions(mesh)
-        facets = collect_facets(mesh, regions, required)
-        problem = Problem(
-            task=task,
-            mesh=mesh,
-            size=None,
-            size_nodes=np.empty((0, mesh.dim)),
-            tolerance=tolerance * mesh.diagonal,
-            facet_nodes=facets.nodes,
-            facet_groups=facets.groups,
-            required=facets.required,
-            regions=regions,
-            has_free_facets=facets.has_free,
-        )
-        return cls(problem, facets, region_tags)
-
-    def with_size(self, size: Size | None, known: FloatArray) -> _Part:
-        return replace(self, problem=replace(self.problem, size=size, size_nodes=known))
-
-    def within(self, volume: SimplexMesh, first: FirstVolume, n_cells: float) -> _Part:
-        """Return the problem to adapt tetrahedra that fill this surface, to about so many."""
-        old = self.problem
-        part = _Part.of("tetrahedra", volume, None, old.tolerance / volume.diagonal)
-        part = part.with_size(old.size, old.size_nodes)
-        number = max(volume.n_cells, n_cells)
-        changed = replace(
-            part.problem,
-            ridges=first.ridges,
-            is_adapted=first.is_adapted,
-            seconds=_SECONDS + _SECONDS_PER_CELL * number,
-        )
-        return replace(part, problem=changed)
-
-    def restored(self, raw: RawMesh, backend: str) -> SimplexMesh:
-        return restore(raw, self.problem, self.facets, self.region_tags, backend)
-
-
-def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, n_cells: float) -> SimplexMesh:
+def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float) -> SimplexMesh:
     """Return the tetrahedra in a surface, adapted from a first volume.
 
     If cells are flat, fTetWild fills the surface with the same sizes, and the mesh with the larger
     smallest angle is returned.  It also does if the generator fails on the first volume.
     """
-    assert part.problem.size is not None
-    first = first_volume(part.problem, part.problem.size, run)
-    inner = part.within(part.restored(first.raw, first.generator), first, n_cells)
+    assert problem.size is not None
+    first = first_volume(problem, problem.size, run)
+    volume = restore(first.raw, problem, first.generator)
+    inner = replace(
+        as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal),
+        size=problem.size,
+        size_nodes=problem.size_nodes,
+        ridges=first.ridges,
+        is_adapted=first.is_adapted,
+        seconds=_SECONDS + _SECONDS_PER_CELL * max(volume.n_cells, n_cells),
+    )
     new, angle, failure = None, -np.inf, None
     try:
-        new = inner.restored(chosen.solve(inner.problem, run), chosen.name)
+        new = restore(chosen.solve(inner, run), inner, chosen.name)
         angle = float(minimum_angles(new).min())
     except BackendTimeoutError:
         raise
@@ -302,8 +258,8 @@ def _filled(part: _Part, chosen: Backend, run: IsolatedRunner, n_cells: float) -
         assert new is not None
         return new
     try:
-        raw = backend_named("tetwild").solve(part.problem, replace(run, backend="tetwild"))
-        other = part.restored(raw, "tetwild")
+        raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
+        other = restore(raw, problem, "tetwild")
     except BackendError as error:
         if new is None:
             raise failure or error from None

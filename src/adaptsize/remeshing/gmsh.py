@@ -14,31 +14,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
+from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Runner, Task
 from adaptsize.typing import FloatArray
 
 #: Radians between two triangles at which a surface is cut into patches.
 _CREASE_ANGLE = math.radians(40.0)
-#: Gmsh's numbers of element types.
-_LINE, _TRIANGLE, _TETRAHEDRON = 1, 2, 4
+#: Gmsh's numbers of element types by their dimension.
+_TYPES = {1: 1, 2: 2, 3: 4}
 
 
-@dataclass(frozen=True)
-class GmshBackend:
+class GmshBackend(Backend):
     """Adapter to Gmsh >= 4.11 (GPL).  It transfers neither tags nor regions of surfaces."""
 
-    name: str = "gmsh"
-    package: str = "gmsh"
-    install: str = 'pip install "adaptsize[gmsh]"'
+    name = "gmsh"
+    package = "gmsh"
+    install = 'pip install "adaptsize[gmsh]"'
     tasks: frozenset[Task] = frozenset({"surface to tetrahedra", "surface"})
-    needs_volume: bool = False
-    keeps_required_facets: bool = False
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the new mesh.  The caller restores the tags."""
@@ -82,7 +78,7 @@ def follow_surface(
     tags = np.arange(1, len(arrays["points"]) + 1)
     gmsh.model.mesh.addNodes(2, surface, tags, arrays["points"].ravel())
     corners = (arrays["faces"].astype(np.int64) + 1).ravel()
-    gmsh.model.mesh.addElementsByType(surface, _TRIANGLE, [], corners)
+    gmsh.model.mesh.addElementsByType(surface, _TYPES[2], [], corners)
     gmsh.model.mesh.classifySurfaces(_CREASE_ANGLE, True, True, math.pi)
     gmsh.model.mesh.createGeometry()
     if options["volume"]:
@@ -95,7 +91,10 @@ def follow_surface(
         # Factor on sizes inside a volume.  Without it, edges there are 1.2 to 1.3 times too long.
         _use_sizes_only(gmsh, arrays, 0.8)
         gmsh.model.mesh.generate(3)
-    return _cells(gmsh, _TETRAHEDRON if options["volume"] else _TRIANGLE, 3)
+    dim = 3 if options["volume"] else 2
+    points, number = _nodes(gmsh)
+    cells = number[gmsh.model.mesh.getElementsByType(_TYPES[dim])[1]]
+    return {"points": points, "cells": cells.reshape(-1, dim + 1)}
 
 
 def _start(gmsh: Any) -> None:
@@ -124,11 +123,60 @@ def _use_sizes_only(gmsh: Any, arrays: Mapping[str, npt.NDArray[Any]], factor: f
     gmsh.model.mesh.field.setAsBackgroundMesh(field)
 
 
-def _cells(gmsh: Any, element_type: int, dim: int) -> dict[str, npt.NDArray[Any]]:
+def _nodes(gmsh: Any) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+    """Return the points, and the index of each node by its tag."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     number = np.zeros(int(tags.max(initial=0)) + 1, np.int32)
     number[tags] = np.arange(len(tags))
-    corners = gmsh.model.mesh.getElementsByType(element_type)[1]
-    width = {_TRIANGLE: 3, _TETRAHEDRON: 4}[element_type]
-    points: FloatArray = coordinates.reshape(-1, 3)[:, :dim]
-    return {"points": points, "cells": number[corners].reshape(-1, width)}
+    return coordinates.reshape(-1, 3), number
+
+
+def _tagged_elements(
+    gmsh: Any, dim: int, number: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Return the elements of all entities of a dimension, and the entity of each."""
+    parts, tags = [np.empty((0, dim + 1), np.int32)], [np.empty(0, np.int32)]
+    for _, tag in gmsh.model.getEntities(dim):
+        corners = gmsh.model.mesh.getElementsByType(_TYPES[dim], tag)[1]
+        parts.append(number[corners].reshape(-1, dim + 1))
+        tags.append(np.full(len(parts[-1]), tag, np.int32))
+    return np.concatenate(parts), np.concatenate(tags)
+
+
+def triangulate(
+    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
+) -> dict[str, npt.NDArray[Any]]:
+    """Read a CAD file and mesh its faces.  Runs in the child process.
+
+    Parameters
+    ----------
+    arrays : empty
+    options : path, count (triangles per circle), largest (0: by the diagonal)
+
+    Returns
+    -------
+    points float64[n, 3], cells int32[m, 3], cell_tags int32[m], segments int32[k, 2],
+    segment_tags int32[k]
+    """
+    import gmsh
+
+    _start(gmsh)
+    gmsh.model.occ.importShapes(options["path"], highestDimOnly=False)
+    gmsh.model.occ.synchronize()
+    *low, hx, hy, hz = gmsh.model.getBoundingBox(-1, -1)
+    diagonal = float(np.linalg.norm(np.subtract((hx, hy, hz), low)))
+    gmsh.option.setNumber("Mesh.MeshSizeMax", options["largest"] or 0.1 * diagonal)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", options["count"])
+    gmsh.model.mesh.generate(2)
+    points, number = _nodes(gmsh)
+    cells, cell_tags = _tagged_elements(gmsh, 2, number)
+    segments, segment_tags = _tagged_elements(gmsh, 1, number)
+    used, new = np.unique(np.concatenate([cells.ravel(), segments.ravel()]), return_inverse=True)
+    corners, ends = new[: cells.size], new[cells.size :]
+    return {
+        "points": points[used],
+        "cells": corners.reshape(-1, 3).astype(np.int32),
+        "cell_tags": cell_tags,
+        "segments": ends.reshape(-1, 2).astype(np.int32),
+        "segment_tags": segment_tags,
+    }

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +28,7 @@ import numpy.typing as npt
 
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing._worker import limit_processor_time
-from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
+from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Runner, Task
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -64,19 +63,18 @@ GOOD_SHARE = 0.9
 _LARGEST_FACTOR = 1.1
 
 
-@dataclass(frozen=True)
-class MmgBackend:
+class MmgBackend(Backend):
     """Adapter to mmgpy 0.17, which brings Mmg 5.8."""
 
-    name: str = "mmg"
-    package: str = "mmgpy"
-    install: str = 'pip install "adaptsize[mmg]"'
+    name = "mmg"
+    package = "mmgpy"
+    install = 'pip install "adaptsize[mmg]"'
     tasks: frozenset[Task] = frozenset(
         {"surface to tetrahedra", "tetrahedra", "plane triangles", "surface"}
     )
-    needs_volume: bool = True
-    keeps_required_facets: bool = True
-    follows_metrics: bool = True
+    needs_volume = True
+    keeps_required_facets = True
+    follows_metrics = True
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the adapted mesh with its regions and groups of facets."""
@@ -88,17 +86,17 @@ class MmgBackend:
             "hausd": _TOLERANCE_FACTOR[kind] * problem.tolerance,
             "ridge_angle": RIDGE_ANGLE[kind],
             "n_regions": n_regions,
-            "n_groups": int(problem.facet_groups.max(initial=-1)) + 1,
-            "required_groups": np.unique(problem.facet_groups[problem.required]).tolist(),
-            "open_boundaries": problem.has_free_facets,
+            "n_groups": int(problem.facets.groups.max(initial=-1)) + 1,
+            "required_groups": np.unique(problem.facets.groups[problem.facets.required]).tolist(),
+            "open_boundaries": problem.facets.has_free,
             "seconds": problem.seconds,
         }
         made: dict[str, npt.NDArray[Any]] = {
             "points": problem.mesh.points,
             "cells": problem.mesh.cells,
             "regions": problem.regions,
-            "facets": problem.facet_nodes,
-            "facet_groups": problem.facet_groups,
+            "facets": problem.facets.nodes,
+            "facet_groups": problem.facets.groups,
             "ridges": problem.ridges,
         }
         best, best_share = made, -1.0

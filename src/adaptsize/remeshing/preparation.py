@@ -15,7 +15,7 @@ from adaptsize.background.topology import regions_beside, unique_rows
 from adaptsize.errors import BackendError, MeshRepairWarning
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
-from adaptsize.remeshing.protocol import Problem, RawMesh
+from adaptsize.remeshing.protocol import NO_TAG, Facets, Problem, RawMesh, Task
 from adaptsize.remeshing.sizing import MetricAt, Size
 from adaptsize.typing import FloatArray, IntArray
 
@@ -109,23 +109,16 @@ def _warn_of_repairs(
         )
 
 
-class Facets(NamedTuple):
-    """The facets that a generator must preserve, in groups that stay separate."""
+def as_problem(
+    task: Task, mesh: SimplexMesh, tolerance: float, required: IntArray | None = None
+) -> Problem:
+    """Return the request to remesh a repaired mesh, without sizes.
 
-    nodes: IntArray
-    """int32[n, cell_dim], rows sorted."""
-    groups: IntArray
-    """int32[n].  Facets of one group have the same tag and adjacent regions, and all or none are
-    required."""
-    required: npt.NDArray[np.bool_]
-    tag_of_group: npt.NDArray[np.int64]
-    """Tag of each group; ``NO_TAG`` for facets without one."""
-    has_free: bool
-    """Whether some facets lie inside one region."""
-
-
-#: Marks facets without a tag.  It is outside int32, so it cannot equal a tag.
-NO_TAG = np.int64(2) ** 40
+    ``tolerance`` is over the diagonal, and ``required`` are facets to keep.
+    """
+    regions, region_tags = number_regions(mesh)
+    facets = collect_facets(mesh, regions, required)
+    return Problem(task, mesh, tolerance * mesh.diagonal, facets, regions, region_tags)
 
 
 def number_regions(mesh: SimplexMesh) -> tuple[IntArray, IntArray]:
@@ -267,9 +260,7 @@ def _with_points(mesh: SimplexMesh, points: FloatArray) -> SimplexMesh:
     )
 
 
-def restore(
-    raw: RawMesh, problem: Problem, facets: Facets, region_tags: IntArray, backend: str
-) -> SimplexMesh:
+def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
     """Return a checked mesh with the tags of the old one.
 
     Regions and tags that the generator lost are looked up in the old mesh.  The region of a cell
@@ -288,14 +279,14 @@ def restore(
     cell_tags = None
     if old.cell_tags is not None and problem.task != "surface to tetrahedra":
         regions = raw.regions if raw.regions is not None else _regions_there(points, cells, problem)
-        cell_tags = region_tags[regions]
+        cell_tags = problem.region_tags[regions]
     wants_facets = problem.task == "surface to tetrahedra" and old.cell_tags is not None
     if old.tagged_facets is None and not wants_facets:
         return SimplexMesh(points, cells, cell_tags=cell_tags, tag_names=old.tag_names)
     if raw.facets is not None and raw.facet_groups is not None:
-        found, tags = nodes[raw.facets], facets.tag_of_group[raw.facet_groups]
+        found, tags = nodes[raw.facets], problem.facets.tag_of_group[raw.facet_groups]
     else:
-        found, tags = _tags_there(SimplexMesh(points, cells, cell_tags=cell_tags), problem, facets)
+        found, tags = _tags_there(SimplexMesh(points, cells, cell_tags=cell_tags), problem)
     tagged = (tags != NO_TAG) & (found >= 0).all(axis=1)
     return SimplexMesh(
         points,
@@ -344,13 +335,12 @@ def _regions_there(points: FloatArray, cells: IntArray, problem: Problem) -> Int
     return np.asarray(problem.regions[old_cells])
 
 
-def _tags_there(
-    new: SimplexMesh, problem: Problem, facets: Facets
-) -> tuple[IntArray, npt.NDArray[np.int64]]:
+def _tags_there(new: SimplexMesh, problem: Problem) -> tuple[IntArray, npt.NDArray[np.int64]]:
     """Return the boundary and interface facets with the tags of the nearest old facets."""
     if problem.task == "surface to tetrahedra":
         old, tag_of_old = problem.mesh, np.asarray(problem.mesh.cell_tags, np.int64)
     else:
+        facets = problem.facets
         old = SimplexMesh(problem.mesh.points, facets.nodes)
         tag_of_old = facets.tag_of_group[facets.groups]
     between = new.facet_cell_counts == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,26 @@ class Runner(Protocol):
         ...
 
 
+class Facets(NamedTuple):
+    """The facets that a generator must preserve, in groups that stay separate."""
+
+    nodes: IntArray
+    """int32[n, cell_dim], rows sorted: boundary, interfaces, tagged, required."""
+    groups: IntArray
+    """int32[n]: 0, 1, ...  Facets of one group have the same tag and adjacent regions, and all or
+    none are required."""
+    required: npt.NDArray[np.bool_]
+    """bool[n]: which of them must not change."""
+    tag_of_group: npt.NDArray[np.int64]
+    """Tag of each group; ``NO_TAG`` for facets without one."""
+    has_free: bool
+    """Whether some facets lie inside one region."""
+
+
+#: Marks facets without a tag.  It is outside int32, so it cannot equal a tag.
+NO_TAG = np.int64(2) ** 40
+
+
 @dataclass(frozen=True)
 class Problem:
     """One request to a generator, after checks and repairs.
@@ -39,26 +59,22 @@ class Problem:
     task : str
     mesh : SimplexMesh
         Every node is used; cells of full dimension have positive measure.
+    tolerance : float
+        Allowed distance of the new boundary from the old one, in the unit of the coordinates.
+    facets : Facets
+        All facets to preserve.
+    regions : int32[n_cells]
+        Region of each cell, 0, 1, ...
+    region_tags : int[n]
+        Tag of each region.
     size : callable or None
         Requested edge length at float64[n, dim] points, as float64[n], finite and positive.
         None selects the generator's default (for a first mesh that carries the sizes).
+    size_nodes : float64[n, dim]
+        Points between which the size function interpolates.  May be empty.
     metric : callable or None
         Requested `Metric` at float64[n, dim] points, with finite sizes.  None if the sizes do not
         depend on the direction.  With a metric, ``size`` is the geometric mean of its sizes.
-    size_nodes : float64[n, dim]
-        Points between which the size function interpolates.  May be empty.
-    tolerance : float
-        Allowed distance of the new boundary from the old one, in the unit of the coordinates.
-    facet_nodes : int32[n, cell_dim]
-        All facets to preserve: boundary, interfaces, tagged, required.
-    facet_groups : int32[n]
-        Their groups, 0, 1, ...; facets of different groups stay separate.
-    required : bool[n]
-        Which of these facets must not change.
-    regions : int32[n_cells]
-        Region of each cell, 0, 1, ...
-    has_free_facets : bool
-        Whether some of these facets lie inside one region.
     ridges : int32[n, 2]
         Edges of the boundary that must stay sharp, beside those that the generator detects.
     is_adapted : bool
@@ -69,16 +85,14 @@ class Problem:
 
     task: Task
     mesh: SimplexMesh
-    size: Callable[[FloatArray], FloatArray] | None
-    size_nodes: FloatArray
     tolerance: float
-    facet_nodes: IntArray
-    facet_groups: IntArray
-    required: npt.NDArray[np.bool_]
+    facets: Facets
     regions: IntArray
-    has_free_facets: bool = False
-    ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    region_tags: IntArray
+    size: Callable[[FloatArray], FloatArray] | None = None
+    size_nodes: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     metric: MetricAt | None = None
+    ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_adapted: bool = False
     seconds: float = np.inf
 
@@ -105,44 +119,37 @@ class RawMesh:
 
 
 class Backend(Protocol):
-    """An adapter to one mesh generator.
+    """An adapter to one mesh generator: a class with these attributes and the method ``solve``.
 
     It disables the generator's gradation and its own sizes, and passes the sizes in the
     form that the generator follows.  It calls the generator only through ``run``, in child
     processes, so the generator cannot affect the caller.
 
-    An adapter that uses ``Problem.metric`` has the attribute ``follows_metrics``, which is True.
+    Attributes
+    ----------
+    name : str
+        Name for ``remesh(backend=...)``.
+    package : str
+        Name of the Python package that must be importable.
+    install : str
+        The command line that installs the generator.
+    tasks : frozenset of str
+        Supported tasks.
+    keeps_required_facets : bool
+        Whether it can keep given facets unchanged.
+    needs_volume : bool
+        Whether it fills a surface only with a first volume mesh from another generator.
+    follows_metrics : bool
+        Whether it uses ``Problem.metric``.
     """
 
-    @property
-    def name(self) -> str:
-        """Name for ``remesh(backend=...)``."""
-        ...
-
-    @property
-    def package(self) -> str:
-        """Name of the Python package that must be importable."""
-        ...
-
-    @property
-    def install(self) -> str:
-        """The command line that installs the generator."""
-        ...
-
-    @property
-    def tasks(self) -> frozenset[Task]:
-        """Supported tasks."""
-        ...
-
-    @property
-    def keeps_required_facets(self) -> bool:
-        """Whether it can keep given facets unchanged."""
-        ...
-
-    @property
-    def needs_volume(self) -> bool:
-        """Whether it fills a surface only with a first volume mesh from another generator."""
-        ...
+    name: str
+    package: str
+    install: str
+    tasks: frozenset[Task]
+    keeps_required_facets: bool = False
+    needs_volume: bool = False
+    follows_metrics: bool = False
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the new mesh."""

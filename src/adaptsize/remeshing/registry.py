@@ -63,7 +63,7 @@ def available_backends() -> Mapping[str, BackendInfo]:
     """
     return {
         name: BackendInfo(
-            _is_installed(b), b.tasks, b.keeps_required_facets, b.install, _follows_metrics(b)
+            _is_installed(b), b.tasks, b.keeps_required_facets, b.install, b.follows_metrics
         )
         for name, b in _BACKENDS.items()
     }
@@ -86,7 +86,7 @@ def choose_backend(name: str, task: Task, *, keep_facets: bool, metric: bool = F
             raise ValueError(f"backend {name!r} cannot make this mesh (task: {task})")
         if keep_facets and not backend.keeps_required_facets:
             raise ValueError(f"backend {name!r} cannot keep required_facets as they are")
-        if metric and not _follows_metrics(backend):
+        if metric and not backend.follows_metrics:
             raise ValueError(f"backend {name!r} cannot follow a Metric; use 'mmg'")
         return _installed_or_raise(backend, task)
     able = [
@@ -94,7 +94,7 @@ def choose_backend(name: str, task: Task, *, keep_facets: bool, metric: bool = F
         for b in (_BACKENDS[n] for n in _PREFERENCE if n in _BACKENDS)
         if task in b.tasks
         and (b.keeps_required_facets or not keep_facets)
-        and (_follows_metrics(b) or not metric)
+        and (b.follows_metrics or not metric)
     ]
     return next((b for b in able if _is_installed(b)), None) or _installed_or_raise(able[0], task)
 
@@ -124,10 +124,6 @@ def is_usable(name: str) -> bool:
 def backend_named(name: str) -> Backend:
     """Return the adapter of that name."""
     return _BACKENDS[name]
-
-
-def _follows_metrics(backend: Backend) -> bool:
-    return bool(getattr(backend, "follows_metrics", False))
 
 
 def _is_installed(backend: Backend) -> bool:

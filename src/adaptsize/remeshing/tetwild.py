@@ -13,7 +13,6 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -21,28 +20,25 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
-from adaptsize.remeshing.protocol import Problem, RawMesh, Runner, Task
+from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Runner, Task
 
 #: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it
 #: crashed in each run at .02 of the diagonal, and not at .005.
 _SECOND = 0.25
 
 
-@dataclass(frozen=True)
-class TetWildBackend:
+class TetWildBackend(Backend):
     """Adapter to pytetwild >= 0.4.2, which accepts sizing fields."""
 
-    name: str = "tetwild"
-    package: str = "pytetwild"
-    install: str = 'pip install "pytetwild>=0.4.2,<0.5"'
+    name = "tetwild"
+    package = "pytetwild"
+    install = 'pip install "pytetwild>=0.4.2,<0.5"'
     tasks: frozenset[Task] = frozenset({"surface to tetrahedra", "tetrahedra"})
-    needs_volume: bool = False
-    keeps_required_facets: bool = False
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return tetrahedra, without regions and facets."""
         mesh = problem.mesh
-        faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facet_nodes
+        faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facets.nodes
         arrays: dict[str, npt.NDArray[Any]] = {"points": mesh.points, "faces": faces}
         # Edge length over the diagonal if no size is given: fTetWild's default.
         options: dict[str, Any] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, TypeAlias, overload
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize._progress import reporting
+from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
 from adaptsize.remeshing.distmesh.finish import finish
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
@@ -38,7 +39,7 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 Field: TypeAlias = Callable[[FloatArray], Any]
 
 
-@overload
+@with_info
 def mesh_from_distance(
     distance: Field,
     size: Field | float,
@@ -50,42 +51,8 @@ def mesh_from_distance(
     seed: int | np.random.Generator = 2004,
     max_iter: int = 150,
     max_elements: float = 5_000_000,
-    full_output: Literal[False] = False,
     progress: ProgressCallback | bool | None = None,
-) -> SimplexMesh: ...
-
-
-@overload
-def mesh_from_distance(
-    distance: Field,
-    size: Field | float,
-    lower: npt.ArrayLike,
-    upper: npt.ArrayLike,
-    *,
-    fixed_points: npt.ArrayLike | None = None,
-    clip: bool = False,
-    seed: int | np.random.Generator = 2004,
-    max_iter: int = 150,
-    max_elements: float = 5_000_000,
-    full_output: Literal[True],
-    progress: ProgressCallback | bool | None = None,
-) -> tuple[SimplexMesh, SmoothingReport]: ...
-
-
-def mesh_from_distance(
-    distance: Field,
-    size: Field | float,
-    lower: npt.ArrayLike,
-    upper: npt.ArrayLike,
-    *,
-    fixed_points: npt.ArrayLike | None = None,
-    clip: bool = False,
-    seed: int | np.random.Generator = 2004,
-    max_iter: int = 150,
-    max_elements: float = 5_000_000,
-    full_output: bool = False,
-    progress: ProgressCallback | bool | None = None,
-) -> SimplexMesh | tuple[SimplexMesh, SmoothingReport]:
+) -> tuple[SimplexMesh, SmoothingReport]:
     """Return a mesh of the domain in which a distance function is negative.
 
     Parameters
@@ -110,17 +77,14 @@ def mesh_from_distance(
         Maximum number of smoothing steps, 1 or more.
     max_elements : float
         If the sizes require more elements than this, no mesh is made.
-    full_output : bool
-        Whether to return a report too.
     progress : callable, bool or None
         Called with a text and the fraction completed.  True shows a progress bar.
 
     Returns
     -------
-    mesh : SimplexMesh
+    SimplexMesh
         Triangles or tetrahedra, positively oriented; each node is used.
-    report : SmoothingReport
-        Only with ``full_output``.
+        ``mesh_from_distance.with_info`` returns the pair of the mesh and its `SmoothingReport`.
 
     Raises
     ------
@@ -186,9 +150,7 @@ def mesh_from_distance(
     ...     return np.maximum(r - 1.0, 0.25 - r)
     >>> def size(x):
     ...     return 0.08 + 0.2 * (np.linalg.norm(x, axis=1) - 0.25)
-    >>> mesh, report = mesh_from_distance(
-    ...     distance, size, [-1.1, -1.1], [1.1, 1.1], full_output=True
-    ... )
+    >>> mesh, report = mesh_from_distance.with_info(distance, size, [-1.1, -1.1], [1.1, 1.1])
     >>> bool((mesh.signed_measures > 0.0).all()), report.n_components, report.n_slivers
     (True, 1, 0)
     >>> bool(np.abs(distance(mesh.boundary().mesh.points)).max() < 1e-6)
@@ -204,7 +166,7 @@ def mesh_from_distance(
     domain = _as_domain(distance, lower, upper)
     wanted = sized(_as_function(size), domain)
     max_iter = int(as_number("max_iter", max_iter, lower=1.0))
-    clip, full_output = as_flag("clip", clip), as_flag("full_output", full_output)
+    clip = as_flag("clip", clip)
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
     rng = _as_generator(seed)
     with reporting(progress) as report:
@@ -230,7 +192,7 @@ def mesh_from_distance(
         mesh, node_map = _without_unused(points, cells)
         made = describe(mesh, domain, wanted, sampling, relaxed, node_map[: len(fixed)])
     warn_of_faults(made)
-    return (mesh, made) if full_output else mesh
+    return mesh, made
 
 
 def _as_domain(distance: Field, lower: npt.ArrayLike, upper: npt.ArrayLike) -> ImplicitDomain:

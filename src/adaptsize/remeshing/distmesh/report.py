@@ -168,7 +168,7 @@ def warn_of_faults(report: SmoothingReport) -> None:
             f"nodes still moved by {report.last_move:.2g} sizes per step after "
             f"{report.n_steps} steps; raise max_iter, or limit the gradient of the sizes",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     faults = []
     if report.n_uncovered:
@@ -201,5 +201,5 @@ def warn_of_faults(report: SmoothingReport) -> None:
             f"the mesh does not resolve the domain well: {'; '.join(faults)}; "
             "use smaller sizes, or pass corners as fixed_points",
             ResolutionWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
