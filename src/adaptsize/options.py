@@ -73,10 +73,8 @@ class Option:
     """From this value on, a gradient draws a warning: it looks like a percentage."""
     type_text: str = ""
     """The type in words, if it is not a number, a flag or one of some choices."""
-    flag: str = ""
-    """The name on the command line, if it is not that of the field."""
     short: str = ""
-    """Its short name there."""
+    """The short name on the command line."""
     # The following are those of the field, set by `options_of`.
     name: str = ""
     type: Any = None
@@ -89,7 +87,7 @@ class Option:
     @property
     def flags(self) -> tuple[str, ...]:
         """Names on the command line, the short one first."""
-        long = self.flag or "--" + self.name.replace("_", "-")
+        long = "--" + self.name.replace("_", "-")
         return (self.short, long) if self.short else (long,)
 
     @property
@@ -198,7 +196,6 @@ class SizeOptions(TypedDict, total=False):
         float,
         Option(
             default=GRADIENT_LIMIT,
-            flag="--gradient",
             short="-g",
             unusual=5.0,
             text="Gradient limit: growth of the size per length.",
@@ -391,7 +388,6 @@ class RemeshOptions(MeshOptions, LimitOptions, total=False):
         Option(
             default=GRADIENT_LIMIT,
             unusual=5.0,
-            flag="--gradient",
             short="-g",
             text="Gradient with which nodal sizes on a surface grow into the volume.",
             details="A SizeFunction on a surface uses its own g, if it has one.",
@@ -488,7 +484,6 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, total=False):
             default="auto",
             unusual=5.0,
             type_text='float, array_like, callable, tuple, "auto" or None',
-            flag="--gradient",
             short="-g",
             text="Gradient limit, as in `limit_gradient`; None disables it.",
             details=f'"auto" is {GRADIENT_LIMIT:g}, and {METRIC_GRADIENT_LIMIT:g} for metrics.',

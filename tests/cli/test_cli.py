@@ -62,10 +62,10 @@ def test_debug_adds_the_traceback(capsys):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["-g", "-1"], "g must be finite and >= 0, got -1"),
-        (["-K", "-1"], "elements_per_radian must be finite and >= 0, got -1"),
-        (["--hmax", "0"], "hmax must be finite and > 0, got 0"),
-        (["--hmin", "2", "--hmax", "1"], "hmin must be at most hmax = 1, got 2"),
+        (["-g", "-1"], "--g must be finite and >= 0, got -1"),
+        (["-K", "-1"], "--elements-per-radian must be finite and >= 0, got -1"),
+        (["--hmax", "0"], "--hmax must be finite and > 0, got 0"),
+        (["--hmin", "2", "--hmax", "1"], "--hmin must be at most --hmax = 1, got 2"),
         (
             ["--field", "h_nan"],
             "h0 must be positive (inf where there is no bound), got h0[1] = nan",
@@ -261,7 +261,7 @@ def test_program_keeps_results_and_messages_apart(square):
     out, err = (child := program("limit", square, *words)).communicate(timeout=60)
     assert child.returncode == 1
     assert out == ""
-    assert err == "adaptsize: error: g must be finite and >= 0, got -1.0\n"
+    assert err == "adaptsize: error: --g must be finite and >= 0, got -1\n"
 
 
 def test_help_imports_nothing_heavy():

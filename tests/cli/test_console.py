@@ -269,23 +269,6 @@ def test_options_that_take_a_value_show_their_default(command):
             assert parameter.metavar, parameter.name
 
 
-def test_defaults_in_words_are_those_of_the_library():
-    from adaptsize._defaults import MAX_ELEMENTS
-    from adaptsize.cli import options
-    from adaptsize.domain_size import image_mask, request
-
-    per_radian, across = (o.__metadata__[0].help for o in (options.PerRadian, options.Across))
-    assert f"[default: {request.ELEMENTS_PER_RADIAN:g};" in per_radian
-    assert f"[default: {request.ELEMENTS_ACROSS:g};" in across
-    most = options.MaxElements.__metadata__[0].help
-    assert f"[default: {MAX_ELEMENTS:.0f};" in most
-    assert f"[default: {image_mask.SMOOTHING:g} pixels]" in options.Smoothing.__metadata__[0].help
-    assert request._LARGEST_SHARE == 1 / 20
-    assert "[default: 1/20 of the diameter," in options.Largest.__metadata__[0].help
-    assert request._SMALLEST_SHARE == 1 / 1000
-    assert "[default: 1/1000 of the diameter]" in options.Smallest.__metadata__[0].help
-
-
 def test_the_shell_completes_options_and_backends():
     def completed(words):
         child = subprocess.run(

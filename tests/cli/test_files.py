@@ -110,7 +110,7 @@ def test_an_image_is_not_replaced(capsys, tmp_path):
     [
         (["--backend", "frob"], "backend must be one of 'auto', 'tetwild', 'mmg', 'gmsh'"),
         (["--backend", "mmg"], "backend 'mmg' is not installed; install it with: pip install"),
-        (["--tolerance", "0"], "tolerance must be finite and > 0, got 0"),
+        (["--tolerance", "0"], "tolerance must be > 0, got 0"),
         (["--timeout", "-1"], "timeout must be finite and > 0, got -1"),
         (["--source", "cone:1=2"], "--source must be one of point"),
     ],

@@ -52,7 +52,7 @@ def test_a_warning_of_the_mesh_is_one_line_on_standard_error(mask, tmp_path, cap
     assert call("image", mask, "-o", tmp_path / "mesh.vtu", "--max-elements", "50", *options) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("adaptsize: warning: the sizes ")
-    assert "max_elements = 50" in line
+    assert "--max-elements = 50" in line
 
 
 def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from adaptsize import SimplexMesh, write
-from adaptsize.cli import memory
+from adaptsize.cli import files as memory
 from adaptsize.cli.entry import run
 
 

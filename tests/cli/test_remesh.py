@@ -107,7 +107,7 @@ def test_elements_is_the_number_of_elements_of_the_mesh(capsys, tmp_path):
     [
         (["--elements", "0"], "elements must be finite and >= 1, got 0"),
         (["--elements", "nan"], "elements must be finite and >= 1, got nan"),
-        (["--elements", "9e3", "--max-elements", "8e3"], "elements must be at most max_elements"),
+        (["--elements", "9e3", "--max-elements", "8e3"], "elements must be at most --max-elements"),
     ],
 )
 def test_bad_numbers_of_elements_are_refused_before_reading(capsys, tmp_path, words, message):
@@ -290,7 +290,7 @@ def test_strict_is_passed_on_for_every_input(monkeypatch, tmp_path, strict):
     passed = []
 
     def keep(mesh, size, **options):
-        passed.append(options["strict"])
+        passed.append(options.get("strict", False))
         return mesh
 
     monkeypatch.setattr("adaptsize.remeshing.remesh", keep)

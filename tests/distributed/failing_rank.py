@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import adaptsize.distributed
 from adaptsize import remeshing
-from adaptsize.cli import parallel
+from adaptsize.cli import console
 from adaptsize.cli.entry import main
 from adaptsize.distributed import files, pvtu
 
@@ -33,7 +33,7 @@ def fail(*args, **options):
     raise (TypeError if phase == "bug" else ValueError)("planted fault")
 
 
-parallel._PATIENCE = 0.3  # seconds; ranks that wait compute all the time
+console._PATIENCE = 0.3  # seconds; ranks that wait compute all the time
 if MPI.COMM_WORLD.Get_rank() == rank and phase in PLACES:
     setattr(*PLACES[phase], fail)
 main(sys.argv[3:])

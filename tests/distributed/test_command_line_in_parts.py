@@ -9,8 +9,8 @@ from real_ranks import numbers_of_ranks, run_on_ranks
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient, write
+from adaptsize.cli.console import is_started_by_mpi
 from adaptsize.cli.entry import main
-from adaptsize.cli.parallel import is_started_by_mpi
 from adaptsize.distributed.files import read_parts, write_parts
 
 FAILING = Path(__file__).with_name("failing_rank.py")
@@ -88,7 +88,7 @@ def test_one_process_takes_pvtu(mesh, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("limits", "text"),
     [
-        (["--hmin", "2", "--hmax", "1"], "hmin must be at most hmax = 1, got 2"),
+        (["--hmin", "2", "--hmax", "1"], "--hmin must be at most --hmax = 1, got 2"),
         (["--hmax", "-1"], "hmax must be finite and > 0, got -1"),
     ],
 )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from adaptsize._defaults import GRADIENT_LIMIT
-from adaptsize.cli.console import Console, with_console
-from adaptsize.cli.files import check_files, nodal_field
-from adaptsize.cli.options import Gradient, Input, MeshOutput, Nodes, Picture
-from adaptsize.cli.output import draw, print_written, write_mesh
+from adaptsize.cli.console import Console
+from adaptsize.cli.files import check_files, draw, nodal_field, print_written, write_mesh
+from adaptsize.cli.options import FIELD, PLOT, Given, Input, MeshOutput, command
+from adaptsize.options import AdaptOptions, SizeOptions, options_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,50 +21,20 @@ if TYPE_CHECKING:
 _SIZES = "h"
 
 
-@with_console
-def adapt(
-    console: Console,
-    file: Input,
-    output: MeshOutput,
-    field: Annotated[
-        str,
-        typer.Option(
-            "--field",
-            metavar="NAME",
-            help="Cell field with the error of each cell; or nodal field with the solution, whose "
-            "error is then estimated by its recovered gradient (Zienkiewicz-Zhu).",
-        ),
-    ],
-    elements: Annotated[
-        float | None,
-        typer.Option(
-            "--elements",
-            metavar="NUMBER",
-            help="Number of elements of the next mesh, within 15 %.  With --tolerance at most "
-            "this number.  [default: none]",
-        ),
-    ] = None,
-    nodes: Nodes = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            metavar="NUMBER",
-            help="Target for the total error, the root of the sum of the squares.  [default: none]",
-        ),
-    ] = None,
-    order: Annotated[
-        float,
-        typer.Option(metavar="NUMBER", help="The error is proportional to this power of the size."),
-    ] = 1.0,
-    gradient: Gradient = GRADIENT_LIMIT,
-    hmin: Annotated[
-        float | None, typer.Option(metavar="LENGTH", help="Smallest size.  [default: none]")
-    ] = None,
-    hmax: Annotated[
-        float | None, typer.Option(metavar="LENGTH", help="Largest size.  [default: none]")
-    ] = None,
-    plot: Picture = None,
-) -> None:
+@command(
+    replace(
+        FIELD,
+        default=...,
+        group="Adaptation",
+        text="Cell field with the error of each cell; or nodal field with the solution, whose "
+        "error is then estimated by its recovered gradient (Zienkiewicz-Zhu).",
+    ),
+    AdaptOptions,
+    options_of(SizeOptions)["g"],
+    PLOT,
+    without="conservative corner_angle anisotropic norm max_aspect",
+)
+def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> None:
     """Make the next mesh of an adaptive loop.
 
     Its sizes come from an error indicator or a solution.  Fields and tags of the file are
@@ -75,9 +43,11 @@ def adapt(
     from adaptsize.adaptation import adapt as next_mesh
     from adaptsize.io import read
 
-    check_files([file], {"--output": (output, "mesh"), "--plot": (plot, "picture")})
-    if elements is None and nodes is None and tolerance is None:
+    field, plot = given.pop("field"), given.pop("plot", None)
+    check_files([file], output, "mesh", plot=plot)
+    if not given.keys() & {"elements", "nodes", "tolerance"}:
         raise ValueError("adapt needs --elements, --nodes or --tolerance, got none of them")
+    given = {f"target_{k}" if k in ("elements", "nodes") else k: v for k, v in given.items()}
     with console.steps(4) as steps:
         steps.begin("reading")
         mesh = read(file)
@@ -86,17 +56,11 @@ def adapt(
         result = next_mesh(
             mesh,
             indicator,
-            order=order,
-            target_elements=elements,
-            target_nodes=nodes,
-            tolerance=tolerance,
-            g=gradient,
-            hmin=hmin,
-            hmax=hmax,
             fields={name: v for name, v in mesh.point_data.items() if name != _SIZES},
             cell_fields={name: v for name, v in mesh.cell_data.items() if name != field},
             conservative=mesh.cell_dim == mesh.dim,
             progress=steps.report,
+            **given,
         )
         steps.begin("writing")
         new = result.mesh
@@ -105,11 +69,10 @@ def adapt(
             cell_data=result.cell_fields,
         )
         written = write_mesh(output, new)
-        draw(console, plot, new)
+        draw(console, "size", plot, new)
     console.record(input=str(file), **as_dict(result))
     console.print(f"{result.reason}\n{result.report}")
-    for held in written:
-        print_written(console, held)
+    print_written(console, *written)
 
 
 def indicator_of(mesh: SimplexMesh, name: str) -> npt.NDArray[np.float64]:

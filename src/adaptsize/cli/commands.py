@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated
 
 import typer
 
 from adaptsize.cli.adapt import adapt
-from adaptsize.cli.check import check
-from adaptsize.cli.console import Console, with_console
-from adaptsize.cli.files import check_cells, check_files, nodal_field, read_mesh
-from adaptsize.cli.image import image
-from adaptsize.cli.in_parts import limit_in_parts, refuse_in_parts, runs_in_parts
-from adaptsize.cli.metric import check_metric_options, limit_with_metric
-from adaptsize.cli.options import Gradient, Input, MetricField, Mpi, Picture, SizesOutput
-from adaptsize.cli.output import draw, print_written, write_sizes
+from adaptsize.cli.console import Console
+from adaptsize.cli.files import nodal_field, read_mesh
+from adaptsize.cli.limit import limit
+from adaptsize.cli.options import Given, GroupedCommand, Input, command, own
 from adaptsize.cli.remesh import remesh
-from adaptsize.cli.size import size
-from adaptsize.cli.sources import controlling_nodes, describe_roots
+from adaptsize.cli.size import image, size
 from adaptsize.cli.warmup import announce_compilation, warmup
-
-if TYPE_CHECKING:
-    from adaptsize.limiting import LimitingInfo
-    from adaptsize.limiting.options import Method
+from adaptsize.options import RemeshOptions, options_of
 
 app = typer.Typer(
     name="adaptsize",
@@ -32,7 +25,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
 
@@ -62,8 +55,7 @@ def options(
     announce_compilation(context.obj)
 
 
-@app.command()
-@with_console
+@command()
 def info(console: Console, file: Input) -> None:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
     from adaptsize.quality import summarize
@@ -77,137 +69,41 @@ def info(console: Console, file: Input) -> None:
     console.print(summary)
 
 
-app.command()(size)
+@command(
+    own("Demands", "original", Path, "Mesh or surface whose domain the mesh must fill."),
+    own("Demands", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
+    replace(options_of(RemeshOptions)["tolerance"], group="Demands"),
+)
+def check(console: Console, file: Input, given: Given) -> None:
+    """Check a mesh: validity, domain, conformity with its sizes.
 
+    The exit code is 1 if a demand is not met.  The worst places are listed.
+    """
+    from adaptsize.quality import check_mesh, size_conformity
+    from adaptsize.quality.boundary import skin_of
+    from adaptsize.remeshing.preparation import repair_mesh
 
-@app.command()
-@with_console
-def limit(
-    console: Console,
-    file: Input,
-    output: SizesOutput,
-    gradient: Gradient,
-    field: Annotated[
-        str | None,
-        typer.Option(
-            "--field", metavar="NAME", help="Nodal field with the upper bounds.  [default: none]"
-        ),
-    ] = None,
-    metric: MetricField = None,
-    method: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="auto, or a method of limit_gradient, such as fast-marching."
-        ),
-    ] = "auto",
-    sources: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Also write this file, with the controlling node as the field source.  "
-            "[default: none]",
-        ),
-    ] = None,
-    plot: Picture = None,
-    mpi: Mpi = False,
-) -> None:
-    """Limit the gradient of a nodal field.  The result is written as the field h, or metric."""
-    if (field is None) == (metric is None):
-        raise ValueError("give either --field or --metric")
-    if metric is not None:
-        refused = {
-            "--method": method != "auto",
-            "--sources": sources is not None,
-            "--mpi": mpi or console.world is not None,
-        }
-        check_metric_options(file, metric, refused, output, plot)
-        limit_with_metric(console, file, output, metric, gradient, plot)
-        return
-    assert field is not None
-    if runs_in_parts(console, file, output, mpi=mpi):
-        refuse_in_parts({"--sources": sources is not None, "--plot": plot is not None})
-        limit_in_parts(console, file, output, field, gradient, method)
-        return
-    _limit_sizes(console, file, output, field, gradient, cast("Method", method), sources, plot)
-
-
-def _limit_sizes(
-    console: Console,
-    file: Path,
-    output: Path,
-    field: str,
-    gradient: float,
-    method: Method,
-    sources: Path | None,
-    plot: Path | None,
-) -> None:
-    """Limit a field of sizes on one process."""
-    from adaptsize.io import read
-    from adaptsize.limiting import limit_gradient
-
-    outputs = {
-        "--output": (output, "sizes"),
-        "--sources": (sources, "fields"),
-        "--plot": (plot, "picture"),
-    }
-    check_files([file], outputs)  # type: ignore[arg-type]
-    with console.steps(3) as steps:
+    original, field = given.pop("original", None), given.pop("field", None)
+    with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = read(file)
-        for path in (output, sources):
-            if path is not None:
-                check_cells(path, mesh)
-        h0 = nodal_field(mesh, field)
-        steps.begin("limiting")
-        h, found = limit_gradient.with_info(
-            mesh, h0, gradient, method=method, progress=steps.report
-        )
-        if sources is not None and found.sources is None:
-            raise ValueError(
-                "--sources needs the exact method (a flat mesh, one gradient limit), "
-                f"got method {found.method!r}"
-            )
-        steps.begin("writing")
-        written = [write_sizes(output, mesh, {"h": h})]
-        roots = None
-        if sources is not None and found.sources is not None:
-            roots = found.sources.roots()
-            written.append(write_sizes(sources, mesh, {"h": h, "source": roots}))
-        draw(console, plot, mesh, h)
-    console.record(input=str(file), method=found.method, g=gradient, n_points=mesh.n_points)
-    _print_limited(console, found, mesh.n_points)
-    print_written(console, written[0])
-    if roots is not None:
-        console.record(sources=controlling_nodes(mesh.points, roots))
-        for line in describe_roots(mesh.points, roots):
-            console.print(line)
-        print_written(console, written[1])
+        mesh = read_mesh(file)
+        other = None if original is None else repair_mesh(read_mesh(original)).mesh
+        if field is None and "h" in mesh.point_data:
+            field = "h"
+        size = None if field is None else nodal_field(mesh, field)
+        steps.begin("checks")
+        found = check_mesh(mesh, original=other, size=size, **given)
+        surface = None if other is None else skin_of(other)
+        conformity = None if size is None else size_conformity(mesh, size, surface=surface)
+    console.record(input=str(file), **found.as_dict())
+    if conformity is not None:
+        console.record(**conformity.as_dict())
+        console.print(conformity)
+    console.print(found)
+    if not found.is_met:
+        console.finish()
+        raise typer.Exit(1)
 
 
-def _print_limited(console: Console, found: LimitingInfo, n_points: int) -> None:
-    """Print how far sizes were limited, and record it."""
-    quantiles = found.cell_gradient_quantiles
-    console.record(
-        n_lowered=found.n_changed,
-        largest_edge_slope=found.largest_edge_slope,
-        cell_gradient_quantiles=quantiles,
-    )
-    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in quantiles.items())
-    console.print(f"{found.method}: {found.n_changed} of {n_points} nodes lowered")
-    console.print(f"largest slope along an edge over g: {found.largest_edge_slope:.6f}")
-    console.print(f"gradient in the cells over g, quantiles: {levels}")
-
-
-app.command()(remesh)
-
-
-app.command()(adapt)
-
-
-app.command()(image)
-
-
-app.command()(check)
-
-
-app.command()(warmup)
+for function in (info, size, limit, remesh, adapt, image, check, warmup):
+    app.command(cls=GroupedCommand)(function)

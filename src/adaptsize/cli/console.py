@@ -1,48 +1,104 @@
-"""What a command prints: results on standard output, messages on standard error."""
+"""What a command prints, also on several ranks of MPI: one output, one error, one exit code.
+
+Results go to standard output, messages to standard error.  Rank 0 prints.  An error that only one
+rank meets, while others wait for it in the library, would leave these waiting for ever.  So each
+rank reports its end through a communicator of its own, and a failed rank that does not hear from
+all others soon ends them.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import functools
-import inspect
 import json
 import logging
 import math
+import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from adaptsize.cli.options import as_typed
 from adaptsize.cli.steps import Steps
 
 if TYPE_CHECKING:
-    from adaptsize.cli.parallel import World
+    from adaptsize.ranks import Communicator
 
 QUIET, NORMAL, VERBOSE = 0, 1, 2
+#: A rank that has failed waits so many seconds for the others.
+_PATIENCE = 5.0
 
-#: Units of the numbers in the JSON object.
-_UNITS = {
-    "length": "unit of the coordinates in the file",
-    "angle": "degree",
-    "time": "second",
-    "share": "1",
-}
 
-#: Commands that run on several ranks of MPI.
-_IN_PARTS = ("limit", "remesh")
+def world_of(arguments: Sequence[str]) -> World | None:
+    """Return the ranks of MPI, if there are several or ``--mpi`` is given, otherwise None.
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and no other results.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
-Verbose = Annotated[
-    bool,
-    typer.Option(
-        "-v",
-        "--verbose",
-        help="Also print the time of each step and the messages of the mesh generators.",
-    ),
-]
+    Raises
+    ------
+    ImportError
+        If mpi4py is missing.
+    """
+    if "--mpi" not in arguments and not is_started_by_mpi(os.environ):
+        return None
+    try:
+        from mpi4py import MPI
+    except ImportError as error:
+        raise ImportError(
+            'several ranks need mpi4py: pip install "adaptsize[mpi]", and an MPI such as mpich'
+        ) from error
+    return World(MPI.COMM_WORLD)
+
+
+def is_started_by_mpi(environment: Mapping[str, str]) -> bool:
+    """Return whether a launcher of MPI (MPICH, Intel MPI, Open MPI, MVAPICH) started ranks."""
+    names = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")
+    sizes = [environment.get(name, "1") for name in names]
+    return any(size.isdigit() and int(size) > 1 for size in sizes)
+
+
+class World:
+    """All ranks of MPI.
+
+    Attributes
+    ----------
+    comm : Communicator
+        For the library.
+    """
+
+    comm: Communicator
+
+    def __init__(self, comm: Any) -> None:
+        from adaptsize.ranks import as_communicator
+
+        self.comm = as_communicator(comm)
+        self._ends = comm.Dup()  # only for the ends of the ranks
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this rank prints."""
+        return self.comm.rank == 0
+
+    def finish(self, code: int, console: Console) -> int:
+        """Wait for the other ranks, and return the largest exit code.
+
+        The first rank that failed prints its error.  A failed rank waits some seconds only.  If
+        the others have not ended by then, it prints its error and ends them.
+        """
+        import numpy as np
+
+        codes = np.empty(self.comm.size, np.int32)
+        request = self._ends.Iallgather(np.array([code], np.int32), codes)
+        deadline = time.monotonic() + _PATIENCE
+        while not request.Test():
+            if code and time.monotonic() > deadline:
+                console.print_failure(f"rank {self.comm.rank}: ")
+                sys.stdout.flush()
+                self._ends.Abort(code)
+            time.sleep(0.02)
+        if codes.any() and self.comm.rank == int(np.flatnonzero(codes)[0]):
+            # An error of the library that is raised on all ranks names the rank itself.
+            alone = np.count_nonzero(codes) == 1 and self.comm.size > 1
+            console.print_failure(f"rank {self.comm.rank}: " if alone else "")
+        return int(codes.max())
 
 
 class Console:
@@ -56,6 +112,8 @@ class Console:
         ``QUIET``, ``NORMAL`` or ``VERBOSE``.
     warnings : list of str
         The warnings so far, each once.
+    times : list of tuple
+        Names and seconds of the steps so far.
     world : World or None
         The ranks of MPI; None in a single process.  Only the first prints.
     """
@@ -64,28 +122,29 @@ class Console:
         self.world = world
         self._is_silent = world is not None and not world.is_first
         self._failure = ""
+        self._flags: Mapping[str, str] = {}
         self.as_json = False
         self.level = NORMAL
         self.warnings: list[str] = []
         self._command = ""
         self._result: dict[str, Any] = {}
         self._written: list[dict[str, Any]] = []
-        self._times: list[tuple[str, float]] = []
+        self.times: list[tuple[str, float]] = []
         self._began = time.monotonic()
 
-    def configure(self, command: str, *, as_json: bool, quiet: bool, verbose: bool) -> None:
-        """Set what is printed.
-
-        Raises
-        ------
-        ValueError
-            If the output is to be quiet and verbose.
-        """
+    def configure(
+        self, command: str, flags: Mapping[str, str], *, json: bool, quiet: bool, verbose: bool
+    ) -> None:
+        """Set what is printed, and how the options that messages name are typed."""
+        self._command, self._flags = command, flags
+        if self.world is not None and command not in ("limit", "remesh"):
+            raise ValueError(
+                f"{command} runs in one process; on several ranks run limit and remesh"
+            )
         if quiet and verbose:
             raise ValueError("--quiet and --verbose exclude each other")
-        self.as_json = as_json and not self._is_silent
+        self.as_json = bool(json) and not self._is_silent
         self.level = QUIET if quiet or self._is_silent else VERBOSE if verbose else NORMAL
-        self._command = command
 
     def print(self, text: object) -> None:
         """Print a result."""
@@ -107,6 +166,7 @@ class Console:
 
     def warn(self, text: str) -> None:
         """Print a warning, unless the same has been printed before."""
+        text = as_typed(text, self._flags)
         if text not in self.warnings:
             self.warnings.append(text)
             self.say(f"warning: {text}")
@@ -118,7 +178,7 @@ class Console:
 
     def fail(self, text: str) -> None:
         """Print an error, also in the JSON object; on several ranks, only keep it."""
-        self._failure = text
+        self._failure = as_typed(text, self._flags)
         if self.world is None:
             self.print_failure()
 
@@ -152,17 +212,12 @@ class Console:
     def steps(self, count: int) -> Steps:
         """Return the context in which a command runs in ``count`` steps."""
         shown, verbose = self.level > QUIET, self.level == VERBOSE
-        return Steps(count, self.say, self._times, shown=shown, verbose=verbose)
+        return Steps(count, self.say, self.times, shown=shown, verbose=verbose)
 
     def finish(self) -> None:
         """Print the JSON object, if it is requested."""
         if self.as_json:
             self._print_object(**self._result)
-
-    @property
-    def times(self) -> list[tuple[str, float]]:
-        """Names and seconds of the steps so far."""
-        return self._times
 
     @property
     def seconds(self) -> float:
@@ -178,50 +233,16 @@ class Console:
             **result,
             "output": self._written,
             "warnings": self.warnings,
-            "steps": [{"name": name, "seconds": seconds} for name, seconds in self._times],
+            "steps": [{"name": name, "seconds": seconds} for name, seconds in self.times],
             "seconds": self.seconds,
-            "units": _UNITS,
+            "units": {
+                "length": "unit of the coordinates in the file",
+                "angle": "degree",
+                "time": "second",
+                "share": "1",
+            },
         }
         print(json.dumps(_plain(whole), indent=2, allow_nan=False))
-
-
-def with_console(function: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options ``--json``, ``--quiet`` and ``--verbose``.
-
-    The command takes a `Console` as its first argument.  The others are its arguments and options,
-    or there is one other, ``options``, a dataclass that has these as fields.
-    """
-    own = inspect.signature(function, eval_str=True)
-    record = own.parameters["options"].annotation if "options" in own.parameters else None
-    listed = own if record is None else inspect.signature(record, eval_str=True)
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    context = inspect.Parameter("context", keyword, annotation=typer.Context)
-    shared = [
-        inspect.Parameter(name, keyword, default=False, annotation=annotation)
-        for name, annotation in (("as_json", AsJson), ("quiet", Quiet), ("verbose", Verbose))
-    ]
-    options = [p.replace(kind=keyword) for p in listed.parameters.values() if p.name != "console"]
-
-    @functools.wraps(function)
-    def command(
-        *, context: typer.Context, as_json: bool, quiet: bool, verbose: bool, **given: Any
-    ) -> None:
-        console: Console = context.obj
-        name = str(context.info_name)
-        if console.world is not None and name not in _IN_PARTS:
-            raise ValueError(f"{name} runs in one process; on several ranks run limit and remesh")
-        console.configure(name, as_json=as_json, quiet=quiet, verbose=verbose)
-        with console.messages_of_generators():
-            if record is None:
-                function(console, **given)
-            else:
-                function(console, record(**given))
-        console.finish()
-
-    parameters = [context, *options, *shared]
-    command.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {p.name: p.annotation for p in parameters}
-    return command
 
 
 def _print_message(text: str) -> None:

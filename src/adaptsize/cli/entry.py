@@ -80,8 +80,7 @@ def _interrupt() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run the command line, on several ranks if MPI has started them, and return the exit code."""
-    from adaptsize.cli.console import Console
-    from adaptsize.cli.parallel import world_of
+    from adaptsize.cli.console import Console, world_of
 
     try:
         world = world_of(arguments)

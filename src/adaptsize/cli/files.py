@@ -1,4 +1,4 @@
-"""Checks of the files on the command line, before the work starts."""
+"""Files of the commands: checks before the work, what is written, and the memory needed."""
 
 from __future__ import annotations
 
@@ -10,30 +10,36 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
+from adaptsize.cli.console import Console
+from adaptsize.reporting.outcome import kind_of
 
-#: Suffixes of what is neither a mesh nor sizes.
-_SUFFIXES = {
-    "picture": (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"),
-    "report": (".html", ".htm"),
-}
+if TYPE_CHECKING:
+    from adaptsize._size_function import SizeFunction
+    from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+
+#: Bytes for the sizes of a surface, per triangle: 0.8 GB for 600 000 (benchmarks/large_inputs.py).
+_PER_TRIANGLE = 1300.0
+#: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
+_PER_ELEMENT = 1000.0
 
 #: What a command writes: a mesh, sizes on a mesh, sizes and other fields, or sizes on a grid.
 Content = Literal["mesh", "sizes", "fields", "sizes of an image"]
 
 
 def check_files(
-    inputs: Sequence[Path | None],
-    outputs: Mapping[str, tuple[Path | None, Content | Literal["picture", "report"]]],
+    inputs: Sequence[Path | None], output: Path, content: Content, **others: Path | None
 ) -> None:
     """Refuse output files that cannot be written, or would replace an input or each other.
 
     Parameters
     ----------
     inputs : sequence of Path or None
-    outputs : mapping of str to tuple
-        The name of the option, the file or None, and what is to be written.
+    output : Path
+        The file of ``--output``, and what is to be written.
+    content : str
+    **others : Path or None
+        Files of other options by their names: of ``sources`` with fields, of ``report`` with a
+        page, the others with a picture.
 
     Raises
     ------
@@ -42,17 +48,21 @@ def check_files(
         or not writable, or two files are the same.
     """
     taken = {os.path.realpath(path): "the input" for path in inputs if path is not None}
-    for option, (path, content) in outputs.items():
+    for name, path in {"output": output, **others}.items():
         if path is None:
             continue
-        allowed = _SUFFIXES.get(content)
-        if allowed is not None:
+        option = f"--{name.replace('_', '-')}"
+        if name in ("output", "sources"):
+            _check_format(path, content if name == "output" else "fields")
+        else:
+            from adaptsize.plot.pictures import SUFFIXES
+
+            allowed = (".html", ".htm") if name == "report" else SUFFIXES
             if path.suffix.lower() not in allowed:
                 raise ValueError(f"{option} must end in {', '.join(allowed)}, got {str(path)!r}")
-        else:
-            _check_format(path, content)  # type: ignore[arg-type]
         check_place(path)
-        for written in (path, beside(path) if content == "mesh" else None):
+        sizes = beside(path) if name == "output" and content == "mesh" else None
+        for written in (path, sizes):
             if written is None:
                 continue
             place = os.path.realpath(written)
@@ -148,18 +158,126 @@ def holds_more_than_sizes(output: Path) -> bool:
     return chosen.holds_fields and not chosen.only_sizes
 
 
-def numbers(name: str, text: str) -> list[float] | float:
-    """Return one number, or several separated by commas.
+def write_mesh(path: Path, mesh: SimplexMesh) -> list[dict[str, Any]]:
+    """Write a mesh with the nodal field h, and return what is in the files.
 
-    Raises
-    ------
-    ValueError
-        If a part is not a number.
+    Beside a ``.mesh``, which holds no fields, h is written to a ``.sol`` of the same name.
     """
+    from adaptsize.io import write
+
+    write(path, mesh)
+    written = [contents(path, mesh)]
+    sizes = beside(path)
+    if sizes is not None:
+        write(sizes, mesh)
+        written.append(contents(sizes, mesh))
+    return written
+
+
+def write_sizes(
+    path: Path, obj: SimplexMesh | SizeFunction, fields: Mapping[str, npt.ArrayLike]
+) -> dict[str, Any]:
+    """Write a size function, or nodal fields on a mesh, and return what is in the file."""
+    from adaptsize._size_function import SizeFunction
+    from adaptsize.io import write
+
+    write(path, obj, fields=fields)
+    if isinstance(obj, SizeFunction):
+        growth = () if obj.g is None else ("h.g", *(("h.hmax",) if obj.hmax < np.inf else ()))
+        return contents(path, obj.background, ("h", *growth, *fields))  # type: ignore[arg-type]
+    return contents(path, obj, tuple(fields))
+
+
+def contents(
+    path: Path,
+    background: SimplexMesh | CartesianGrid | Octree,
+    more_fields: tuple[str, ...] = (),
+) -> dict[str, Any]:
+    """Return what a written file holds: counts of points and cells, and names of fields."""
+    from adaptsize._formats.writers import format_of, surface_of
+    from adaptsize.background import CartesianGrid, Octree
+
+    chosen = format_of(path, None)
+    held: dict[str, Any] = {"file": str(path)}
+    fields = list(more_fields)
+    if isinstance(background, CartesianGrid) and chosen.holds_grids:
+        n_points, n_cells = background.n_points, background.n_cells
+        return held | {"kind": "grid", "n_points": n_points, "n_cells": n_cells, "fields": fields}
+    mesh = background.mesh if isinstance(background, CartesianGrid | Octree) else background
+    if chosen.only_triangles:
+        mesh = surface_of(mesh)
+    fields = list(dict.fromkeys([*mesh.point_data, *fields]))
+    if chosen.only_sizes:
+        fields = ["h"]
+    if chosen.suffixes == (".sol",):
+        return held | {"kind": "nodal sizes", "n_points": mesh.n_points, "fields": fields}
+    held |= {"kind": kind_of(mesh), "n_points": mesh.n_points, "n_cells": mesh.n_cells}
+    if mesh.tagged_facets is not None and not (chosen.only_triangles or chosen.only_sizes):
+        held["n_tagged_facets"] = len(mesh.tagged_facets)
+    return held | {"fields": fields if chosen.holds_fields else []}
+
+
+def print_written(console: Console, *written: Mapping[str, Any]) -> None:
+    """Print what each written file holds."""
+    for held in written:
+        console.wrote(**held)
+        console.print(f"{held['file']}: {_content_of(held)}")
+
+
+def _content_of(held: Mapping[str, Any]) -> str:
+    text = f"{held['n_points']} points"
+    if "n_cells" in held:
+        text += f", {held['n_cells']} {'boxes' if held['kind'] == 'grid' else held['kind']}"
+    if held.get("n_tagged_facets"):
+        text += f", {held['n_tagged_facets']} tagged facets"
+    if held["fields"]:
+        text += f", {'fields' if len(held['fields']) > 1 else 'field'} {', '.join(held['fields'])}"
+    return text
+
+
+def draw(console: Console, kind: str, path: Path | None, *what: Any) -> None:
+    """Draw with ``plot_kind``, if a path is given.  If that is impossible, print a warning."""
+    if path is None:
+        return
+    from adaptsize import plot
+    from adaptsize.errors import PlotError
+
     try:
-        given = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise ValueError(
-            f"{name} must be one number or several such as 1,1,2.5, got {text!r}"
-        ) from error
-    return given[0] if len(given) == 1 else given
+        getattr(plot, f"plot_{kind}")(*what, path=path)
+    except (PlotError, ImportError) as error:
+        console.warn(f"no picture: {error}")
+    else:
+        console.wrote(file=str(path), kind="picture")
+
+
+def announce_memory_of_sizes(console: Console, mesh: SimplexMesh) -> None:
+    """Print how much memory the sizes of a surface in space need, if it is much."""
+    if mesh.cell_dim < mesh.dim == 3:
+        _announce(console, _PER_TRIANGLE * mesh.n_cells, f"the sizes of {mesh.n_cells} triangles")
+
+
+def announce_memory_of_mesh(
+    console: Console, old: SimplexMesh, target: str, n_elements: float
+) -> None:
+    """Print how much memory a new mesh needs, if it is much and is not a surface in space."""
+    if old.cell_dim == old.dim or target != "triangles":
+        _announce(console, _PER_ELEMENT * n_elements, f"about {n_elements:.2g} elements")
+
+
+def _announce(console: Console, needed: float, what: str) -> None:
+    if needed < 1e9:  # not worth a line
+        return
+    text = f"{what} need about {needed / 1e9:.1f} GB of memory"
+    installed = _installed_memory()
+    if needed > installed:
+        console.warn(f"{text}; this machine has {installed / 1e9:.1f} GB")
+    else:
+        console.say(text)
+
+
+def _installed_memory() -> float:
+    """Return the bytes of memory of this machine, inf if that is not known."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # AttributeError: on Windows
+        return float("inf")

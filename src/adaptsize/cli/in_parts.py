@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,30 +11,32 @@ from adaptsize._checks import as_limits
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import check_files, check_place, nodal_field
+from adaptsize.cli.options import Given
 
 if TYPE_CHECKING:
-    from adaptsize.cli.remesh_options import Options
     from adaptsize.distributed import PartitionedMesh
     from adaptsize.ranks import Communicator
     from adaptsize.typing import FloatArray
 
-#: Options of ``remesh`` that are passed on to `distributed.remesh`, and all that it takes; of
-#: ``target`` and ``backend`` only some values.
-_OF_MESHING = "tolerance max_elements timeout"
-_OF_REMESH = f"file output field gradient hmin hmax target backend mpi gather {_OF_MESHING}"
+#: Options that are passed on to `distributed.remesh`.
+_OF_MESHING = {"tolerance", "max_elements", "timeout"}
 
 
-def runs_in_parts(console: Console, file: Path, output: Path, *, mpi: bool) -> bool:
+def runs_in_parts(console: Console, file: Path, output: Path, given: Given) -> bool:
     """Return whether a command runs on a distributed mesh."""
     in_files = ".pvtu" in (file.suffix.lower(), output.suffix.lower())
-    return mpi or in_files or console.world is not None
+    return "mpi" in given or in_files or console.world is not None
 
 
-def refuse_in_parts(given: Mapping[str, bool]) -> None:
-    """Refuse options that are not available for distributed meshes."""
-    listed = ", ".join(name for name, is_given in given.items() if is_given)
-    if listed:
-        raise ValueError(f"{listed} is not available for distributed meshes")
+def _check_options(given: Given, allowed: set[str]) -> None:
+    """Refuse options, and values of them, that are not available for distributed meshes."""
+    refused = [f"--{name.replace('_', '-')}" for name in given if name not in allowed]
+    if given.get("target") == "triangles":
+        refused.append("--target triangles")
+    if given.get("backend", "auto") not in ("auto", "mmg"):
+        refused.append(f"--backend {given['backend']}")
+    if refused:
+        raise ValueError(f"{', '.join(refused)} is not available for distributed meshes")
 
 
 def _ranks(console: Console) -> Communicator:
@@ -47,7 +48,7 @@ def _ranks(console: Console) -> Communicator:
 def _check_output(file: Path, output: Path, *, is_mesh: bool) -> None:
     """Refuse an output that cannot be written.  A PVTU file is one of several."""
     if output.suffix.lower() != ".pvtu":
-        check_files([file], {"--output": (output, "mesh" if is_mesh else "sizes")})
+        check_files([file], output, "mesh" if is_mesh else "sizes")
         return
     check_place(output)
     if output.resolve() == file.resolve():
@@ -65,19 +66,19 @@ def _bounds(part: PartitionedMesh, name: str) -> FloatArray:
     return part.ranks.agree(find)
 
 
-def limit_in_parts(
-    console: Console, file: Path, output: Path, field: str, gradient: float, method: str
-) -> None:
+def limit_in_parts(console: Console, file: Path, output: Path, given: Given) -> None:
     """Limit the gradient of a nodal field of a distributed mesh."""
     from adaptsize.distributed import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
 
+    _check_options(given, {"field", "g", "method", "mpi"})
+    gradient, method = given["g"], given.get("method", "auto")
     comm = _ranks(console)
     with console.steps(3) as steps:
         steps.begin("reading")
         comm.agree(lambda: _check_output(file, output, is_mesh=False))
         part = read_parts(file, comm)
-        h0 = _bounds(part, field)
+        h0 = _bounds(part, given["field"])
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, method=method, progress=steps.report)
         steps.begin("writing")
@@ -92,34 +93,32 @@ def limit_in_parts(
     _finish(console, part, files)
 
 
-def remesh_in_parts(console: Console, options: Options) -> None:
+def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) -> None:
     """Remesh a distributed mesh with the sizes in a nodal field, limited."""
     from adaptsize.distributed import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
     from adaptsize.distributed.remeshing import remesh
     from adaptsize.distributed.transfer import interpolate
 
-    file, output, field, backend = options.file, options.output, options.field, options.backend
-    values = {
-        "--target triangles": options.target == "triangles",
-        f"--backend {backend}": backend not in ("auto", "mmg"),
-    }
-    refuse_in_parts(options.besides(_OF_REMESH) | values)
-    if field is None:
+    known = {"field", "g", "hmin", "hmax", "target", "backend", "mpi", "gather"}
+    _check_options(given, known | _OF_MESHING)
+    if "field" not in given:
         raise ValueError("--field is required for distributed meshes")
-    gradient = GRADIENT_LIMIT if options.gradient is None else options.gradient
-    how: Literal["parts", "gather"] = "gather" if options.gather else "parts"
-    low, high = as_limits(options.hmin, options.hmax)
+    gradient = given.get("g", GRADIENT_LIMIT)
+    options = {name: given[name] for name in _OF_MESHING & given.keys()}
+    if "gather" in given:
+        options["how"] = "gather"
+    low, high = as_limits(given.get("hmin"), given.get("hmax"))
     comm = _ranks(console)
     with console.steps(4) as steps:
         steps.begin("reading")
         comm.agree(lambda: _check_output(file, output, is_mesh=True))
         part = read_parts(file, comm)
-        h0 = np.clip(_bounds(part, field), low, high)
+        h0 = np.clip(_bounds(part, given["field"]), low, high)
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, progress=steps.report)
         steps.begin("meshing")
-        made = remesh(part, h, how=how, progress=steps.report, **options.given(_OF_MESHING))
+        made = remesh(part, h, progress=steps.report, **options)
         sizes = interpolate(part, h, made.part.points)
         steps.begin("writing")
         files = write_parts(output, made.part, fields={"h": sizes})

@@ -1,249 +1,276 @@
-"""Arguments and options that several commands share.
+"""The options of the commands: those of the library, declared there, and those of files.
 
-Lengths are in the unit of the coordinates in the file.
+A command takes only what is given, on the command line or in a file; defaults are the library's.
 """
 
 from __future__ import annotations
 
+import functools
+import inspect
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args
 
 import typer
+from typer.core import TyperCommand
+
+from adaptsize.options import Option, options_of
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+if TYPE_CHECKING:
+    from adaptsize.cli.console import Console
+
+Given: TypeAlias = dict[str, Any]
 
 Input = Annotated[Path, typer.Argument(metavar="FILE", help="Mesh: STL, VTU, .msh, .mesh, ...")]
+ImageFile = Annotated[
+    Path, typer.Argument(metavar="FILE", help="Image: PNG, TIFF, NIfTI, NRRD, .npy, .npz")
+]
+AnyFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE", help="Mesh: STL, VTU, .msh ...; or image: PNG, TIFF, NIfTI, NRRD ..."
+    ),
+]
+
+
+def _output(text: str) -> Any:
+    return typer.Option("-o", "--output", metavar="FILE", rich_help_panel="Output", help=text)
+
+
 MeshOutput = Annotated[
     Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="Mesh to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .mesh (with "
-        "a .sol); .ply, .stl, .obj and .off hold triangles only.",
+    _output(
+        "Mesh to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .mesh (with a "
+        ".sol); .ply, .stl, .obj and .off hold triangles only."
     ),
 ]
 SizesOutput = Annotated[
     Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="File to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .ply; .pos "
-        "(for Gmsh), .sol (for Mmg), .jig.msh (for JIGSAW); .vti for images.",
+    _output(
+        "File to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .ply; .pos (for "
+        "Gmsh), .sol (for Mmg), .jig.msh (for JIGSAW); .vti for images."
     ),
 ]
-ImageFile = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Image: PNG, TIFF, NIfTI, NRRD, .npy, .npz")
-]
-PerRadian = Annotated[
-    float | None,
-    typer.Option(
-        "-K",
-        "--elements-per-radian",
-        metavar="NUMBER",
-        help="Elements per radian of curved boundaries.  0 disables.  "
-        "[default: 4; with --field: 0]",
+
+
+def own(group: str, name: str, kind: Any, text: str, **more: Any) -> Option:
+    """Return an option that only the command line has."""
+    return Option(group=group, name=name, type=kind, text=text, **{"default": None} | more)
+
+
+FIELD = own(
+    "Sizes", "field", str,
+    "Nodal field of the file to use as upper bounds.  Curvature, width and separation then count "
+    "only if requested.",
+)  # fmt: skip
+METRIC = own(
+    "Sizes", "metric", str,
+    "Sizes that depend on the direction: a nodal field of matrices, or a .sol or .solb file.",
+)  # fmt: skip
+SOURCE = own(
+    "Sizes", "source", list[str],
+    "point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h (segments, or a text with one "
+    "point per line), ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or region:tag=h; "
+    "lengths in the unit of the coordinates.  In the plane, omit the z coordinates.  May be "
+    "repeated.",
+)  # fmt: skip
+PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
+MPI = own(
+    "General", "mpi", bool,
+    "Run on all ranks of MPI.  Needed only if the launcher is not recognized.",
+)  # fmt: skip
+_GENERAL = (
+    own("General", "json", bool, "Print one JSON object and no other results."),
+    own("General", "quiet", bool, "Print errors only.", short="-q"),
+    own(
+        "General", "verbose", bool, short="-v",
+        text="Also print the time of each step and the messages of the mesh generators.",
     ),
-]
-Across = Annotated[
-    float | None,
-    typer.Option(
-        "--elements-across",
-        metavar="NUMBER",
-        help="Elements across narrow regions.  0 disables.  [default: 2; with --field: 0]",
-    ),
-]
-Between = Annotated[
-    float | None,
-    typer.Option(
-        "--elements-between",
-        metavar="NUMBER",
-        help="Elements between features that are close and do not meet.  0 disables.  "
-        "[default: 1, on rough surfaces 0; with --field: 0]",
-    ),
-]
-ImagePerRadian = Annotated[
-    float | None,
-    typer.Option(
-        "-K",
-        "--elements-per-radian",
-        metavar="NUMBER",
-        help="Elements per radian of curved boundaries.  0 disables.  [default: 4]",
-    ),
-]
-ImageAcross = Annotated[
-    float | None,
-    typer.Option(
-        "--elements-across",
-        metavar="NUMBER",
-        help="Elements across narrow regions.  0 disables.  [default: 2]",
-    ),
-]
-Gradient = Annotated[
-    float,
-    typer.Option(
-        "-g", "--gradient", metavar="NUMBER", help="Gradient limit: growth of the size per length."
-    ),
-]
-Smallest = Annotated[
-    float | None,
-    typer.Option(
-        "--hmin",
-        metavar="LENGTH",
-        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diameter]",
-    ),
-]
-ImageSmallest = Annotated[
-    float | None,
-    typer.Option(
-        "--hmin",
-        metavar="LENGTH",
-        help="Smallest size, in the unit of the coordinates.  [default: 1/1000 of the diameter; of "
-        "an image 1/1000 of its diagonal, at least 2 pixels]",
-    ),
-]
-Largest = Annotated[
-    float | None,
-    typer.Option(
-        "--hmax",
-        metavar="LENGTH",
-        help="Largest size, in the unit of the coordinates.  [default: 1/20 of the diameter, of "
-        "an image of its diagonal]",
-    ),
-]
-Crease = Annotated[
-    float,
-    typer.Option(
-        "--crease-angle",
-        metavar="DEGREES",
-        help="Angle above which an edge is a feature edge, not curvature.",
-    ),
-]
-Sources = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--source",
-        metavar="SOURCE",
-        help="point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h (segments, or a text with "
-        "one point per line), ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or "
-        "region:tag=h; lengths in the unit of the coordinates.  In the plane, omit the z "
-        "coordinates.  May be repeated.  [default: none]",
-    ),
-]
-Field = Annotated[
-    str | None,
-    typer.Option(
-        "--field",
-        metavar="NAME",
-        help="Nodal field of the file to use as upper bounds.  [default: none]",
-    ),
-]
-MetricField = Annotated[
-    str | None,
-    typer.Option(
-        "--metric",
-        metavar="NAME",
-        help="Sizes that depend on the direction: a nodal field of matrices, or a .sol or .solb "
-        "file.  [default: none]",
-    ),
-]
-Picture = Annotated[
-    Path | None,
-    typer.Option(
-        "--plot",
-        metavar="FILE",
-        help="Also draw the result (.png).  [default: none]",
-    ),
-]
-Report = Annotated[
-    Path | None,
-    typer.Option(
-        "--report",
-        metavar="FILE",
-        help="Also write a page for the browser, with the mesh in 3-D (.html).  [default: none]",
-    ),
-]
-Label = Annotated[
-    list[int] | None,
-    typer.Option(
-        "--label",
-        metavar="NUMBER",
-        help="Label of the objects in an image.  May be repeated.  [default: all but 0]",
-    ),
-]
-Threshold = Annotated[
-    float | None,
-    typer.Option(
-        "--threshold",
-        metavar="NUMBER",
-        help="Pixels with larger values belong to the objects, instead of labels.  [default: none]",
-    ),
-]
-Spacing = Annotated[
-    str | None,
-    typer.Option(
-        "--spacing",
-        metavar="LENGTHS",
-        help="Size of a pixel, in the unit of the mesh: 0.5 or 0.5,0.5,1.25.  "
-        "[default: that of the file]",
-    ),
-]
-Smoothing = Annotated[
-    float | None,
-    typer.Option(
-        "--smoothing",
-        metavar="PIXELS",
-        help="Width of the low-pass filter of the mask.  [default: 2 pixels]",
-    ),
-]
-MaxElements = Annotated[
-    float | None,
-    typer.Option(
-        "--max-elements",
-        metavar="NUMBER",
-        help="Parameters that are not given are relaxed until the mesh has about this many "
-        "elements.  [default: 300000; with --elements: none]",
-    ),
-]
-ImageMaxElements = Annotated[
-    float,
-    typer.Option(
-        "--max-elements",
-        metavar="NUMBER",
-        show_default=False,  # typer prints 300000.0
-        help="Parameters that are not given are relaxed until the mesh has about this many "
-        "elements.  [default: 300000]",
-    ),
-]
-Mpi = Annotated[
-    bool,
-    typer.Option(
-        "--mpi",
-        help="Run on all ranks of MPI.  Needed only if the launcher is not recognized.",
-    ),
-]
-Elements = Annotated[
-    float | None,
-    typer.Option(
-        "--elements",
-        metavar="NUMBER",
-        help="Number of elements of the mesh, within 15 %: parameters that are not given are "
-        "relaxed or tightened, and up to three meshes are made.  [default: none]",
-    ),
-]
-Nodes = Annotated[
-    float | None,
-    typer.Option(
-        "--nodes",
-        metavar="NUMBER",
-        help="Number of nodes of the mesh, instead of --elements.  [default: none]",
-    ),
-]
-PredictedElements = Annotated[
-    float | None,
-    typer.Option(
-        "--elements",
-        metavar="NUMBER",
-        help="Predicted number of elements of a mesh: parameters that are not given are relaxed "
-        "or tightened.  [default: none]",
-    ),
-]
+)  # fmt: skip
+_OPTIONS_FILE = own(
+    "General", "options", Path,
+    "Read options from this TOML file, by the same names.  Those on the command line win.",
+)  # fmt: skip
+#: Types of options for which Python takes several kinds of values.
+_KINDS = {"label": list[int], "spacing": list[float], "g": float}
+
+
+class GroupedCommand(TyperCommand):
+    """A command whose help lists the options in named groups."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments and the groups of options."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            kind = "Arguments" if parameter.param_type_name == "argument" else "General"
+            row = parameter.get_help_record(ctx)
+            if row is not None:
+                title = getattr(parameter, "rich_help_panel", None) or kind
+                groups.setdefault(title, []).append(row)
+        for title, rows in groups.items():
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
+
+def command(
+    *listed: type | Option, without: str = ""
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that makes a command of a function.
+
+    Parameters
+    ----------
+    *listed : records and options
+        The options of the command.
+    without : str
+        Names of options of the records that the command does not have.
+
+    Notes
+    -----
+    The function takes a `Console`, the arguments in its signature, and, if the command has
+    options, ``given``: those that the user gives, checked, by their names.
+    """
+    options: dict[str, Option] = {}
+    for item in listed:
+        options |= {item.name: item} if isinstance(item, Option) else options_of(item)
+    for name in without.split():
+        del options[name]
+    for name in _KINDS.keys() & options.keys():
+        options[name] = replace(options[name], type=_KINDS[name])
+    flags = {name: option.flags[-1] for name, option in options.items()}
+    general = (*_GENERAL, _OPTIONS_FILE) if options else _GENERAL
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def run(*, context: typer.Context, **values: Any) -> None:
+            console: Console = context.obj
+            shared = {option.name: values.pop(option.name) for option in general}
+            file = shared.pop("options", None)
+            console.configure(str(context.info_name), flags, **shared)
+            if options:
+                typed = {name: values.pop(name) for name in options}
+                given = {} if file is None else _read_options(file, options)
+                values["given"] = given | {
+                    name: _as_value(options[name], value)
+                    for name, value in typed.items()
+                    if value is not None and value != []
+                }
+            with console.messages_of_generators():
+                function(console, **values)
+            console.finish()
+
+        own_signature = inspect.signature(function, eval_str=True)
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        parameters = [
+            inspect.Parameter("context", keyword, annotation=typer.Context),
+            *(
+                parameter.replace(kind=keyword)
+                for name, parameter in own_signature.parameters.items()
+                if name not in ("console", "given")
+            ),
+            *map(_as_parameter, (*sorted(options.values(), key=_place), *general)),
+        ]
+        run.__signature__ = own_signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        return run
+
+    return decorate
+
+
+def _place(option: Option) -> int:
+    """Return where the group of an option is in the help: files first, general ones last."""
+    return {"Output": 0, "General": 2}.get(option.group, 1)
+
+
+def _as_parameter(option: Option) -> inspect.Parameter:
+    """Return the parameter from which typer makes an option."""
+    kind, metavar = option.type, option.metavar
+    if get_args(kind) and not option.choices:
+        metavar = option.name.upper()
+    if kind is Path:
+        metavar = "FILE"
+    elif kind not in (float, int, bool, list[int], list[str]):
+        kind = str
+    required = option.default is ...
+    shown = typer.Option(
+        *option.flags,
+        metavar=None if kind is bool else metavar,
+        help=(option.text if required else option.help).replace("`", ""),
+        show_default=False,
+        rich_help_panel=option.group,
+        autocompletion=_backends if option.name == "backend" else lambda: list(option.choices),
+    )
+    return inspect.Parameter(
+        option.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=inspect.Parameter.empty if required else None,
+        annotation=Annotated[kind if required else kind | None, shown],
+    )
+
+
+def _backends() -> list[str]:
+    from adaptsize.remeshing import available_backends
+
+    return ["auto", *available_backends()]
+
+
+def _as_value(option: Option, value: Any) -> Any:
+    """Return the checked value of an option, typed or from a file."""
+    kind = option.type
+    if kind == list[float] and isinstance(value, str):
+        try:
+            value = [float(part) for part in value.split(",")]
+        except ValueError as error:
+            raise ValueError(
+                f"{option.name} must be one number or several such as 1,1,2.5, got {value!r}"
+            ) from error
+        return value[0] if len(value) == 1 else value
+    if kind in (list[int], list[str]):
+        (member,) = get_args(kind)
+        items = value if isinstance(value, list) else [value]
+        if not all(type(item) is member for item in items):
+            raise ValueError(f"{option.name} must be one or several of type {member.__name__}")
+        return items
+    if kind in (str, Path) and not isinstance(value, str | Path):
+        raise ValueError(f"{option.name} must be a text, got {value!r}")
+    return Path(value) if kind is Path else option.check(value)
+
+
+def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
+    """Return the options in a TOML file, checked.  Dashes in their names are underscores."""
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{file}: {error.strerror}") from error
+    except ValueError as error:
+        raise ValueError(f"{file}: is not TOML: {error}") from error
+    given = {}
+    for key, value in table.items():
+        name = key.replace("-", "_")
+        if name not in options:
+            close = get_close_matches(name, options, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(options)}"
+            raise ValueError(f"{file}: unknown option {key!r}: {hint}")
+        try:
+            given[name] = _as_value(options[name], value)
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}") from error
+    return given
+
+
+def as_typed(text: str, flags: Mapping[str, str]) -> str:
+    """Return a message in which options have the names that they have on the command line.
+
+    Names that are also words count only before "must", "=" and the like.
+    """
+    names = [f"{name}(?= must | = | is in )" if "_" not in name else name for name in flags]
+    pattern = rf"(?<![\w.'\"-])(?:{'|'.join(names)})(?!\w|\.\w)"
+    return re.sub(pattern, lambda match: flags[match[0]], text) if flags else text

@@ -4,24 +4,45 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
-from adaptsize.cli.console import Console, with_console
-from adaptsize.cli.files import beside, check_files, read_mesh
+from adaptsize.cli.console import Console
+from adaptsize.cli.files import (
+    announce_memory_of_mesh,
+    announce_memory_of_sizes,
+    beside,
+    check_files,
+    draw,
+    print_written,
+    read_mesh,
+    write_mesh,
+)
 from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
-from adaptsize.cli.memory import announce_memory_of_mesh, announce_memory_of_sizes
 from adaptsize.cli.metric import remesh_with_metric
-from adaptsize.cli.output import draw, print_written, write_mesh
-from adaptsize.cli.remesh_options import Options
+from adaptsize.cli.options import (
+    FIELD,
+    METRIC,
+    MPI,
+    PLOT,
+    SOURCE,
+    Given,
+    Input,
+    MeshOutput,
+    command,
+    own,
+)
 from adaptsize.cli.size import as_dict, size_of_mesh
 from adaptsize.cli.sources import parse_source
+from adaptsize.options import MeshOptions, RemeshToElementsOptions, options_of
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
     from adaptsize.cli.steps import Steps
+    from adaptsize.domain_size.elements import MeshOfElements
     from adaptsize.domain_size.report import SizeReport
     from adaptsize.reporting.outcome import Outcome
 
@@ -35,109 +56,131 @@ _PARTS = {
 }
 _PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
 
-#: Options passed on to the sizes.
-_OF_SIZES = (
-    "elements_per_radian elements_across elements_between hmin hmax crease_angle tolerance "
-    "max_elements"
-)
 
-
-@with_console
-def remesh(console: Console, options: Options) -> None:
+@command(
+    RemeshToElementsOptions,
+    SOURCE,
+    FIELD,
+    replace(METRIC, text=f"{METRIC.text}  -g is then 1 by default."),
+    replace(
+        options_of(MeshOptions)["strict"],
+        text="Write only a mesh that meets the demands of check; refuse open surfaces, and bodies "
+        "that overlap or are closer than the tolerance.",
+    ),
+    own(
+        "Mesh generator", "close", bool,
+        "Close the holes of a surface first, by nearly plane caps.",
+    ),
+    PLOT,
+    own(
+        "Output", "report", Path,
+        "Also write a page for the browser, with the mesh in 3-D (.html).",
+    ),
+    MPI,
+    own("General", "gather", bool, "Under MPI, mesh on one rank instead of in parts."),
+)  # fmt: skip
+def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
 
     Parameters that are not given are chosen from the part, and the values are printed.
     """
-    if options.metric is not None:
-        remesh_with_metric(console, options)
-    elif runs_in_parts(console, options.file, options.output, mpi=options.mpi):
-        remesh_in_parts(console, options)
+    if "metric" in given:
+        remesh_with_metric(console, file, output, given)
+    elif runs_in_parts(console, file, output, given):
+        remesh_in_parts(console, file, output, given)
     else:
-        _remesh_whole(console, options)
+        _remesh_whole(console, file, output, given)
 
 
-def _remesh_whole(console: Console, options: Options) -> None:
+def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> None:
     """Make a mesh in this process, with sizes that do not depend on the direction."""
-    from adaptsize._checks import as_number, as_tolerance
+    from adaptsize._checks import as_tolerance
     from adaptsize.domain_size.elements import tolerance_of
     from adaptsize.domain_size.request import check_elements
     from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
+    from adaptsize.reporting.page import check_plotly, report
 
-    output, plot, page = options.output, options.plot, options.report
-    _check_outputs(options.file, output, plot, page)
-    check_installed(options.backend)
-    as_tolerance("tolerance", TOLERANCE if options.tolerance is None else options.tolerance)
-    as_number("timeout", options.timeout, lower=0.0, strict=True)
-    check_elements(options.elements, options.max_elements, options.nodes)
-    sources = [parse_source(text) for text in options.source or ()]
+    plot, page = given.pop("plot", None), given.pop("report", None)
+    check_files([file], output, "mesh", plot=plot, report=page)
+    if page is not None:
+        check_plotly()
+    check_installed(given.get("backend", "auto"))
+    as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
+    elements, nodes = given.get("elements"), given.get("nodes")
+    check_elements(elements, given.get("max_elements"), nodes)
+    given["sources"] = [parse_source(text) for text in given.pop("source", ())]
     with console.steps(5) as steps:
         steps.begin("reading")
-        mesh = _read(console, options)
-        new, found, report = _made(console, steps, mesh, options, sources)
-        allowed = tolerance_of(report, options.tolerance)
-        new = new.with_data(point_data={"h": found(new.points)})
+        mesh = _read(console, file, output, given)
+        new, size, found = _made(console, steps, mesh, given)
+        allowed = tolerance_of(found, given.get("tolerance"))
+        new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
         written = write_mesh(output, new)
         steps.begin("checks")
-        outcome = outcome_of_remeshing(new, mesh, found, report, allowed, options.elements)
-        draw(console, plot, new)
-        _write_page(console, page, new, found, original=mesh, size_report=report, tolerance=allowed)
-    console.record(input=str(options.file), size=as_dict(report), mesh=outcome.as_dict())
-    nodes = None if options.nodes is None else (new.n_points, options.nodes)
-    _print_report(console, outcome, written, nodes)
+        outcome = outcome_of_remeshing(new, mesh, size, found, allowed, elements)
+        draw(console, "size", plot, new)
+        if page is not None:
+            report(
+                page, new, size, original=mesh, size_report=found, tolerance=allowed,
+                times=console.times,
+            )  # fmt: skip
+            console.say(f"report: {page}")
+    console.record(input=str(file), size=as_dict(found), mesh=outcome.as_dict())
+    _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
 
 
-def _read(console: Console, options: Options) -> SimplexMesh:
+def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMesh:
     """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
     from adaptsize.remeshing.driver import check_backend
 
-    mesh = read_mesh(options.file)
-    check_backend(mesh, options.target, options.backend)
-    if mesh.cell_dim < mesh.dim and options.target != "triangles":
-        share = TOLERANCE if options.tolerance is None else options.tolerance
-        mesh = _accepted(
-            console, mesh, share * mesh.diagonal, close=options.close, strict=options.strict
-        )
-    elif options.close:
+    mesh, target, close = read_mesh(file), given.get("target", "auto"), given.pop("close", False)
+    check_backend(mesh, target, given.get("backend", "auto"))
+    if mesh.cell_dim < mesh.dim and target != "triangles":
+        allowed = given.get("tolerance", TOLERANCE) * mesh.diagonal
+        mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
+    elif close:
         raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
-    _announce(console, options.output, mesh, options.target)
+    _announce(console, output, mesh, target)
     return mesh
 
 
 def _made(
-    console: Console, steps: Steps, mesh: SimplexMesh, options: Options, sources: list[Any]
-) -> tuple[SimplexMesh, SizeFunction, SizeReport]:
+    console: Console, steps: Steps, mesh: SimplexMesh, given: Given
+) -> MeshOfElements | tuple[SimplexMesh, SizeFunction, SizeReport]:
     """Return the new mesh, and the sizes that it was made for with their report."""
     from adaptsize import remeshing
     from adaptsize.domain_size.elements import reach_number, tolerance_of
     from adaptsize.errors import OpenSurfaceWarning
 
-    elements, nodes = options.elements, options.nodes
-    g = GRADIENT_LIMIT if options.gradient is None else options.gradient
-    for_sizes = options.named(_OF_SIZES) | {"g": g, "sources": sources, "progress": steps.report}
+    elements, nodes = given.get("elements"), given.get("nodes")
+    for_mesh = {name: given[name] for name in options_of(MeshOptions).keys() & given.keys()}
+    for_sizes = {name: value for name, value in given.items() if name not in for_mesh}
+    for_sizes["progress"] = steps.report
 
     def sized(elements: float | None, nodes: float | None) -> tuple[SizeFunction, SizeReport]:
         steps.begin("sizes")
-        return size_of_mesh(
-            console, mesh, options.field, elements=elements, nodes=nodes, **for_sizes
-        )
+        return size_of_mesh(console, mesh, for_sizes | {"elements": elements, "nodes": nodes})
 
-    def meshed(old: SimplexMesh, found: SizeFunction, report: SizeReport) -> SimplexMesh:
-        announce_memory_of_mesh(console, mesh, options.target, report.n_elements)
-        for_mesh = options.named("target backend timeout strict") | {
-            "g": g,
-            "hmax": report.hmax,
-            "tolerance": tolerance_of(report, options.tolerance),
-            "progress": steps.following(_names_of_parts(options.backend)),
-        }
-        return cast("SimplexMesh", remeshing.remesh(old, found, **for_mesh))
+    def meshed(old: SimplexMesh, size: SizeFunction, report: SizeReport) -> SimplexMesh:
+        announce_memory_of_mesh(console, mesh, given.get("target", "auto"), report.n_elements)
+        new: SimplexMesh = remeshing.remesh(
+            old,
+            size,
+            g=given.get("g", GRADIENT_LIMIT),
+            hmax=report.hmax,
+            tolerance=tolerance_of(report, given.get("tolerance")),
+            progress=steps.following(_names_of_parts(given.get("backend", "auto"))),
+            **for_mesh,
+        )
+        return new
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
         if elements is None and nodes is None:
-            found, report = sized(None, None)
-            return meshed(mesh, found, report), found, report
+            size, report = sized(None, None)
+            return meshed(mesh, size, report), size, report
         return reach_number(mesh, elements, nodes, sized, meshed)
 
 
@@ -148,33 +191,6 @@ def _names_of_parts(backend: str) -> Callable[[str], str]:
     with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
     names = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
     return lambda text: names.get(text, text)
-
-
-def _check_outputs(file: Path, output: Path, plot: Path | None, page: Path | None) -> None:
-    """Refuse files that cannot be written, before the work."""
-    from adaptsize.reporting.page import check_plotly
-
-    check_files(
-        [file],
-        {
-            "--output": (output, "mesh"),
-            "--plot": (plot, "picture"),
-            "--report": (page, "report"),
-        },
-    )
-    if page is not None:
-        check_plotly()
-
-
-def _write_page(
-    console: Console, page: Path | None, mesh: SimplexMesh, size: SizeFunction, **options: Any
-) -> None:
-    """Write the page to look at, if one is requested."""
-    from adaptsize.reporting.page import report
-
-    if page is not None:
-        report(page, mesh, size, times=console.times, **options)
-        console.say(f"report: {page}")
 
 
 def _print_report(
@@ -196,8 +212,7 @@ def _print_report(
     console.print(f"{'time':10}{console.seconds:.1f} s: {times}")
     for text in outcome.warnings():
         console.warn(text)
-    for held in written:
-        print_written(console, held)
+    print_written(console, *written)
 
 
 def _accepted(

@@ -8,7 +8,8 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
-from adaptsize.cli.console import Console, with_console
+from adaptsize.cli.console import Console
+from adaptsize.cli.options import command
 
 _said = False
 
@@ -33,7 +34,7 @@ def announce_compilation(console: Console) -> None:
         event.register("numba:compile", First())
 
 
-@with_console
+@command()
 def warmup(console: Console) -> None:
     """Compile all that the commands need, and keep it in a cache.
 

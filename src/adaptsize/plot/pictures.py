@@ -25,7 +25,8 @@ from adaptsize.plot.scene import Scene, printable, scene_of_grid, scene_of_mesh,
 from adaptsize.typing import FloatArray
 
 Image = npt.NDArray[np.uint8]
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+#: Formats of pictures.
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 
 def plot_size(
@@ -340,8 +341,8 @@ def _field_h(background: SimplexMesh | CartesianGrid | Octree) -> npt.NDArray[An
 
 
 def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
-    if path is not None and as_path("path", path).suffix.lower() not in _SUFFIXES:
-        raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, got {os.fspath(path)!r}")
+    if path is not None and as_path("path", path).suffix.lower() not in SUFFIXES:
+        raise ValueError(f"path must end in {', '.join(SUFFIXES)}, got {os.fspath(path)!r}")
     number = as_number("width", width, lower=-np.inf)
     if not 64 <= number <= 10_000 or number != int(number):
         raise ValueError(f"width must be 64 to 10000 whole pixels, got {width}")

@@ -1,0 +1,105 @@
+"""``adaptsize limit``: sizes whose gradient is limited."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from adaptsize.cli.console import Console
+from adaptsize.cli.files import (
+    check_cells,
+    check_files,
+    draw,
+    nodal_field,
+    print_written,
+    write_sizes,
+)
+from adaptsize.cli.in_parts import limit_in_parts, runs_in_parts
+from adaptsize.cli.metric import limit_with_metric
+from adaptsize.cli.options import FIELD, METRIC, MPI, PLOT, Given, Input, SizesOutput, command, own
+from adaptsize.cli.sources import controlling_nodes, describe_roots
+from adaptsize.options import SizeOptions, options_of
+
+if TYPE_CHECKING:
+    from adaptsize.limiting import LimitingInfo
+
+
+@command(
+    replace(options_of(SizeOptions)["g"], default=...),
+    replace(FIELD, text="Nodal field with the upper bounds."),
+    METRIC,
+    own(
+        "Sizes", "method", str, default="auto",
+        text="auto, or a method of limit_gradient, such as fast-marching.",
+    ),
+    own(
+        "Output", "sources", Path,
+        "Also write this file, with the controlling node as the field source.",
+    ),
+    PLOT,
+    MPI,
+)  # fmt: skip
+def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> None:
+    """Limit the gradient of a nodal field.  The result is written as the field h, or metric."""
+    if ("field" in given) == ("metric" in given):
+        raise ValueError("give either --field or --metric")
+    if "metric" in given:
+        limit_with_metric(console, file, output, given)
+    elif runs_in_parts(console, file, output, given):
+        limit_in_parts(console, file, output, given)
+    else:
+        _limit_sizes(console, file, output, given)
+
+
+def _limit_sizes(console: Console, file: Path, output: Path, given: Given) -> None:
+    """Limit a field of sizes on one process."""
+    from adaptsize.io import read
+    from adaptsize.limiting import limit_gradient
+
+    g, sources, plot = given["g"], given.get("sources"), given.get("plot")
+    check_files([file], output, "sizes", sources=sources, plot=plot)
+    with console.steps(3) as steps:
+        steps.begin("reading")
+        mesh = read(file)
+        for path in (output, sources):
+            if path is not None:
+                check_cells(path, mesh)
+        h0 = nodal_field(mesh, given["field"])
+        steps.begin("limiting")
+        method = given.get("method", "auto")
+        h, found = limit_gradient.with_info(mesh, h0, g, method=method, progress=steps.report)
+        if sources is not None and found.sources is None:
+            raise ValueError(
+                "--sources needs the exact method (a flat mesh, one gradient limit), "
+                f"got method {found.method!r}"
+            )
+        steps.begin("writing")
+        written = [write_sizes(output, mesh, {"h": h})]
+        roots = None
+        if sources is not None and found.sources is not None:
+            roots = found.sources.roots()
+            written.append(write_sizes(sources, mesh, {"h": h, "source": roots}))
+        draw(console, "size", plot, mesh, h)
+    console.record(input=str(file), method=found.method, g=g, n_points=mesh.n_points)
+    _print_limited(console, found, mesh.n_points)
+    print_written(console, written[0])
+    if roots is not None:
+        console.record(sources=controlling_nodes(mesh.points, roots))
+        for line in describe_roots(mesh.points, roots):
+            console.print(line)
+        print_written(console, written[1])
+
+
+def _print_limited(console: Console, found: LimitingInfo, n_points: int) -> None:
+    """Print how far sizes were limited, and record it."""
+    quantiles = found.cell_gradient_quantiles
+    console.record(
+        n_lowered=found.n_changed,
+        largest_edge_slope=found.largest_edge_slope,
+        cell_gradient_quantiles=quantiles,
+    )
+    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in quantiles.items())
+    console.print(f"{found.method}: {found.n_changed} of {n_points} nodes lowered")
+    console.print(f"largest slope along an edge over g: {found.largest_edge_slope:.6f}")
+    console.print(f"gradient in the cells over g, quantiles: {levels}")
