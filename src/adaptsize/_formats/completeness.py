@@ -9,6 +9,7 @@ import io
 import math
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -212,14 +213,6 @@ def _check_vtk(content: bytes, raw: RawMesh) -> None:
         check_last_number(content)
 
 
-def _check_obj(content: bytes, raw: RawMesh) -> None:
-    _check_last_line(content, raw, (b"#", b"o", b"g", b"s", b"u", b"m"))
-
-
-def _check_abaqus(content: bytes, raw: RawMesh) -> None:
-    _check_last_line(content, raw, (b"*",))
-
-
 def _check_last_line(content: bytes, raw: RawMesh, words: tuple[bytes, ...]) -> None:
     """Check the last number, unless the last line begins as one that has no numbers."""
     if not content[-1000:].splitlines()[-1].lstrip().startswith(words):
@@ -239,14 +232,12 @@ _ENDS: dict[str, Callable[[bytes], None]] = {
     ".msh": _check_gmsh,
     ".mesh": _check_medit_end,
     ".meshb": _check_binary_medit,
-    ".bdf": _check_nastran_end,
-    ".nas": _check_nastran_end,
-    ".fem": _check_nastran_end,
+    **dict.fromkeys((".bdf", ".nas", ".fem"), _check_nastran_end),
     ".su2": _check_su2_points,
 }
 _COUNTS: dict[str, Callable[[bytes, RawMesh], None]] = {
     ".su2": _check_su2,
     ".vtk": _check_vtk,
-    ".obj": _check_obj,
-    ".inp": _check_abaqus,
+    ".obj": partial(_check_last_line, words=(b"#", b"o", b"g", b"s", b"u", b"m")),
+    ".inp": partial(_check_last_line, words=(b"*",)),
 }

@@ -104,8 +104,8 @@ def _node_numbers(content: bytes) -> npt.NDArray[Any] | None:
     if float(form[1]) < 4.0:
         return _parsed(section)[1::4] if is_text else None  # binary ones are 1 to n
     if form[1] == b"4.0":
-        return _of_4_0(_parsed(section)) if is_text else None
-    return _of_4_1(_parsed(section)) if is_text else _of_binary_4_1(section)
+        return _of_text_4(_parsed(section), 2, 4) if is_text else None
+    return _of_text_4(_parsed(section), 4, 1) if is_text else _of_binary_4_1(section)
 
 
 def _parsed(section: bytes) -> npt.NDArray[np.float64]:
@@ -115,22 +115,18 @@ def _parsed(section: bytes) -> npt.NDArray[np.float64]:
         return np.fromstring(section, dtype=np.float64, sep=" ")
 
 
-def _of_4_0(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64] | None:
-    """Return the numbers of blocks of rows, each a number and three coordinates."""
-    found, at = [], 2
+def _of_text_4(
+    values: npt.NDArray[np.float64], first: int, stride: int
+) -> npt.NDArray[np.float64] | None:
+    """Return the numbers of blocks from ``first`` on.
+
+    A block has rows of a number and three coordinates (stride 4), or all numbers before the
+    coordinates (stride 1).
+    """
+    found, at = [], first
     while at + 4 <= len(values):
         count = _count(values[at + 3], len(values))
-        found.append(values[at + 4 : at + 4 + 4 * count : 4])
-        at += 4 + 4 * count
-    return np.concatenate(found) if found else None
-
-
-def _of_4_1(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64] | None:
-    """Return the numbers of blocks of all numbers, then all coordinates."""
-    found, at = [], 4
-    while at + 4 <= len(values):
-        count = _count(values[at + 3], len(values))
-        found.append(values[at + 4 : at + 4 + count])
+        found.append(values[at + 4 : at + 4 + stride * count : stride])
         at += 4 + 4 * count
     return np.concatenate(found) if found else None
 

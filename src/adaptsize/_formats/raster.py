@@ -277,18 +277,10 @@ def _name_of_values(arrays: Mapping[str, npt.NDArray[Any]], name: str | None) ->
 
 
 _LOADERS: dict[str, Callable[[Path, str | None, list[str]], Image]] = {
-    ".png": _load_picture,
-    ".bmp": _load_picture,
-    ".gif": _load_picture,
-    ".jpg": _load_picture,
-    ".jpeg": _load_picture,
-    ".pgm": _load_picture,
-    ".tif": _load_tiff,
-    ".tiff": _load_tiff,
-    ".nii": _load_nifti,
-    ".nii.gz": _load_nifti,
-    ".nrrd": _load_nrrd,
-    ".nhdr": _load_nrrd,
+    **dict.fromkeys((".png", ".bmp", ".gif", ".jpg", ".jpeg", ".pgm"), _load_picture),
+    **dict.fromkeys((".tif", ".tiff"), _load_tiff),
+    **dict.fromkeys((".nii", ".nii.gz"), _load_nifti),
+    **dict.fromkeys((".nrrd", ".nhdr"), _load_nrrd),
     ".npy": _load_npy,
     ".npz": _load_npz,
 }

@@ -168,28 +168,18 @@ def _load_with_trimesh(path: Path) -> RawMesh:
 
 #: Each suffix that can be read, with the readers in the order in which they are tried.
 _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
-    ".stl": (_load_stl,),
-    ".stla": (_load_stl,),
-    ".stlb": (_load_stl,),
+    **dict.fromkeys((".stl", ".stla", ".stlb"), (_load_stl,)),
     ".obj": (_load_with_meshio, _load_with_trimesh),  # meshio does not know all spellings
     ".off": (read_off,),
     ".ply": (read_ply,),
-    ".gltf": (_load_with_trimesh,),
-    ".glb": (_load_with_trimesh,),
+    **dict.fromkeys((".gltf", ".glb"), (_load_with_trimesh,)),
     ".vtk": (_load_with_meshio, _load_vtk_of_new_types),
     ".vtu": (_load_vtu,),
-    ".xdmf": (_load_with_meshio, read_xdmf),  # meshio needs h5py
-    ".xmf": (_load_with_meshio, read_xdmf),
+    **dict.fromkeys((".xdmf", ".xmf"), (_load_with_meshio, read_xdmf)),  # meshio needs h5py
     ".msh": (_load_gmsh, _load_gmsh_without_cell_fields),
-    ".mesh": (_load_with_meshio,),
-    ".meshb": (_load_with_meshio,),
-    ".inp": (_load_with_meshio,),
-    ".bdf": (_load_with_meshio,),
-    ".nas": (_load_with_meshio,),
-    ".fem": (_load_with_meshio,),
-    ".su2": (_load_with_meshio,),
-    ".14": (fort14.read,),
-    ".grd": (fort14.read,),
-    ".gr3": (fort14.read,),
+    **dict.fromkeys(
+        (".mesh", ".meshb", ".inp", ".bdf", ".nas", ".fem", ".su2"), (_load_with_meshio,)
+    ),
+    **dict.fromkeys((".14", ".grd", ".gr3"), (fort14.read,)),
     ".pos": (read_view,),
 }

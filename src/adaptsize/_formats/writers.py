@@ -140,13 +140,8 @@ def _write_with_meshio(path: Path, content: Content, file_format: str, **options
             raise MeshFileError(f"cannot be written ({text})") from error
 
 
-def _write_vtu(path: Path, mesh: SimplexMesh) -> None:
-    _write_with_meshio(path, content_of(mesh, "cell_tags", pad=True), "vtu")
-
-
-def _write_vtk(path: Path, mesh: SimplexMesh) -> None:
-    # Version 4.2, which every VTK reads.
-    _write_with_meshio(path, content_of(mesh, "cell_tags", pad=True), "vtk42")
+def _write_vtk(path: Path, mesh: SimplexMesh, file_format: str) -> None:
+    _write_with_meshio(path, content_of(mesh, "cell_tags", pad=True), file_format)
 
 
 def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
@@ -214,16 +209,12 @@ def _write_medit(path: Path, mesh: SimplexMesh) -> None:
     _write_with_meshio(path, slim, "medit")
 
 
-def _write_ply(path: Path, mesh: SimplexMesh) -> None:
+def _write_surface(path: Path, mesh: SimplexMesh, file_format: str) -> None:
+    """Write triangles, and to PLY the nodal fields of one component."""
     content = content_of(surface_of(mesh), "cell_tags", pad=True)
     scalars = {name: v for name, v in content.point_data.items() if v.ndim == 1}
-    slim = Content(content.points, content.blocks[:1], scalars, {})
-    _write_with_meshio(path, slim, "ply")
-
-
-def _write_bare_surface(path: Path, mesh: SimplexMesh, file_format: str) -> None:
-    content = content_of(surface_of(mesh), "cell_tags", pad=True)
-    _write_with_meshio(path, Content(content.points, content.blocks[:1], {}, {}), file_format)
+    nodal = scalars if file_format == "ply" else {}
+    _write_with_meshio(path, Content(content.points, content.blocks[:1], nodal, {}), file_format)
 
 
 def _write_stl(path: Path, mesh: SimplexMesh) -> None:
@@ -243,6 +234,16 @@ def _refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
     raise ValueError(f"obj must be a CartesianGrid for {path.suffix}, got {mesh!r}; write .vtu")
 
 
+def _surface_format(name: str, *, holds_fields: bool = False, holds_metrics: bool = True) -> Format:
+    return Format(
+        (f".{name}",),
+        partial(_write_surface, file_format=name),
+        holds_fields=holds_fields,
+        holds_metrics=holds_metrics,
+        only_triangles=True,
+    )
+
+
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
     "jigsaw": Format(
@@ -255,26 +256,17 @@ FORMATS: dict[str, Format] = {
         only_sizes=True,
     ),
     "vti": Format((".vti",), _refuse_mesh, holds_grids=True),
-    "vtu": Format((".vtu",), _write_vtu),
-    "vtk": Format((".vtk",), _write_vtk),
+    "vtu": Format((".vtu",), partial(_write_vtk, file_format="vtu")),
+    # Version 4.2, which every VTK reads.
+    "vtk": Format((".vtk",), partial(_write_vtk, file_format="vtk42")),
     "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
     "gmsh": Format((".msh",), _write_gmsh),
     "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
-    "ply": Format((".ply",), _write_ply, only_triangles=True, holds_metrics=False),
+    "ply": _surface_format("ply", holds_fields=True, holds_metrics=False),
     "stl": Format((".stl",), _write_stl, holds_fields=False, only_triangles=True),
-    "obj": Format(
-        (".obj",),
-        lambda p, mesh: _write_bare_surface(p, mesh, "obj"),
-        holds_fields=False,
-        only_triangles=True,
-    ),
+    "obj": _surface_format("obj"),
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, holds_fields=False, only_full=True),
-    "off": Format(
-        (".off",),
-        lambda p, mesh: _write_bare_surface(p, mesh, "off"),
-        holds_fields=False,
-        only_triangles=True,
-    ),
+    "off": _surface_format("off"),
 }
 
 
