@@ -10,7 +10,7 @@ import adaptsize as ads
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning, TooManyElementsError
 from adaptsize.remeshing.distmesh.finish import _move_if_good
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.remeshing.distmesh.rejection import examine, sample, sized
+from adaptsize.remeshing.distmesh.rejection import examine, sample, with_sizes
 
 SEEDS = (20040601, 771)
 
@@ -266,7 +266,7 @@ def test_progress_is_reported_and_can_stop_the_work():
 
 def test_as_many_nodes_are_drawn_as_the_size_asks_for():
     domain = examine(ImplicitDomain(ring, np.full(2, -1.2), np.full(2, 1.2)))
-    drawn = sample(domain, sized(ring_size, domain), np.random.default_rng(6), max_elements=1e6)
+    drawn = sample(with_sizes(domain, ring_size), np.random.default_rng(6), max_elements=1e6)
     axis = np.linspace(-1.2, 1.2, 1201)
     x = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     x = x[ring(x) < 0.0]

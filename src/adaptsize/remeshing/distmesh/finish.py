@@ -9,7 +9,6 @@ from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background import topology
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.remeshing.distmesh.rejection import Size
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -19,20 +18,13 @@ _ROUNDS = 8
 _FLAT = 0.25
 #: Cells of lower quality are improved.
 _BAD = {2: 0.6, 3: 0.45}
-_PASSES, _SWEEPS = 12, 10
-#: Initial step length of the search for a better position of a node, in sizes.
-_FIRST_STEP = 0.2
-#: Layers of neighbours that are moved too if nothing else helps.
-_WIDEST = 3
-#: Cosine of the angle between a facet and the boundary above which a node is at no edge or corner.
-_STRAIGHT = 0.8
+_PASSES = 12
 #: Tolerance of the projection of boundary nodes, in sizes.
 TOLERANCE = 1e-6
 
 
 def finish(
     domain: ImplicitDomain,
-    size: Size,
     points: FloatArray,
     *,
     n_fixed: int,
@@ -48,7 +40,7 @@ def finish(
     points = points.copy()
     for k in range(_ROUNDS):
         report("fitting the boundary", k / _ROUNDS)
-        h, phi = size(points), domain.phi(points)
+        h, phi = domain.size(points), domain.phi(points)
         cells = without_flat(points, triangulate(domain, points, phi, h), n_fixed)
         at = np.flatnonzero(nodes_of(skin_of(cells, len(points)), len(points)))
         at = at[at >= n_fixed]
@@ -71,8 +63,19 @@ def _move_if_good(
     """Move the nodes whose cells keep their quality.  Changes ``points``."""
     old = points.copy()
     points[nodes] = there
+    _take_back(points, cells, old, nodes, np.full(len(points), 0.5 * _FLAT))
+
+
+def _take_back(
+    points: FloatArray,
+    cells: IntArray,
+    old: FloatArray,
+    nodes: npt.NDArray[np.integer],
+    least: FloatArray,
+) -> None:
+    """Take back moves of nodes whose cells have less than the least quality."""
     for _ in range(_ROUNDS):  # taking back one move may spoil another
-        worse = nodes[_worst_of_nodes(points, cells)[nodes] < 0.5 * _FLAT]
+        worse = nodes[_worst_of_nodes(points, cells)[nodes] < least[nodes]]
         worse = worse[(points[worse] != old[worse]).any(axis=1)]
         if len(worse) == 0:
             return
@@ -142,7 +145,7 @@ def _one_sided(
 
 def _is_one_side(corners: FloatArray, outer: BoolArray) -> bool:
     """Return whether the facets in ``outer`` cover a flat cell from one side."""
-    normals = np.stack([_facet_normal(np.delete(corners, v, axis=0)) for v in range(len(corners))])
+    normals = np.stack([_facet_normals(np.delete(corners, v, axis=0)) for v in range(len(corners))])
     centre = corners.mean(axis=0)
     for v in range(len(corners)):
         if normals[v] @ (centre - corners[v]) < 0.0:  # outward: away from the opposite corner
@@ -153,11 +156,12 @@ def _is_one_side(corners: FloatArray, outer: BoolArray) -> bool:
     return shown > 0.8 * covered and float(area[~outer].sum()) < 1.25 * covered
 
 
-def _facet_normal(corners: FloatArray) -> FloatArray:
-    if len(corners) == 2:
-        edge = corners[1] - corners[0]
-        return np.array([edge[1], -edge[0]])
-    return 0.5 * np.cross(corners[1] - corners[0], corners[2] - corners[0])
+def _facet_normals(corners: FloatArray) -> FloatArray:
+    """Return the normals of facets, as long as their measures, float64[..., dim]."""
+    edge = corners[..., 1, :] - corners[..., 0, :]
+    if corners.shape[-1] == 2:
+        return np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
+    return 0.5 * np.cross(edge, corners[..., 2, :] - corners[..., 0, :])
 
 
 def improved(
@@ -185,19 +189,21 @@ def improved(
             wider += 1
             bad = quality < _FLAT
         best = max(state, best)
-        if not bad.any() or wider > _WIDEST:
+        # Layers of neighbours that are moved too if nothing else helps.
+        if not bad.any() or wider > 3:
             break
         nodes = np.unique(cells[bad])
         for _ in range(wider):  # the neighbours must move too
             nodes = np.unique(cells[np.isin(cells, nodes).any(axis=1)])
-        _move_nodes(domain, points, cells, (1 + wider) * _FIRST_STEP * h, h, nodes, n_fixed)
+        # Steps of the search begin at a fifth of the size.
+        _move_nodes(domain, points, cells, h, nodes[nodes >= n_fixed], (1 + wider) * 0.2 * h)
     return points, cells
 
 
 def _swapped(points: FloatArray, cells: IntArray) -> IntArray:
     """Return tetrahedra with edges and faces swapped until no swap improves the quality."""
     work = new_work()
-    for _ in range(_SWEEPS):
+    for _ in range(10):
         quality = np.empty(len(cells))
         fill_quality(points, cells, quality)
         bad = np.flatnonzero(quality < _BAD[3])
@@ -217,20 +223,16 @@ def _move_nodes(
     domain: ImplicitDomain,
     points: FloatArray,
     cells: IntArray,
-    steps: FloatArray,
     h: FloatArray,
     nodes: npt.NDArray[np.integer],
-    n_fixed: int,
+    steps: FloatArray,
 ) -> None:
     """Move nodes to better positions, on smooth boundaries along these.  Changes ``points``."""
-    nodes = nodes[nodes >= n_fixed]
     normals = np.zeros_like(points)
     on_boundary = nodes_of(skin_of(cells, len(points)), len(points))
     at = nodes[on_boundary[nodes]]
-    gradient = domain.gradient(points[at], domain.phi(points[at]), h[at])
-    length = np.linalg.norm(gradient, axis=1)
-    normals[at] = gradient / np.where(length > 0.0, length, 1.0)[:, None]
-    sharp = at[(length == 0.0) | _is_crease(points, cells, normals)[at]]
+    normals[at] = domain.normals(points[at], h[at])
+    sharp = at[~normals[at].any(axis=1) | _is_crease(points, cells, normals)[at]]
     nodes = np.setdiff1d(nodes, sharp).astype(np.int64)
     before, old = _worst_of_nodes(points, cells), points.copy()
     ring_ptr, ring = topology.rings(cells, len(points))
@@ -238,13 +240,7 @@ def _move_nodes(
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
     points[at], _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
-    for _ in range(_ROUNDS):  # taking back one move may spoil another
-        worse = at[_worst_of_nodes(points, cells)[at] < before[at]]
-        worse = worse[(points[worse] != old[worse]).any(axis=1)]
-        if len(worse) == 0:
-            return
-        points[worse] = old[worse]
-    points[:] = old
+    _take_back(points, cells, old, at, before)
 
 
 def _worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
@@ -258,18 +254,13 @@ def _worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
 
 def _is_crease(points: FloatArray, cells: IntArray, normals: FloatArray) -> BoolArray:
     """Return at which nodes a boundary facet deviates from the normal of the domain."""
-    facets, cell_facets = topology.facets_of(cells, len(points))
-    single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
-    skin = facets[single]
-    corners = points[skin]
-    if points.shape[1] == 2:
-        edge = corners[:, 1] - corners[:, 0]
-        across = np.column_stack([edge[:, 1], -edge[:, 0]])
-    else:
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    skin = skin_of(cells, len(points))
+    across = _facet_normals(points[skin])
     across /= np.linalg.norm(across, axis=1)[:, None]
     askew = np.zeros(len(points), np.bool_)
     for v in range(skin.shape[1]):
         cosine = np.abs(np.einsum("ij,ij->i", across, normals[skin[:, v]]))
-        askew[skin[cosine < _STRAIGHT, v]] = True
+        # Cosine of the angle between a facet and the boundary above which a node is at no edge or
+        # corner.
+        askew[skin[cosine < 0.8, v]] = True
     return askew

@@ -25,11 +25,10 @@ from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
 from adaptsize.remeshing.distmesh.nodes import far_from
 from adaptsize.remeshing.distmesh.rejection import (
     ELEMENTS_PER_NODE,
-    Size,
     examine,
-    extended,
     sample,
-    sized,
+    with_sizes,
+    with_sizes_everywhere,
 )
 from adaptsize.remeshing.distmesh.relaxation import relax
 from adaptsize.remeshing.distmesh.report import SmoothingReport, describe, warn_of_faults
@@ -163,8 +162,7 @@ def mesh_from_distance(
     ...
     adaptsize.errors.TooManyElementsError: the sizes require at least ... elements, ...
     """
-    domain = _as_domain(distance, lower, upper)
-    wanted = sized(_as_function(size), domain)
+    domain = with_sizes(_as_domain(distance, lower, upper), _as_function(size))
     max_iter = int(as_number("max_iter", max_iter, lower=1.0))
     clip = as_flag("clip", clip)
     limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
@@ -172,25 +170,22 @@ def mesh_from_distance(
     with reporting(progress) as report:
         report("placing nodes", None)
         if not clip:
-            _refuse_cut(domain, wanted)
-        fixed = _as_fixed(fixed_points, domain, wanted)
-        sampling = sample(domain, wanted, rng, max_elements=limit)
-        wanted = extended(wanted, sampling.probes)
+            _refuse_cut(domain)
+        fixed = _as_fixed(fixed_points, domain)
+        sampling = sample(domain, rng, max_elements=limit)
+        domain = with_sizes_everywhere(domain, sampling.probes)
         relaxed = relax(
             domain,
-            wanted,
-            np.concatenate([fixed, far_from(fixed, sampling.points, wanted)]),
+            np.concatenate([fixed, far_from(domain, fixed, sampling.points)]),
             sampling.probes,
             n_fixed=len(fixed),
             max_iter=max_iter,
             max_nodes=1.5 * limit / ELEMENTS_PER_NODE[domain.dim],
             report=report,
         )
-        points, cells = finish(
-            domain, wanted, relaxed.points, n_fixed=relaxed.n_fixed, report=report
-        )
+        points, cells = finish(domain, relaxed.points, n_fixed=relaxed.n_fixed, report=report)
         mesh, node_map = _without_unused(points, cells)
-        made = describe(mesh, domain, wanted, sampling, relaxed, node_map[: len(fixed)])
+        made = describe(mesh, domain, sampling, relaxed, node_map[: len(fixed)])
     warn_of_faults(made)
     return mesh, made
 
@@ -221,7 +216,7 @@ def _as_function(size: Field | float) -> Field:
     return lambda points: np.full(len(points), number)
 
 
-def _refuse_cut(domain: ImplicitDomain, size: Size) -> None:
+def _refuse_cut(domain: ImplicitDomain) -> None:
     """Raise a ValueError if the domain extends beyond the box."""
     extent = domain.upper - domain.lower
     counts = np.maximum(2, np.ceil(40 * extent / extent.max()).astype(int) + 1)
@@ -230,7 +225,7 @@ def _refuse_cut(domain: ImplicitDomain, size: Size) -> None:
     depth = domain.depth(domain.given(skin))
     deep = depth > 0.0
     # Allowed depth of the domain at the faces of the box, in sizes.
-    deep[deep] = depth[deep] > 0.5 * size(skin[deep])
+    deep[deep] = depth[deep] > 0.5 * domain.size(skin[deep])
     if deep.any():
         first = skin[int(np.argmax(np.where(deep, depth, -np.inf)))]
         at = ", ".join(f"{float(x):.6g}" for x in first)
@@ -241,14 +236,14 @@ def _refuse_cut(domain: ImplicitDomain, size: Size) -> None:
         )
 
 
-def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain, size: Size) -> FloatArray:
+def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain) -> FloatArray:
     if points is None:
         return np.empty((0, domain.dim))
     fixed = as_near_points("fixed_points", points, domain.dim)
     if len(fixed) == 0:
         return fixed
     depth = domain.depth(domain.phi(fixed))
-    h = size(fixed)
+    h = domain.size(fixed)
     # On the boundary the size may be unknown.  The size inside is used then.
     # Allowed distance of a fixed point from the domain, in sizes.
     outside = (depth < 0.0) & ~(depth >= -0.01 * h)

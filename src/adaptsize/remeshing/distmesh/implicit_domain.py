@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.typing import FloatArray
+
+Size: TypeAlias = Callable[[FloatArray], FloatArray]
 
 #: Steps of a difference quotient, in sizes: far above rounding, far below any detail.
 _STEP = 1e-4
@@ -30,12 +32,15 @@ class ImplicitDomain:
     lower, upper : float64[dim]
     slope : float
         Bound on the slope of ``distance``, estimated from samples; 1 for distances.
+    size : callable
+        Requested edge lengths in the domain.
     """
 
     distance: Callable[[FloatArray], Any]
     lower: FloatArray
     upper: FloatArray
     slope: float = 1.0
+    size: Size = np.ones_like
 
     @property
     def dim(self) -> int:
@@ -96,6 +101,12 @@ class ImplicitDomain:
         phi = self.phi(points)
         slope = np.linalg.norm(self.gradient(points, phi, h), axis=1)
         return np.asarray(-phi / np.clip(slope, _FLAT * self.slope, self.slope))
+
+    def normals(self, points: FloatArray, h: FloatArray) -> FloatArray:
+        """Return the directions of the gradients; 0 where it is 0."""
+        gradient = self.gradient(points, self.phi(points), h)
+        length = np.linalg.norm(gradient, axis=1)
+        return np.asarray(gradient / np.where(length > 0.0, length, 1.0)[:, None])
 
     def newton_steps(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
         """Return the moves to the zero of the linearised phi, none longer than ``h``."""

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.remeshing.distmesh.rejection import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Edges shorter or longer than this lose a node or get one at their midpoint, in sizes.
@@ -31,7 +30,7 @@ class MeshEdges(NamedTuple):
 
 
 def adapted(
-    domain: ImplicitDomain, size: Size, mesh: MeshEdges, probes: FloatArray, max_nodes: float
+    domain: ImplicitDomain, mesh: MeshEdges, probes: FloatArray, max_nodes: float
 ) -> FloatArray | None:
     """Return the nodes with some removed and some added at the end, or None without changes.
 
@@ -56,7 +55,7 @@ def adapted(
     kept[removed] = False
     kept[:n_fixed] = True
     changed = np.concatenate([points[kept], new])
-    changed = uncovered(domain, size, changed, probes)
+    changed = uncovered(domain, changed, probes)
     same = len(removed) == 0 and len(changed) == len(points)
     return None if same or len(changed) > max_nodes else changed
 
@@ -95,15 +94,13 @@ def _chosen(short: IntArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
     return np.array(gone, np.int64)
 
 
-def uncovered(
-    domain: ImplicitDomain, size: Size, points: FloatArray, probes: FloatArray
-) -> FloatArray:
+def uncovered(domain: ImplicitDomain, points: FloatArray, probes: FloatArray) -> FloatArray:
     """Return the nodes, and new nodes near points of the domain that are far from all nodes."""
     from scipy.spatial import cKDTree
 
     if len(probes) == 0:
         return points
-    h = size(probes)
+    h = domain.size(probes)
     far = np.ones(len(probes), np.bool_)
     if len(points):
         far = cKDTree(points).query(probes)[0] > _TOO_FAR * h
@@ -127,13 +124,13 @@ def spread(points: FloatArray, h: FloatArray, factor: float) -> FloatArray:
     return points[taken]
 
 
-def far_from(fixed: FloatArray, points: FloatArray, size: Size) -> FloatArray:
+def far_from(domain: ImplicitDomain, fixed: FloatArray, points: FloatArray) -> FloatArray:
     """Return the points that are not too near to the fixed ones."""
     from scipy.spatial import cKDTree
 
     if len(fixed) == 0 or len(points) == 0:
         return points
-    return np.asarray(points[cKDTree(fixed).query(points)[0] > _TOO_SHORT * size(points)])
+    return np.asarray(points[cKDTree(fixed).query(points)[0] > _TOO_SHORT * domain.size(points)])
 
 
 #: A node this near to a corner is moved there; a node still nearer counts as there, in sizes.
@@ -218,7 +215,7 @@ def _meeting(
     domain: ImplicitDomain, a: FloatArray, b: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Return where the tangents at a and b meet, and which of them meet near the midpoint."""
-    u, v = _normals(domain, a, size), _normals(domain, b, size)
+    u, v = domain.normals(a, size), domain.normals(b, size)
     middle = 0.5 * (a + b)
     cosine = np.einsum("ij,ij->i", u, v)
     # Cosine of the least angle between the normals beside a corner (40 degrees).
@@ -231,9 +228,3 @@ def _meeting(
     q = (along_v - cosine * along_u) / below
     move = p[:, None] * u + q[:, None] * v
     return middle + move, sharp & (np.linalg.norm(move, axis=1) < size)
-
-
-def _normals(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> FloatArray:
-    gradient = domain.gradient(points, domain.phi(points), h)
-    length = np.linalg.norm(gradient, axis=1)
-    return np.asarray(gradient / np.where(length > 0.0, length, 1.0)[:, None])

@@ -15,7 +15,6 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -24,10 +23,13 @@ import numpy.typing as npt
 
 from adaptsize._checks import refuse_where
 from adaptsize.errors import TooManyElementsError
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, estimated_slope, grid_of
+from adaptsize.remeshing.distmesh.implicit_domain import (
+    ImplicitDomain,
+    Size,
+    estimated_slope,
+    grid_of,
+)
 from adaptsize.typing import FloatArray
-
-Size = Callable[[FloatArray], FloatArray]
 
 #: Edges of a box that holds two points of a lattice whose mean edge is 1.  In space the
 #: body-centred cubic lattice has 3 edges of length a and 4 of sqrt(3)/2 a per point.
@@ -77,8 +79,8 @@ class _Lattice(NamedTuple):
         return np.asarray(self.lower + (index + place) * edge)
 
 
-def sized(size: Callable[[FloatArray], FloatArray], domain: ImplicitDomain) -> Size:
-    """Return a size function that is checked in the domain, and NaN where it is unknown.
+def with_sizes(domain: ImplicitDomain, size: Size) -> ImplicitDomain:
+    """Return the domain with a size function that is checked, and NaN where it is unknown.
 
     Outside the domain any value is accepted.
     """
@@ -99,23 +101,23 @@ def sized(size: Callable[[FloatArray], FloatArray], domain: ImplicitDomain) -> S
             values = np.where(bad, np.nan, values)
         return values
 
-    return function
+    return replace(domain, size=function)
 
 
-def extended(size: Size, probes: FloatArray) -> Size:
-    """Return a size function that takes the value of the nearest probe where it is unknown."""
+def with_sizes_everywhere(domain: ImplicitDomain, probes: FloatArray) -> ImplicitDomain:
+    """Return the domain with sizes that are those at the nearest probe where they are unknown."""
     from scipy.spatial import cKDTree
 
-    known = size(probes)
+    known = domain.size(probes)
 
     def function(points: FloatArray) -> FloatArray:
-        values = size(points)
+        values = domain.size(points)
         unknown = np.isnan(values)
         if unknown.any():
             values[unknown] = known[cKDTree(probes).query(points[unknown])[1]]
         return values
 
-    return function
+    return replace(domain, size=function)
 
 
 def examine(domain: ImplicitDomain) -> ImplicitDomain:
@@ -127,13 +129,7 @@ def examine(domain: ImplicitDomain) -> ImplicitDomain:
     return replace(domain, slope=estimated_slope(phi, extent / (counts - 1)))
 
 
-def sample(
-    domain: ImplicitDomain,
-    size: Size,
-    rng: np.random.Generator,
-    *,
-    max_elements: float,
-) -> Sampling:
+def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: float) -> Sampling:
     """Return random points with the density of the requested size.
 
     Raises
@@ -143,15 +139,15 @@ def sample(
     TooManyElementsError
         If the sizes require more elements than ``max_elements``.
     """
-    lattice, index = _root(domain, size)
+    lattice, index = _root(domain)
     limit = max_elements / ELEMENTS_PER_NODE[domain.dim]
     points, probes = [], []
     measure, expected = 0.0, 0.0
     for level in range(_MAX_LEVEL + 1):
-        index, is_leaf, to_come = _leaves(domain, size, lattice, index, level)
+        index, is_leaf, to_come = _leaves(domain, lattice, index, level)
         leaves = index[is_leaf | (level == _MAX_LEVEL)]
         index = index[~is_leaf]
-        kept, weight = _draw(domain, size, lattice, leaves, level, rng)
+        kept, weight = _draw(domain, lattice, leaves, level, rng)
         inside, volume = _probe(domain, lattice, leaves, level, rng)
         points.append(kept)
         probes.append(inside)
@@ -171,7 +167,7 @@ def sample(
     return Sampling(np.concatenate(points), places, measure)
 
 
-def _root(domain: ImplicitDomain, size: Size) -> tuple[_Lattice, npt.NDArray[np.int64]]:
+def _root(domain: ImplicitDomain) -> tuple[_Lattice, npt.NDArray[np.int64]]:
     """Return the lattice and the boxes of level 0, which cover the domain.
 
     The smallest size found is the spacing of some level, so a constant size gives the lattice.
@@ -180,7 +176,7 @@ def _root(domain: ImplicitDomain, size: Size) -> tuple[_Lattice, npt.NDArray[np.
     first = float(extent.max()) / _FIRST[domain.dim]
     counts = np.maximum(3, np.ceil(extent / first).astype(int))
     grid = grid_of(domain.lower, domain.upper, counts).reshape(-1, domain.dim)
-    h = size(grid[domain.phi(grid) < 0.0])
+    h = domain.size(grid[domain.phi(grid) < 0.0])
     least = float(h.min()) if len(h) else first
     spacing = math.ldexp(least, max(0, math.floor(math.log2(first / least))))
     box = _BOX[domain.dim]
@@ -193,7 +189,6 @@ def _root(domain: ImplicitDomain, size: Size) -> tuple[_Lattice, npt.NDArray[np.
 
 def _leaves(
     domain: ImplicitDomain,
-    size: Size,
     lattice: _Lattice,
     index: npt.NDArray[np.int64],
     level: int,
@@ -208,7 +203,9 @@ def _leaves(
     phi = domain.phi(centres)
     near = phi <= domain.slope * radius
     index, centres, phi = index[near], centres[near], phi[near]
-    sizes = np.stack([size(centres), *(size(lattice.at(index, level, place)) for place in _PLACES)])
+    sizes = np.stack(
+        [domain.size(p) for p in (centres, *(lattice.at(index, level, at) for at in _PLACES))]
+    )
     known = np.where(np.isnan(sizes), np.inf, sizes).min(axis=0)
     # Where the size is unknown, outside the domain: the smallest size on this level.
     known[np.isinf(known)] = known.min(initial=lattice.spacing)
@@ -220,7 +217,6 @@ def _leaves(
 
 def _draw(
     domain: ImplicitDomain,
-    size: Size,
     lattice: _Lattice,
     leaves: npt.NDArray[np.int64],
     level: int,
@@ -230,7 +226,7 @@ def _draw(
     points = np.concatenate([lattice.at(leaves, level, place) for place in _PLACES])
     points = points[domain.phi(points) < 0.0]
     spacing = math.ldexp(lattice.spacing, -level)
-    share = np.minimum((spacing / size(points)) ** domain.dim, 1.0)
+    share = np.minimum((spacing / domain.size(points)) ** domain.dim, 1.0)
     share[share > 1.0 - 1e-6] = 1.0
     return points[rng.random(len(points)) < share], float(share.sum())
 

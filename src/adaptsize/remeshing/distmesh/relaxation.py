@@ -27,7 +27,6 @@ import numpy as np
 from adaptsize.background import topology
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.nodes import MeshEdges, adapted, uncovered, with_corners
-from adaptsize.remeshing.distmesh.rejection import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Target lengths are scaled up by this factor.  The pressure drives nodes to the boundary.
@@ -131,7 +130,6 @@ def _connect(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> _Conn
 
 def relax(
     domain: ImplicitDomain,
-    size: Size,
     points: FloatArray,
     probes: FloatArray,
     *,
@@ -141,20 +139,20 @@ def relax(
     report: ProgressCallback,
 ) -> Relaxed:
     """Return the smoothed nodes, some added and some removed.  The first ``n_fixed`` are fixed."""
-    points = uncovered(domain, size, points, probes)
+    points = uncovered(domain, points, probes)
     adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
     known: _Connection | None = None
     count, k, mean, converged = 0, 0, np.inf, False
     for k in range(1, max_iter + 1):
         report("moving nodes", k / max_iter)
-        h = size(points)
+        h = domain.size(points)
         if known is None or _is_stale(points, known.points, h):
             known = _connect(domain, points, h)
             count += 1
         changed = None
         if k % _ADAPT_EVERY == 0 and k <= adapt_until:
             mesh = MeshEdges(points, known.edges, known.on_boundary, h, n_fixed)
-            changed = adapted(domain, size, mesh, probes, max_nodes)
+            changed = adapted(domain, mesh, probes, max_nodes)
         elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
             skin_edges = topology.edges_of(known.skin, len(points))
             changed, n_fixed = with_corners(domain, points, h, skin_edges, n_fixed)

@@ -13,7 +13,7 @@ from adaptsize.errors import ConvergenceWarning, ResolutionWarning
 from adaptsize.quality import Conformity, minimum_angles, size_conformity
 from adaptsize.remeshing.distmesh.finish import TOLERANCE
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.remeshing.distmesh.rejection import Sampling, Size
+from adaptsize.remeshing.distmesh.rejection import Sampling
 from adaptsize.remeshing.distmesh.relaxation import Relaxed
 from adaptsize.typing import IntArray
 
@@ -91,7 +91,6 @@ class SmoothingReport:
 def describe(
     mesh: SimplexMesh,
     domain: ImplicitDomain,
-    size: Size,
     sampling: Sampling,
     relaxed: Relaxed,
     fixed_nodes: IntArray,
@@ -101,23 +100,23 @@ def describe(
 
     skin = mesh.boundary().mesh
     free = np.setdiff1d(mesh.boundary().nodes, fixed_nodes)
-    at, h = mesh.points[free], size(mesh.points[free])
+    at, h = mesh.points[free], domain.size(mesh.points[free])
     phi = domain.phi(at)
     residual = np.linalg.norm(domain.newton_steps(at, phi, h), axis=1) / h
     is_zero = np.abs(phi) <= TOLERANCE * domain.slope * h
     residual[(residual == 0.0) & ~is_zero] = np.inf  # unknown without a slope
     centres = skin.points[skin.cells].mean(axis=1)
-    h = size(centres)
+    h = domain.size(centres)
     gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
     # A sample point without a node within this distance is not covered, in sizes.
-    far = cKDTree(mesh.points).query(sampling.probes)[0] > 1.1 * size(sampling.probes)
+    far = cKDTree(mesh.points).query(sampling.probes)[0] > 1.1 * domain.size(sampling.probes)
     component = _components(mesh)
     return SmoothingReport(
         n_steps=relaxed.n_steps,
         n_triangulations=relaxed.n_triangulations,
         converged=relaxed.converged,
         last_move=relaxed.last_move,
-        conformity=size_conformity(mesh, size),
+        conformity=size_conformity(mesh, domain.size),
         n_slivers=int(np.count_nonzero(minimum_angles(mesh) < SLIVER_ANGLE)),
         measure=float(mesh.measures.sum()),
         domain_measure=sampling.measure,
@@ -125,7 +124,7 @@ def describe(
         boundary_gap=float(gap.max(initial=0.0)),
         n_uncovered=int(np.count_nonzero(far)),
         n_components=int(component.max()) + 1,
-        n_broken=_n_broken(mesh, component, domain, size),
+        n_broken=_n_broken(mesh, component, domain),
         fixed_nodes=fixed_nodes,
     )
 
@@ -139,9 +138,7 @@ def _components(mesh: SimplexMesh) -> npt.NDArray[np.integer]:
     return np.asarray(np.unique(labels, return_inverse=True)[1])
 
 
-def _n_broken(
-    mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: ImplicitDomain, size: Size
-) -> int:
+def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: ImplicitDomain) -> int:
     """Return how many pairs of nearby nodes of different components the domain connects."""
     from scipy.spatial import Delaunay
 
@@ -152,7 +149,7 @@ def _n_broken(
     edges = topology.edges_of(Delaunay(mesh.points).simplices.astype(np.int32), mesh.n_points)
     a, b = mesh.points[edges].transpose(1, 0, 2)
     # Nodes of different components this near are checked for a connection, in sizes.
-    near = np.linalg.norm(a - b, axis=1) < 1.6 * size(0.5 * (a + b))
+    near = np.linalg.norm(a - b, axis=1) < 1.6 * domain.size(0.5 * (a + b))
     pairs = near & (part[edges[:, 0]] != part[edges[:, 1]])
     a, b = a[pairs], b[pairs]
     visible = np.ones(len(a), np.bool_)
