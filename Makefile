@@ -9,7 +9,7 @@ lint:
 	lint-imports
 
 test:
-	$(PYTHON) -m pytest -n 2
+	$(PYTHON) -m pytest -n 2 --dist loadfile
 
 # The code of the pages as it stands, compared with the output that they show; `make test` uses coarser data.
 # NAMES chooses pages: make pages NAMES="stl or coast"
@@ -32,8 +32,9 @@ test-bounds: export NUMBA_OPT = 1
 test-bounds: export ADAPTSIZE_PROBLEMS = 200
 test-bounds: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
 test-bounds:
-	$(PYTHON) -m pytest -n 2 tests/kernels tests/limiting/exact tests/adaptation/test_transfer.py \
-		tests/background/test_location.py tests/background/test_octree_location.py
+	$(PYTHON) -m pytest -n 2 --dist loadfile tests/kernels tests/limiting/exact \
+		tests/adaptation/test_transfer.py tests/background/test_location.py \
+		tests/background/test_octree_location.py
 
 # Tests with the lowest versions of the dependencies, in fresh environments.
 lowest:
