@@ -1,7 +1,6 @@
 """JSON, quiet and verbose output, steps, help, completion and interruption."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -15,7 +14,6 @@ from command_line import call
 from adaptsize import SimplexMesh, __version__, write
 from adaptsize.cli import entry
 from adaptsize.cli import steps as steps_module
-from adaptsize.cli.console import Console
 from adaptsize.cli.steps import Steps
 
 DATA = Path(__file__).parents[2] / "data"
@@ -102,14 +100,6 @@ def test_json_of_an_error_has_the_error(capsys, tmp_path):
     assert result["error"] == f"{tmp_path / 'none.stl'}: No such file or directory"
     assert err == f"adaptsize: error: {result['error']}\n"
     assert result["command"] == "info"
-
-
-def test_a_warning_is_printed_once(capsys):
-    console = Console()
-    for text in ("first", "second", "first"):
-        console.warn(text)
-    assert console.warnings == ["first", "second"]
-    assert capsys.readouterr().err.count("first") == 1
 
 
 def test_json_lists_the_warnings(capsys, tmp_path):
@@ -237,56 +227,6 @@ def test_the_timer_prints_the_present_step(monkeypatch):
         while not lines and time.monotonic() < until:
             time.sleep(0.01)
     assert lines == ["step 1 of 2: reading"]
-
-
-# --- help and completion ----------------------------------------------------------
-
-COMMANDS = ("info", "size", "limit", "remesh", "adapt", "image", "warmup", "check")
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_has_a_short_form_and_all_commands_the_same_options(capsys, command):
-    assert call(command, "-h") == 0
-    short = capsys.readouterr().out
-    assert call(command, "--help") == 0
-    assert capsys.readouterr().out == short
-    assert all(option in short for option in ("--json", "-q, --quiet", "-v, --verbose"))
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_options_that_take_a_value_show_their_default(command):
-    import typer
-
-    from adaptsize.cli.commands import app
-
-    # The parameters of the command, as the command line parses them.
-    group = typer.main.get_command(app)
-    for parameter in group.commands[command].params:
-        value = parameter.param_type_name == "option" and not parameter.is_flag
-        if value and not parameter.required:
-            assert "[default: " in parameter.help or parameter.show_default, parameter.name
-            assert "[default: " in parameter.help or parameter.default is not None, parameter.name
-            assert parameter.metavar, parameter.name
-
-
-def test_the_shell_completes_options_and_backends():
-    def completed(words):
-        child = subprocess.run(
-            [sys.executable, "-m", "adaptsize"],
-            env=os.environ
-            | {
-                "_ADAPTSIZE_COMPLETE": "complete_bash",
-                "COMP_WORDS": words,
-                "COMP_CWORD": str(len(words.split(" ")) - 1),
-            },
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return child.stdout.split()
-
-    assert completed("adaptsize remesh --bac") == ["--backend"]
-    assert completed("adaptsize remesh --backend ") == ["auto", "tetwild", "mmg", "gmsh"]
 
 
 # --- interruption -----------------------------------------------------------------

@@ -96,43 +96,6 @@ def test_a_link_to_the_input_is_the_input(capsys, square):
     assert "is also the input" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("nothing_is_read")
-def test_an_image_is_not_replaced(capsys, tmp_path):
-    assert call("image", tmp_path / "a.npy", "-o", tmp_path / "a.vtu", "--plot", "a.doc") == 1
-    assert "--plot must end in .png" in capsys.readouterr().err
-    assert call("image", tmp_path / "a.npy", "-o", tmp_path / "a.vti") == 1
-    assert "a.vti holds grids, not meshes" in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("nothing_is_read")
-@pytest.mark.parametrize(
-    ("words", "printed"),
-    [
-        (["--backend", "frob"], "backend must be one of 'auto', 'tetwild', 'mmg', 'gmsh'"),
-        (["--backend", "mmg"], "backend 'mmg' is not installed; install it with: pip install"),
-        (["--tolerance", "0"], "tolerance must be > 0, got 0"),
-        (["--timeout", "-1"], "timeout must be finite and > 0, got -1"),
-        (["--source", "cone:1=2"], "--source must be one of point"),
-    ],
-)
-def test_bad_options_are_refused_before_the_input_is_read(
-    capsys, monkeypatch, square, words, printed
-):
-    monkeypatch.setattr(
-        "adaptsize.remeshing.registry._is_installed", lambda backend: backend.name != "mmg"
-    )
-    assert call("remesh", square, "-o", square.with_name("o.vtu"), *words) == 1
-    assert printed in capsys.readouterr().err
-
-
-def test_a_bad_target_is_refused_before_sizes_are_computed(capsys, tmp_path):
-    words = ["--target", "frob"]
-    assert call("remesh", DATA / "bracket.stl", "-o", tmp_path / "b.vtu", *words) == 1
-    err = capsys.readouterr().err
-    assert "frob" in err
-    assert "sizes:" not in err
-
-
 @pytest.mark.parametrize(
     ("points", "cells", "name", "printed"),
     [

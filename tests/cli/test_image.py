@@ -67,21 +67,6 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
         read_size(output, name="cause")  # -1 outside
 
 
-def test_size_of_a_mesh_writes_its_causes(tmp_path, capsys):
-    output = tmp_path / "size.vtu"
-    assert call("size", DATA / "slit.vtu", "-o", output, "--elements-across", "3") == 0
-    printed = capsys.readouterr().out
-    assert "width" in printed
-    cause = read(output).point_data["cause"]
-    assert set(np.unique(cause)) <= {0, 1, 2, 3, 4}
-    assert len(set(cause)) > 1
-
-
-def test_files_that_hold_sizes_only_get_no_causes(tmp_path, capsys):
-    assert call("size", DATA / "lshape.vtu", "-o", tmp_path / "size.sol", "--hmax", "0.1") == 0
-    assert "field cause" not in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -114,11 +99,3 @@ def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
     assert call("image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu") == 0
     printed = capsys.readouterr().err
     assert "adaptsize: warning: objects reach the border of the image at 20 pixels" in printed
-
-
-def test_colours_are_refused_with_the_name_of_the_file(tmp_path, capsys):
-    rows = np.zeros((30, 30, 3), np.uint8)
-    rows[10:20, 10:20] = (200, 20, 20)
-    Pillow.fromarray(rows).save(tmp_path / "photo.png")
-    assert call("image", tmp_path / "photo.png", "-o", tmp_path / "mesh.vtu") == 1
-    assert "photo.png: has colours; segment it first" in capsys.readouterr().err

@@ -102,21 +102,6 @@ def test_elements_is_the_number_of_elements_of_the_mesh(capsys, tmp_path):
     assert json.loads(capsys.readouterr().out)["size"]["n_elements"] == pytest.approx(900, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--elements", "0"], "elements must be finite and >= 1, got 0"),
-        (["--elements", "nan"], "elements must be finite and >= 1, got nan"),
-        (["--elements", "9e3", "--max-elements", "8e3"], "elements must be at most --max-elements"),
-    ],
-)
-def test_bad_numbers_of_elements_are_refused_before_reading(capsys, tmp_path, words, message):
-    file = tmp_path / "empty.stl"
-    file.touch()
-    assert call("remesh", file, "-o", tmp_path / "new.vtu", *words) == 1
-    assert message in capsys.readouterr().err
-
-
 # --- the report -------------------------------------------------------------------
 
 
@@ -229,11 +214,6 @@ def test_an_open_surface_is_reported(capsys, open_box, no_generator):
     assert printed.err.count("the surface is open") == 1
 
 
-def test_a_closed_surface_is_not_called_open(capsys, box, no_generator):
-    assert call("remesh", box, "-o", box.with_name("o.vtu"), "--strict") == 0
-    assert "open" not in capsys.readouterr().err
-
-
 def test_close_fills_the_holes_first(capsys, open_box, no_generator):
     assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--close", "--strict") == 0
     err = capsys.readouterr().err
@@ -278,11 +258,6 @@ def test_overlapping_bodies_are_named_before_the_work(capsys, tmp_path, no_gener
     assert "join the bodies before meshing" in capsys.readouterr().err
     assert call("size", tmp_path / "two.stl", "-o", tmp_path / "h.vtu") == 0
     assert named in capsys.readouterr().err
-
-
-def test_close_is_refused_where_there_is_no_surface(capsys, tmp_path):
-    assert call("remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", "--close") == 1
-    assert "--close applies to surfaces that become tetrahedra" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("strict", [False, True])

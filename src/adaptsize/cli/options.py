@@ -257,7 +257,7 @@ def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
         name = key.replace("-", "_")
         if name not in options:
             close = get_close_matches(name, options, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(options)}"
+            hint = f"did you mean {close[0]!r}?" if close else "the command's help lists them"
             raise ValueError(f"{file}: unknown option {key!r}: {hint}")
         try:
             given[name] = _as_value(options[name], value)

@@ -1,0 +1,180 @@
+"""Options: groups in the help, refusals before anything is read, completion, and TOML files."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from command_line import call
+
+from adaptsize import SimplexMesh, write
+from adaptsize.cli.commands import app
+
+DATA = Path(__file__).parents[2] / "data"
+COMMANDS = typer.main.get_command(app).commands
+#: What else each command needs.
+WORDS = {
+    "limit": ["in.vtu", "-o", "o.vtu", "-g", "0.3"],
+    "adapt": ["in.vtu", "-o", "o.vtu", "--field", "u"],
+    "check": ["in.vtu"],
+} | {name: ["in.vtu", "-o", "o.vtu"] for name in ("size", "remesh", "image")}
+NUMBERS = [
+    (name, option.opts[-1])
+    for name, command in COMMANDS.items()
+    for option in command.params
+    if option.param_type_name == "option" and option.metavar in ("NUMBER", "LENGTH", "DEGREES")
+]
+
+
+def test_every_value_of_an_option_has_a_name_and_a_default():
+    for command in COMMANDS.values():
+        for option in command.params:
+            if option.param_type_name == "option" and not option.is_flag:
+                assert option.required or "[default: " in option.help, option.name
+                assert option.metavar, option.name
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_is_complete_and_fits_on_a_screen_and_a_half(capsys, monkeypatch, name):
+    monkeypatch.setenv("COLUMNS", "100")
+    assert call(name, "-h") == 0
+    printed = capsys.readouterr().out
+    flags = [flag for option in COMMANDS[name].params for flag in option.opts if "-" in flag]
+    assert all(flag in printed for flag in [*flags, "--json", "-q, --quiet", "-v, --verbose"])
+    assert printed.count("\n") <= 80
+    if name == "remesh":
+        titles = ["Output", "Sizes", "Number of elements", "Mesh generator", "General"]
+        assert [printed.index(f"\n{title}:\n") for title in titles] == sorted(
+            printed.index(f"\n{title}:\n") for title in titles
+        )
+
+
+@pytest.mark.parametrize(("name", "flag"), NUMBERS)
+def test_what_is_no_number_is_one_line_before_anything_is_read(capsys, name, flag):
+    assert call(name, *WORDS[name], flag, "nan") == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"adaptsize: error: {flag} must be ")
+    assert printed.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--hmin", "2", "--hmax", "1"], "--hmin must be at most --hmax = 1, got 2"),
+        (["--elements", "9e3", "--max-elements", "8e3"], "--elements must be at most --max-ele"),
+        (["--field", "h_nan"], "h0 must be positive (inf where there is no bound), got h0[1]"),
+        (["--field", "none"], "the mesh has no nodal field 'none'; it has: h_nan"),
+        (["--source", "cone:1=2"], "--source must be one of point"),
+        (["--crease-angle", "181"], "--crease-angle must be at most 180 degrees, got 181"),
+    ],
+)
+@pytest.mark.parametrize("command", ["size", "remesh"])
+def test_bad_options_are_one_line_and_leave_no_file(capsys, tmp_path, command, words, expected):
+    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    write(tmp_path / "in.vtu", mesh, fields={"h_nan": [1.0, np.nan, 1.0]})
+    assert call(command, tmp_path / "in.vtu", "-o", tmp_path / "out.vtu", *words) == 1
+    err = capsys.readouterr().err
+    assert err.startswith(f"adaptsize: error: {expected}")
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["in.vtu"]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--backend", "frob"], "--backend must be one of 'auto', 'tetwild', 'mmg', 'gmsh'"),
+        (["--backend", "mmg"], "backend 'mmg' is not installed; install it with: pip install"),
+        (["--tolerance", "7"], "--tolerance must be at most 1, got 7"),
+        (["--timeout", "-1"], "--timeout must be finite and > 0, got -1"),
+        (["--target", "frob"], "--target must be one of 'auto', 'tetrahedra', 'triangles'"),
+    ],
+)
+def test_bad_options_of_generators_are_refused_before_reading(
+    capsys, monkeypatch, square, words, expected
+):
+    monkeypatch.setattr(
+        "adaptsize.remeshing.registry._is_installed", lambda backend: backend.name != "mmg"
+    )
+    monkeypatch.setattr("adaptsize.io.read", lambda *_: pytest.fail("the input was read"))
+    assert call("remesh", square, "-o", square.with_name("o.vtu"), *words) == 1
+    assert expected in capsys.readouterr().err
+
+
+def test_the_shell_completes_options_and_backends():
+    def completed(words):
+        variables = {
+            "_ADAPTSIZE_COMPLETE": "complete_bash",
+            "COMP_WORDS": words,
+            "COMP_CWORD": str(len(words.split(" ")) - 1),
+        }
+        child = subprocess.run(
+            [sys.executable, "-m", "adaptsize"],
+            env=os.environ | variables,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return child.stdout.split()
+
+    assert completed("adaptsize remesh --bac") == ["--backend"]
+    assert completed("adaptsize remesh --backend ") == ["auto", "tetwild", "mmg", "gmsh"]
+
+
+# --- files of options -------------------------------------------------------------
+
+
+@pytest.fixture
+def part(tmp_path):
+    """Write a file of options."""
+
+    def write_text(text):
+        (tmp_path / "part.toml").write_text(text)
+        return tmp_path / "part.toml"
+
+    return write_text
+
+
+def test_options_of_a_file_are_those_of_the_command_line(capsys, tmp_path, part):
+    words = ["--hmin", "0.01", "--elements-per-radian", "0", "--source", "point:0,0=0.02"]
+    text = 'hmin = 0.01\nelements-per-radian = 0\nsource = "point:0,0=0.02"\nhmax = 0.3\ng = 0.5'
+    printed = []
+    for given in (["--hmax", "0.1", "-g", "0.5", *words], ["--options", part(text)]):
+        # One on the command line wins over the file.
+        command = ["size", DATA / "lshape.vtu", "-o", tmp_path / "h.vtu", *given]
+        assert call(*command, "--hmax", "0.1", "--json") == 0
+        printed.append(json.loads(capsys.readouterr().out)["size"])
+    assert printed[0] == printed[1]
+    assert (printed[1]["g"], printed[1]["hmax"]) == (0.5, 0.1)
+
+
+def test_lists_flags_and_names_can_stand_in_a_file(capsys, tmp_path, part):
+    file = part('label = [51, 102]\nspacing = [0.5, 0.5]\nhmin = 2\nplot = "a.doc"')
+    assert call("image", DATA / "objects.png", "-o", tmp_path / "o.vtu", "--options", file) == 1
+    assert "--plot must end in .png" in capsys.readouterr().err
+    words = ["-o", tmp_path / "o.vtu", "--options", part('strict = true\nbackend = "frob"')]
+    assert call("remesh", DATA / "lshape.vtu", *words) == 1
+    assert "--backend must be one of" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("elemnts = 9", "unknown option 'elemnts': did you mean 'elements'?"),
+        ("frob = 9", "unknown option 'frob': the command's help lists them"),
+        ("hmax = -1", "--hmax must be finite and > 0, got -1"),
+        ('hmax = "1"', "--hmax must be a number, got '1'"),
+        ("field = 3", "--field must be a text, got 3"),
+        ("label = 0.5", "--label must be one or several of type int"),
+        ("hmax = ", "is not TOML: "),
+        (None, "No such file or directory"),
+    ],
+)
+def test_bad_files_of_options_are_refused_with_their_name(capsys, tmp_path, part, text, expected):
+    file = tmp_path / "part.toml" if text is None else part(text)
+    assert call("size", "in.vtu", "-o", "o.vtu", "--options", file) == 1
+    assert f"adaptsize: error: {file}: {expected}" in capsys.readouterr().err
