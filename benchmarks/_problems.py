@@ -14,6 +14,7 @@ from _timing import G, model_bound, model_exact, model_grid
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize.limiting import Exact
 from adaptsize.typing import FloatArray
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
@@ -54,7 +55,7 @@ def named(*methods):
 BOTH = named("fast-marching", "exact")
 NODES = {
     "fast-marching": {"method": "fast-marching"},
-    "exact": {"method": "exact", "face_sources": False},
+    "exact": {"method": Exact(face_sources=False)},
 }
 PERIODIC = {
     name: {"method": name, "periodic": 100.0 * np.eye(2)} for name in ("fast-marching", "exact")

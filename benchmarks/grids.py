@@ -38,8 +38,10 @@ from _timing import (
 )
 
 import adaptsize as ads
+from adaptsize.limiting import FastMarching
 
 # Dimension, boxes along an axis, orders, repetitions.  255 boxes: sources nearest to their places.
+METHODS = {1: "auto", 2: FastMarching(order=2)}
 CASES = ((2, 800, (1, 2), 3), (3, 100, (1, 2), 3), (3, 255, (1,), 2))
 QUICK_CASES = ((2, 200, (1, 2), 3), (3, 30, (1, 2), 3))
 PEER_CASES = ((2, 800, (1, 2), 3), (3, 100, (1, 2), 3), (3, 255, (1,), 1))
@@ -52,7 +54,7 @@ def compile_all():
     for dim in (2, 3):
         grid = model_grid(10, dim)
         for order in (1, 2):
-            limit_gradient(grid, model_bound(grid), G, order=order)
+            limit_gradient(grid, model_bound(grid), G, method=METHODS[order])
 
 
 def resident():
@@ -70,12 +72,12 @@ def memory(dim, n_cells, order):
     grid = model_grid(n_cells, dim)
     h0 = model_bound(grid)
     before = resident()
-    h = limit_gradient(grid, h0, G, order=order)
+    h = limit_gradient(grid, h0, G, method=METHODS[order])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     grown = None if before is None else (peak - before - h.nbytes) / grid.n_points
     del h
     tracemalloc.start()
-    h = limit_gradient(grid, h0, G, order=order)
+    h = limit_gradient(grid, h0, G, method=METHODS[order])
     traced = tracemalloc.get_traced_memory()[1] - h.nbytes
     return {"array_bytes_per_node": traced / grid.n_points, "resident_bytes_per_node": grown}
 
@@ -84,7 +86,7 @@ def speed(dim, n_cells, order, times):
     """Return times and memory of the problem of two sources."""
     grid = model_grid(n_cells, dim)
     h0 = model_bound(grid)
-    _, wall, own = best_of(times, lambda: limit_gradient(grid, h0, G, order=order))
+    _, wall, own = best_of(times, lambda: limit_gradient(grid, h0, G, method=METHODS[order]))
     command = [sys.executable, __file__, "--memory", str(dim), str(n_cells), str(order)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     row = {"dim": dim, "n_points": grid.n_points, "order": order, "process_seconds": own,
@@ -103,7 +105,7 @@ def against_peer(dim, n_cells, order, times):
     phi[source] = 0.0
     h0 = np.full(grid.shape, np.inf)
     h0[source] = 1.0
-    h, _, own = best_of(times, lambda: limit_gradient(grid, h0, 1.0, order=order))
+    h, _, own = best_of(times, lambda: limit_gradient(grid, h0, 1.0, method=METHODS[order]))
     peer = partial(skfmm.distance, phi, dx=grid.spacing, order=order)
     distance, _, peer_own = best_of(times, peer)
     h -= 1.0

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from adaptsize import SimplexMesh, distributed, limit_gradient
+from adaptsize.limiting import Exact
 
 G = 0.3
 GIB = 2.0**30
@@ -132,7 +133,7 @@ def whole_mesh(given):
     """Return the mesh, and the function that limits sizes on it."""
     n = given.divisions
     mesh = SimplexMesh(kuhn_points(n), kuhn_cells(n, given.file))
-    return mesh, lambda h0: limit_gradient(mesh, h0, G, threads=given.threads)
+    return mesh, lambda h0: limit_gradient(mesh, h0, G, method=Exact(threads=given.threads))
 
 
 def part_of_mesh(given, comm):
@@ -146,7 +147,7 @@ def part_of_mesh(given, comm):
     if comm.rank > 0:
         owner[:plane] -= 1  # the first plane is the last one of the rank below
     part = distributed.PartitionedMesh(own, numbers, owner, comm)
-    return own, lambda h0: distributed.limit_gradient(part, h0, G, threads=1)
+    return own, lambda h0: distributed.limit_gradient(part, h0, G)
 
 
 def report(given, rows):

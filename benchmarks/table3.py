@@ -43,7 +43,9 @@ from _timing import (
 from numba import njit
 
 from adaptsize import Octree, limit_gradient, refine_to_size
-from adaptsize.limiting.hamilton_jacobi import solve_hamilton_jacobi
+from adaptsize.limiting import FastMarching, HamiltonJacobi
+from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.problem import Problem
 
 # Seconds on an Athlon XP 2800+: edge iteration, H-J iteration, H-J fast.
 PAPER = {
@@ -117,12 +119,12 @@ def edge_iteration(grid, h0):
     return h, n_passes
 
 
-def hamilton_jacobi(grid, h0, **step):
+def hamilton_jacobi(grid, h0, cfl=HamiltonJacobi.cfl):
     """Return the sizes and the number of steps of the iteration from a constant."""
-    solution = solve_hamilton_jacobi(
-        grid, h0, np.array([G]), start=np.full(grid.shape, START), order=1, tol=TOL,
-        max_iter=None, report=lambda text, share: None, **step,
-    )  # fmt: skip
+    scheme = HamiltonJacobi(tol=TOL)
+    object.__setattr__(scheme, "cfl", cfl)
+    problem = Problem(grid, h0, Slope(np.array([G])))
+    solution = scheme.iterate(problem, np.full(grid.shape, START))
     return solution.h, solution.iterations
 
 
@@ -141,7 +143,7 @@ def solvers(dim):
         "H-J iteration, dx/2": partial(hamilton_jacobi, cfl=math.sqrt(dim) / 2.0),
         "H-J iteration": hamilton_jacobi,
         "fast marching": limited,
-        "fast marching, order 2": partial(limited, order=2),
+        "fast marching, order 2": partial(limited, method=FastMarching(order=2)),
         "edge-based, ordered": partial(limited, method="edge-based"),
     }
 

@@ -38,6 +38,7 @@ import numpy.typing as npt
 from _gallery import drawing, run, save_drawing
 
 import adaptsize as ads
+from adaptsize.limiting import Exact
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def main(output_dir: Path, *, spacing: float = 1.0, width: int = 900) -> dict[st
         h0[tuple(nearest)] = LEAST
     h = ads.limit_on_sphere(grid, h0, G, radius=RADIUS)
     degree = np.deg2rad(RADIUS)  # in km
-    on_map = ads.limit_gradient(grid, h0, G * degree, face_sources=False)
+    on_map = ads.limit_gradient(grid, h0, G * degree, method=Exact(face_sources=False))
     draw(output_dir / "great_circles.png", grid, h, on_map, width)
     return {
         "largest ratio of sizes on the map and on the sphere": float((on_map / h).max()),

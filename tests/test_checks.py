@@ -22,6 +22,7 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize.background import Image
+from adaptsize.limiting import Exact
 
 
 def message(expected):
@@ -300,4 +301,4 @@ def test_a_whole_number_may_have_any_type(three):
     grid = ads.CartesianGrid([0, 0], 1.0, (three, three))
     assert grid.shape == (3, 3)
     assert all(type(n) is int for n in grid.shape)
-    assert (ads.limit_gradient(grid, 0.5, 0.3, threads=three) == 0.5).all()
+    assert (ads.limit_gradient(grid, 0.5, 0.3, method=Exact(threads=three)) == 0.5).all()

@@ -179,7 +179,7 @@ def test_limiting_starts_from_an_info_that_came_back():
     h, info = limited(mesh)
     again = pickle.loads(pickle.dumps((mesh, info)))
     assert_array_equal(
-        ads.limit_gradient(again[0], info.record.bound, 0.3, method="exact", initial=again[1]), h
+        ads.limit_gradient(again[0], info.bound, 0.3, method="exact", initial=again[1]), h
     )
 
 

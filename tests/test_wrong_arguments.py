@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import adaptsize as ads
-from adaptsize import geometry, quality, remeshing, sizes
+from adaptsize import geometry, limiting, quality, remeshing, sizes
 
 SQUARE = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 TETRAHEDRON = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
@@ -61,15 +61,15 @@ WRONG = {
         "progress must be callable with a text and a number, got",
     ),
     "an order that is an array": (
-        lambda: ads.limit_gradient(GRID, 0.2, 0.3, order=SEVERAL),
+        lambda: limiting.FastMarching(order=SEVERAL),
         "order must be a number",
     ),
     "face_sources that are text": (
-        lambda: ads.limit_gradient(SQUARE, H0, 0.3, face_sources="no"),
+        lambda: limiting.Exact(face_sources="no"),
         "face_sources must be True or False, got 'no'",
     ),
     "a floor that is an array": (
-        lambda: ads.limit_gradient(SQUARE, H0, 0.3, floor=SEVERAL),
+        lambda: limiting.PositiveCoefficient(floor=SEVERAL),
         "floor must be 'hopf-lax' or None, got array",
     ),
     "a method that is a list": (

@@ -8,7 +8,9 @@ from functools import partial
 import numpy as np
 
 import adaptsize as ads
-from adaptsize.limiting.hamilton_jacobi import solve_hamilton_jacobi
+from adaptsize.limiting import FastMarching, HamiltonJacobi
+from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.problem import Problem
 
 G = 0.3
 LIMIT = partial(ads.limit_gradient, g=G)
@@ -36,9 +38,9 @@ def errors():
                 near |= grid.sample(lambda p, c=place: np.linalg.norm(p - c, axis=1)) <= 10.0
             bounds = {"bare": h0, "near": np.where(near, exact, np.inf)}
             found = []
-            for method, order in (("edge-based", 1), ("fast-marching", 1), ("fast-marching", 2)):
+            for method in ("edge-based", "fast-marching", FastMarching(order=2)):
                 for bound in bounds.values():
-                    error = np.abs(LIMIT(grid, bound, method=method, order=order) - exact)
+                    error = np.abs(LIMIT(grid, bound, method=method) - exact)
                     found.append(f"{error.max():.4f} / {error.mean():.2g}")
             print(f"{dim} {n_cells}^{dim}: ", "; ".join(found))
 
@@ -53,10 +55,8 @@ def starts():
             ("1", np.full(grid.shape, 1.0)),
             ("fast marching", LIMIT(grid, h0, method="fast-marching")),
         ):
-            solution = solve_hamilton_jacobi(
-                grid, h0, values, start=start, order=order, tol=1e-4, max_iter=None,
-                report=lambda text, share: None,
-            )  # fmt: skip
+            problem = Problem(grid, h0, Slope(values))
+            solution = HamiltonJacobi(order, tol=1e-4).iterate(problem, start)
             error = np.abs(solution.h - exact)
             print(f"order {order} from {name}: {solution.iterations} steps, "
                   f"{error.max():.4f} / {error.mean():.4f}")  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
+from adaptsize.limiting import PositiveCoefficient
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 from meshes import jittered_cube, jittered_square, random_sphere, random_square
@@ -53,7 +54,7 @@ def positive_coefficient(mesh):
         for name, initial in (("fast marching", None), ("50", from_50)):
             start = time.perf_counter()
             h, info = ads.limit_gradient.with_info(
-                mesh, h0, G, method="positive-coefficient", floor=floor, initial=initial,
+                mesh, h0, G, method=PositiveCoefficient(floor=floor), initial=initial,
             )  # fmt: skip
             seconds = time.perf_counter() - start
             error = h - exact

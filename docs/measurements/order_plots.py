@@ -16,6 +16,7 @@ from matplotlib.transforms import ScaledTranslation
 
 import adaptsize as ads
 from adaptsize.geometry import boundary_width, level_set_curvature, surface_curvature
+from adaptsize.limiting import FastMarching
 from adaptsize.sizes import recovered_gradient, recovered_hessian
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
@@ -99,6 +100,7 @@ def limiting() -> list[Panel]:
 
     fast = {"method": "fast-marching"}
     near = {**fast, "near": 10.0}
+    second = {"method": FastMarching(order=2)}
     plane, space = (51**2, 101**2, 201**2, 401**2), (11**3, 21**3, 41**3, 61**3)
     edges = {"method": "edge-based"}
     return [
@@ -119,8 +121,8 @@ def limiting() -> list[Panel]:
                 scheme("edge-based", _problems.on_grid, plane, **edges),
                 scheme("order 1", _problems.on_grid, plane, **fast),
                 scheme("order 1, exact near", _problems.on_grid, plane, **near),
-                scheme("order 2", _problems.on_grid, plane, **fast, order=2),
-                scheme("order 2, exact near", _problems.on_grid, plane, **near, order=2),
+                scheme("order 2", _problems.on_grid, plane, **second),
+                scheme("order 2, exact near", _problems.on_grid, plane, **second, near=10.0),
                 scheme("exact", _problems.on_grid, plane, method="exact"),
             ],
         ),

@@ -17,6 +17,7 @@ from meshes import jittered_square, random_sphere
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
+from adaptsize.limiting import Exact
 
 from .cases import Failure
 
@@ -56,9 +57,8 @@ class Problem(NamedTuple):
         return self.is_exact and not self.options.get("face_sources", True)
 
     def limit(self, h0: np.ndarray) -> Any:
-        return ads.limit_gradient.with_info(
-            self.background, h0, self.g, method=self.method, **self.options
-        )
+        method: Any = Exact(**self.options) if self.options else self.method
+        return ads.limit_gradient.with_info(self.background, h0, self.g, method=method)
 
 
 def run(rng: np.random.Generator, folder: Path) -> str:

@@ -19,6 +19,7 @@ from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh
 from adaptsize.distributed import limit_gradient as limit_parts
+from adaptsize.limiting import Exact
 
 CONVEX = {
     "jittered square": jittered_square(8, 821),
@@ -44,7 +45,7 @@ def test_equal_to_serial_for_every_partition(domain, kind, face_sources):
     h0 = bounds(mesh, kind, rng)
     for parts in KINDS:
         rank_of = partition(mesh, parts, SIZE, rng)
-        assert_equal_to_serial(mesh, h0, 0.3, rank_of, face_sources=face_sources)
+        assert_equal_to_serial(mesh, h0, 0.3, rank_of, method=Exact(face_sources))
 
 
 @given(data=st.data())
@@ -59,7 +60,7 @@ def test_equal_to_serial_for_drawn_problems(data):
     h0 = bounds(mesh, data.draw(st.sampled_from(BOUNDS)), rng)
     rank_of = partition(mesh, data.draw(st.sampled_from(KINDS)), SIZE, rng)
     g = data.draw(st.sampled_from([0.0, 0.05, 0.3, 2.0]))
-    assert_equal_to_serial(mesh, h0, g, rank_of, face_sources=data.draw(st.booleans()))
+    assert_equal_to_serial(mesh, h0, g, rank_of, method=Exact(data.draw(st.booleans())))
 
 
 def test_number_of_exchanges_and_bytes():
@@ -76,7 +77,7 @@ def test_number_of_exchanges_and_bytes():
             counts = []
             for _ in range(2):
                 before = part.ranks.traffic.exchanges, part.ranks.traffic.bytes_sent
-                limit_parts(part, h0[part.global_ids], 0.3, face_sources=linear)
+                limit_parts(part, h0[part.global_ids], 0.3, method=Exact(linear))
                 now = part.ranks.traffic.exchanges, part.ranks.traffic.bytes_sent
                 counts.append((now[0] - before[0], now[1] - before[1]))
             return counts[0][0] - counts[1][0], *counts[1]
@@ -160,8 +161,6 @@ def test_limit_that_depends_on_the_size():
         ({"g": 0.5}, "^g must be the same on all ranks"),
         ({"method": "slow"}, "^rank 2: method must be"),
         ({"method": "fast-marching"}, "^method must be the same on all ranks"),
-        ({"face_sources": 3}, "^rank 2: face_sources must be"),
-        ({"threads": 0}, "^rank 2: threads must be"),
         ({"g": [[0.3], [0.3, 0.3]]}, "^rank 2: g must"),
         ({"h0": np.inf}, None),
     ],

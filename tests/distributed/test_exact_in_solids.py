@@ -11,6 +11,7 @@ from solids_of_cubes import solid_of_cubes
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.distributed import limit_gradient as limit_parts
+from adaptsize.limiting import Exact
 
 pytestmark = pytest.mark.usefixtures("nothing_is_collected")
 
@@ -44,7 +45,7 @@ def test_equal_to_serial_for_every_partition(domain, kind):
     h0 = bounds(mesh, kind, rng)
     for number, parts in enumerate(KINDS[1:]):
         rank_of = partition(mesh, parts, SIZE, rng)
-        assert_equal_to_serial(mesh, h0, 0.3, rank_of, face_sources=number % 2 == 0)
+        assert_equal_to_serial(mesh, h0, 0.3, rank_of, method=Exact(number % 2 == 0))
 
 
 @given(data=st.data())
@@ -59,7 +60,7 @@ def test_equal_to_serial_for_drawn_problems(data):
         h0 = 1.0 + np.round(h0 / mesh.diagonal, 1) * mesh.diagonal
     g = data.draw(st.sampled_from([0.0, 0.05, 0.3, 2.0]))
     rank_of = partition(mesh, data.draw(st.sampled_from(KINDS)), SIZE, rng)
-    assert_equal_to_serial(mesh, h0, g, rank_of, face_sources=data.draw(st.booleans()))
+    assert_equal_to_serial(mesh, h0, g, rank_of, method=Exact(data.draw(st.booleans())))
 
 
 def test_sources_that_see_nothing_of_each_other_meet_at_reflex_edges():
@@ -113,7 +114,7 @@ def test_number_of_exchanges_and_bytes():
             for _ in range(2):
                 traffic = part.ranks.traffic
                 before = (traffic.exchanges, traffic.bytes_sent + traffic.bytes_gathered)
-                limit_parts(part, h0[part.global_ids], 0.3, face_sources=linear)
+                limit_parts(part, h0[part.global_ids], 0.3, method=Exact(linear))
                 sent = traffic.bytes_sent + traffic.bytes_gathered - before[1]
                 counts.append((traffic.exchanges - before[0], sent))
             return counts

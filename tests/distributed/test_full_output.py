@@ -11,6 +11,7 @@ from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.distributed import limit_gradient as limit_parts
+from adaptsize.limiting import Exact
 from adaptsize.limiting.in_parts.info import _order_statistics
 
 
@@ -77,7 +78,7 @@ def test_equal_to_serial_for_every_partition(name, kind):
     for number, parts in enumerate(KINDS[1:]):
         points = between_nodes(mesh, rng) if kind == "none" or number % 2 else None
         rank_of = partition(mesh, parts, SIZE, rng)
-        options = {"point_sources": points, "face_sources": number < 2}
+        options = {"point_sources": points, "method": Exact(number < 2)}
         assert_equal_to_serial(mesh, h0, rank_of, **options)
 
 
@@ -96,7 +97,7 @@ def test_equal_to_serial_for_drawn_problems(data):
         rank_of,
         data.draw(st.sampled_from([0.0, 0.05, 0.3, 2.0, lambda h: 0.1 + 0.3 * h / (1.0 + h)])),
         point_sources=between_nodes(mesh, rng),
-        face_sources=data.draw(st.booleans()),
+        method=Exact(data.draw(st.booleans())),
     )
 
 

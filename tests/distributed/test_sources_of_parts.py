@@ -8,6 +8,7 @@ from partitions import SIZE, bounds, on_ranks, partition
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.distributed import limit_gradient as limit_parts
+from adaptsize.limiting import Exact
 
 
 def renumbered(mesh, seed):
@@ -59,7 +60,7 @@ def test_equal_to_serial_for_every_partition(name, kind):
     # In solids that are not convex, edges and their nodes often allow the same.
     for parts, linear in (("random", name != "wall"), ("single cells", False)):
         rank_of = partition(mesh, parts, SIZE, rng)
-        found, roots = assert_equal_to_serial(mesh, h0, rank_of, face_sources=linear)
+        found, roots = assert_equal_to_serial(mesh, h0, rank_of, method=Exact(linear))
         if kind == "corner":  # one bound, at node 0
             assert set(roots.tolist()) - {-1} == {0}
             assert np.isfinite(found.bends).any() == (name in ("slit", "wall"))
@@ -75,7 +76,7 @@ def test_sources_between_the_nodes(name):
     h0 = bounds(mesh, "some", rng)
     rank_of = partition(mesh, "random", SIZE, rng)
     for g in (0.3, lambda h: 0.1 + 0.3 * h / (1.0 + h)):
-        given = {"point_sources": (points, np.full(4, 1e-3)), "face_sources": False}
+        given = {"point_sources": (points, np.full(4, 1e-3)), "method": Exact(False)}
         _, roots = assert_equal_to_serial(mesh, h0, rank_of, g, **given)
         assert roots.max() > mesh.n_points  # the first one is outside
 
@@ -101,7 +102,7 @@ def test_numbers_of_nodes_are_sent_for_sources_only():
         for full in (False, False, True):
             before = part.ranks.traffic.bytes_sent
             found = limit_parts(
-                part, h0[part.global_ids], 0.3, face_sources=False, full_output=full
+                part, h0[part.global_ids], 0.3, method=Exact(False), full_output=full
             )
             counts.append(part.ranks.traffic.bytes_sent - before)
         assert repr(found[1].sources).startswith("PartsSources(")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import adaptsize as ads
+from adaptsize.limiting import FastMarching
 
 skfmm = pytest.importorskip("skfmm", reason="scikit-fmm is compiled when it is installed")
 
@@ -43,7 +44,7 @@ def test_sizes_of_second_order_grow_like_its_distance_from_one_source(problem):
     only = np.full(grid.shape, np.inf)
     only[first] = 1.0
     phi[:], phi[first] = 1.0, 0.0
-    h = limit_gradient(grid, only, 0.3, method="fast-marching", order=2)
+    h = limit_gradient(grid, only, 0.3, method=FastMarching(order=2))
     np.testing.assert_allclose(
         h, 1.0 + 0.3 * skfmm.distance(phi, dx=grid.spacing, order=2), rtol=1e-10
     )

@@ -7,7 +7,7 @@ from meshes import random_square
 from adaptsize import CartesianGrid
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.geometry.distance.fast_marching import march_distance, march_through_mesh
-from adaptsize.limiting import limit_gradient
+from adaptsize.limiting import FastMarching, limit_gradient
 
 
 def quiet(text, share):
@@ -91,6 +91,6 @@ def test_the_second_order_pass_sorts_sizes_whose_range_has_no_inverse():
     grid = CartesianGrid([0.0, 0.0], 1e-3, (9, 9), active=active)
     h0 = np.full((9, 9), np.inf)
     h0[0, 0], h0[8, 8] = 1e-310, 1.5e-310
-    h = limit_gradient(grid, h0, 1e-310, method="fast-marching", order=2)
+    h = limit_gradient(grid, h0, 1e-310, method=FastMarching(order=2))
     assert (h[:4] == 1e-310).all()
     assert (h[5:] == 1.5e-310).all()

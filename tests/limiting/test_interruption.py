@@ -49,15 +49,16 @@ INTERRUPTED = """
 import numpy as np
 from meshes import jittered_square
 from adaptsize import limit_gradient
+from adaptsize.limiting import PositiveCoefficient
 
 mesh = jittered_square(30, seed=94)
 h0 = np.full(mesh.n_points, np.inf)
 h0[0] = 0.1
-limit_gradient(mesh, h0, 0.3, method="positive-coefficient", floor=None)
+limit_gradient(mesh, h0, 0.3, method=PositiveCoefficient(floor=None))
 try:
     print("ready", flush=True)  # the signal may come from here on
     for _ in range(100_000):
-        limit_gradient(mesh, h0, 0.3, method="positive-coefficient", floor=None, tol=1e-30)
+        limit_gradient(mesh, h0, 0.3, method=PositiveCoefficient(floor=None, tol=1e-30))
 except KeyboardInterrupt:
     h = limit_gradient(mesh, h0, 0.3)
     print("alive", h.shape[0], flush=True)

@@ -8,6 +8,7 @@ from meshes import jittered_square, random_sphere
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
+from adaptsize.limiting import Exact, FastMarching, PositiveCoefficient
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 H0 = [0.1, np.inf, np.inf, np.inf]
@@ -108,7 +109,9 @@ def test_what_g_of_h_raises_comes_through():
 @pytest.mark.parametrize("method", ["fastmarching", "", "Exact"])
 def test_refuses_unknown_methods_and_lists_the_known(method):
     expected = "method must be one of 'auto', 'exact', "
-    expected += f"'fast-marching', 'positive-coefficient', 'edge-based', got {method!r}"
+    expected += (
+        f"'fast-marching', 'positive-coefficient', 'hamilton-jacobi', 'edge-based', got {method!r}"
+    )
     with message(expected):
         limit_gradient(SQUARE, H0, 0.3, method=method)
 
@@ -126,90 +129,65 @@ def test_the_exact_method_refuses_what_it_does_not_know():
         limit_gradient(random_sphere(20, 91), np.ones(20), 0.3, method="exact")
 
 
-IDLE = {
-    "order": 2,
-    "floor": None,
-    "initial": np.ones((2, 2)),
-    "tol": 1e-2,
-    "max_iter": 7,
-    "face_sources": False,
-    "threads": 1,
-    "point_sources": ([[0.5, 0.5]], [0.1]),
-}
 GRID = CartesianGrid([0.0, 0.0], 1.0, (2, 2))
-EXACT_TAKES = ("face_sources", "threads", "point_sources")
-TAKES = {
-    "mesh": {
-        "auto": EXACT_TAKES,
-        "exact": EXACT_TAKES,
-        "fast-marching": (),
-        "edge-based": (),
-        "positive-coefficient": ("floor", "initial", "tol", "max_iter"),
-    },
-    "grid": {
-        "auto": (*EXACT_TAKES, "order"),
-        "exact": EXACT_TAKES,
-        "fast-marching": ("order",),
-        "edge-based": (),
-        "hamilton-jacobi": ("order", "initial", "tol", "max_iter"),
-    },
+OPTIONAL = {
+    "initial": np.ones((2, 2)),
+    "point_sources": ([[0.5, 0.5]], [0.1]),
+    "periodic": [[1.0, 0.0]],
+}
+SCHEMES = {
+    "auto": ("point_sources", "periodic"),
+    "exact": ("point_sources", "periodic"),
+    "fast-marching": ("periodic",),
+    "edge-based": (),
+    "positive-coefficient": ("initial",),
+    "hamilton-jacobi": ("initial",),
 }
 
 
-@pytest.mark.parametrize("option", IDLE)
-@pytest.mark.parametrize(
-    ("kind", "method"), [(kind, method) for kind in TAKES for method in TAKES[kind]]
-)
-def test_each_method_takes_the_options_that_it_uses_and_refuses_the_others(kind, method, option):
-    background = SQUARE if kind == "mesh" else GRID
-    value = IDLE[option]
+@pytest.mark.parametrize("option", OPTIONAL)
+@pytest.mark.parametrize("method", SCHEMES)
+def test_each_scheme_takes_the_arguments_that_it_uses_and_refuses_the_others(method, option):
+    background = SQUARE if method == "positive-coefficient" else GRID
+    value = OPTIONAL[option]
     if option == "initial":
         value = value.reshape(background.nodal_shape)
     h0 = np.reshape(H0, background.nodal_shape)
-    if option in TAKES[kind][method]:
+    if option in SCHEMES[method]:
         limit_gradient(background, h0, 0.3, method=method, **{option: value})
         return
-    with pytest.raises(ValueError, match=f"^{option} is for method='.*, got method='{method}'$"):
+    own = "exact" if method == "auto" else method
+    with pytest.raises(ValueError, match=f"^{option} is for method='.*, got method='{own}'$"):
         limit_gradient(background, h0, 0.3, method=method, **{option: value})
 
 
-@pytest.mark.parametrize("method", ALL)
-def test_defaults_are_accepted_by_every_method(method):
-    limit_gradient(
-        SQUARE,
-        H0,
-        0.3,
-        method=method,
-        order=1,
-        floor="hopf-lax",
-        initial=None,
-        tol=1e-3,
-        max_iter=None,
-        face_sources=True,
-        threads=None,
-        point_sources=None,
-    )
+def test_a_scheme_on_a_background_that_it_does_not_support_says_what_it_needs():
+    with message("method='fast-marching' needs a CartesianGrid with order=2, got SimplexMesh(4"):
+        limit_gradient(SQUARE, H0, 0.3, method=FastMarching(order=2))
+    with message("method='hamilton-jacobi' needs a CartesianGrid, got SimplexMesh(4 points"):
+        limit_gradient(SQUARE, H0, 0.3, method="hamilton-jacobi")
+    with message("method='positive-coefficient' needs a mesh, got CartesianGrid"):
+        limit_gradient(GRID, np.ones((2, 2)), 0.3, method="positive-coefficient")
 
 
-def test_an_option_of_no_method_on_a_background_names_the_other_background():
-    with message(
-        "order is for method='fast-marching' or 'hamilton-jacobi' on a CartesianGrid, "
-        "got method='fast-marching'"
-    ):
-        limit_gradient(SQUARE, H0, 0.3, method="fast-marching", order=2)
-    with message(
-        "floor is for method='positive-coefficient' on a SimplexMesh, got method='hamilton-jacobi'"
-    ):
-        limit_gradient(GRID, np.ones((2, 2)), 0.3, method="hamilton-jacobi", floor=None)
-
-
-OPTIONS = {
+BAD_OPTIONS = {
     "floor": ({"floor": "none"}, "floor must be 'hopf-lax' or None, got 'none'"),
     "tol zero": ({"tol": 0.0}, "tol must be finite and > 0, got 0"),
     "tol nan": ({"tol": np.nan}, "tol must be finite and > 0, got nan"),
     "tol word": ({"tol": "small"}, "tol must be a number, got 'small'"),
     "no step": ({"max_iter": 0}, "max_iter must be finite and >= 1, got 0"),
     "half a step": ({"max_iter": 1.5}, "max_iter must be a whole number, got 1.5"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_a_scheme_refuses_bad_options(case):
+    options, expected = BAD_OPTIONS[case]
+    with message(expected):
+        PositiveCoefficient(**options)
+
+
+STARTS = {
     "start shape": ({"initial": np.ones(3)}, "initial must have shape (4,), got (3,)"),
     "start nan": ({"initial": [1.0, np.nan, 1.0, 1.0]}, "got initial[1] = nan"),
     "start zero": ({"initial": [1.0, 1.0, 0.0, 1.0]}, "got initial[2] = 0.0"),
@@ -220,9 +198,9 @@ OPTIONS = {
 }
 
 
-@pytest.mark.parametrize("case", OPTIONS)
-def test_the_iteration_refuses_bad_options(case):
-    options, expected = OPTIONS[case]
+@pytest.mark.parametrize("case", STARTS)
+def test_an_iteration_refuses_bad_starts(case):
+    options, expected = STARTS[case]
     with message(expected):
         limit_gradient(SQUARE, H0, 0.3, method="positive-coefficient", **options)
 
@@ -232,13 +210,7 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
     h0 = np.where(np.arange(mesh.n_points) == 60, 1.0, np.inf)
     with pytest.warns(ConvergenceWarning, match="stopped after max_iter = 1 steps") as caught:
         h, info = limit_gradient.with_info(
-            mesh,
-            h0,
-            0.3,
-            method="positive-coefficient",
-            floor=None,
-            max_iter=1,
-            tol=1e-12,
+            mesh, h0, 0.3, method=PositiveCoefficient(floor=None, max_iter=1, tol=1e-12)
         )
     assert len(caught) == 1
     assert caught[0].filename == __file__  # the caller's line is the one shown
@@ -249,15 +221,14 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
     assert h[60] == 1.0
 
 
-@pytest.mark.parametrize("name", ["threads", "max_iter"])
-def test_a_long_argument_gives_a_short_message(name):
-    with pytest.raises(ValueError, match=f"{name} must be") as caught:
-        limit_gradient(SQUARE, H0, 0.3, **{name: "x" * 5000})
+def test_a_long_argument_gives_a_short_message():
+    with pytest.raises(ValueError, match="threads must be") as caught:
+        Exact(threads="x" * 5000)
     assert len(str(caught.value)) < 200
 
 
 def test_point_sources_may_be_a_list_of_two_arrays():
-    pair = IDLE["point_sources"]
+    pair = OPTIONAL["point_sources"]
     expected = limit_gradient(SQUARE, H0, 0.3, point_sources=pair)
     assert np.array_equal(limit_gradient(SQUARE, H0, 0.3, point_sources=list(pair)), expected)
     with message("point_sources must be a pair (points, sizes)"):

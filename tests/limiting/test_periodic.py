@@ -8,7 +8,7 @@ from meshes import structured_square
 from numpy.testing import assert_allclose
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
-from adaptsize.limiting import periodic
+from adaptsize.limiting import Exact, FastMarching, periodic
 
 G = 0.3
 SQUARE = np.eye(2)
@@ -108,7 +108,7 @@ def test_bounds_inside_cells_have_images_too(face_sources):
     mesh = unit_square(7)
     # Steep along a side, so that its edges and faces are sources.
     h0 = 0.05 + 0.9 * np.abs(mesh.points[:, 0] - 0.1) + 0.2 * mesh.points[:, 1]
-    options = {"face_sources": face_sources, "method": "exact"}
+    options = {"method": Exact(face_sources)}
     h = limit_gradient(mesh, h0, G, periodic=SQUARE, **options)
     assert_allclose(h, on_tiles(mesh, SQUARE, h0, **options), rtol=1e-12)
 
@@ -249,7 +249,7 @@ def test_translations_that_do_not_fit_are_refused(vectors, message):
 def test_other_options_are_refused():
     grid = CartesianGrid([0, 0], 0.25, (5, 5))
     h, info = limit_gradient.with_info(grid, 1.0, G, periodic=SQUARE)
-    for options in ({"initial": info}, {"order": 2}):
+    for options in ({"initial": info}, {"method": FastMarching(order=2)}):
         with pytest.raises(ValueError, match="periodic cannot be combined"):
             limit_gradient(grid, h, G, periodic=SQUARE, **options)
     with pytest.raises(ValueError, match="initial must not come from a call with periodic"):

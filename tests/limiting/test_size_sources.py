@@ -14,6 +14,7 @@ from meshes import slit_square as crack
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
+from adaptsize.limiting import Exact
 
 G = 0.3
 CONVEX = {
@@ -210,9 +211,9 @@ def test_components_have_sources_of_their_own_between_the_nodes():
 # --- where sizes come from --------------------------------------------------------------------
 
 
-def assert_sources_give_the_sizes(background, h0, **options):
+def assert_sources_give_the_sizes(background, h0, face_sources=True):
     """Compare sizes with what each source allows; return sizes and sources."""
-    h, info = limit_gradient.with_info(background, h0, G, method="exact", **options)
+    h, info = limit_gradient.with_info(background, h0, G, method=Exact(face_sources))
     sources, h, bound = info.sources, h.ravel(), np.ravel(h0)
     points = coordinates(background).reshape(-1, background.dim)
     reached = np.isfinite(h)

@@ -1,6 +1,7 @@
 """Limiting again from an earlier solution: as a full solution, but for the work."""
 
 import re
+from dataclasses import replace
 
 import domains
 import numpy as np
@@ -12,7 +13,7 @@ from meshes import slit_square as crack
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
-from adaptsize.limiting import LimitingInfo
+from adaptsize.limiting import Exact, FastMarching, HamiltonJacobi, LimitingInfo
 
 G = 0.3
 
@@ -34,6 +35,7 @@ BACKGROUNDS = {
     "plane": PLANE, "space": SPACE, "grid": FLAT_GRID, "box": BOX_GRID, "holed": HOLED_GRID,
     "octree": TREE, "two parts": TWO_PARTS,
 }  # fmt: skip
+OF_NODES = Exact(face_sources=False)
 CHANGES = ("lowered", "raised", "both", "to and from inf", "everything", "nothing")
 
 
@@ -95,7 +97,7 @@ def test_sizes_from_an_earlier_solution_are_those_from_nothing(
 ):
     background, rng = BACKGROUNDS[name], np.random.default_rng(seed)
     h0, g = bounds(background, rng, share), limits(background, limit, rng)
-    options = {"face_sources": not nodes_only}
+    options = {"method": Exact(face_sources=not nodes_only)}
     _, info = limit_gradient.with_info(background, h0, g, **options)
     new = changed(h0, kind, rng, first_node(background))
     h = limit_gradient(background, new, g, initial=info, **options)
@@ -171,7 +173,7 @@ STEPS = ("raised", "lowered", "new", "removed", "all", "least removed", "least r
 def test_many_changes_in_a_row_give_what_a_solution_from_nothing_gives(name, share):
     mesh = MESHES[name]()
     bounds = Bounds(mesh, share, 20267)
-    options = {"face_sources": False}
+    options = {"method": OF_NODES}
     h, info = limit_gradient.with_info(mesh, bounds.h0, G, **options)
     places = mesh.points[mesh.cells].mean(axis=1)[::5]
     n_other = 0
@@ -216,12 +218,12 @@ def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
     for name, make in MESHES.items():
         mesh = make()
         bounds = Bounds(mesh, 0.02, 20269)
-        _, info = limit_gradient.with_info(mesh, bounds.h0, G, face_sources=False)
+        _, info = limit_gradient.with_info(mesh, bounds.h0, G, method=OF_NODES)
         h0 = bounds.step("all")
-        full = limit_gradient(mesh, h0, G, face_sources=False)
+        full = limit_gradient(mesh, h0, G, method=OF_NODES)
         with monkeypatch.context() as patch:
-            patch.setattr("adaptsize.limiting.exact.images.solve_exact", refuse)
-            h = limit_gradient(mesh, h0, G, face_sources=False, initial=info)
+            patch.setattr(Exact, "solve", refuse)
+            h = limit_gradient(mesh, h0, G, method=OF_NODES, initial=info)
         assert_array_equal(h, full, err_msg=name)
 
 
@@ -229,11 +231,13 @@ def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
 def test_the_number_of_threads_may_change(threads):
     mesh = random_square(4000, 20270)  # several chunks
     bounds = Bounds(mesh, 0.1, 20271)
-    options = {"face_sources": False, "threads": threads}
-    _, info = limit_gradient.with_info(mesh, bounds.h0, G, face_sources=False)
+    options = {"method": replace(OF_NODES, threads=threads)}
+    _, info = limit_gradient.with_info(mesh, bounds.h0, G, method=OF_NODES)
     h0 = bounds.step("all")
     h = limit_gradient(mesh, h0, G, initial=info, **options)
-    assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False, threads=3 - threads))
+    assert_array_equal(
+        h, limit_gradient(mesh, h0, G, method=replace(OF_NODES, threads=3 - threads))
+    )
 
 
 def test_linear_data_and_solids_that_are_not_convex_are_solved_anew():
@@ -262,11 +266,11 @@ def test_folds_make_no_difference(seed):
         points[mesh.cells[0, 0]] = points[mesh.cells[0, 1]]
     mesh = SimplexMesh(points, mesh.cells)
     bounds = Bounds(mesh, 0.2, seed)
-    _, info = limit_gradient.with_info(mesh, bounds.h0, G, face_sources=False)
+    _, info = limit_gradient.with_info(mesh, bounds.h0, G, method=OF_NODES)
     for kind in 3 * STEPS:
         h0 = bounds.step(kind)
-        h, info = limit_gradient.with_info(mesh, h0, G, face_sources=False, initial=info)
-        assert_array_equal(h, limit_gradient(mesh, h0, G, face_sources=False))
+        h, info = limit_gradient.with_info(mesh, h0, G, method=OF_NODES, initial=info)
+        assert_array_equal(h, limit_gradient(mesh, h0, G, method=OF_NODES))
 
 
 # --- what is kept and what is asked for ---------------------------------------------------------
@@ -282,13 +286,13 @@ def test_arrays_of_the_caller_may_change_afterwards():
     assert_array_equal(again, limit_gradient(PLANE, h0, G, initial=info))
     assert_array_equal(again, limit_gradient(PLANE, h0, G))
     assert before == info.largest_edge_slope
-    assert info.n_changed == (info.record.h < info.record.bound).sum()
+    assert info.n_changed == (info.h < info.bound).sum()
     assert after.method == info.method
 
 
 def test_info_of_a_warm_start_is_that_of_a_full_solution():
     h0 = bounds(PLANE, np.random.default_rng(20273), 0.5)
-    options = {"face_sources": False}
+    options = {"method": OF_NODES}
     _, info = limit_gradient.with_info(PLANE, h0, G, **options)
     h0[::17] = 0.4
     h, warm = limit_gradient.with_info(PLANE, h0, G, initial=info, **options)
@@ -327,7 +331,7 @@ def test_a_limit_written_anew_is_the_same_if_its_values_are():
         (PLANE, {"method": "positive-coefficient"}),
         (PLANE, {"method": "fast-marching"}),
         (PLANE, {"method": "edge-based"}),
-        (FLAT_GRID, {"method": "fast-marching", "order": 2}),
+        (FLAT_GRID, {"method": FastMarching(order=2)}),
         (FLAT_GRID, {"method": "exact"}),
     ],
 )
@@ -344,7 +348,7 @@ def test_methods_without_a_warm_start_solve_anew(background, options):
 def test_the_hamilton_jacobi_iteration_starts_from_the_earlier_sizes():
     x = FLAT_GRID.points[:, 0].reshape(FLAT_GRID.shape)
     h0 = 0.3 + np.abs(np.sin(4.0 * x))
-    options = {"method": "hamilton-jacobi", "tol": 1e-9, "max_iter": 10_000}
+    options = {"method": HamiltonJacobi(tol=1e-9, max_iter=10_000)}
     _, info = limit_gradient.with_info(FLAT_GRID, h0, G, **options)
     h0[5, 5] = 0.2
     h, after = limit_gradient.with_info(FLAT_GRID, h0, G, initial=info, **options)
@@ -370,7 +374,7 @@ REFUSED = {
         "initial must come from the same method: it is of method='exact'",
     ),
     "nodes only": (
-        lambda info: limit_gradient(PLANE, np.ones(300), G, face_sources=False, initial=info),
+        lambda info: limit_gradient(PLANE, np.ones(300), G, method=OF_NODES, initial=info),
         "initial must come from a call with face_sources=False, got True",
     ),
 }

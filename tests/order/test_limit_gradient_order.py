@@ -21,8 +21,6 @@ PAIRS = [
     for name, family in FAMILIES.items()
     for case in cases(family.background, family.kind)
 ]
-# Far below the errors; the tolerance of the laws would take most of the time.
-LOOSE = {"hamilton-jacobi": {"tol": 1e-4}}
 
 
 def _error_from_cone(background, distance, tip, far, limit):
@@ -37,10 +35,7 @@ def test_order_away_from_the_source(case, family):
     for n_side in family.sizes:
         background = family.make(n_side)
         distance = family.distance(background.points).reshape(background.nodal_shape)
-
-        def limit(*problem):
-            return case.limit(*problem, **LOOSE.get(case.method, {}))
-
+        limit = case.loose.limit  # the tolerance of the laws would take most of the time
         errors.append(_error_from_cone(background, distance, family.tip, family.far, limit))
     spacing = 1.0 / (np.array(family.sizes) - 1.0)
     order = np.polyfit(np.log(spacing), np.log(errors), 1)[0]

@@ -4,7 +4,7 @@ A new scheme is one line in `CASES`; the laws that it does not keep stand there 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,14 @@ from meshes import jittered_cube, jittered_square, random_sphere, random_square
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
+from adaptsize.limiting import (
+    EdgeBased,
+    Exact,
+    FastMarching,
+    HamiltonJacobi,
+    PositiveCoefficient,
+    Scheme,
+)
 from adaptsize.typing import FloatArray
 
 Background = SimplexMesh | CartesianGrid | Octree
@@ -30,19 +38,17 @@ class Case:
 
     background: str
     """A key of `KINDS`."""
-    method: str
-    order: int = 1
+    scheme: Scheme
+    """With the options of the laws, which want a tight tolerance."""
     _: KW_ONLY
     kinds: tuple[str, ...] = ()
     """Those of `KINDS` that it works on; all if empty."""
     limits: tuple[str, ...] = ()
     """What g may be: "number", "nodes", "cells"; all that the background knows if empty."""
-    options: Mapping[str, Any] = field(default_factory=dict)
-    """For the laws, which want a tight tolerance."""
     rounding: float = 1e-12
     """Relative error of a size that its arithmetic, or its tolerance, accounts for."""
     residual: float = 1e-12
-    """Bound on `LimitingInfo.residual` with ``options``."""
+    """Bound on `LimitingInfo.residual` of the scheme."""
     convergence: float | None = 1.0
     """Order away from the tips of cones; None: it does not converge, or needs no order suite."""
     is_exact: bool = False
@@ -54,15 +60,30 @@ class Case:
 
     def __str__(self) -> str:
         name = f"{self.background}-{self.method}" + ("-2" if self.order == 2 else "")
-        return name if self.options.get("face_sources", True) else f"{name}-of-nodes"
+        return name if getattr(self.scheme, "face_sources", True) else f"{name}-of-nodes"
+
+    @property
+    def loose(self) -> "Case":
+        """The case with a tolerance far below the errors, for fine backgrounds."""
+        if not isinstance(self.scheme, HamiltonJacobi):
+            return self
+        return replace(self, scheme=replace(self.scheme, tol=1e-4))
+
+    @property
+    def method(self) -> str:
+        return self.scheme.name
+
+    @property
+    def order(self) -> int:
+        return getattr(self.scheme, "order", 1)
 
     def limit(self, background: Background, h0: Any, g: Any, **options: Any) -> FloatArray:
-        """Run the scheme with the options of the laws, or others."""
+        """Run the scheme, or one with other options given as ``method``."""
         return self.with_info(background, h0, g, **options)[0]
 
     def with_info(self, background: Background, h0: Any, g: Any, **options: Any) -> Any:
         """Run the scheme, return sizes and info."""
-        options = {"method": self.method, "order": self.order, **self.options, **options}
+        options = {"method": self.scheme, **options}
         return limit_gradient.with_info(background, h0, g, **options)
 
     @property
@@ -79,7 +100,7 @@ _FLAT = ("plane", "volume")
 
 # An iteration that stops at a rate of tol g leaves, over the at most 40 nodes that a size
 # passes in the laws, 40 tol g dx; the smallest size there is 0.01 of the longest spacing.
-_TIGHT: dict[str, Any] = {"options": {"tol": 1e-11}, "rounding": 1e-8, "residual": 1e-11}
+_TIGHT: dict[str, Any] = {"rounding": 1e-8, "residual": 1e-11}
 
 # Lower bounds, or another g, move the fronts and with them the nodes that second differences
 # reach through.  Seen on rough random fields: up to 6 % in monotony, 4 % the second time.
@@ -101,26 +122,33 @@ _EXACT: dict[str, Any] = {
 }  # fmt: skip
 _NODES_ONLY: dict[str, Any] = {
     # Sizes of nodes say nothing between them: no waves from a side.
-    **_EXACT, "options": {"face_sources": False}, "exempt": {}, "convergence": None,
+    **_EXACT, "exempt": {}, "convergence": None,
 }  # fmt: skip
 CASES = (
-    Case("simplices", "exact", kinds=_FLAT, **_EXACT, share=0.3),
-    Case("simplices", "exact", kinds=_FLAT, **_NODES_ONLY, share=0.25),
-    Case("simplices", "fast-marching", share=0.7),
-    Case("simplices", "positive-coefficient", residual=1e-3, share=0.5),
-    Case("simplices", "edge-based", convergence=None, share=0.3),
-    Case("grid", "exact", **_EXACT, share=0.3),
-    Case("grid", "exact", **_NODES_ONLY, share=0.25),
-    Case("grid", "fast-marching", share=0.5),
-    Case("grid", "fast-marching", 2, convergence=2.0, exempt=_SECOND_ORDER, share=0.5),
-    Case("grid", "hamilton-jacobi", **_TIGHT, share=0.3),
-    Case("grid", "hamilton-jacobi", 2, convergence=2.0, exempt=_SECOND_ORDER, **_TIGHT, share=0.4),
-    Case("grid", "edge-based", convergence=None, share=0.3),
+    Case("simplices", Exact(), kinds=_FLAT, **_EXACT, share=0.3),
+    Case("simplices", Exact(face_sources=False), kinds=_FLAT, **_NODES_ONLY, share=0.25),
+    Case("simplices", FastMarching(), share=0.7),
+    Case("simplices", PositiveCoefficient(), residual=1e-3, share=0.5),
+    Case("simplices", EdgeBased(), convergence=None, share=0.3),
+    Case("grid", Exact(), **_EXACT, share=0.3),
+    Case("grid", Exact(face_sources=False), **_NODES_ONLY, share=0.25),
+    Case("grid", FastMarching(), share=0.5),
+    Case("grid", FastMarching(order=2), convergence=2.0, exempt=_SECOND_ORDER, share=0.5),
+    Case("grid", HamiltonJacobi(tol=1e-11), **_TIGHT, share=0.3),
+    Case(
+        "grid",
+        HamiltonJacobi(2, tol=1e-11),
+        convergence=2.0,
+        exempt=_SECOND_ORDER,
+        **_TIGHT,
+        share=0.4,
+    ),
+    Case("grid", EdgeBased(), convergence=None, share=0.3),
     # The same schemes on the simplices of the leaves: fewer examples do.
-    Case("octree", "exact", **_EXACT, share=0.15),
-    Case("octree", "fast-marching", share=0.2),
-    Case("octree", "positive-coefficient", residual=1e-3, share=0.15),
-    Case("octree", "edge-based", convergence=None, share=0.1),
+    Case("octree", Exact(), **_EXACT, share=0.15),
+    Case("octree", FastMarching(), share=0.2),
+    Case("octree", PositiveCoefficient(), residual=1e-3, share=0.15),
+    Case("octree", EdgeBased(), convergence=None, share=0.1),
 )
 
 

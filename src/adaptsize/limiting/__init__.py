@@ -1,8 +1,25 @@
 """Gradient limiting: the largest h <= h0 with |grad h| <= g."""
 
-from adaptsize.limiting.api import limit_gradient
+from adaptsize.limiting.barth_sethian import PositiveCoefficient
+from adaptsize.limiting.edge_based import EdgeBased
+from adaptsize.limiting.exact import Exact
+from adaptsize.limiting.fast_marching import FastMarching
+from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
 from adaptsize.limiting.info import LimitingInfo
+from adaptsize.limiting.limit import limit_gradient
+from adaptsize.limiting.problem import Scheme
 from adaptsize.limiting.sources import SizeSources
 from adaptsize.limiting.sphere import limit_on_sphere
 
-__all__ = ["LimitingInfo", "SizeSources", "limit_gradient", "limit_on_sphere"]
+__all__ = [
+    "EdgeBased",
+    "Exact",
+    "FastMarching",
+    "HamiltonJacobi",
+    "LimitingInfo",
+    "PositiveCoefficient",
+    "Scheme",
+    "SizeSources",
+    "limit_gradient",
+    "limit_on_sphere",
+]

@@ -2,46 +2,43 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
 
 from adaptsize._kernels import edge_based as kernels
-from adaptsize.limiting.fast_marching import march_until_converged
-from adaptsize.limiting.fast_marching_grid import march_grid_until_converged
-from adaptsize.limiting.solution import Solution
+from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.limiting.fast_marching import march_grid, march_mesh
+from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.problem import Problem, Scheme, Solution
 from adaptsize.typing import FloatArray, ProgressCallback
 
-if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid, SimplexMesh
-    from adaptsize.limiting.gradient_limit import Slope
 
+@dataclass(frozen=True)
+class EdgeBased(Scheme):
+    """Shortest paths along edges: h_k = min(h0_k, min over edges of h_j + g |x_k - x_j|).
 
-def solve_edge_based(
-    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, report: ProgressCallback
-) -> Solution:
-    """Solve h_k = min(h0_k, min over edges of h_j + g |x_k - x_j|) exactly.
+    Most mesh generators use them for gradation.  They do **not** converge to the limited size
+    function when the mesh is refined, because fronts follow the edges and not the straight lines
+    between them [1]_.  The scheme is meant for comparison only.  On grids, g is that of node k.
 
-    These are shortest paths in the graph of the mesh.  Most mesh generators use them for
-    gradation.  They do **not** converge to the limited size function when the mesh is
-    refined, because fronts follow the edges and not the straight lines between them.  The
-    scheme is provided for comparison only.
-
-    Parameters and result are those of `solve_fast_marching`.  No scheme is cheaper.
+    References
+    ----------
+    .. [1] P.-O. Persson, Engineering with Computers 22 (2006) 95-109, section 6.2.
     """
-    return march_until_converged(mesh, h0, slope, kernels.sweep_edges, kernels.march_edges, report)
+
+    name: ClassVar[str] = "edge-based"
+
+    def solve(self, problem: Problem) -> Solution:
+        """Solve a problem exactly; ``iterations`` is the number of accepted nodes."""
+        if isinstance(problem.domain, CartesianGrid):
+            return march_grid(problem, along_edges=True)
+        return march_mesh(problem, kernels.sweep_edges, kernels.march_edges)
 
 
-def solve_grid_edges(
-    grid: CartesianGrid,
-    h0: FloatArray,
-    slope: Slope,
-    *,
-    report: ProgressCallback,
-) -> Solution:
-    """Solve h_k = min(h0_k, min over neighbours along the axes of h_j + g_k dx_a) exactly.
-
-    See section 6.2 of Persson's paper.  The scheme does **not** converge to the limited size
-    function, because it measures lengths along the axes.  It is used for comparison, and to
-    enforce the bound along edges on second-order sizes.  Parameters and result are those of
-    `solve_grid_marching`.
-    """
-    return march_grid_until_converged(grid, h0, slope, 1, True, report)
+def limit_along_edges(
+    mesh: SimplexMesh, h: FloatArray, g: float, report: ProgressCallback
+) -> FloatArray:
+    """Return sizes of a mesh, lowered where they exceed a neighbour by more than g allows."""
+    return EdgeBased().solve(Problem(mesh, h, Slope(np.array([g])), report=report)).h

@@ -1,27 +1,33 @@
-"""Label-correcting fast marching on simplices."""
+"""Label-correcting fast marching on simplices and on Cartesian grids."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
+from adaptsize._kernels import fast_marching_grid as grid_kernels
 from adaptsize._kernels.edge_based import march_edges
+from adaptsize.background import CartesianGrid
 from adaptsize.background.marching import (
     KEEP,
+    PaddedGrid,
     accept_all,
+    march_on_grid,
     new_heap,
     patience,
     stars_in,
     stars_of,
     sweep_into_heap,
 )
+from adaptsize.background.padding import pad, strides_of_padded, unpad
 from adaptsize.limiting.policy_iteration import iterate_policies
-from adaptsize.limiting.solution import Solution, relative_to_largest
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.limiting.problem import Problem, Scheme, Solution, relative_to_largest
+from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
@@ -31,70 +37,115 @@ if TYPE_CHECKING:
 # Policy iteration then needs half as many steps.
 _KEEP_ROUGHLY = 1.0 - 1e-3
 
+# Nodes of the second-order pass between two progress reports.
+_REFINED_AT_ONCE = 1_000_000
+
+# Sizes that differ by less than this share are equal.
+_UNCHANGED = 1e-12
+
 _TEXT = "limiting the gradient"
 
 
-def solve_fast_marching(
-    mesh: SimplexMesh, h0: FloatArray, slope: Slope, *, report: ProgressCallback
-) -> Solution:
-    r"""Solve h_k = min(h0_k, min over cells of the Hopf-Lax update) exactly.
+@dataclass(frozen=True)
+class FastMarching(Scheme):
+    r"""Fast marching: upwind updates of the nodes in the order of their sizes.
 
-    The update of node k from the opposite side F of a cell T is
-    :math:`\min_{x \in F} h(x) + g_T |x_k - x|`, with h linear on F.  Nodes are accepted in
-    order of size and inserted into the heap again if they are lowered later.  Obtuse and
-    sliver cells therefore need no special treatment.  The result is the largest solution of
-    the discrete equations.
+    On meshes, the size of node k is the minimum of ``h0`` and, over its cells T with opposite side
+    F, of the Hopf-Lax update :math:`\min_{x \in F} h(x) + g_T |x_k - x|` with h linear on F [1]_.
+    On grids it is the root of
+
+    .. math:: \sum_a \max\left(\frac{h - v_a}{\Delta x_a}, 0\right)^2 = g^2,
+              \qquad h \le h_0,
+
+    with the smaller neighbour :math:`v_a` along each axis, the steady state of equation (17) of
+    [3]_.  Nodes that are lowered after they have been accepted are accepted again [2]_.  Obtuse and
+    sliver cells therefore need no special treatment.  The result is the largest solution of the
+    equations.
 
     Parameters
     ----------
-    mesh : SimplexMesh
-    h0 : float64[n]
-        inf allowed.
-    slope : Slope
-    report : callable
-
-    Returns
-    -------
-    Solution
-        First order in the edge length a, with a factor log(1/a) at point sources.
-        ``iterations`` is the number of accepted nodes: 1.01 per node on jittered grids, 1.1 on
-        Delaunay meshes of random points.
+    order : int, default 1
+        1, or 2 on grids.  At second order, the one-sided difference through two nodes replaces the
+        first-order difference where both nodes lie upwind [4]_.  The upwind directions and the
+        order of the nodes are those of the first-order sizes, so that one pass is sufficient.
 
     Notes
     -----
-    The time is O(n log n).  Memory is ``4 k (k - 1)`` bytes per cell of k nodes (24 for
-    triangles, 48 for tetrahedra) and 24 per node.  If nearly all cells are obtuse slivers
-    (Delaunay triangles of random points, then stretched 10:1), dependencies between nodes are
-    cyclic, and nodes would be accepted hundreds of times.  After 8 acceptances per node,
-    `iterate_policies` is used instead, at the cost of some twenty sparse solves.
+    *Accuracy.*  First order in the edge length a, with a factor log(1/a) at point sources.  The
+    second order is attained where the bounds are smooth.  At point sources it is of first order,
+    too, with a constant three to six times smaller.
+
+    *Cost.*  On meshes of n nodes the time is O(n log n), and memory is ``4 k (k - 1)`` bytes per
+    cell of k nodes (24 for triangles, 48 for tetrahedra) and 24 per node.  If nearly all cells are
+    obtuse slivers (Delaunay triangles of random points, then stretched 10:1), dependencies between
+    nodes are cyclic, and nodes would be accepted hundreds of times.  After 8 acceptances per node,
+    policy iteration is used instead, at the cost of some twenty sparse solves.  On grids the time
+    is O(n).  Memory besides ``h0`` and the result is 20 bytes per node (40 at order 2), and 8 more
+    if g varies.
 
     References
     ----------
     .. [1] F. Bornemann, C. Rasch, Comput. Vis. Sci. 9 (2006) 57-69.
     .. [2] J. A. Sethian, Proc. Natl. Acad. Sci. 93 (1996) 1591-1595.
+    .. [3] P.-O. Persson, Engineering with Computers 22 (2006) 95-109.
+    .. [4] J. A. Sethian, SIAM Review 41 (1999) 199-235.
     """
-    return march_until_converged(mesh, h0, slope, kernels.sweep_cells, kernels.march, report)
+
+    name: ClassVar[str] = "fast-marching"
+    optional: ClassVar[frozenset[str]] = frozenset({"periodic"})
+    order: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        self._check_options()
+
+    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+        """Return which backgrounds the scheme needs."""
+        return "a CartesianGrid with order=2" if self.order == 2 and not _is_grid(domain) else ""
+
+    def solve(self, problem: Problem) -> Solution:
+        """Solve a problem; ``iterations`` is the number of accepted nodes.
+
+        In a periodic domain, paired nodes have the same size.  The scheme is monotone, so sizes
+        fall from round to round, and the rounds end where neither the scheme nor the identification
+        lowers any.  Where shortest paths cross k sides, there are k + 1 rounds.
+        """
+        while True:
+            if _is_grid(problem.domain):
+                solution = march_grid(problem, self.order)
+            else:
+                solution = march_mesh(problem)
+            if problem.periodic is None:
+                return solution
+            lowered = problem.periodic.least(solution.h)
+            with np.errstate(invalid="ignore"):
+                changed = lowered < solution.h * (1.0 - _UNCHANGED)
+            if not changed.any():
+                return replace(solution, h=lowered)
+            problem = replace(problem, h0=lowered)
 
 
-def march_until_converged(
-    mesh: SimplexMesh,
-    h0: FloatArray,
-    slope: Slope,
-    sweep: Callable[..., None],
-    march: Callable[..., int],
-    report: ProgressCallback,
+def _is_grid(domain: SimplexMesh | CartesianGrid) -> bool:
+    return isinstance(domain, CartesianGrid)
+
+
+def march_mesh(
+    problem: Problem,
+    sweep: Callable[..., None] = kernels.sweep_cells,
+    march: Callable[..., int] = kernels.march,
 ) -> Solution:
-    """March until convergence: no node is lowered any more."""
+    """March on simplices until no node is lowered any more, with the updates of two kernels."""
+    mesh: Any = problem.domain
+    slope, report = problem.slope, problem.report
     limit = (slope.values, slope.step)
-    h, heap = h0.copy(), new_heap(mesh.n_points)
+    h, heap = problem.h0.copy(), new_heap(mesh.n_points)
     # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
     along_edges = march is march_edges
     keep = 1.0 if along_edges else KEEP
     sweep_into_heap(mesh, sweep, h, limit, keep, heap)
     accepted, unfinished = 0, ""
     if heap[3][0] > 0:
-        stars = stars_of(mesh, limit)
-        geometry = stars_in(mesh, stars)
+        geometry = stars_in(mesh, stars_of(mesh, limit))
         most = np.inf if along_edges else patience(mesh.n_points)
         accepted = accept_all(march, geometry, h, limit, heap, report, _TEXT, most=most, keep=keep)
         if heap[3][0] > 0:
@@ -104,21 +155,72 @@ def march_until_converged(
             accept_all(march, geometry, h, limit, heap, report, _TEXT, keep=_KEEP_ROUGHLY)
             h, unfinished = iterate_policies(mesh, slope, h, report)
 
-    return Solution(h, accepted, partial(residual_of, mesh, slope, h, sweep), unfinished)
+    def residual() -> float:
+        return relative_to_largest(largest_excess(mesh, slope, h, sweep), h)
 
-
-def residual_of(
-    mesh: SimplexMesh, slope: Slope, h: FloatArray, sweep: Callable[..., None]
-) -> float:
-    """Return the largest excess of h over the local updates, relative to the largest finite h."""
-    return relative_to_largest(largest_excess(mesh, slope, h, sweep), h)
+    return Solution(h, accepted, residual, unfinished)
 
 
 def largest_excess(
-    mesh: SimplexMesh, slope: Slope, h: FloatArray, sweep: Callable[..., None]
+    mesh: SimplexMesh,
+    slope: Slope,
+    h: FloatArray,
+    sweep: Callable[..., None] = kernels.sweep_cells,
 ) -> float:
     """Return the largest excess of h over the local updates."""
     candidate = np.empty(mesh.n_points)
     sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, slope.values, slope.step, candidate)
     finite = np.isfinite(h)
     return float((h[finite] - candidate[finite]).max(initial=0.0))
+
+
+def march_grid(problem: Problem, order: int = 1, *, along_edges: bool = False) -> Solution:
+    """March on a grid until no node is lowered any more.
+
+    Nodes are accepted in order of size, in buckets of half the rise of a cell; the order within a
+    bucket is arbitrary.  The residual is that of the first-order equations; the second-order pass
+    is explicit.
+    """
+    grid: Any = problem.domain
+    slope, report = problem.slope, problem.report
+    bounds = pad(grid, problem.h0)
+    u = bounds.copy() if order == 2 else bounds
+    weights = tuple(float(w) for w in 1.0 / grid.spacing**2)
+    g = pad(grid, slope.values) if slope.step else slope.values
+    geometry = (strides_of_padded(grid), weights, g, slope.step)
+    accepted = march_on_grid(grid, u, geometry, along_edges, report, _TEXT)
+    residual = partial(_grid_residual, u, geometry, along_edges)
+    if order == 2:
+        u = _refine(problem, u, bounds, geometry)
+        # A few sizes may be too steep along an edge.
+        march_on_grid(grid, u, geometry, True, report, _TEXT)
+    return Solution(unpad(grid, u), accepted, residual)
+
+
+def _grid_residual(u: FloatArray, geometry: PaddedGrid, along_edges: bool) -> float:
+    """Return the largest excess of padded sizes over updates, relative to the largest finite h."""
+    candidate = np.empty(u.size)
+    grid_kernels.sweep_grid(u, *geometry, along_edges, candidate)
+    finite = np.isfinite(u)
+    excess = np.maximum(u[finite] - candidate[finite], 0.0)
+    return relative_to_largest(float(excess.max()), u)
+
+
+def _refine(problem: Problem, u1: FloatArray, u0: FloatArray, geometry: PaddedGrid) -> FloatArray:
+    """Return the second-order sizes from the first-order ones."""
+    strides, weights, g, g_step = geometry
+    finite = u1[np.isfinite(u1)]
+    order = np.empty(u1.size, np.int32)
+    start = np.empty(finite.size + 1, np.int32)
+    count = grid_kernels.order_by_size(u1, u0, finite.min(), finite.max(), start, order)
+    if count < 0:
+        order = np.flatnonzero(u1 < u0).astype(np.int32)
+        order = order[np.argsort(u1[order], kind="stable")]
+        count = order.size
+    spacing = tuple(map(float, problem.domain.spacing))  # type: ignore[union-attr]
+    u = u0.copy()
+    for begin in range(0, count, _REFINED_AT_ONCE):
+        part = order[begin : min(begin + _REFINED_AT_ONCE, count)]
+        grid_kernels.refine_in_order(part, u1, u0, strides, weights, spacing, g, g_step, u)
+        problem.report("second-order pass", (begin + len(part)) / count)
+    return u

@@ -3,38 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
+from adaptsize.background import CartesianGrid
 from adaptsize.background.padding import pad, strides_of_padded, unpad
-from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.fast_marching import march_grid
+from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid
+    from adaptsize.background import SimplexMesh
 
-# Order 1 is monotone up to 1.  Order 2 needs the damping of long steps: at 0.5 the switching
-# of its differences prevents convergence below a rate of about 1e-4 g.
-_CFL = 0.9
 _WORK_PER_CHUNK = 5e7  # nodes, times axes: about 0.1 s between two progress calls
 
 
-def solve_hamilton_jacobi(
-    grid: CartesianGrid,
-    h0: FloatArray,
-    slope_values: FloatArray,
-    *,
-    start: FloatArray,
-    order: int,
-    tol: float,
-    max_iter: int | None,
-    report: ProgressCallback,
-    cfl: float = _CFL,
-) -> Solution:
-    r"""Iterate :math:`h_t + |\nabla h| = g` below the obstacle h0 to steady state.
+@dataclass(frozen=True)
+class HamiltonJacobi(Scheme):
+    r"""The iteration of :math:`h_t + |\nabla h| = g` below the obstacle h0 to steady state.
 
     The largest h with :math:`h \le h_0` and :math:`|\nabla h| \le g` solves
     :math:`\max(|\nabla h| - g, h - h_0) = 0`.  One step of the iteration is
@@ -47,36 +36,17 @@ def solve_hamilton_jacobi(
     are corrected by ENO second differences [2]_, and the time step is that of the
     third-order TVD Runge-Kutta method [3]_.
 
+    The scheme works on grids.  It starts from fast marching, or from ``initial``.
+
     Parameters
     ----------
-    grid : CartesianGrid
-        1-D, 2-D or 3-D.  Nodes with ``active`` False are ignored.
-    h0 : float64[shape]
-        inf allowed; not read at inactive nodes.
-    slope_values : float64[shape] or float64[1]
-        g(x) >= 0, per node or one for all.  A limit g(h) must have been removed by the
-        change of variable of `SizeTransform`; h0 and start are then transformed sizes.
-    start : float64[shape]
-        Start values, lowered to ``h0`` where they exceed it.  They must be finite wherever the
-        limited size is.  Nodes that are inf here are ignored and stay inf (a component without
-        a bound).
-    order : int
+    order : int, default 1
         1 or 2.
-    tol : float
-        Stop when no node changes faster than ``tol`` times the largest g per unit of time.
-    max_iter : int or None
-        Largest number of steps.  None: the steps of ten crossings of the grid, plus 200.
-    report : callable
-    cfl : float
-        :math:`\Delta t \sqrt{\sum_a 1/\Delta x_a^2}`, at most 1.  The published
-        :math:`\Delta t = \Delta x/2` [1]_ is half the root of the dimension.
-
-    Returns
-    -------
-    Solution
-        ``h <= h0``; inf at inactive nodes.  ``residual`` is the largest rate of change in the
-        last step, divided by the largest g.  ``converged`` is False if ``max_iter`` steps did
-        not meet ``tol``.
+    tol : float, default 1e-3
+        The iteration stops when no node changes faster than ``tol`` times the largest g per unit
+        of time.
+    max_iter : int, optional
+        Largest number of steps, by default the steps of ten crossings of the grid, plus 200.
 
     Notes
     -----
@@ -123,42 +93,89 @@ def solve_hamilton_jacobi(
     .. [3] C.-W. Shu, S. Osher, "Efficient implementation of essentially non-oscillatory
        shock-capturing schemes", J. Comput. Phys. 77 (1988) 439-471.
     """
-    takes_part = np.isfinite(start)
-    if grid.active is not None:
-        takes_part &= grid.active
-    weights = grid.spacing**-2.0
-    dt = cfl / math.sqrt(float(weights.sum()))
-    if max_iter is None:
-        diagonal = float(np.linalg.norm((np.array(grid.shape) - 1) * grid.spacing))
-        max_iter = 10 * math.ceil(diagonal / dt) + 200
 
-    strides = np.array(strides_of_padded(grid, order))
-    bound = pad(grid, h0, order, takes_part)
-    varies = slope_values.shape == grid.shape
-    g = pad(grid, slope_values, order, takes_part) if varies else slope_values.copy()
-    fastest = dt * float(np.fmax.reduce(g))
-    rows = (_rows(takes_part, strides, order), grid.shape[-1], strides)
-    problem = (bound, g, int(varies), *rows, weights, order, dt, tol * fastest)
-    u = pad(grid, np.minimum(start, h0), order, takes_part)
-    taken, u, change = _iterate(u, problem, max_iter, report)
+    name: ClassVar[str] = "hamilton-jacobi"
+    optional: ClassVar[frozenset[str]] = frozenset({"initial"})
+    cfl: ClassVar[float] = 0.9
+    r""":math:`\Delta t \sqrt{\sum_a 1/\Delta x_a^2}`.  Order 1 is monotone up to 1.  Order 2 needs
+    the damping of long steps: at 0.5 the switching of its differences prevents convergence below a
+    rate of about 1e-4 g.  The published :math:`\Delta t = \Delta x/2` [1]_ is half the root of the
+    dimension."""
+    order: int = 1
+    tol: float = 1e-3
+    max_iter: int | None = None
 
-    rate = change / fastest if fastest > 0.0 else change
-    unfinished = ""
-    if change > tol * fastest:
-        unfinished = (
-            f"the Hamilton-Jacobi iteration stopped after max_iter = {max_iter} steps with "
-            f"residual {rate:.2g}, above tol = {tol:g}: give more steps, a start nearer to the "
-            "solution, or method='fast-marching'"
-        )
-    h = np.where(takes_part, unpad(grid, u, order), np.inf)
-    return Solution(h, taken, rate, unfinished)
+    def __post_init__(self) -> None:
+        """Check the options."""
+        self._check_options()
+
+    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+        """Return which backgrounds the scheme needs."""
+        return "" if isinstance(domain, CartesianGrid) else "a CartesianGrid"
+
+    def solve(self, problem: Problem) -> Solution:
+        """Solve a problem; the residual is the largest rate of change, divided by the largest g."""
+        # Needed even with a start: its inf mark the nodes that are not connected to any bound.
+        start = checked_start(problem.initial, march_grid(problem).h)
+        solution = self.iterate(problem, start)
+        if self.order == 1:
+            return solution
+        # A few sizes may be too steep along an edge.
+        return replace(solution, h=march_grid(replace(problem, h0=solution.h), along_edges=True).h)
+
+    def solve_again(self, problem: Problem, before: Problem, solution: Solution) -> Solution:
+        """Solve from the earlier sizes, unless a component had no bound."""
+        if not np.isinf(solution.h[np.isfinite(problem.h0)]).any():
+            problem = replace(problem, initial=np.minimum(solution.h, problem.h0))
+        return self.solve(problem)
+
+    def iterate(self, problem: Problem, start: FloatArray) -> Solution:
+        """Iterate from start values, which must be finite wherever the limited size is.
+
+        They are lowered to ``h0`` where they exceed it.  Nodes that are inf here are ignored and
+        stay inf (a component without a bound).
+        """
+        grid: Any = problem.domain
+        h0, slope, order, max_iter = problem.h0, problem.slope, self.order, self.max_iter
+        takes_part = np.isfinite(start)
+        if grid.active is not None:
+            takes_part &= grid.active
+        weights = grid.spacing**-2.0
+        dt = self.cfl / math.sqrt(float(weights.sum()))
+        if max_iter is None:
+            diagonal = float(np.linalg.norm((np.array(grid.shape) - 1) * grid.spacing))
+            max_iter = 10 * math.ceil(diagonal / dt) + 200
+
+        strides = np.array(strides_of_padded(grid, order))
+        bound = pad(grid, h0, order, takes_part)
+        g = slope.values.copy()
+        if slope.step:
+            g = pad(grid, slope.values, order, takes_part)
+        fastest = dt * float(np.fmax.reduce(g))
+        rows = (_rows(takes_part, strides, order), grid.shape[-1], strides)
+        arguments = (bound, g, slope.step, *rows, weights, order, dt, self.tol * fastest)
+        u = pad(grid, np.minimum(start, h0), order, takes_part)
+        taken, u, change = _iterate(u, arguments, max_iter, problem.report)
+
+        rate = change / fastest if fastest > 0.0 else change
+        unfinished = ""
+        if change > self.tol * fastest:
+            unfinished = (
+                f"the Hamilton-Jacobi iteration stopped after max_iter = {max_iter} steps with "
+                f"residual {rate:.2g}, above tol = {self.tol:g}: give more steps, a start nearer "
+                "to the solution, or method='fast-marching'"
+            )
+        h = np.where(takes_part, unpad(grid, u, order), np.inf)
+        return Solution(h, taken, rate, unfinished)
 
 
 def _iterate(
-    u: FloatArray, problem: tuple[Any, ...], max_iter: int, report: ProgressCallback
+    u: FloatArray, arguments: tuple[Any, ...], max_iter: int, report: ProgressCallback
 ) -> tuple[int, FloatArray, float]:
     """Iterate from ``u``, which is overwritten; return the number of steps, h, the last change."""
-    _, _, _, rows, n_row, strides, _, order, _, _ = problem
+    from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
+
+    _, _, _, rows, n_row, strides, _, order, _, _ = arguments
     spare = np.full_like(u, np.nan)
     stage = np.full_like(u, np.nan) if order == 2 else spare
     work = len(rows) * n_row * len(strides) * (1 if order == 1 else 6)
@@ -166,7 +183,7 @@ def _iterate(
     taken, moving = 0, 1
     while moving and taken < max_iter:
         steps, moving = iterate_hamilton_jacobi(
-            min(chunk, max_iter - taken), u, spare, stage, problem
+            min(chunk, max_iter - taken), u, spare, stage, arguments
         )
         if steps % 2:
             u, spare = spare, u

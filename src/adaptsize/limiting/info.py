@@ -7,33 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
+from adaptsize._kernels.edge_based import largest_edge_slope
+from adaptsize._kernels.simplex import fill_gradient_norms
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.limiting import on_grids, on_simplices
 from adaptsize.limiting.exact import ExactSolution
-from adaptsize.limiting.gradient_limit import SizeTransform
-from adaptsize.limiting.problem import Problem
-from adaptsize.limiting.solution import Solution
+from adaptsize.limiting.gradient_limit import SizeTransform, Slope
+from adaptsize.limiting.problem import Problem, Scheme, Solution
 from adaptsize.limiting.sources import SizeSources
 from adaptsize.typing import FloatArray
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """A problem and its solution; its arrays are never modified."""
-
-    background: SimplexMesh | CartesianGrid | Octree
-    domain: SimplexMesh | CartesianGrid
-    """The mesh or grid that the scheme ran on."""
-    bound: FloatArray
-    """h0 as given, inf at inactive nodes; a copy."""
-    h: FloatArray
-    """The limited sizes; a copy."""
-    transform: SizeTransform | None
-    problem: Problem
-    """Transformed, without the callback."""
-    solution: Solution
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,24 +31,43 @@ class LimitingInfo:
     problem that differs at few nodes.  For this purpose it keeps the arrays of the solution.
     """
 
-    method: str
-    """The scheme that was used."""
-    iterations: int
-    """Number of accepted nodes (marching), steps (iterations) or sources (exact method)."""
-    converged: bool
-    """Whether the scheme converged; an iteration has to meet its tolerance within ``max_iter``."""
-    record: Record
-    """Data for a later call with this info as ``initial``; for internal use."""
+    scheme: Scheme
+    """The scheme that was used, with its options."""
+    problem: Problem
+    """What it solved, for internal use like the following."""
+    solution: Solution
+    background: SimplexMesh | CartesianGrid | Octree
+    bound: FloatArray
+    """h0 as given, inf at inactive nodes; a copy."""
+    h: FloatArray
+    """The limited sizes; a copy."""
+    transform: SizeTransform | None
+    """The change of variable for g(h), of which the sizes of problem and solution are values."""
+
+    @property
+    def method(self) -> str:
+        """Name of the scheme that was used."""
+        return self.scheme.name
+
+    @property
+    def iterations(self) -> int:
+        """Number of accepted nodes (marching), steps (iterations) or sources (exact method)."""
+        return self.solution.iterations
+
+    @property
+    def converged(self) -> bool:
+        """Whether the scheme converged; an iteration has to meet its tolerance."""
+        return not self.solution.unfinished
 
     def __repr__(self) -> str:
         """Say which method was used and how many sizes are below their bounds."""
-        n = self.record.h.size
+        n = self.h.size
         return f"LimitingInfo({self.method}: {self.n_changed} of {n} sizes are below h0)"
 
     @cached_property
     def n_changed(self) -> int:
         """Number of nodes whose size is now below ``h0``."""
-        return int(np.count_nonzero(self.record.solution.h < self.record.problem.h0))
+        return int(np.count_nonzero(self.solution.h < self.problem.h0))
 
     @cached_property
     def n_free(self) -> int:
@@ -73,9 +75,9 @@ class LimitingInfo:
 
         Inactive nodes of a grid are not counted.
         """
-        active = getattr(self.record.domain, "active", None)
+        active = getattr(self.problem.domain, "active", None)
         n_inactive = 0 if active is None else int(np.count_nonzero(~active))
-        return int(np.count_nonzero(np.isinf(self.record.solution.h))) - n_inactive
+        return int(np.count_nonzero(np.isinf(self.solution.h))) - n_inactive
 
     @cached_property
     def residual(self) -> float:
@@ -84,15 +86,15 @@ class LimitingInfo:
         Relative to the largest finite size (marching) or to g (iterations); 0 for the exact
         method.
         """
-        return self.record.solution.residual
+        return self.solution.residual
 
     @cached_property
     def _slopes(self) -> tuple[float, dict[float, float]]:
-        domain, u, slope = self.record.domain, self.record.solution.h, self.record.problem.slope
+        domain, u, slope = self.problem.domain, self.solution.h, self.problem.slope
         if isinstance(domain, CartesianGrid):
-            steepest, ratio = on_grids.slopes(domain, u, slope)
+            steepest, ratio = _slopes_on_grid(domain, u, slope)
         else:
-            steepest, ratio = on_simplices.slopes(domain, u, slope)
+            steepest, ratio = slopes_on_mesh(domain, u, slope)
         # Take values that occur, not means of two, since a cell with g = 0 may have ratio inf.
         levels = np.zeros(len(QUANTILES))
         if ratio.size:
@@ -123,7 +125,7 @@ class LimitingInfo:
         In convex domains and in the plane these are all nodes.  In solids these are the nodes
         from which the source of the smallest bound, among visible and hidden ones, is visible.
         """
-        solution = self.record.solution
+        solution = self.solution
         return solution.n_proved if isinstance(solution, ExactSolution) else None
 
     @cached_property
@@ -134,7 +136,7 @@ class LimitingInfo:
         the unit of the sizes, with g(h) of the transformed size.  It is 0 if all sizes are
         proved exact, and None for other methods than ``"exact"``.
         """
-        solution = self.record.solution
+        solution = self.solution
         return solution.largest_gap if isinstance(solution, ExactSolution) else None
 
     @cached_property
@@ -143,9 +145,65 @@ class LimitingInfo:
 
         Also None on grids where sizes propagate through passages without a whole box.
         """
-        record = self.record
-        if not isinstance(record.solution, ExactSolution) or not record.solution.parts:
+        if not isinstance(self.solution, ExactSolution) or not self.solution.parts:
             return None
-        return SizeSources.of(
-            record.background, record.solution, record.problem.h0, record.transform
-        )
+        return SizeSources.of(self.background, self.solution, self.problem.h0, self.transform)
+
+
+def slopes_on_mesh(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
+    """Return the steepest edge and |grad u| in each cell with a volume, as multiples of g."""
+    axes = (0,) * mesh.dim
+    steepest = largest_edge_slope(mesh.points, axes, mesh.cells, u, slope.values, slope.step)
+    norms = np.empty(mesh.n_cells)
+    fill_gradient_norms(mesh.points, mesh.cells, u, norms)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(norms > 0.0, norms / slope.values, 0.0)[mesh.measures > 0.0]
+    return float(steepest), ratio
+
+
+def _slopes_on_grid(grid: CartesianGrid, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
+    """Return the steepest edge and |grad u| at the centre of each box, as multiples of g.
+
+    On an edge, g is taken at the end of larger size, as in the update of that node.
+    """
+    g = np.broadcast_to(
+        slope.values.reshape((1,) * grid.dim) if not slope.step else slope.values, grid.shape
+    )
+    steepest = 0.0
+    squares = np.zeros([n - 1 for n in grid.shape])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for axis in range(grid.dim):
+            lower, upper = _ends(u, axis)
+            rise = (upper - lower) / grid.spacing[axis]
+            at_upper = np.where(rise > 0.0, _ends(g, axis)[1], _ends(g, axis)[0])
+            ratio = np.abs(rise) / at_upper
+            ratio = ratio[np.isfinite(rise) & (rise != 0.0)]
+            steepest = max(steepest, float(ratio.max(initial=0.0)))
+            squares += _mean_across(rise, axis) ** 2
+        norms = np.sqrt(squares)
+        ratio = np.where(norms > 0.0, norms / _mean_of_corners(g), 0.0)
+    # Boxes at inf or inactive nodes have no gradient.
+    return steepest, ratio[np.isfinite(norms)]
+
+
+def _ends(values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+    """Return the values at both ends of the edges along an axis."""
+    n = values.shape[axis]
+    return values.take(range(n - 1), axis), values.take(range(1, n), axis)
+
+
+def _mean_across(along: FloatArray, axis: int) -> FloatArray:
+    """Average values on the edges along an axis over the edges of each box."""
+    for other in range(along.ndim):
+        if other != axis:
+            first, last = _ends(along, other)
+            along = 0.5 * (first + last)
+    return along
+
+
+def _mean_of_corners(values: FloatArray) -> FloatArray:
+    """Average nodal values over the corners of each box."""
+    for axis in range(values.ndim):
+        first, last = _ends(values, axis)
+        values = 0.5 * (first + last)
+    return values

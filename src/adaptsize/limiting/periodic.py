@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -15,18 +14,12 @@ from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.limiting.solution import Solution
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from adaptsize.limiting.problem import Problem
 
 # Nodes coincide if they are closer than this share of the diagonal.
 _SAME = 1e-7
 # Measures are equal if they differ by less than this share.
 _EQUAL = 1e-6
-# Sizes that differ by less than this share are equal.
-_UNCHANGED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +109,7 @@ class Periodicity:
                 yield shift
 
 
-def as_periodicity(
-    domain: SimplexMesh | CartesianGrid, vectors: npt.ArrayLike, initial: object, order: int
-) -> Periodicity:
+def as_periodicity(domain: SimplexMesh | CartesianGrid, vectors: npt.ArrayLike) -> Periodicity:
     """Return the periodicity of a mesh or grid after checking that its nodes come in pairs.
 
     Raises
@@ -126,11 +117,8 @@ def as_periodicity(
     ValueError
         If ``vectors`` has a bad shape or is linearly dependent, if a translation maps no node to
         a node, maps a node into the domain where there is no node, or maps the domain onto its
-        own inside; or if ``initial`` is given or ``order`` is 2, which periodic domains do not
-        support.
+        own inside.
     """
-    if initial is not None or order != 1:
-        raise ValueError("periodic cannot be combined with initial, or with order=2")
     given = as_float_array("periodic", vectors)
     if given.ndim != 2 or not 1 <= len(given) <= domain.dim or given.shape[1] != domain.dim:
         raise ValueError(
@@ -241,23 +229,3 @@ def _normals(corners: FloatArray) -> FloatArray:
     if corners.shape[2] == 2:
         return np.column_stack([edges[:, 0, 1], -edges[:, 0, 0]])
     return np.asarray(np.cross(edges[:, 0], edges[:, 1]))
-
-
-def in_rounds(solve: Callable[[FloatArray], Solution], problem: Problem) -> Solution:
-    """Return the solution in which paired nodes have the same size.
-
-    ``solve`` is monotone, so sizes fall from round to round, and the rounds end where neither the
-    scheme nor the identification lowers any.  This is the solution of the scheme on the domain
-    with its images.  Where shortest paths cross k sides, there are k + 1 rounds.
-    """
-    bound = problem.h0
-    while True:
-        solution = solve(bound)
-        if problem.periodicity is None:
-            return solution
-        lowered = problem.periodicity.least(solution.h)
-        with np.errstate(invalid="ignore"):
-            changed = lowered < solution.h * (1.0 - _UNCHANGED)
-        if not changed.any():
-            return replace(solution, h=lowered)
-        bound = lowered

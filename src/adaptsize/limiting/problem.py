@@ -1,13 +1,22 @@
-"""The input of the limiting schemes."""
+"""What a scheme solves, what it returns, and what all schemes have in common."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+import numpy as np
+
+from adaptsize._checks import as_number, as_whole_number
+from adaptsize._progress import silent
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.typing import FloatArray, ProgressCallback
+
+if TYPE_CHECKING:
+    from adaptsize.background import CartesianGrid, SimplexMesh
 
 
 class PointBounds(NamedTuple):
@@ -23,16 +32,89 @@ class PointBounds(NamedTuple):
 class Problem:
     """Checked arguments; sizes are transformed where g depends on them (see `SizeTransform`)."""
 
+    domain: SimplexMesh | CartesianGrid
     h0: FloatArray
+    """float64, of the nodal shape; inf where there is no bound, and at inactive nodes."""
     slope: Slope
-    order: int
-    floor: bool
-    initial: FloatArray | None
-    """Start of an iteration, transformed like ``h0``."""
-    tol: float
-    max_iter: int | None
-    face_sources: bool
-    threads: int | None
-    point_sources: PointBounds | None
-    report: ProgressCallback
-    periodicity: Periodicity | None = None
+    initial: FloatArray | None = None
+    """Start of an iteration, at most ``h0``."""
+    point_sources: PointBounds | None = None
+    periodic: Periodicity | None = None
+    report: ProgressCallback = silent
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of one scheme; its arrays are not modified afterwards."""
+
+    h: FloatArray
+    iterations: int
+    missed_by: float | Callable[[], float] = 0.0
+    """The residual, or a function that computes it."""
+    unfinished: str = ""
+    """Message for the user if the scheme stopped before convergence; empty if it converged."""
+
+    @cached_property
+    def residual(self) -> float:
+        """Residual of the discrete equations of the scheme."""
+        return self.missed_by() if callable(self.missed_by) else self.missed_by
+
+
+class Scheme:
+    """A numerical scheme for gradient limiting; an instance holds its options."""
+
+    name: ClassVar[str]
+    optional: ClassVar[frozenset[str]] = frozenset()
+    """Those of ``initial``, ``point_sources`` and ``periodic`` that the scheme supports."""
+
+    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+        """Return an empty string, or which backgrounds the scheme needs instead of this one."""
+        return ""
+
+    def solve(self, problem: Problem) -> Solution:
+        """Solve a problem."""
+        raise NotImplementedError
+
+    def solve_again(self, problem: Problem, before: Problem, solution: Solution) -> Solution:
+        """Solve a problem that differs by its bounds from one that has been solved."""
+        return self.solve(problem)
+
+    def _check_options(self) -> None:
+        """Check the options that several schemes have."""
+        given: Any = self
+        if hasattr(self, "order"):
+            order = as_whole_number("order", given.order, lower=1, upper=2)
+            object.__setattr__(self, "order", order)
+        if hasattr(self, "tol"):
+            tol = as_number("tol", given.tol, lower=0.0, strict=True)
+            object.__setattr__(self, "tol", tol)
+        for name in ("max_iter", "threads"):
+            count = getattr(self, name, None)
+            if count is not None:
+                count = as_whole_number(name, count, lower=1, upper=2**53)
+                object.__setattr__(self, name, count)
+
+
+def checked_start(initial: FloatArray | None, marched: FloatArray) -> FloatArray:
+    """Return the start of an iteration, by default the fast marching solution, inf where it is.
+
+    Raises
+    ------
+    ValueError
+        If it is inf at a node that a bound reaches.
+    """
+    if initial is None:
+        return marched
+    if np.isinf(initial[np.isfinite(marched)]).any():
+        raise ValueError("initial must be finite in every component with a finite h0")
+    return np.where(np.isinf(marched), np.inf, initial)
+
+
+def relative_to_largest(excess: float, h: FloatArray) -> float:
+    """Return an excess of sizes relative to the largest finite one; 0 if there is no excess.
+
+    With g(h) the smallest transformed size is 0.  If all bounds are equal, the largest is 0 too.
+    """
+    if excess <= 0.0:
+        return 0.0
+    return excess / float(h[np.isfinite(h)].max())

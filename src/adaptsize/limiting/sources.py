@@ -14,7 +14,7 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid, Octree, SimplexMesh
     from adaptsize.limiting.exact import ExactSolution
-    from adaptsize.limiting.exact.api import Part
+    from adaptsize.limiting.exact.scheme import Part
     from adaptsize.limiting.gradient_limit import SizeTransform
 
 # Points per batch; Ctrl-C takes effect between batches.

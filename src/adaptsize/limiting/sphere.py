@@ -16,7 +16,7 @@ from adaptsize._checks import (
 from adaptsize._progress import silent
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.arguments import as_count
+from adaptsize.limiting.exact import Exact
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.waves import node_wave
 from adaptsize.limiting.exact.work import number_of_threads
@@ -106,7 +106,7 @@ def limit_on_sphere(
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     slope = as_slope("g", g)
     r = as_number("radius", radius, lower=0.0, strict=True)
-    n_threads = number_of_threads(as_count("threads", threads))
+    n_threads = number_of_threads(Exact(threads=threads).threads)
     sizes = bound.reshape(-1)
     places = to_sphere(where, r)
     nodes = np.flatnonzero(np.isfinite(sizes)).astype(np.int32)

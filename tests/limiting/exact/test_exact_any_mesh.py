@@ -14,6 +14,7 @@ from numpy.testing import assert_array_equal
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.limiting import Exact
 
 METHOD = "exact"
 G = 0.3
@@ -23,7 +24,7 @@ N_MESHES = 300
 
 
 def assert_between_bounds(mesh, h0, g, face_sources):
-    h = limit_gradient(mesh, h0, g, method=METHOD, face_sources=face_sources)
+    h = limit_gradient(mesh, h0, g, method=Exact(face_sources))
     upper = edge_sizes(mesh, h0, g)
     assert_array_equal(np.isfinite(h), np.isfinite(upper))
     assert (h <= upper * (1.0 + 1e-12)).all()

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
+from adaptsize.limiting import Exact
 
 METHOD = "exact"
 G = 0.3
@@ -26,8 +27,8 @@ KINDS = ["segments", "triangles", "tetrahedra", "1-D grid", "2-D grid", "3-D gri
 BOUNDS = ["few", "noise", "field", "ties", "one"]
 
 
-def limit(background, h0, g, **options):
-    return limit_gradient(background, h0, g, method=METHOD, face_sources=False, **options)
+def limit(background, h0, g):
+    return limit_gradient(background, h0, g, method=Exact(face_sources=False))
 
 
 def assert_exact(background, h0, g):
@@ -227,9 +228,7 @@ def test_the_number_of_threads_does_not_matter_to_the_last_bit(name, face_source
     for bounds in ("few", "field", "noise"):
         h0 = random_bounds(bounds, background.points, rng).reshape(background.nodal_shape)
         h = [
-            limit_gradient(
-                background, h0, G, method=METHOD, face_sources=face_sources, threads=threads
-            )
+            limit_gradient(background, h0, G, method=Exact(face_sources, threads))
             for threads in (1, 2, 3, None)
         ]
         assert all(np.array_equal(h[0], other) for other in h[1:])
@@ -238,7 +237,7 @@ def test_the_number_of_threads_does_not_matter_to_the_last_bit(name, face_source
 def test_every_node_of_a_convex_domain_is_proved():
     for mesh in (random_square(500, 2126), jittered_cube(6, 2127)):
         h0 = random_bounds("noise", mesh.points, np.random.default_rng(2128))
-        h, info = limit_gradient.with_info(mesh, h0, G, method=METHOD, face_sources=False)
+        h, info = limit_gradient.with_info(mesh, h0, G, method=Exact(face_sources=False))
         assert np.array_equal(h, limit(mesh, h0, G))
         assert info.n_proved == mesh.n_points
         assert info.largest_gap == 0.0

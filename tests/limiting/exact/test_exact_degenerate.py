@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.limiting import Exact
 
 METHOD = "exact"
 G = 0.3
@@ -18,8 +19,8 @@ INF = np.inf
 SQRT2, SQRT5 = np.sqrt(2.0), np.sqrt(5.0)
 
 
-def limit(mesh, h0, **options):
-    return limit_gradient(mesh, h0, G, method=METHOD, **options)
+def limit(mesh, h0, face_sources=True):
+    return limit_gradient(mesh, h0, G, method=Exact(face_sources))
 
 
 def assert_lengths(mesh, source, lengths):

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, limit_gradient
+from adaptsize.limiting import Exact
 
 METHOD = "exact"
 G = 0.3
@@ -28,7 +29,7 @@ SHARE_ABOVE = 0.02
 
 
 def limit(grid, h0, g=G, **options):
-    return limit_gradient(grid, h0, g, method=METHOD, **options)
+    return limit_gradient(grid, h0, g, method=Exact(**options))
 
 
 def points_only(grid, nodes, sizes):

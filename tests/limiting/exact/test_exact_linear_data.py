@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial import ConvexHull, Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.limiting import Exact
 
 METHOD = "exact"
 G = 0.3
@@ -26,8 +27,8 @@ PARTS = 8
 TOLERANCE = 1e-9
 
 
-def limit(mesh, h0, **options):
-    return limit_gradient(mesh, h0, G, method=METHOD, **options)
+def limit(mesh, h0, face_sources=True):
+    return limit_gradient(mesh, h0, G, method=Exact(face_sources))
 
 
 def square_rings(half_width=50.0):

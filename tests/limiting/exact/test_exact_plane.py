@@ -19,6 +19,7 @@ from meshes import jittered_square, random_square, slit_square, structured_squar
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.limiting import Exact
 
 METHOD = "exact"
 G = 0.3
@@ -46,7 +47,7 @@ SHAPES = {
 
 
 def limit(mesh, h0, g=G, **options):
-    return limit_gradient(mesh, h0, g, method=METHOD, face_sources=False, **options)
+    return limit_gradient(mesh, h0, g, method=Exact(face_sources=False, **options))
 
 
 def assert_exact(mesh, h0, g=G, nodes=None):
@@ -168,7 +169,7 @@ def test_limiting_twice_changes_nothing():
 def test_every_node_of_the_plane_is_proved():
     mesh, _ = domains.maze(2000, seed=2223)
     h0, _ = domains.point_sources(mesh, *PLACES["two"])
-    _, info = limit_gradient.with_info(mesh, h0, G, method=METHOD, face_sources=False)
+    _, info = limit_gradient.with_info(mesh, h0, G, method=Exact(face_sources=False))
     assert info.n_proved == mesh.n_points
     assert info.largest_gap == 0.0
 

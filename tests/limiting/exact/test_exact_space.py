@@ -15,6 +15,7 @@ from solids_of_cubes import solid_of_cubes
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
+from adaptsize.limiting import Exact
 from adaptsize.limiting.exact import space
 
 METHOD = "exact"
@@ -31,13 +32,13 @@ WINDOW_SHARE, WINDOW_ERROR = 0.02, 0.25
 GRAPH_EXCESS = 0.02
 
 
-def limit(mesh, h0, **options):
-    return limit_gradient(mesh, h0, G, method=METHOD, face_sources=False, **options)
+def limit(mesh, h0):
+    return limit_gradient(mesh, h0, G, method=Exact(face_sources=False))
 
 
 def assert_between_bounds(mesh, h0):
     """Limit; compare with straight lines, paths along edges, and the info."""
-    h, info = limit_gradient.with_info(mesh, h0, G, method=METHOD, face_sources=False)
+    h, info = limit_gradient.with_info(mesh, h0, G, method=Exact(face_sources=False))
     lower, upper = straight_sizes(mesh.points, h0, G), edge_sizes(mesh, h0, G)
     assert np.isfinite(upper).all()
     assert (h >= lower * (1.0 - 1e-12)).all()

@@ -9,6 +9,7 @@ from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize._kernels.fast_marching import sweep_cells
+from adaptsize.limiting import PositiveCoefficient
 
 MARCHING = ("fast-marching", "positive-coefficient")  # the same equations
 G = 0.3
@@ -249,7 +250,7 @@ def test_published_positive_coefficient_scheme_undershoots_at_sources():
     # less than 0.4, the scheme as published falls to more than 1 below the true size.
     mesh = jittered_square(51, seed=38)
     h0, exact = two_sources(mesh)
-    raw = limit_gradient(mesh, h0, G, method="positive-coefficient", floor=None) - exact
+    raw = limit_gradient(mesh, h0, G, method=PositiveCoefficient(floor=None)) - exact
     assert raw.min() < -1.0
     floored = limit_gradient(mesh, h0, G, method="positive-coefficient") - exact
     assert floored.min() > -0.05

@@ -7,6 +7,7 @@ from meshes import structured_square
 from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.limiting import Exact
 from adaptsize.limiting.exact.origins import Alone, Paths, complete
 
 WALL = domains.wall_box(100, seed=893)[0]
@@ -32,7 +33,7 @@ def test_named_nodes_have_bounds_that_allow_the_sizes(name, g):
             rng.random(mesh.n_points) < share, rng.uniform(1.0, 50.0, mesh.n_points), np.inf
         )
         h0[0] = 1.0
-        h, info = limit_gradient.with_info(mesh, h0, g, method="exact", face_sources=False)
+        h, info = limit_gradient.with_info(mesh, h0, g, method=Exact(face_sources=False))
         reached = np.isfinite(h)
         source = info.sources.roots()
         assert_array_equal(source >= 0, reached)

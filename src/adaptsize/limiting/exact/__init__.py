@@ -1,5 +1,5 @@
 """Exact limiting: the size at each node directly from the visible bounds."""
 
-from adaptsize.limiting.exact.api import ExactSolution, limit_points, solve_exact, solve_exact_again
+from adaptsize.limiting.exact.scheme import Exact, ExactSolution, limit_points
 
-__all__ = ["ExactSolution", "limit_points", "solve_exact", "solve_exact_again"]
+__all__ = ["Exact", "ExactSolution", "limit_points"]

@@ -10,7 +10,7 @@ from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER, ROW
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
-from adaptsize.limiting.edge_based import solve_edge_based
+from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.origins import Alone, Paths, complete
@@ -18,7 +18,6 @@ from adaptsize.limiting.exact.plane import Plane, at_nodes, plane_of, with_corne
 from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.waves import Wave, node_wave
 from adaptsize.limiting.exact.work import part_of
-from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Sizes that differ by less than this share are equal.
@@ -237,8 +236,7 @@ def _keep_edges(problem: Problem, found: Found) -> None:
     exact only if it equals the size that would result if all sources were visible.
     """
     mesh, g = problem.mesh, problem.g
-    slope = Slope(np.array([g]))
-    along = solve_edge_based(mesh, found.h, slope, report=problem.report).h
+    along = limit_along_edges(mesh, found.h, g, problem.report)
     with np.errstate(invalid="ignore"):
         lowered = along < found.h * (1.0 - _EQUAL)
     if len(found.field.waves[0].nodes) and not lowered.any():

@@ -10,11 +10,10 @@ import numpy as np
 from adaptsize._kernels.space_paths import Field
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.edge_based import solve_edge_based
+from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.network import Network, key_of, network_of
 from adaptsize.limiting.exact.reflex_edges import Knots, find_knots
 from adaptsize.limiting.exact.space_sight import build_sight
-from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -111,8 +110,7 @@ def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None =
 
 def spread_along_edges(mesh: SimplexMesh, g: float, report: ProgressCallback) -> Spread:
     """Return the function that lowers sizes along the edges of a mesh."""
-    slope = Slope(np.array([g]))
-    return lambda h: solve_edge_based(mesh, h, slope, report=report).h
+    return lambda h: limit_along_edges(mesh, h, g, report)
 
 
 def solve_in_space(

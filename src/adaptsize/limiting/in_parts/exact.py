@@ -16,10 +16,10 @@ from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background._curve import along_curve
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import plane_boundary
-from adaptsize.limiting.exact.api import OUTSIDE
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.plane import Plane, plane_of
 from adaptsize.limiting.exact.problem import Extra, Kinks, Problem, margin_for
+from adaptsize.limiting.exact.scheme import OUTSIDE
 from adaptsize.limiting.exact.solve import (
     Found,
     rises_too_fast,

@@ -15,8 +15,7 @@ from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.waves import Wave
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts.domain import Piece
-from adaptsize.limiting.info import QUANTILES
-from adaptsize.limiting.on_simplices import slopes
+from adaptsize.limiting.info import QUANTILES, slopes_on_mesh
 from adaptsize.limiting.sources import SizeSources
 from adaptsize.ranks import Communicator, Ids, split_rows
 from adaptsize.typing import FloatArray, IntArray
@@ -90,7 +89,7 @@ def info_of(
     h, n_hidden = solved.h, solved.n_hidden
     steepest, ratio = 0.0, np.empty(0)
     if part.mesh is not None:
-        steepest, ratio = slopes(part.mesh, h, slope)
+        steepest, ratio = slopes_on_mesh(part.mesh, h, slope)
     counts = [
         np.count_nonzero(own & (h < h0)),
         np.count_nonzero(own & np.isinf(h)),

@@ -15,8 +15,8 @@ from adaptsize._checks import as_flag, as_float_array, as_plain_array, as_sizes,
 from adaptsize._progress import reporting
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.errors import ConvergenceWarning
-from adaptsize.limiting.arguments import as_count, as_point_bounds
-from adaptsize.limiting.exact.api import UNFINISHED
+from adaptsize.limiting.exact.scheme import UNFINISHED, Exact
+from adaptsize.limiting.fast_marching import FastMarching
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
 from adaptsize.limiting.in_parts.exact import Given, solve_exact
 from adaptsize.limiting.in_parts.info import (
@@ -29,12 +29,11 @@ from adaptsize.limiting.in_parts.info import (
     traced_from,
 )
 from adaptsize.limiting.in_parts.marching import solve_fast_marching
-from adaptsize.limiting.on_simplices import METHODS
-from adaptsize.limiting.options import refuse_idle
-from adaptsize.limiting.problem import PointBounds
+from adaptsize.limiting.limit import as_point_bounds, as_scheme
+from adaptsize.limiting.problem import PointBounds, Scheme
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize, ProgressCallback
 
-_METHODS = ("auto", "exact", "fast-marching")
+_NAMES = ("auto", "exact", "fast-marching")
 
 
 class _Limit(NamedTuple):
@@ -45,7 +44,6 @@ class _Limit(NamedTuple):
     varies: bool
     number: float | None
     method: str
-    face_sources: bool
     point_sources: str
     full_output: bool
 
@@ -56,9 +54,7 @@ def limit_gradient(
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
-    method: str = ...,
-    face_sources: bool = ...,
-    threads: int | None = ...,
+    method: Scheme | str = ...,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
     full_output: Literal[False] = ...,
     progress: ProgressCallback | bool | None = ...,
@@ -69,9 +65,7 @@ def limit_gradient(
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
-    method: str = ...,
-    face_sources: bool = ...,
-    threads: int | None = ...,
+    method: Scheme | str = ...,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = ...,
     full_output: Literal[True],
     progress: ProgressCallback | bool | None = ...,
@@ -81,9 +75,7 @@ def limit_gradient(
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
-    method: str = "auto",
-    face_sources: bool = True,
-    threads: int | None = 1,
+    method: Scheme | str = "auto",
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     full_output: bool = False,
     progress: ProgressCallback | bool | None = None,
@@ -103,10 +95,8 @@ def limit_gradient(
     g : float, array_like, callable, or tuple (array_like, callable)
         As for `adaptsize.limit_gradient`.  Arrays have one entry per local node or cell.  A
         function must be the same on all ranks.
-    method : {"auto", "exact", "fast-marching"}, optional
-    face_sources : bool, optional
-    threads : int, optional
-        Threads of each rank; None is the number of numba.
+    method : {"auto", "exact", "fast-marching"} or scheme, optional
+        Or `limiting.Exact`, `limiting.FastMarching`.  By name, each rank uses one thread.
     point_sources : tuple of (array_like, array_like), optional
         As for `adaptsize.limit_gradient`; the same on all ranks.
     full_output : bool, optional
@@ -159,22 +149,25 @@ def limit_gradient(
     """
     check_type("part", part, PartitionedMesh)
     comm = part.ranks
-    given = (method, face_sources, threads, point_sources, full_output)
-    bound, slope, limit, extra, own = comm.agree(lambda: _checked(part, h0, g, *given))
-    every: list[_Limit] = comm.allgather(own)
+    given = (method, point_sources, full_output)
+    bound, slope, limit, extra, facts = comm.agree(lambda: _checked(part, h0, g, *given))
+    every: list[_Limit] = comm.allgather(facts)
     least = min(limit.least for limit in every)
     if least == np.inf:
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    for name in ("number", "method", "face_sources", "point_sources", "full_output"):
+    for name in ("number", "method", "point_sources", "full_output"):
         if len({getattr(limit, name) for limit in every} - {None}) > 1:
             what = "g" if name == "number" else name
             raise ValueError(f"{what} must be the same on all ranks")
     varies = any(limit.varies for limit in every)
+    is_flat = part.cell_dim == part.dim
     if method == "auto":
-        method = "exact" if part.cell_dim == part.dim and not varies else "fast-marching"
-    if extra is not None and method != "exact":
-        raise ValueError(f"point_sources is for method='exact', got method={method!r}")
-    if method == "exact" and (varies or part.cell_dim < part.dim):
+        method = "exact" if is_flat and not varies else "fast-marching"
+    scheme = Exact(threads=1) if method == "exact" else as_scheme(method)
+    assert scheme is not None
+    if extra is not None and not isinstance(scheme, Exact):
+        raise ValueError(f"point_sources is for method='exact', got method={scheme.name!r}")
+    if isinstance(scheme, Exact) and (varies or not is_flat):
         raise ValueError("method='exact' needs a flat domain of full dimension and one number g")
     number = next((own.number for own in every if own.number is not None), 0.0)
     transform = None
@@ -188,15 +181,14 @@ def limit_gradient(
             at_points = extra._replace(sizes=transform.forward(extra.sizes))
     with reporting(progress) as report:
         solved: Solved | None
-        if method == "exact":
-            options = Given(number, face_sources, threads, report, at_points, full_output)
-            solved = solve_exact(part, u0, options)
+        if isinstance(scheme, Exact):
+            own = (scheme.face_sources, scheme.threads, report, at_points, full_output)
+            solved = solve_exact(part, u0, Given(number, *own))
         else:
             solved = solve_fast_marching(part, u0, slope, report, residual=full_output)
         if solved is None:
-            serial: dict[str, Any] = {"method": method}
-            if method == "exact":
-                serial |= {"face_sources": face_sources, "threads": threads}
+            serial: dict[str, Any] = {"method": scheme}
+            if isinstance(scheme, Exact):
                 serial["point_sources"] = None if extra is None else tuple(extra)
             per_cell = np.broadcast_to(slope.values, part.n_cells) if varies else None
             return _collected(part, bound, (per_cell, limit, number), serial, full_output)
@@ -205,28 +197,24 @@ def limit_gradient(
     u = solved.h
     h = u if transform is None else comm.agree(lambda: transform.backward(u))
     h = np.minimum(h, bound)
-    return (h, info_of(part, method, u0, solved, slope)) if full_output else h
+    return (h, info_of(part, scheme.name, u0, solved, slope)) if full_output else h
 
 
 def _checked(
     part: PartitionedMesh,
     h0: npt.ArrayLike,
     g: Any,
-    method: str,
-    face_sources: bool,
-    threads: int | None,
+    method: Scheme | str,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None,
     full_output: bool,
 ) -> tuple[FloatArray, Slope, GradientOfSize | None, PointBounds | None, _Limit]:
     """Return the checked bounds, slopes, g(h) and points if given, and facts about them."""
-    one_of("method", method, _METHODS)
+    if not isinstance(method, Exact | FastMarching) or getattr(method, "order", 1) == 2:
+        one_of("method", method.name if isinstance(method, Scheme) else method, _NAMES)
     extra = None if point_sources is None else as_point_bounds(point_sources, part.dim)
-    idle = {
-        "face_sources": not as_flag("face_sources", face_sources),
-        "point_sources": extra is not None,
-    }
-    refuse_idle(method, METHODS, idle)
-    as_count("threads", threads)
+    name = method.name if isinstance(method, Scheme) else method
+    if extra is not None and name == "fast-marching":
+        raise ValueError(f"point_sources is for method='exact', got method={name!r}")
     as_flag("full_output", full_output)
     given = as_float_array("h0", h0)
     if given.ndim == 0:
@@ -252,8 +240,7 @@ def _checked(
         float(finite.max(initial=0.0)),
         is_array,
         number,
-        method,
-        face_sources,
+        repr(method),
         sha256(words).hexdigest(),
         full_output,
     )

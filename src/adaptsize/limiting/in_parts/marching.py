@@ -54,7 +54,7 @@ def solve_fast_marching(
     """Return the limited sizes on the nodes of this rank; collective.
 
     Returns None, on all ranks, if dependencies between nodes are cyclic (see
-    `adaptsize.limiting.fast_marching.solve_fast_marching`).
+    `adaptsize.limiting.FastMarching`).
     """
     marched = _in_rounds(part, h0, slope, _window(part, slope), report, along_edges=False)
     if marched is None:
@@ -70,7 +70,7 @@ def solve_along_edges(
 ) -> Marched:
     """Return the sizes that the edge-based scheme gives; collective.
 
-    The result equals that of `adaptsize.limiting.edge_based.solve_edge_based` bit by bit: it is
+    The result equals that of `adaptsize.limiting.EdgeBased` bit by bit: it is
     the minimum of the same sums over paths.  Rounds have no windows, since few nodes are lowered
     by other ranks.
     """

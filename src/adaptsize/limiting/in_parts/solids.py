@@ -14,7 +14,7 @@ import numpy as np
 from adaptsize.background import SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.limiting.edge_based import solve_edge_based
+from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points
 from adaptsize.limiting.exact.origins import Alone, Paths, complete
@@ -209,9 +209,8 @@ def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Flo
     both = np.full((2, len(body.ids)), np.inf)
     order = np.empty(0, np.int32)
     if not piece.is_empty:
-        slope = Slope(np.array([problem.g]))
-        alone = solve_edge_based(mesh, problem.h0, slope, report=problem.report)
-        both[0, body.own], both[1, body.own] = problem.h0, alone.h
+        alone = limit_along_edges(mesh, problem.h0, problem.g, problem.report)
+        both[0, body.own], both[1, body.own] = problem.h0, alone
         assert problem.order is not None
         order = problem.order
     both[:, knots] = piece.ranks.allreduce(both[:, knots], "min")

@@ -1,0 +1,472 @@
+"""The exact method on any flat background: components, lines, meshes, grids and periodic cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple
+
+import numba
+import numpy as np
+
+from adaptsize._checks import as_flag
+from adaptsize._kernels.exact_candidates import have_neighbours
+from adaptsize._kernels.topology import join_cells, mark_nodes
+from adaptsize._kernels.trees import fill_tiles
+from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background.splitting_grid import both_ways
+from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
+from adaptsize.geometry.convexity import is_convex
+from adaptsize.limiting.edge_based import EdgeBased
+from adaptsize.limiting.exact.again import solve_again
+from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.problem import Extra, margin_for
+from adaptsize.limiting.exact.problem import Problem as Component
+from adaptsize.limiting.exact.solve import Found, solve_on_mesh, survivors_of
+from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
+from adaptsize.limiting.exact.work import part_of
+from adaptsize.limiting.periodic import Periodicity
+from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+
+# Sizes that differ by less than this share are equal.
+_EQUAL = 1e-12
+
+# Points this far outside, relative to the diagonal of the background, count as inside.
+OUTSIDE = 1e-9
+
+# Nodes of a tile of a grid, which is a block of the kernels.
+_TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
+
+
+UNFINISHED = (
+    "the exact method stopped its search for paths over reflex edges with sizes still falling: "
+    "some sizes are larger than the shortest paths allow"
+)
+
+
+class Part(NamedTuple):
+    """A component of the domain and its solution."""
+
+    nodes: IntArray | None
+    """Its nodes in the background; None for all nodes."""
+    found: Found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExactSolution(Solution):
+    """Limited sizes, their sources, and which sizes are proved exact."""
+
+    parts: list[Part] = field(default_factory=list)
+    """Components with a bound."""
+    n_proved: int
+    """Number of nodes whose size is proved exact."""
+    largest_gap: float
+    """Largest difference between a size that is not proved exact and its lower bound."""
+
+
+@dataclass(frozen=True)
+class Exact(Scheme):
+    r"""Each size directly from the bounds: :math:`\min_y h_0(y) + g\, d(x, y)`.
+
+    d is the length of paths in the domain.  In convex domains and in the plane, it is that of the
+    shortest path, and the result is exact to rounding.  In solids this holds at each x from which
+    the minimising point is visible.  Elsewhere d is the length of a path over reflex edges, so that
+    no size is too small.  The domain of a grid with inactive nodes is the cubical complex of the
+    active nodes.
+
+    The scheme needs a flat domain, and one number g or a function g(h).
+
+    Parameters
+    ----------
+    face_sources : bool, default True
+        True: ``h0`` also bounds the size inside the cells, where it is interpolated linearly.
+        False: ``h0`` is a bound at the nodes only; limiting is then idempotent.  The boxes of a
+        plane grid are split along both diagonals, those in space as in ``grid.mesh``.
+    threads : int, optional
+        Number of threads, by default that of numba (``numba.set_num_threads``).  The result does
+        not depend on it, bit for bit.
+
+    Notes
+    -----
+    See docs/exact-limiting.md for theory, proofs, and measured errors and times.
+    """
+
+    name: ClassVar[str] = "exact"
+    optional: ClassVar[frozenset[str]] = frozenset({"point_sources", "periodic"})
+    face_sources: bool = True
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        object.__setattr__(self, "face_sources", as_flag("face_sources", self.face_sources))
+        self._check_options()
+
+    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+        """Return which backgrounds the scheme needs."""
+        flat = isinstance(domain, CartesianGrid) or domain.cell_dim == domain.dim
+        return "" if flat else "a flat domain of full dimension"
+
+    def solve(self, problem: Problem) -> ExactSolution:
+        """Solve a problem; ``iterations`` is the number of sources."""
+        solution = self._solve(problem)
+        if problem.periodic is None:
+            return solution
+        if not problem.periodic.is_convex:
+            raise ValueError(
+                "periodic with method='exact' needs a convex cell whose images complete it to a "
+                "convex domain; use method='fast-marching'"
+            )
+        return _with_images(solution, problem.periodic, self._component(problem, problem.domain))
+
+    def solve_again(self, problem: Problem, before: Problem, solution: Solution) -> Solution:
+        """Solve from the earlier solution, on meshes all of whose nodes are in one component."""
+        assert isinstance(solution, ExactSolution)
+        domain, parts = problem.domain, solution.parts
+        if (
+            isinstance(domain, SimplexMesh)
+            and len(parts) == 1
+            and parts[0].nodes is None
+            and problem.point_sources is None
+            and before.point_sources is None
+        ):
+            found = solve_again(self._component(problem, domain), parts[0].found)
+            if found is not None:
+                return as_solution(problem.h0, [Part(None, found)])
+        return self.solve(problem)
+
+    def _component(self, problem: Problem, domain: Any, extra: Extra | None = None) -> Component:
+        """Return the problem on a mesh, or a grid, as one component."""
+        threads = int(numba.get_num_threads()) if self.threads is None else self.threads
+        g = problem.slope.number(self.name)
+        return Component(
+            domain, problem.h0.ravel(), g, self.face_sources, threads, problem.report, extra
+        )
+
+    def _solve(self, problem: Problem) -> ExactSolution:
+        """Solve on a domain without images."""
+        domain, h0 = problem.domain, problem.h0
+        if isinstance(domain, CartesianGrid) and domain.active is not None:
+            return self._on_active(domain, problem)
+        extra = _inside(domain, problem.point_sources)
+        component = self._component(problem, domain, extra)
+        if isinstance(domain, CartesianGrid):
+            if not self.face_sources or domain.dim == 1 or not _meet(h0):
+                return as_solution(h0, [Part(None, _on_convex_nodes(domain, component))])
+            return _on_grid_mesh(domain, h0, component)
+        if domain.dim == 1:
+            return _by_components(h0, component)
+        prepared, boundary, all_used = _prepared(component)
+        convex = is_convex(domain.points, boundary)
+        if not (all_used and (convex or _is_connected(domain))):
+            return _by_components(h0, component)
+        return as_solution(h0, [Part(None, solve_on_mesh(prepared, boundary, convex))])
+
+    def _on_active(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
+        """Solve on the active nodes of a grid.
+
+        The exact method is used on the whole boxes.  On the remaining edges, sizes propagate from
+        node to node.  The two alternate until neither lowers a size.
+        """
+        assert grid.active is not None  # else the box is convex
+        by_edges = EdgeBased()
+        if grid.n_cells == 0:  # no whole box
+            return as_solution(by_edges.solve(problem).h, [])
+        mesh, of_nodes = grid.mesh, replace(self, face_sources=False)
+        component = self._component(problem, mesh, _inside(mesh, problem.point_sources))
+        solution = _on_grid_mesh(grid, problem.h0, component)
+        h, parts, n_later = solution.h, solution.parts, 0
+        unfinished = solution.unfinished
+        while True:
+            along = by_edges.solve(replace(problem, h0=h)).h
+            with np.errstate(invalid="ignore"):
+                lowered = along < h * (1.0 - _EQUAL)
+            if not lowered.any():
+                break
+            seeds = np.where(lowered, along, np.inf).ravel()
+            more = of_nodes._solve(Problem(mesh, seeds, problem.slope, report=problem.report))
+            unfinished = unfinished or more.unfinished
+            lower = np.minimum(along, more.h.reshape(h.shape))
+            if grid.dim == 3:
+                n_later += int(np.count_nonzero(lower < h * (1.0 - _EQUAL)))
+            h, parts = lower, []
+        n_proved = solution.n_proved - int(np.count_nonzero(~grid.active)) - n_later
+        return replace(solution, h=h, unfinished=unfinished, parts=parts, n_proved=max(0, n_proved))
+
+
+def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
+    """Return the problem with order and neighbours, the boundary, and if all nodes are in cells.
+
+    With several threads, the boundary is computed at the same time.
+    """
+    mesh = component.mesh
+    with ThreadPoolExecutor(1) as beside:
+        order = beside.submit(along_curve, mesh.points)
+        meet = beside.submit(have_neighbours, mesh.cells, component.h0)
+        used = beside.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
+        if component.threads == 1:
+            wait([order, meet, used])
+        boundary = flat_boundary(mesh, component.threads)
+        component = component._replace(order=order.result(), meet=meet.result())
+        return component, boundary, used.result() == mesh.n_points
+
+
+def _inside(
+    background: SimplexMesh | CartesianGrid, point_sources: PointBounds | None
+) -> Extra | None:
+    """Return the sources between the nodes that lie in the domain."""
+    if point_sources is None:
+        return None
+    places, sizes = point_sources
+    numbers = background.n_points + np.arange(len(places), dtype=np.int32)
+    away = background.locator.weights(places)[2]
+    inside = (away <= OUTSIDE * background.diagonal) & np.isfinite(sizes)
+    return Extra(np.ascontiguousarray(places[inside]), sizes[inside], numbers[inside])
+
+
+def _by_components(
+    h0: FloatArray, whole: Component, linear: IntArray | None = None
+) -> ExactSolution:
+    """Solve on one component after another; nodes in no cell keep their bounds."""
+    mesh, bound, extra = whole.mesh, whole.h0, whole.extra
+    parts = []
+    which, beside = np.empty(0, np.int64), np.empty(0, np.int32)
+    if extra is not None:  # each belongs to all components of which a cell holds it
+        which, cells = mesh.locator.within(extra.points, OUTSIDE * mesh.diagonal)
+        beside = mesh.cells[cells, 0]
+    for nodes, domain in _components(mesh, bound, beside):
+        component = whole._replace(mesh=domain, linear=linear)
+        if nodes is not None:
+            component = component._replace(h0=bound[nodes])
+            if extra is not None:
+                here = np.unique(which[np.isin(beside, nodes)])
+                # Their numbers follow those of the nodes, in a component as in the whole mesh.
+                numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
+                some = Extra(extra.points[here], extra.sizes[here], numbers)
+                component = component._replace(extra=some)
+            if linear is not None:
+                local = np.full(mesh.n_points, -1, np.int32)
+                local[nodes] = np.arange(len(nodes))
+                own = local[linear]
+                own = read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
+                component = component._replace(linear=own)
+        if mesh.dim == 1:  # an interval; folds change nothing
+            found = _on_convex_nodes(domain, component.with_margin())
+        else:
+            boundary = flat_boundary(domain, whole.threads)
+            convex = is_convex(domain.points, boundary)
+            found = solve_on_mesh(component, boundary, convex)
+        parts.append(Part(nodes, found))
+    return as_solution(h0, parts)
+
+
+def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
+    """Return the solution composed of those of the components; elsewhere bounds are kept."""
+    flat = h0.ravel().copy()
+    n_hidden, gap, n_entries = 0, 0.0, 0
+    finished = all(found.finished for _, found in parts)
+    for nodes, found in parts:
+        flat[slice(None) if nodes is None else nodes] = found.h
+        n_entries += found.field.n_entries
+        if found.proved is not None and found.lower is not None:
+            hidden = ~found.proved
+            n_hidden += int(np.count_nonzero(hidden))
+            gap = max(gap, float((found.h - found.lower)[hidden].max(initial=0.0)))
+    h = flat.reshape(h0.shape)
+    return ExactSolution(
+        h,
+        n_entries,
+        0.0,
+        "" if finished else UNFINISHED,
+        parts=parts,
+        n_proved=h.size - n_hidden,
+        largest_gap=gap,
+    )
+
+
+def _roots(mesh: SimplexMesh) -> IntArray:
+    """Return for each node the smallest node of its component."""
+    parent = np.arange(mesh.n_points, dtype=np.int32)
+    join_cells(mesh.cells, parent)
+    return parent
+
+
+def _is_connected(mesh: SimplexMesh) -> bool:
+    """Return whether all nodes are in one component."""
+    return not _roots(mesh).any()
+
+
+def _components(
+    mesh: SimplexMesh, h0: FloatArray, beside: IntArray
+) -> Iterator[tuple[IntArray | None, SimplexMesh]]:
+    """Yield the components with a bound, or with one of the nodes ``beside``, and their nodes."""
+    parent = _roots(mesh)
+    if not parent.any():
+        yield None, mesh
+        return
+    used = np.zeros(mesh.n_points, np.bool_)
+    used[mesh.cells] = True
+    local = np.empty(mesh.n_points, np.int32)
+    of_cells = parent[mesh.cells[:, 0]]
+    wanted = np.concatenate([parent[used & np.isfinite(h0)], parent[beside]])
+    for root in np.unique(wanted).tolist():
+        nodes = np.flatnonzero(used & (parent == root)).astype(np.int32)
+        local[nodes] = np.arange(len(nodes))
+        cells = local[mesh.cells[of_cells == root]]
+        yield nodes, SimplexMesh(mesh.points[nodes], cells)
+
+
+def _on_convex_nodes(domain: SimplexMesh | CartesianGrid, component: Component) -> Found:
+    """Solve for bounds at the nodes of a convex domain."""
+    h0, g, extra = component.h0, component.g, component.extra
+    threads, report = component.threads, component.report
+    nodes = np.flatnonzero(np.isfinite(h0)).astype(np.int32)
+    if isinstance(domain, CartesianGrid):
+        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
+        places = domain.origin + domain.spacing * index
+    else:
+        places = domain.points[nodes]
+    sizes = h0[nodes]
+    if extra is not None:
+        places = np.concatenate([places, extra.points])
+        sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
+    wave = node_wave(places, sizes, nodes)
+    wave = survivors_of(wave, g, False, threads, report, component.margin)
+    exact = ExactField(g, None, False, [wave])
+    h, source = h0.copy(), np.full(len(h0), -1, np.int32)
+    for first, points in _slabs_of(domain):
+        last = first + len(points.places)
+        part = part_of(report, 0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
+        exact.lower_by_last(points, h[first:last], source[first:last], threads, part)
+    return Found(h, source, exact)
+
+
+def _slabs_of(domain: SimplexMesh | CartesianGrid) -> Iterator[tuple[int, Points]]:
+    """Yield the nodes in blocks: all nodes of a mesh, a million at a time of a grid."""
+    none = np.empty(0, np.int32)
+    if not isinstance(domain, CartesianGrid):
+        order = along_curve(domain.points)
+        if domain.dim == 1:
+            order = np.argsort(domain.points[:, 0], kind="stable").astype(np.int32)
+        yield 0, Points(domain.points, order, none)
+        return
+    order, first = none, 0
+    for slab, places in domain.slabs():
+        shape = (slab.stop - slab.start, *domain.shape[1:])
+        if len(order) != len(places):
+            order = np.empty(len(places), np.int32)
+            fill_tiles((*shape, 1, 1)[:3], _TILES[domain.dim], order)
+        yield first, Points(places, order, none)
+        first += len(places)
+
+
+def _on_grid_mesh(grid: CartesianGrid, h0: FloatArray, component: Component) -> ExactSolution:
+    """Solve on the whole boxes of a grid, split into simplices on which h0 is linear.
+
+    In the plane each box is split along both diagonals, and the lower size is used; no diagonal is
+    preferred.
+    """
+    linear = read_only(both_ways(np.isfinite(h0), grid.active)) if grid.dim == 2 else None
+    return _by_components(h0, component._replace(mesh=grid.mesh), linear)
+
+
+def _meet(h0: FloatArray) -> bool:
+    """Return whether two corners of any box of a grid have bounds."""
+    finite = np.isfinite(h0)
+    if not finite.any():
+        return False
+    for axis in range(h0.ndim):  # sums over boxes, axis by axis
+        finite = finite.astype(np.int8) if finite.dtype == np.bool_ else finite
+        n = finite.shape[axis]
+        finite = finite.take(range(n - 1), axis) + finite.take(range(1, n), axis)
+    return bool((finite > 1).any())
+
+
+def _with_images(
+    solution: ExactSolution, periodicity: Periodicity, component: Component
+) -> ExactSolution:
+    r"""Return the exact solution of a periodic domain from that of its cell.
+
+    Both the cell and the domain are convex, so that distances are straight and
+
+    .. math:: h(x) = \min_L \min_y h_0(y) + g \, |x - y - L|
+
+    with all translations L of the lattice.  Sources that another one in the cell makes unnecessary
+    are unnecessary everywhere, so only images of the others are added.
+    """
+    (part,) = solution.parts
+    found = part.found
+    images = _images(found, periodicity)
+    if images is None:
+        return solution
+    field = ExactField(found.field.g, None, found.field.linear, [*found.field.waves, images])
+    h, source = found.h.copy(), found.source.copy()
+    for first, points in _slabs_of(periodicity.domain):
+        span = slice(first, first + len(points.places))
+        field.lower_by_last(points, h[span], source[span], component.threads, component.report)
+    h = periodicity.least(h)  # rounding may differ between paired nodes
+    return as_solution(solution.h, [Part(None, Found(h, source, field))])
+
+
+def _images(found: Found, periodicity: Periodicity) -> Wave | None:
+    """Return the images of sources that may lower a size in the cell."""
+    nodes = np.concatenate([wave.nodes for wave in found.field.waves])
+    places = np.concatenate([wave.places for wave in found.field.waves])
+    sizes = np.concatenate([wave.sizes for wave in found.field.waves])
+    if len(nodes) == 0:
+        return None
+    box = np.stack([places.min(axis=1), places.max(axis=1)])
+    least, largest, g = sizes.min(axis=1), float(found.h.max()), found.field.g
+    lower, upper = _corners(periodicity.domain)
+    tables, named = [], []
+    for shift in periodicity.shifts():
+        gap = np.maximum(0.0, np.maximum(box[0] + shift - upper, lower - box[1] - shift))
+        reach = least + g * np.linalg.norm(gap, axis=1) < largest
+        if reach.any():
+            moved = (places[reach] + shift).reshape(int(reach.sum()), -1)
+            tables.append(np.concatenate([moved, sizes[reach]], axis=1))
+            named.append(nodes[reach])
+    return sorted_wave(np.concatenate(tables), np.concatenate(named)) if tables else None
+
+
+def _corners(domain: SimplexMesh | CartesianGrid) -> tuple[FloatArray, FloatArray]:
+    if isinstance(domain, CartesianGrid):
+        return domain.lower, domain.upper
+    return domain.points.min(axis=0), domain.points.max(axis=0)
+
+
+def limit_points(
+    points: FloatArray, bounds: FloatArray, n: int, g: float, report: ProgressCallback
+) -> tuple[FloatArray, IntArray]:
+    r"""Return :math:`\min_j b_j + g |x_i - x_j|` at the first n points, and the j of each.
+
+    Parameters
+    ----------
+    points : float64[m, dim]
+        dim 2 or 3.
+    bounds : float64[m]
+        inf where there is none.
+    n : int
+        Sizes are returned at so many points.
+    g : float
+    report : callable
+
+    Returns
+    -------
+    float64[n]
+        Bit by bit the same in any order of the points.
+    int32[n]
+        -1 where no bound reaches.
+    """
+    margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
+    threads = int(numba.get_num_threads())
+    nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
+    wave = node_wave(points[nodes], bounds[nodes], nodes)
+    field = ExactField(g, None, False, [survivors_of(wave, g, False, threads, report, margin)])
+    wanted = Points(points[:n], along_curve(points[:n]), np.empty(0, np.int32))
+    h, source = bounds[:n].copy(), np.full(n, -1, np.int32)
+    field.lower_by_last(wanted, h, source, threads, report)
+    return h, Found(h, source, field).named()[:, 0]

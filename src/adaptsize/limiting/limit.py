@@ -1,0 +1,404 @@
+"""`limit_gradient`: check the arguments, choose a scheme and report on the result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import (
+    as_float_array,
+    as_points,
+    as_sizes,
+    check_type,
+    describe,
+    one_of,
+    warn_caller,
+)
+from adaptsize._progress import reporting, silent
+from adaptsize._with_info import with_info
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.errors import ConvergenceWarning
+from adaptsize.limiting import gradient_limit
+from adaptsize.limiting.barth_sethian import PositiveCoefficient
+from adaptsize.limiting.edge_based import EdgeBased
+from adaptsize.limiting.exact import Exact
+from adaptsize.limiting.fast_marching import FastMarching
+from adaptsize.limiting.gradient_limit import SizeTransform, Slope
+from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
+from adaptsize.limiting.info import LimitingInfo
+from adaptsize.limiting.periodic import Periodicity, as_periodicity
+from adaptsize.limiting.problem import PointBounds, Problem, Scheme
+from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
+
+SCHEMES: dict[str, type[Scheme]] = {
+    scheme.name: scheme
+    for scheme in (Exact, FastMarching, PositiveCoefficient, HamiltonJacobi, EdgeBased)
+}
+
+
+@with_info
+def limit_gradient(
+    background: SimplexMesh | CartesianGrid | Octree,
+    h0: npt.ArrayLike,
+    g: GradientLimit,
+    *,
+    method: Scheme | str = "auto",
+    initial: npt.ArrayLike | LimitingInfo | None = None,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    periodic: npt.ArrayLike | None = None,
+    progress: ProgressCallback | bool | None = None,
+) -> tuple[FloatArray, LimitingInfo]:
+    r"""Return the largest mesh size below ``h0`` whose gradient is at most ``g``.
+
+    This is the steady state of the gradient limiting equation [1]_
+
+    .. math:: h_t + |\nabla h| = \min(|\nabla h|, g), \qquad h(x, 0) = h_0(x),
+
+    on the nodes of the background.  Sizes propagate inside the domain only.  Two regions
+    that are separated by a slit, a hole, inactive nodes or a gap between two sheets do not
+    affect each other directly, however close they are.
+
+    Parameters
+    ----------
+    background : SimplexMesh, CartesianGrid or Octree
+        A mesh may consist of segments, of triangles in the plane or in space, or of
+        tetrahedra.  Obtuse, sliver and degenerate cells are allowed.  A grid may have any
+        spacing; its inactive nodes lie outside the domain.  An octree is replaced by its
+        conforming simplicial mesh.
+    h0 : float or array_like of float, of the nodal shape
+        Upper bound on the size, in the unit of the coordinates: one number for all nodes, or
+        one per node.  It must be positive, and finite at one node at least; inf means that
+        there is no bound.  The values of ``h0`` and g at inactive nodes of a grid are ignored.
+    g : float, array_like, callable, or pair (array_like, callable)
+        Gradient limit (length per length), finite and >= 0.  Neighbouring elements
+        then differ by a factor of about ``1 + g``; usual values are 0.2 to 0.3.  It can be
+
+        * one number,
+        * one number per node; on meshes the mean is taken in each cell,
+        * on meshes, one number per cell, as is needed for a limit that jumps; an array of
+          ``n_points`` entries is always read as per node,
+        * a function ``g(h)`` that takes an array of sizes and returns positive bounded
+          limits,
+        * a pair ``(a, b)`` for the product a(x) b(h).
+    method : str or scheme, default "auto"
+        An object of `adaptsize.limiting` with the options of the scheme, or its name:
+
+        * ``"exact"`` (`Exact`) computes each size directly from the bounds visible from the node.
+          It needs a flat domain and a single number g or a function g(h).  The result is exact
+          to rounding in convex domains and in the plane; see the notes.
+        * ``"fast-marching"`` (`FastMarching`) is of first order and monotone, and works on every
+          background.  ``FastMarching(order=2)`` is of second order, on grids.
+        * ``"auto"`` takes the exact method where it applies, else fast marching.
+        * ``"positive-coefficient"`` (`PositiveCoefficient`), on meshes, is the iteration of Barth
+          and Sethian [2]_.
+        * ``"hamilton-jacobi"`` (`HamiltonJacobi`), on grids, is the upwind iteration of [1]_.
+        * ``"edge-based"`` (`EdgeBased`) computes shortest paths along edges.  It does not converge
+          and is meant for comparison only.
+    initial : LimitingInfo, float, or array_like of float of the nodal shape, optional
+        Either the info of an earlier call with the same background, g and method.  The exact
+        method on meshes then recomputes only the nodes whose size may change, if the bounds
+        are at isolated nodes or with ``Exact(face_sources=False)``.  See the notes.
+        Or an array with the start values of an iteration; the default is the fast marching
+        solution.  The values are lowered to ``h0`` where they exceed it.  The Hamilton-Jacobi
+        iteration converges from any start, and fastest from the solution for a slightly
+        different ``h0``.  The positive coefficient scheme can only lower its start values.
+    point_sources : tuple of (array_like, array_like), optional
+        For the exact method: points of shape (k, dim) and the bounds there, of shape
+        (k,).  The points need not be nodes.  Points outside the domain have no effect.  A point
+        where components of the domain touch acts in all of them.
+    periodic : array_like of float, shape (k, dim), optional
+        For the exact method and fast marching of first order: translations by which
+        the domain is repeated, such as ``[[a, 0], [0, b]]``.  The result is that on the domain
+        with all of its images.  Nodes on opposite sides must come in pairs; both get the same
+        size.  See the notes.
+    progress : callable or bool, optional
+        Called with a text and the fraction completed; True shows a progress bar on a
+        terminal.  An exception raised in it (or Ctrl-C) stops the computation.
+
+    Returns
+    -------
+    h : ndarray of float64, of the nodal shape
+        ``h <= h0`` everywhere.  Along every edge, ``h[i] - h[j]`` is at most g times the
+        length of the edge, to rounding.  With g(h) this holds in the variable Phi of the
+        notes; for an iteration from ``initial`` it holds to its tolerance.  On meshes, g is the
+        smallest of the cells at the edge; on grids, that at the end of larger size.
+        The size is inf only at inactive nodes and in components of the domain where all of
+        ``h0`` is inf.  Mesh nodes that belong to no cell keep ``h0``.
+        ``limit_gradient.with_info``, with the same arguments, returns the pair ``(h, info)`` with
+        a `LimitingInfo`, whose attributes are computed on first access.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong; if ``h0`` is NaN, zero, negative or inf throughout; if g is
+        negative, NaN or above 1e30; if the method does not support the background, order or g;
+        if an argument is given that the method does not use; or if ``initial`` is the info of a
+        call with another background, g, method or option.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If an iteration does not meet its tolerance, or if another loop reaches
+        its limit.  ``info.converged`` is then False.
+
+    Notes
+    -----
+    *g(h).*  The change of variable :math:`\Phi(h) = \int dh/g(h)` turns the limit into 1.
+    Hence the solution exists and is unique, and g need not be monotone.
+
+    *Interpolation.*  The bound holds for *nodal differences*.  The gradient of the linear
+    interpolant may exceed g around point sources and where fronts meet, by a factor of up to
+    :math:`1/\cos(\theta/2)` for a cell with angle :math:`\theta` at its upstream vertex.
+    This also happens with exact nodal values, at every mesh size.
+
+    *Exact method.*  In convex domains and in the plane the result is
+    :math:`\min_y h_0(y) + g\,d(x, y)` to rounding, where d is the length of the shortest path
+    in the domain.  In solids the same holds at each x from which the minimising point y is
+    visible.  Elsewhere d is the length of a path over edges of the boundary, so that the
+    result is an upper bound; no size is too small.  ``info.n_proved`` counts the nodes with a
+    proof, and ``info.largest_gap`` bounds the error at the others.
+
+    *Periodic domains.*  Sizes propagate through a side of the cell to its opposite one.  Where
+    cell and images make up a convex domain, the exact method adds the images of the sources,
+    and the result is exact to rounding.  Elsewhere fast marching identifies the nodes.
+
+    *Warm start.*  With ``initial``, the exact method returns the same sizes as without it, bit
+    for bit.  The Hamilton-Jacobi iteration starts from the earlier sizes.  All other methods
+    and cases are solved from scratch.  The arrays given to the earlier call may have been
+    modified in the meantime.
+
+    References
+    ----------
+    .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and PDE-based
+       gradient limiting", Engineering with Computers 22 (2006) 95-109.
+    .. [2] T. J. Barth, J. A. Sethian, "Numerical schemes for the Hamilton-Jacobi and
+       level set equations on triangulated domains", J. Comput. Phys. 145 (1998) 1-40.
+
+    Examples
+    --------
+    A size of 0.1 at one corner of the unit square:
+
+    >>> import numpy as np
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> h = limit_gradient(mesh, [0.1, np.inf, np.inf, np.inf], 0.3)
+    >>> h.round(3)
+    array([0.1  , 0.4  , 0.524, 0.4  ])
+
+    The same on a grid from two corners:
+
+    >>> grid = CartesianGrid(origin=[0.0, 0.0], spacing=0.5, shape=(3, 3))
+    >>> h0 = np.full(grid.shape, np.inf)
+    >>> h0[0, 0], h0[2, 2] = 0.1, 0.2
+    >>> limit_gradient(grid, h0, 0.3).round(3)
+    array([[0.1  , 0.25 , 0.4  ],
+           [0.25 , 0.312, 0.35 ],
+           [0.4  , 0.35 , 0.2  ]])
+
+    Another bound at one node, with a warm start from the earlier result:
+
+    >>> h, info = limit_gradient.with_info(grid, h0, 0.3)
+    >>> h0[2, 2] = 0.4
+    >>> limit_gradient(grid, h0, 0.3, initial=info).round(3)
+    array([[0.1  , 0.25 , 0.4  ],
+           [0.25 , 0.312, 0.435],
+           [0.4  , 0.435, 0.4  ]])
+    """
+    domain = _as_domain(background)
+    scheme = as_scheme(method)
+    bound = _as_bound("h0", h0, background)
+    if np.may_share_memory(bound, h0):
+        bound = bound.copy()  # kept for comparison in the next call
+    extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
+    if bound.min() == np.inf and (extra is None or extra.sizes.min(initial=np.inf) == np.inf):
+        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
+    earlier, start = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
+    cell = None
+    if periodic is not None:
+        if initial is not None or getattr(scheme, "order", 1) != 1:
+            raise ValueError("periodic cannot be combined with initial, or with order=2")
+        cell = as_periodicity(domain, periodic)
+        bound = cell.least(bound)
+    # An earlier call with another background is refused below, when all else is known.
+    if earlier is not None and earlier.bound.shape != bound.shape:
+        _refuse_background(earlier, background)
+    bounds = bound if extra is None else np.concatenate([bound.ravel(), extra.sizes])
+    slope, transform = gradient_limit.resolve(
+        domain, g, bounds, None if earlier is None else earlier.transform
+    )
+    if extra is not None and transform is not None:
+        extra = extra._replace(sizes=transform.forward(extra.sizes))
+    if start is not None:
+        # Below h0 it is within the table of the transformation.
+        start = np.minimum(_as_bound("initial", start, background), bound)
+        start = _forward(start, transform, None)
+    if scheme is None:
+        scheme = _automatic(domain, slope, cell)
+    with reporting(progress) as report:
+        u0 = _forward(bound, transform, earlier)
+        problem = Problem(domain, u0, slope, start, extra, cell, report)
+        _refuse_unsupported(scheme, problem)
+        if earlier is not None:
+            _refuse_other_calls(earlier, background, scheme, problem, transform)
+        if earlier is not None and earlier.transform is transform:
+            solution = scheme.solve_again(problem, earlier.problem, earlier.solution)
+        else:  # sizes below those of the table have another transformation
+            solution = scheme.solve(problem)
+    if solution.unfinished:
+        warn_caller(solution.unfinished, ConvergenceWarning)
+    # The back transformation rounds.
+    h = np.minimum(_backward(solution.h, transform, earlier), bound)
+    problem = replace(problem, report=silent, initial=None)
+    own = solution.h if transform is None else h.copy()
+    return h, LimitingInfo(scheme, problem, solution, background, bound, own, transform)
+
+
+def as_scheme(method: Scheme | str) -> Scheme | None:
+    """Return the scheme of a name, or the given one; None for "auto"."""
+    if isinstance(method, Scheme):
+        return method
+    name = one_of("method", method, ("auto", *SCHEMES))
+    return None if name == "auto" else SCHEMES[name]()
+
+
+def _automatic(
+    domain: SimplexMesh | CartesianGrid, slope: Slope, cell: Periodicity | None
+) -> Scheme:
+    """Return the exact method where it applies, else fast marching."""
+    exact = Exact()
+    applies = not (slope.step or exact.supports(domain)) and (cell is None or cell.is_convex)
+    return exact if applies else FastMarching()
+
+
+def _refuse_unsupported(scheme: Scheme, problem: Problem) -> None:
+    """Raise a ValueError if a scheme does not support the background or an argument."""
+    needed = scheme.supports(problem.domain)
+    if needed:
+        raise ValueError(f"method={scheme.name!r} needs {needed}, got {problem.domain!r}")
+    for name in ("initial", "point_sources", "periodic"):
+        if getattr(problem, name) is not None and name not in scheme.optional:
+            able = " or ".join(repr(s.name) for s in SCHEMES.values() if name in s.optional)
+            raise ValueError(f"{name} is for method={able}, got method={scheme.name!r}")
+
+
+def _refuse_other_calls(
+    earlier: LimitingInfo,
+    background: SimplexMesh | CartesianGrid | Octree,
+    scheme: Scheme,
+    problem: Problem,
+    transform: SizeTransform | None,
+) -> None:
+    """Raise a ValueError if the earlier call differs in more than the bounds."""
+    if earlier.method != scheme.name:
+        raise ValueError(
+            f"initial must come from the same method: it is of method={earlier.method!r}, "
+            f"this call of method={scheme.name!r}"
+        )
+    _refuse_background(earlier, background)
+    then, now = earlier.transform, transform
+    same = then is now or (then is not None and now is not None and then.is_same_limit(now))
+    if not (same and _equal(earlier.problem.slope.values, problem.slope.values)):
+        raise ValueError("initial must come from a call with the same g, got a different g")
+    if earlier.problem.periodic is not None:
+        raise ValueError("initial must not come from a call with periodic")
+    for name in ("order", "face_sources", "floor"):
+        before, after = getattr(earlier.scheme, name, None), getattr(scheme, name, None)
+        if before != after:
+            raise ValueError(f"initial must come from a call with {name}={after!r}, got {before!r}")
+
+
+def _refuse_background(
+    earlier: LimitingInfo, background: SimplexMesh | CartesianGrid | Octree
+) -> None:
+    """Raise a ValueError if the earlier call had another background."""
+    if not _is_same(earlier.background, background):
+        raise ValueError(
+            f"initial must come from the same background: it is of {earlier.background!r}, "
+            f"this call of {background!r}; leave it out after remeshing"
+        )
+
+
+def _is_same(a: object, b: object) -> bool:
+    """Return whether two backgrounds have the same nodes and cells."""
+    if a is b:
+        return True
+    if isinstance(a, SimplexMesh) and isinstance(b, SimplexMesh):
+        return _equal(a.points, b.points) and _equal(a.cells, b.cells)
+    if isinstance(a, Octree) and isinstance(b, Octree):
+        return (
+            a.root_shape == b.root_shape
+            and _equal(a.lower, b.lower)
+            and _equal(a.upper, b.upper)
+            and _equal(a.levels, b.levels)
+        )
+    if isinstance(a, CartesianGrid) and isinstance(b, CartesianGrid):
+        return (
+            a.shape == b.shape
+            and _equal(a.origin, b.origin)
+            and _equal(a.spacing, b.spacing)
+            and (a.active is None) == (b.active is None)
+            and (a.active is None or _equal(a.active, b.active))
+        )
+    return False
+
+
+def _equal(a: object, b: object) -> bool:
+    return a is b or bool(np.array_equal(a, b))  # type: ignore[arg-type]
+
+
+def _as_domain(
+    background: SimplexMesh | CartesianGrid | Octree,
+) -> SimplexMesh | CartesianGrid:
+    """Return the mesh or grid that the schemes run on."""
+    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    return background.mesh if isinstance(background, Octree) else background
+
+
+def _as_bound(
+    name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
+) -> FloatArray:
+    """Return checked nodal sizes, inf at inactive nodes; one number is used for all nodes."""
+    given = as_float_array(name, sizes)
+    if given.ndim == 0:
+        given = np.full(background.nodal_shape, as_sizes(name, given, ()))
+    if isinstance(background, CartesianGrid) and background.active is not None:
+        given = as_float_array(name, given, background.shape)
+        given = np.where(background.active, given, np.inf)
+    return as_sizes(name, given, background.nodal_shape)
+
+
+def as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:
+    """Return checked bounds at points."""
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        raise ValueError(f"point_sources must be a pair (points, sizes), got {describe(given)}")
+    points = as_points("point_sources[0]", given[0], dim)
+    return PointBounds(points, as_sizes("point_sources[1]", given[1], (len(points),)))
+
+
+def _forward(
+    sizes: FloatArray, transform: SizeTransform | None, earlier: LimitingInfo | None
+) -> FloatArray:
+    """Return transformed bounds; those of the earlier call are not recomputed."""
+    if transform is None:
+        return sizes
+    if earlier is None or earlier.transform is not transform:
+        return transform.forward(sizes)
+    transformed = earlier.problem.h0.copy()
+    changed = sizes != earlier.bound
+    transformed[changed] = transform.forward(sizes[changed])
+    return transformed
+
+
+def _backward(
+    u: FloatArray, transform: SizeTransform | None, earlier: LimitingInfo | None
+) -> FloatArray:
+    """Return the sizes of a solution; those of the earlier call are not recomputed."""
+    if transform is None:
+        return u
+    if earlier is None or earlier.transform is not transform:
+        return transform.backward(u)
+    h = earlier.h.copy()
+    changed = u != earlier.solution.h
+    h[changed] = transform.backward(u[changed])
+    return h
