@@ -128,7 +128,7 @@ def loop(
                 )  # fmt: skip
             else:
                 h = ads.size_from_hessian(
-                    mesh, fields["u"], target_elements=number, norm=2.0, hmax=hmax, g=0.25,
+                    mesh, fields["u"], elements=number, norm=2.0, hmax=hmax, g=0.25,
                     backend="mmg",
                 )  # fmt: skip
                 result = ads.adapt(mesh, h0=h, g=None, enough=1.1)

@@ -52,7 +52,7 @@ mesh = ads.mesh_from_distance(channel, size, low, high, fixed_points=corners)
 for target in (1500, 3000):
     x, y = mesh.points.T
     density = np.tanh(20.0 * (x - 1.0 - 0.2 * y))  # your solver's result instead
-    h = ads.size_from_hessian(mesh, density, target_elements=target, hmin=0.004, g=0.25)
+    h = ads.size_from_hessian(mesh, density, elements=target, hmin=0.004, g=0.25)
     size = ads.SizeFunction(mesh, h)
     new = ads.mesh_from_distance(channel, size, low, high, fixed_points=corners)
     start = ads.transfer_fields(mesh, new, fields={"density": density})  # for the solver
@@ -173,7 +173,7 @@ def adapted(result: Cycle, n_triangles: float, *, limited: bool) -> Cycle:
     mesh, solution = result.mesh, result.solution
     density = solution.at_nodes(solution.w)[:, 0]
     h = ads.size_from_hessian(
-        mesh, density, target_elements=n_triangles, hmin=HMIN, hmax=HMAX, g=G if limited else None
+        mesh, density, elements=n_triangles, hmin=HMIN, hmax=HMAX, g=G if limited else None
     )
     new = mesh_for(ads.SizeFunction(mesh, h))
     fields = {"conserved": euler.conserved(solution.w)}

@@ -60,7 +60,7 @@ def lshape():
               f"error * sqrt(nodes) {error * mesh.n_points**0.5:.3f}, "
               f"estimate / error {np.linalg.norm(eta) / error:.3f}; next {wanted}")  # fmt: skip
         if wanted is not None:
-            h = ads.size_from_error(mesh, eta, order=1, target_elements=wanted, max_refine=8,
+            h = ads.size_from_error(mesh, eta, order=1, elements=wanted, max_refine=8,
                                     g=G)  # fmt: skip
             mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h), backend="mmg")
 
@@ -87,7 +87,7 @@ def layers():
     ):
         mesh = start
         for wanted in counts:
-            h = ads.size_from_hessian(mesh, shell(mesh.points), target_elements=wanted,
+            h = ads.size_from_hessian(mesh, shell(mesh.points), elements=wanted,
                                       hmin=0.004, hmax=0.5, g=G)  # fmt: skip
             mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h), backend="mmg")
             print(f"wanted {wanted}, got {mesh.n_cells}, {mesh.n_cells / wanted:.3f}")

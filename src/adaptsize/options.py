@@ -587,6 +587,194 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, total=False):
     ]
 
 
+class ClipOptions(TypedDict, total=False):
+    """Limits of the sizes."""
+
+    hmin: Annotated[
+        float | None,
+        Option(
+            default=None, unit="length", above=True, text="Smallest size; it overrides the bound."
+        ),
+    ]
+    hmax: Annotated[
+        float | None,
+        Option(default=None, unit="length", above=True, text="Largest size."),
+    ]
+
+
+class ScaleOptions(ClipOptions, total=False):
+    """Sizes scaled to an error or a number of elements."""
+
+    tolerance: Annotated[
+        float | None,
+        Option(
+            default=None, above=True, text="Target for the error.  Either this or ``elements``."
+        ),
+    ]
+    elements: Annotated[
+        float | None,
+        Option(
+            default=None, lower=1.0, text="Target for the number of elements, after all limits."
+        ),
+    ]
+    g: Annotated[
+        GradientLimit | None,
+        Option(
+            default=None,
+            unusual=5.0,
+            type_text="float, array_like, callable or tuple",
+            text="Gradient limit, as in `limit_gradient`, which is then applied to the sizes.",
+            details="By default the sizes are not limited, so that other bounds can be added "
+            "before limiting.",
+        ),
+    ]
+    backend: Annotated[
+        str | None,
+        Option(
+            default=None,
+            text='If given, ``elements`` is the number that this mesh generator makes ("mmg", '
+            '"tetwild"), see `adaptsize.sizes.predicted_elements`.',
+            details="Otherwise it is a number of regular simplices.",
+        ),
+    ]
+
+
+class ErrorOptions(ScaleOptions, total=False):
+    """Sizes from errors."""
+
+    max_refine: Annotated[
+        float,
+        Option(
+            default=4.0,
+            lower=1.0,
+            text="Largest factor by which sizes may shrink.",
+            details="Indicators predict little about much smaller cells at a singular point.",
+        ),
+    ]
+    max_coarsen: Annotated[
+        float,
+        Option(
+            default=2.0,
+            lower=1.0,
+            inf=True,
+            text="Largest factor by which sizes may grow.",
+            details="Indicators predict nothing where they are zero.",
+        ),
+    ]
+
+
+class HessianOptions(ScaleOptions, total=False):
+    """Sizes from second derivatives."""
+
+    norm: Annotated[
+        float,
+        Option(default=float("inf"), lower=1.0, inf=True, text="Norm q of the error."),
+    ]
+
+
+class CurvatureOptions(ClipOptions, total=False):
+    """Sizes from curvature."""
+
+    elements_per_radian: Annotated[
+        float,
+        Option(
+            default=4.0,
+            above=True,
+            text="K.  An edge that spans the angle t has 1 / K = 2 sin(t / 2).",
+        ),
+    ]
+    crease_angle: Annotated[
+        float,
+        Option(
+            default=CREASE_ANGLE,
+            unit="degrees",
+            upper=180.0,
+            text="Angle between facets above which their edge is a feature edge (crease), and "
+            "between segments above which their node is a corner.",
+            details="It must exceed the angle between the facets of a tessellated smooth surface. "
+            "Tagged edges of a surface are feature edges at any angle.  With distances it applies "
+            "to kinks, and to boundaries that turn by more within one spacing.",
+        ),
+    ]
+    smoothing: Annotated[
+        int,
+        Option(
+            default=0,
+            text="1 or 2 averages the curvature over this number of layers of neighbours, for "
+            "scanned surfaces.",
+            details="Distances are averaged this number of times before they are differentiated, "
+            "see `adaptsize.geometry.level_set_curvature`: about 16 for images.",
+        ),
+    ]
+    tolerance: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="0.001 of the diagonal of ``boundary``; on a grid the diagonal of a box, and on "
+            "an octree that of the smallest leaf, to include all corners of the boxes that the "
+            "boundary passes; with distances two of the largest spacings",
+            unit="length",
+            text="Distance up to which a node counts as lying on ``boundary``.",
+        ),
+    ]
+    g: Annotated[
+        float,
+        Option(
+            default=GRADIENT_LIMIT,
+            unusual=5.0,
+            text="Only with distances: the gradient limit that is used afterwards.",
+        ),
+    ]
+
+
+class FeatureOptions(ClipOptions, total=False):
+    """Sizes from the local width."""
+
+    method: Annotated[
+        Literal["auto", "rays", "medial-axis"],
+        Option(
+            default="auto",
+            text="Definition of the width.",
+            details='"auto" is the medial axis for distances, otherwise rays.',
+        ),
+    ]
+    elements_across: Annotated[
+        float, Option(default=4.0, above=True, text="Number n of elements.")
+    ]
+    crease_angle: Annotated[
+        float,
+        Option(
+            default=CREASE_ANGLE,
+            unit="degrees",
+            upper=180.0,
+            text="As for `adaptsize.geometry.boundary_width`.",
+            details="The medial axis on grids has none.",
+        ),
+    ]
+    corner_angle: Annotated[
+        float,
+        Option(
+            default=CORNER_ANGLE,
+            unit="degrees",
+            upper=180.0,
+            text="As for `adaptsize.geometry.boundary_width`.",
+        ),
+    ]
+    tolerance: Annotated[
+        float | None,
+        Option(
+            default=None,
+            chosen="the diagonal of the largest box at a node of a grid or an octree, so that all "
+            "corners of the boxes that the boundary passes have a size, otherwise 0.001 of the "
+            "diagonal of the boundary",
+            unit="length",
+            text="Nodes up to this distance outside ``boundary`` get a size too.",
+            details="On a background of lower dimension, only nodes within this distance of "
+            "``boundary`` get one.  Only for rays, with ``boundary``.",
+        ),
+    ]
+
+
 @cache
 def options_of(record: type) -> Mapping[str, Option]:
     """Return the options of a record by their names, in the order of the declaration."""

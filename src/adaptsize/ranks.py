@@ -85,6 +85,8 @@ class Communicator(ABC):
         The exception is that of the first rank on which the task failed.  It names the rank if
         there are several.
         """
+        if self.size == 1:
+            return task()
         result, error = None, None
         try:
             result = task()

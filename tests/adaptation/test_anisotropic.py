@@ -44,7 +44,7 @@ def loop(*, anisotropic, n_cycles=3, target=1500, start=MESH):
         else:
             from adaptsize import size_from_hessian
 
-            h = size_from_hessian(mesh, fields["u"], target_elements=target, norm=2.0, hmax=0.3)
+            h = size_from_hessian(mesh, fields["u"], elements=target, norm=2.0, hmax=0.3)
             result = adapt(mesh, h0=h, target_elements=target, fields=fields)
         mesh = result.mesh
     return result

@@ -262,6 +262,6 @@ def test_fields_must_be_the_same_on_all_ranks():
         values = np.ones(part.n_points)
         names = {"u": values} if part.ranks.rank else {"u": values, "v": values}
         with pytest.raises(ValueError, match=r"^fields must be the same on all ranks"):
-            ads.distributed.transfer_fields(part, part, fields=names)
+            ads.transfer_fields(part, part, fields=names)
 
     on_ranks(mesh, None, 2, run)

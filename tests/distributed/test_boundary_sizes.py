@@ -8,9 +8,7 @@ from partitions import KINDS, SIZE, on_ranks, partition
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, size_from_curvature, size_from_feature
-from adaptsize.distributed import boundary_sizes
-from adaptsize.distributed import size_from_curvature as curvature_on_parts
-from adaptsize.distributed import size_from_feature as feature_on_parts
+from adaptsize.background.migration import whole_boundary
 
 
 def tagged_disc():
@@ -42,8 +40,8 @@ def test_equal_to_serial_for_every_partition(name):
     for kind in KINDS:
 
         def work(part):
-            found = curvature_on_parts(part, **OPTIONS), feature_on_parts(part, **OPTIONS)
-            return *found, boundary_sizes._boundary_of(part)
+            found = size_from_curvature(part, **OPTIONS), size_from_feature(part, **OPTIONS)
+            return *found, whole_boundary(part)
 
         results, parts = on_ranks(mesh, partition(mesh, kind, SIZE, rng), SIZE, work)
         for (by_curvature, by_feature, boundary), part in zip(results, parts, strict=True):
@@ -67,7 +65,7 @@ def test_number_of_exchanges():
             counts.append(part.ranks.traffic.exchanges - before)
         for _ in range(2):
             before = part.ranks.traffic.exchanges, part.ranks.traffic.reductions
-            curvature_on_parts(part)
+            size_from_curvature(part)
             counts.append(part.ranks.traffic.exchanges - before[0])
             counts.append(part.ranks.traffic.reductions - before[1])
         return counts
@@ -86,7 +84,7 @@ def test_surfaces_and_curves_are_collected():
             mesh,
             partition(mesh, "some empty", SIZE, rng),
             SIZE,
-            lambda part: (curvature_on_parts(part, **OPTIONS), feature_on_parts(part, **OPTIONS)),
+            lambda part: (size_from_curvature(part, **OPTIONS), size_from_feature(part, **OPTIONS)),
         )
         for (by_curvature, by_feature), part in zip(results, parts, strict=True):
             np.testing.assert_array_equal(by_curvature, curvature[part.global_ids])
@@ -98,7 +96,7 @@ def test_the_boundary_is_found_once():
         counts = []
         for _ in range(2):
             before = part.ranks.traffic.exchanges
-            curvature_on_parts(part)
+            size_from_curvature(part)
             counts.append(part.ranks.traffic.exchanges - before)
         return counts
 
@@ -110,8 +108,8 @@ def test_bad_input_on_one_rank_is_reported_by_all():
     def work(part):
         bad = -1.0 if part.ranks.rank == 1 else 4.0
         with pytest.raises(ValueError, match=r"^rank 1: elements_per_radian must be"):
-            curvature_on_parts(part, elements_per_radian=bad)
+            size_from_curvature(part, elements_per_radian=bad)
         with pytest.raises(ValueError, match=r"^rank 0: elements_across must be"):
-            feature_on_parts(part, elements_across=-1.0)
+            size_from_feature(part, elements_across=-1.0)
 
     on_ranks(MESHES["cube"], None, SIZE, work)

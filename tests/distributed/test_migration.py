@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh, interpolate, transfer_fields
 from adaptsize.background.migration import balanced, displaced, interface_facets, migrate
-from adaptsize.distributed import PartitionedMesh, interpolate, transfer_fields
+from adaptsize.distributed import PartitionedMesh
 
 
 def _square(n):

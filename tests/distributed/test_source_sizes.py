@@ -19,7 +19,6 @@ from adaptsize import (
     SimplexMesh,
     size_from_sources,
 )
-from adaptsize.distributed import size_from_sources as sources_on_parts
 from adaptsize.errors import OutsideWarning
 
 
@@ -83,7 +82,7 @@ def assert_equal_to_serial(mesh, sources, rank_of, g=0.25):
         warnings.simplefilter("ignore", OutsideWarning)
         whole = size_from_sources(mesh, sources, g=g)
         results, parts = on_ranks(
-            mesh, rank_of, SIZE, lambda part: sources_on_parts(part, sources, g=g)
+            mesh, rank_of, SIZE, lambda part: size_from_sources(part, sources, g=g)
         )
     for h0, part in zip(results, parts, strict=True):
         np.testing.assert_array_equal(h0, whole[part.global_ids])
@@ -131,9 +130,9 @@ def test_number_of_exchanges():
             for _ in range(2):
                 traffic = part.ranks.traffic
                 before = traffic.exchanges, traffic.reductions
-                sources_on_parts(part, source)
+                size_from_sources(part, source)
                 counts.append((traffic.exchanges - before[0], traffic.reductions - before[1]))
-            sources_on_parts(part, [])
+            size_from_sources(part, [])
             return counts[1], traffic.reductions - before[1] - counts[1][1]
 
         results, _ = on_ranks(mesh, None, SIZE, work)
@@ -145,7 +144,7 @@ def test_number_of_exchanges():
 def test_a_point_outside_is_reported_once():
     mesh = MESHES["structured"]
     with pytest.warns(OutsideWarning, match="lies 2 outside") as caught:
-        on_ranks(mesh, None, SIZE, lambda part: sources_on_parts(part, PointSource([5, 0.5], 0.1)))
+        on_ranks(mesh, None, SIZE, lambda part: size_from_sources(part, PointSource([5, 0.5], 0.1)))
     assert len(caught) == 1
 
 
@@ -166,7 +165,7 @@ def test_a_point_outside_is_reported_once():
 def test_bad_sources_are_refused_by_all(sources, message):
     def work(part):
         with pytest.raises(ValueError, match=message):
-            sources_on_parts(part, sources(part.ranks.rank))
+            size_from_sources(part, sources(part.ranks.rank))
 
     on_ranks(MESHES["structured"], None, SIZE, work)
 
@@ -184,6 +183,6 @@ def test_tags_of_other_parts_are_known():
 def test_closed_surfaces_have_no_boundary():
     def work(part):
         with pytest.raises(ValueError, match="the mesh is closed"):
-            sources_on_parts(part, BoundarySource(0.1))
+            size_from_sources(part, BoundarySource(0.1))
 
     on_ranks(MESHES["sphere"], None, SIZE, work)

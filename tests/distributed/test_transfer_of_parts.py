@@ -5,10 +5,8 @@ import pytest
 from scipy.spatial import Delaunay
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import SimplexMesh
-from adaptsize.adaptation import transfer_fields as serial
+from adaptsize import SimplexMesh, interpolate, transfer_fields
 from adaptsize.distributed import PartitionedMesh
-from adaptsize.distributed.transfer import interpolate, transfer_fields
 
 
 def _mesh(dim, n, seed):
@@ -32,10 +30,10 @@ def test_equal_to_the_serial_transfer(dim, kind):
     }[kind]
     nodal = {"u": rng.random(old.n_points), "v": rng.random((old.n_points, 2)) * (1 + 2j)}
     by_cell = {"e": rng.random((old.n_cells, 2)), "k": rng.integers(0, 9, old.n_cells)}
-    wanted = serial(old, new, fields=nodal, cell_fields=by_cell)
+    wanted = transfer_fields(old, new, fields=nodal, cell_fields=by_cell)
 
     def run(comm):
-        a = PartitionedMesh.from_serial(old, parts[0], comm)
+        a = PartitionedMesh.from_transfer_fields(old, parts[0], comm)
         b = PartitionedMesh.from_serial(new, parts[1], comm)
         found = transfer_fields(
             a,
@@ -61,7 +59,7 @@ def test_points_outside_get_the_nearest_value():
     wanted = old.locator.interpolate(u, places)[0]
 
     def run(comm):
-        part = PartitionedMesh.from_serial(old, rng_parts, comm)
+        part = PartitionedMesh.from_transfer_fields(old, rng_parts, comm)
         return interpolate(part, u[part.global_ids], places)
 
     rng_parts = rng.integers(0, 3, old.n_cells)
@@ -73,7 +71,7 @@ def test_wrong_field_on_one_rank_is_reported_by_all():
     old = _mesh(2, 20, 31)
 
     def run(comm):
-        part = PartitionedMesh.from_serial(old, None, comm)
+        part = PartitionedMesh.from_transfer_fields(old, None, comm)
         u = np.zeros(part.n_points + (comm.rank == 1))
         with pytest.raises(ValueError, match=r"rank 1: fields\['u'\] must have"):
             transfer_fields(part, part, fields={"u": u})

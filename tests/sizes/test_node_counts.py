@@ -6,7 +6,7 @@ from meshes import jittered_cube, structured_square
 
 from adaptsize import SimplexMesh, remesh
 from adaptsize.sizes import predicted_nodes
-from adaptsize.sizes.node_counts import elements_with_nodes, nodes_of
+from adaptsize.sizes.budget import elements_with_nodes, nodes_of
 
 TETRAHEDRON = SimplexMesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]])
 

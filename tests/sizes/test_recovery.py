@@ -167,7 +167,7 @@ def test_cells_without_volume_and_nodes_in_no_cell():
     eta = zz_indicator(mesh, np.arange(6.0) ** 2)
     assert np.isfinite(eta).all()
     assert eta[2] == 0.0
-    h = size_from_error(mesh, [1.0, 1.0, 1.0], order=1, target_elements=8)
+    h = size_from_error(mesh, [1.0, 1.0, 1.0], order=1, elements=8)
     assert np.isfinite(h[:4]).all()
     assert np.isinf(h[5])
     assert_array_equal(recovered_gradient(mesh, np.arange(6.0))[5], 0.0)

@@ -29,7 +29,7 @@ def test_predicted_errors_of_new_elements_are_equal(dim, order):
     # (h / h_K)^p of the error in 1 / (h / h_K)^d elements: all the same share of eta^2.
     mesh = MESHES["jittered" if dim == 2 else "cube"](7)
     eta = np.random.default_rng(41).uniform(1.0, 3.0, mesh.n_cells)
-    ratio = isolated_ratios(mesh, eta, order=order, target_elements=20 * mesh.n_cells)
+    ratio = isolated_ratios(mesh, eta, order=order, elements=20 * mesh.n_cells)
     per_element = eta**2 * ratio ** (2.0 * order) * ratio**dim
     assert_allclose(per_element, per_element[0], rtol=1e-9)
     assert (ratio**-dim).sum() == pytest.approx(20 * mesh.n_cells, rel=1e-3)
@@ -66,7 +66,7 @@ def test_number_of_elements_is_kept_by_nodal_sizes(seed, order, share):
     mesh = random_square(40, seed)
     eta = np.random.default_rng(seed).exponential(size=mesh.n_cells)
     wanted = share * mesh.n_cells
-    h = size_from_error(mesh, eta, order=order, target_elements=wanted, max_refine=9, max_coarsen=9)
+    h = size_from_error(mesh, eta, order=order, elements=wanted, max_refine=9, max_coarsen=9)
     assert predicted_elements(mesh, h) == pytest.approx(wanted, rel=1e-3)
 
 
@@ -75,7 +75,7 @@ def test_tiny_sizes_count_as_more_elements_than_can_be_made():
     assert 1e300 <= predicted_elements(mesh, np.full(mesh.n_points, 5e-324)) < np.inf
     far = SimplexMesh(1e60 * mesh.points, mesh.cells)
     assert predicted_elements(far, np.full(mesh.n_points, 5e-324)) == np.inf
-    h = size_from_error(mesh, np.ones(mesh.n_cells), order=1, hmax=1e-50, target_elements=300.0)
+    h = size_from_error(mesh, np.ones(mesh.n_cells), order=1, hmax=1e-50, elements=300.0)
     assert_allclose(h, 1e-50)
 
 
@@ -84,7 +84,7 @@ def test_sizes_change_by_no_more_than_the_factors(seed, max_refine, max_coarsen)
     mesh = random_square(30, seed)
     eta = np.random.default_rng(seed).exponential(size=mesh.n_cells) ** 4
     alone, now = isolated(mesh), np.repeat(present_sizes(mesh), 3)
-    for goal in ({"tolerance": 0.01}, {"tolerance": 1e3}, {"target_elements": 50.0}):
+    for goal in ({"tolerance": 0.01}, {"tolerance": 1e3}, {"elements": 50.0}):
         h = size_from_error(
             alone, eta, order=1, max_refine=max_refine, max_coarsen=max_coarsen, **goal
         )
@@ -100,8 +100,8 @@ def test_sizes_do_not_depend_on_units(of_error, of_length):
     scaled = SimplexMesh(of_length * mesh.points, mesh.cells)
     other = size_from_error(scaled, of_error * eta, order=1, tolerance=2.0 * of_error)
     assert_allclose(other, of_length * h, rtol=1e-3)  # the scale is found to 1e-4
-    same = size_from_error(mesh, of_error * eta, order=1, target_elements=77)
-    assert_allclose(same, size_from_error(mesh, eta, order=1, target_elements=77), rtol=1e-3)
+    same = size_from_error(mesh, of_error * eta, order=1, elements=77)
+    assert_allclose(same, size_from_error(mesh, eta, order=1, elements=77), rtol=1e-3)
 
 
 def test_unreachable_goals_are_approached():
@@ -109,7 +109,7 @@ def test_unreachable_goals_are_approached():
     eta = np.ones(mesh.n_cells)
     finest = size_from_error(isolated(mesh), eta, order=1, tolerance=1e-9)
     assert_allclose(finest, np.repeat(present_sizes(mesh), 3) / 4.0)
-    coarsest = size_from_error(isolated(mesh), eta, order=1, target_elements=1.0)
+    coarsest = size_from_error(isolated(mesh), eta, order=1, elements=1.0)
     assert_allclose(coarsest, np.repeat(present_sizes(mesh), 3) * 2.0)
     nothing = size_from_error(isolated(mesh), 0.0 * eta, order=1, tolerance=1.0)
     assert_allclose(nothing, np.repeat(present_sizes(mesh), 3) * 2.0)
@@ -126,10 +126,10 @@ def test_number_of_elements_is_that_after_limiting_and_clipping(way):
     for wanted in (500, 3000):
         if way == "error":
             h = size_from_error(
-                mesh, eta, order=1, target_elements=wanted, max_refine=16, **options
+                mesh, eta, order=1, elements=wanted, max_refine=16, **options
             )
         else:
-            h = size_from_hessian(mesh, u, target_elements=wanted, **options)
+            h = size_from_hessian(mesh, u, elements=wanted, **options)
         assert predicted_elements(mesh, h) == pytest.approx(wanted, rel=1e-3)
         assert h.min() >= 0.02
         assert h.max() <= 0.3
@@ -175,7 +175,7 @@ def test_sizes_for_a_norm_are_those_of_least_error():
     u = np.exp(1.5 * x[:, 0]) + 0.5 * x[:, 1] ** 2
     q, wanted = 2.0, 4000
     steepest = np.abs(np.linalg.eigvalsh(recovered_hessian(mesh, u))).max(axis=1)
-    h = size_from_hessian(mesh, u, target_elements=wanted, norm=q)
+    h = size_from_hessian(mesh, u, elements=wanted, norm=q)
 
     def error(size):
         return (mesh.measures * ((steepest * size**2) ** q)[mesh.cells].mean(axis=1)).sum()
@@ -194,7 +194,7 @@ def test_sizes_for_a_norm_are_those_of_least_error():
 def test_linear_fields_ask_for_nothing():
     mesh = MESHES["jittered"](9)
     u = 1e3 + mesh.points @ [3.0, 4.0]
-    for goal in ({"tolerance": 1e-3}, {"target_elements": 100}):
+    for goal in ({"tolerance": 1e-3}, {"elements": 100}):
         assert_array_equal(size_from_hessian(mesh, u, **goal), np.inf)
         assert_array_equal(size_from_hessian(mesh, u, hmax=0.2, **goal), 0.2)
     assert_array_equal(size_from_hessian(mesh, 0.0 * u, tolerance=1.0), np.inf)
@@ -204,8 +204,8 @@ def test_triangles_in_space_take_indicators():
     flat = MESHES["jittered"](7)
     eta = np.random.default_rng(41).uniform(0.5, 3.0, flat.n_cells)
     tilted = SimplexMesh(flat.points @ [[1, 0, 0], [0, 0.6, 0.8]], flat.cells)
-    h = size_from_error(tilted, eta, order=1, target_elements=200)
-    assert_allclose(h, size_from_error(flat, eta, order=1, target_elements=200), rtol=1e-9)
+    h = size_from_error(tilted, eta, order=1, elements=200)
+    assert_allclose(h, size_from_error(flat, eta, order=1, elements=200), rtol=1e-9)
 
 
 def test_bad_arguments_are_named():
@@ -217,9 +217,9 @@ def test_bad_arguments_are_named():
         size_from_error(mesh, u, order=1, tolerance=1.0)
     with pytest.raises(ValueError, match="order must be finite and > 0"):
         size_from_error(mesh, eta, order=0, tolerance=1.0)
-    with pytest.raises(ValueError, match=r"one of tolerance and target_elements .* got both"):
-        size_from_error(mesh, eta, order=1, tolerance=1.0, target_elements=10)
-    with pytest.raises(ValueError, match=r"one of tolerance and target_elements .* got none"):
+    with pytest.raises(ValueError, match=r"one of tolerance and elements .* got both"):
+        size_from_error(mesh, eta, order=1, tolerance=1.0, elements=10)
+    with pytest.raises(ValueError, match=r"one of tolerance and elements .* got none"):
         size_from_hessian(mesh, u)
     with pytest.raises(ValueError, match="max_refine must be finite and >= 1"):
         size_from_error(mesh, eta, order=1, tolerance=1.0, max_refine=0.5)

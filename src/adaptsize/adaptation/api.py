@@ -40,9 +40,8 @@ from adaptsize.background import SimplexMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.remeshing.registry import choose_backend
-from adaptsize.sizes.budget import calibration
+from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
-from adaptsize.sizes.node_counts import elements_with_nodes
 from adaptsize.typing import GradientLimit, ProgressCallback
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]

@@ -26,7 +26,7 @@ from adaptsize.metrics import (
     predicted_simplices,
 )
 from adaptsize.metrics.limit import as_gradient_limit
-from adaptsize.sizes.chords import size_of_chords
+from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.typing import FloatArray
 
 #: The scale of a metric is corrected at most so often to meet the number of elements; each time

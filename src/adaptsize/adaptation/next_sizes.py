@@ -21,12 +21,13 @@ from adaptsize._checks import (
 )
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
-from adaptsize.background import SimplexMesh
+from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
-from adaptsize.sizes.budget import CellSums, count_elements, scale_to
-from adaptsize.sizes.chords import radius_at_curves, size_of_chords
+from adaptsize.options import ErrorOptions
+from adaptsize.sizes.budget import count_elements, scale_to
 from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
 from adaptsize.sizes.error import scaled_by_error
 from adaptsize.typing import FloatArray, GradientLimit
 
@@ -68,7 +69,7 @@ class SizeRequest:
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
-        return next_sizes(mesh, self, factor, lambda h, g: limit_gradient(mesh, h, g), CellSums())
+        return next_sizes(mesh, self, factor, lambda h, g: limit_gradient(mesh, h, g))
 
     def within(self, mesh: SimplexMesh, tolerance: float) -> SizeRequest:
         """Return the request with a bound that leaves curved boundaries within a tolerance."""
@@ -233,16 +234,14 @@ def check_factors(order: float, max_refine: float, max_coarsen: float) -> None:
 
 
 def next_sizes(
-    mesh: SimplexMesh,
+    mesh: AnyMesh,
     request: SizeRequest,
     factor: float,
     limit: Callable[[FloatArray, GradientLimit], FloatArray],
-    sums: CellSums,
 ) -> NextSizes:
     """Return the requested sizes for a generator that makes ``factor`` cells per predicted cell.
 
-    ``limit(h, g)`` limits the gradient, and ``sums`` completes sums over cells, if there are
-    several processes.
+    ``limit(h, g)`` limits the gradient, collectively if there are several processes.
 
     Raises
     ------
@@ -257,15 +256,15 @@ def next_sizes(
         return held if request.g is None else limit(held, request.g)
 
     def count(h: FloatArray) -> float:
-        return count_elements(mesh, h, sums)
+        return count_elements(mesh, h)
 
     def from_error(tolerance: float | None, target: float | None) -> FloatArray:
         assert request.indicator is not None
-        return scaled_by_error(
-            mesh, request.indicator, finished, order=request.order, tolerance=tolerance,
-            target_elements=target, max_refine=request.max_refine,
-            max_coarsen=request.max_coarsen, sums=sums,
-        )  # fmt: skip
+        given: ErrorOptions = {
+            "tolerance": tolerance, "elements": target, "max_refine": request.max_refine,
+            "max_coarsen": request.max_coarsen, "backend": None,
+        }  # fmt: skip
+        return scaled_by_error(mesh, request.indicator, request.order, given, finished)
 
     def from_bound(goal: float) -> FloatArray:
         bound = request.h0
@@ -286,14 +285,14 @@ def next_sizes(
         assert request.h0 is not None
         h = finished(request.h0)
     sizes = h
-    sums.agree(lambda: _refuse_free(mesh, sizes))
+    mesh.ranks.agree(lambda: _refuse_free(mesh, sizes))
     simplices = count(sizes)
     predicted = factor * simplices
     in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
     return NextSizes(sizes, predicted, in_reach, capped, simplices)
 
 
-def _refuse_free(mesh: SimplexMesh, h: FloatArray) -> None:
+def _refuse_free(mesh: AnyMesh, h: FloatArray) -> None:
     used = np.zeros(mesh.n_points, np.bool_)
     used[mesh.cells] = True
     refuse_where(

@@ -12,6 +12,9 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
+# A cell with less than this share of its measure in the old domain counts as outside.
+OUTSIDE = 1e-9
+
 # A compiled loop cannot be interrupted.  One call should take about this long.
 _SECONDS_PER_CALL = 0.3
 

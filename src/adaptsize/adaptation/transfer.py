@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,28 +14,18 @@ from adaptsize._checks import as_flag, check_type, describe
 from adaptsize._kernels.overlap import combine
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_columns, as_field, as_fields, from_columns
-from adaptsize.adaptation.overlaps import overlaps_of
-from adaptsize.background import SimplexMesh
+from adaptsize.adaptation.overlaps import OUTSIDE, overlaps_of
+from adaptsize.adaptation.transfer_in_parts import TransferredFields, transfer_in_parts
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-#: A cell with less than this share of its measure in the old domain counts as outside.
-_OUTSIDE = 1e-9
 #: Distance, over the size, by which a point is moved into a cell to find its side of a slit.
 _ASIDE = 1e-8
 
 
-class TransferredFields(NamedTuple):
-    """Result of `transfer_fields`."""
-
-    fields: dict[str, npt.NDArray[Any]]
-    """Nodal fields on the new mesh."""
-    cell_fields: dict[str, npt.NDArray[Any]]
-    """Cell fields on the new mesh."""
-
-
 def transfer_fields(
-    old: SimplexMesh,
-    new: SimplexMesh,
+    old: AnyMesh,
+    new: AnyMesh,
     *,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     cell_fields: Mapping[str, npt.ArrayLike] | None = None,
@@ -47,12 +37,12 @@ def transfer_fields(
 
     Parameters
     ----------
-    old, new : SimplexMesh
-        Of the same kind.
+    old, new : SimplexMesh or PartitionedMesh
+        Of the same kind.  Meshes in parts are on the same communicator; their parts need not match.
     fields, cell_fields : mapping of str to array_like, optional
         Fields on ``old``, one row per node or per cell.
     conservative, keep_integral : bool
-        See `FieldTransfer.cells`.
+        See `FieldTransfer.cells`.  ``keep_integral`` is not available for meshes in parts.
     progress : callable, bool or None
         Called with a text and the fraction completed; True shows a bar.
 
@@ -66,6 +56,12 @@ def transfer_fields(
     ValueError
         If a field does not have one row per node or cell, or is not finite (checked first).
 
+    Notes
+    -----
+    Between meshes in parts, the values are those for the whole meshes, to rounding, except at
+    slits, where a node between the two sides may get the value of either.  Points and cells go to
+    the ranks whose boxes they meet: two requests, each with an answer, for each kind of value.
+
     Examples
     --------
     >>> old = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -74,11 +70,21 @@ def transfer_fields(
     >>> made.cell_fields["heat"]
     array([2., 2.])
     """
-    conservative = as_flag("conservative", conservative)
-    keep_integral = as_flag("keep_integral", keep_integral)
+    _check_kinds(old, new)
+
+    def check() -> tuple[dict[str, Any], dict[str, Any]]:
+        as_flag("conservative", conservative)
+        if as_flag("keep_integral", keep_integral) and isinstance(old, PartitionedMesh):
+            raise ValueError("keep_integral must be False for meshes in parts, got True")
+        by_cell = as_fields("cell_fields", cell_fields, old.n_cells)
+        return as_fields("fields", fields, old.n_points), by_cell
+
+    nodal, by_cell = old.ranks.agree(check)
+    if isinstance(old, PartitionedMesh):
+        assert isinstance(new, PartitionedMesh)
+        return transfer_in_parts(old, new, nodal, by_cell, conservative=conservative)
+    assert isinstance(new, SimplexMesh)
     transfer = FieldTransfer(old, new, progress=progress)
-    nodal = as_fields("fields", fields, old.n_points)
-    by_cell = as_fields("cell_fields", cell_fields, old.n_cells)
     if by_cell and conservative:
         transfer.refuse_surfaces()
     return TransferredFields(
@@ -88,6 +94,18 @@ def transfer_fields(
             for name, values in by_cell.items()
         },
     )
+
+
+def _check_kinds(old: AnyMesh, new: AnyMesh) -> None:
+    """Raise a ValueError if fields cannot be transferred between two meshes."""
+    for name, mesh in (("old", old), ("new", new)):
+        check_type(name, mesh, SimplexMesh, PartitionedMesh)
+        if mesh.cell_dim == 1:
+            raise ValueError(
+                f"{name} must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
+            )
+    if type(old) is not type(new) or (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
+        raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
 
 
 class FieldTransfer:
@@ -154,12 +172,7 @@ class FieldTransfer:
     ) -> None:
         for name, mesh in (("old", old), ("new", new)):
             check_type(name, mesh, SimplexMesh)
-            if mesh.cell_dim == 1:
-                raise ValueError(
-                    f"{name} must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
-                )
-        if (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
-            raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
+        _check_kinds(old, new)
         self.old = old
         self.new = new
         self._progress = progress
@@ -242,7 +255,7 @@ class FieldTransfer:
             return field[self._holders]
         self.refuse_surfaces()
         overlap = self.overlap
-        inside = np.where(self.coverage > _OUTSIDE, 1.0, 0.0)
+        inside = np.where(self.coverage > OUTSIDE, 1.0, 0.0)
         weights = overlap.data * np.repeat(inside, np.diff(overlap.indptr))
         made = _combined(overlap.indptr, overlap.indices, weights, field, field[self._holders])
         if keep_integral:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_points, check_type, one_of
 from adaptsize.background.grid import CartesianGrid
 from adaptsize.background.octree import Octree
+from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
+from adaptsize.background.requests import ask_nearest, boxes_of, values_at
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import FloatArray
 
@@ -17,7 +20,7 @@ Outside = Literal["nearest", "nan"]
 
 
 def interpolate(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyMesh | CartesianGrid | Octree,
     values: npt.ArrayLike,
     points: npt.ArrayLike,
     *,
@@ -27,10 +30,11 @@ def interpolate(
 
     Parameters
     ----------
-    background : SimplexMesh, CartesianGrid or Octree
+    background : SimplexMesh, PartitionedMesh, CartesianGrid or Octree
     values : array_like of float, of the nodal shape
         Finite or inf, for instance a depth, a velocity or a solution.
     points : array_like of float, shape (n, dim)
+        In the mesh of all ranks if it is in parts; each rank may give others.
     outside : {"nearest", "nan"}
         What a point outside the background gets: the value at the closest point of the
         background, or NaN.
@@ -56,18 +60,28 @@ def interpolate(
     >>> interpolate(grid, [[0, 1], [2, 3]], [[0.5, 0.25], [9, 9]], outside="nan").tolist()
     [1.25, nan]
     """
-    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
-    one_of("outside", outside, ("nearest", "nan"))
-    nodal = as_float_array("values", values, background.nodal_shape)
-    where = as_points("points", points, background.dim)
-    found, distances = background.locator.interpolate(nodal, where)
+    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+
+    def check() -> tuple[FloatArray, FloatArray]:
+        one_of("outside", outside, ("nearest", "nan"))
+        nodal = as_float_array("values", values, background.nodal_shape)
+        return nodal, as_points("points", points, background.dim)
+
+    if isinstance(background, PartitionedMesh):
+        nodal, where = background.ranks.agree(check)
+        answer = partial(values_at, background.mesh, nodal[:, None])
+        rows = ask_nearest(background, boxes_of(background), where, answer)
+        distances, found = rows[:, 0], np.ascontiguousarray(rows[:, 1])
+    else:
+        nodal, where = check()
+        found, distances = background.locator.interpolate(nodal, where)
     if outside == "nan":
         found = np.where(distances > 1e-12 * _extent(background), np.nan, found)
     return found
 
 
-def _extent(background: SimplexMesh | CartesianGrid | Octree) -> float:
+def _extent(background: AnyMesh | CartesianGrid | Octree) -> float:
     """Return the diagonal, for a tolerance of rounding."""
-    if isinstance(background, SimplexMesh):
+    if isinstance(background, SimplexMesh | PartitionedMesh):
         return background.diagonal
     return float(np.linalg.norm(background.upper - background.lower))

@@ -13,6 +13,7 @@ from adaptsize._checks import refuse_where
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.partitioning import cut_part
 from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.topology import oriented_facets, tags_of_facets
 from adaptsize.ranks import Communicator, Ids, split_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -79,6 +80,79 @@ def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
     is_between = np.zeros(len(free), np.bool_)
     is_between[candidates] = found > 1
     return free, is_between
+
+
+class WholeBoundary(NamedTuple):
+    """The boundary of the whole domain, the same on all ranks."""
+
+    mesh: SimplexMesh
+    """Equal to that of `SimplexMesh.boundary` of the whole mesh."""
+    ids: Ids
+    """Global numbers of its nodes, ascending."""
+
+    def rows(self, part: PartitionedMesh) -> IntArray:
+        """Return the node of ``mesh`` at each local node, -1 inside."""
+        row = np.minimum(np.searchsorted(self.ids, part.global_ids), len(self.ids) - 1)
+        return np.where(self.ids[row] == part.global_ids, row, -1).astype(np.int32)
+
+
+def whole_boundary(part: PartitionedMesh) -> WholeBoundary:
+    """Return the boundary of the whole mesh; collective on first use."""
+    return part.once("_whole_boundary", lambda: _find_boundary(part))
+
+
+def _find_boundary(part: PartitionedMesh) -> WholeBoundary:
+    own = _own_facets(part, interface_facets(part))
+    nodes = np.unique(own[2])
+    sent = (*own[:2], part.global_ids[own[2]], own[3], part.global_ids[nodes], part.points[nodes])
+    every = part.ranks.allgather((*sent, None if part.mesh is None else dict(part.mesh.tag_names)))
+    cell, opposite, facets, tags, ids, points = (
+        np.concatenate([found[column] for found in every]) for column in range(6)
+    )
+    if len(facets) == 0:
+        raise ValueError("the mesh is closed: it has no boundary")
+    order = np.lexsort([opposite, cell])  # as in the whole mesh
+    ids, at = np.unique(ids, return_index=True)
+    names = next((found[6] for found in every if found[6] is not None), None)
+    mesh = SimplexMesh(
+        points[at],
+        np.searchsorted(ids, facets[order]),
+        cell_tags=tags[order] if (tags >= 0).any() else None,
+        tag_names=names,
+    )
+    return WholeBoundary(mesh, ids)
+
+
+def _own_facets(
+    part: PartitionedMesh, between: IntArray
+) -> tuple[Ids, IntArray, IntArray, IntArray]:
+    """Return the facets of the boundary on this rank, without those between parts.
+
+    Returns
+    -------
+    cell, opposite : int[f]
+        Global numbers of their cells, and the vertices that are not in the facet.
+    facets : int32[f, dim]
+        Local nodes, normals outward.
+    tags : int32[f]
+        0 for none; -1 if no facets are tagged.
+    """
+    mesh = part.mesh
+    if mesh is None:
+        none = np.empty(0, np.int32)
+        return np.empty(0, np.int64), none, np.empty((0, part.dim), np.int32), none
+    inner = np.zeros(len(mesh.facets), np.int32)
+    if len(between):
+        inner = tags_of_facets(mesh.facets, between, np.ones(len(between), np.int32), mesh.n_points)
+    free = (mesh.facet_cell_counts == 1) & (inner == 0)
+    cell, opposite = np.nonzero(free[mesh.cell_facets])
+    inverted = mesh.signed_measures[cell] < 0.0
+    facets = oriented_facets(mesh.cells[cell], opposite, inverted)
+    tags = np.full(len(cell), -1, np.int32)
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        every = tags_of_facets(mesh.facets, mesh.tagged_facets, mesh.facet_tags, mesh.n_points)
+        tags = every[mesh.cell_facets[cell, opposite]]
+    return part.cell_ids[cell], opposite.astype(np.int32), facets, tags
 
 
 def displaced(part: PartitionedMesh, layers: int) -> IntArray:

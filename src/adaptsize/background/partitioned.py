@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -184,12 +184,12 @@ class PartitionedMesh:
 
     @property
     def diagonal(self) -> float:
-        """Diagonal of the box around the whole mesh; collective on first use."""
+        """Diagonal of the box around all cells of the whole mesh; collective on first use."""
         return self.once("_diagonal", self._find_diagonal)
 
     def _find_diagonal(self) -> float:
-        low = self.points.min(axis=0, initial=np.inf)
-        high = self.points.max(axis=0, initial=-np.inf)
+        used = self.points[np.unique(self.cells)]
+        low, high = used.min(axis=0, initial=np.inf), used.max(axis=0, initial=-np.inf)
         ends = self.ranks.allreduce(np.concatenate([low, -high]), "min")
         return float(np.linalg.norm(ends[self.dim :] + ends[: self.dim]))
 
@@ -284,6 +284,13 @@ class PartitionedMesh:
         own: FloatArray = self.ranks.alltoall(self.ranks.agree(split))[0]
         return own
 
+    def on_whole(self, function: Callable[[SimplexMesh], FloatArray]) -> FloatArray:
+        """Return nodal values that rank 0 computes on the whole mesh; collective."""
+        whole = self.gather()
+        return self.scatter_nodal(
+            self.ranks.agree(lambda: None if whole is None else function(whole))
+        )
+
     def _to_first(self, value: Any) -> list[Any] | None:
         """Return the values of all ranks on rank 0."""
         if isinstance(value, PartitionedMesh):
@@ -298,6 +305,15 @@ class PartitionedMesh:
         if own.ndim == 0 or len(own) != self.n_points:
             raise ValueError(f"values must have {self.n_points} rows, got shape {own.shape}")
         return own
+
+
+#: A whole mesh, or the part of it on this rank.
+AnyMesh: TypeAlias = SimplexMesh | PartitionedMesh
+
+
+def local_mesh(mesh: AnyMesh) -> SimplexMesh | None:
+    """Return the cells of this rank as a mesh: all of them on a single rank."""
+    return mesh if isinstance(mesh, SimplexMesh) else mesh.mesh
 
 
 def _column(mask: BoolArray, values: FloatArray) -> BoolArray:

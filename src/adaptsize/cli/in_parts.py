@@ -95,10 +95,10 @@ def limit_in_parts(console: Console, file: Path, output: Path, given: Given) -> 
 
 def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) -> None:
     """Remesh a distributed mesh with the sizes in a nodal field, limited."""
+    from adaptsize.background import interpolate
     from adaptsize.distributed import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
     from adaptsize.distributed.remeshing import remesh
-    from adaptsize.distributed.transfer import interpolate
 
     known = {"field", "g", "hmin", "hmax", "target", "backend", "mpi", "gather"}
     _check_options(given, known | _OF_MESHING)

@@ -28,15 +28,13 @@ from adaptsize.adaptation.next_sizes import (
     next_sizes,
     refuse_two_targets,
 )
-from adaptsize.adaptation.transfer import TransferredFields
+from adaptsize.adaptation.transfer import transfer_fields
+from adaptsize.adaptation.transfer_in_parts import TransferredFields
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.boundary_sizes import size_from_curvature
 from adaptsize.distributed.interface_quality import measure_interfaces
 from adaptsize.distributed.remeshing import How, RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
-from adaptsize.distributed.sizes import PartSums, cells_of
-from adaptsize.distributed.transfer import transfer_fields
 from adaptsize.distributed.whole import (
     boundary_distance,
     compare_with,
@@ -46,10 +44,9 @@ from adaptsize.distributed.whole import (
 from adaptsize.errors import ResolutionWarning
 from adaptsize.limiting.in_parts.limit import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
-from adaptsize.sizes.budget import calibration
-from adaptsize.sizes.chords import size_of_chords
+from adaptsize.sizes.budget import calibration, cells_for_nodes
+from adaptsize.sizes.curvature import size_from_curvature, size_of_chords
 from adaptsize.sizes.error import as_indicator
-from adaptsize.sizes.node_counts import cells_for_nodes
 from adaptsize.typing import GradientLimit, ProgressCallback
 
 Fields = Mapping[str, npt.ArrayLike]
@@ -102,7 +99,7 @@ def adapt(
     fields, cell_fields : mapping of str to array_like, optional
         Fields at the local nodes and cells; of the same names on all ranks.
     conservative : bool, default True
-        See `distributed.transfer_fields`.
+        See `transfer_fields`.
     enough, coarsen_converged
         As for `adaptsize.adapt`.
     boundary_tolerance, max_elements, timeout
@@ -190,7 +187,7 @@ def adapt(
 
     def next_for(factor: float) -> NextSizes:
         limit = partial(limit_gradient, part)
-        return next_sizes(cells_of(part), request, factor, limit, PartSums(part))
+        return next_sizes(part, request, factor, limit)
 
     def make(sizes: NextSizes) -> RemeshedParts:
         h = np.where(np.isinf(sizes.h), 1.0, sizes.h)  # nodes in no cell may have no size

@@ -98,7 +98,7 @@ def to_dolfinx(part: PartitionedMesh) -> Any:
     """Return a ``dolfinx.mesh.Mesh`` of the cells of a distributed mesh; collective.
 
     DOLFINx partitions the mesh anew, so that `from_dolfinx` of the result has other parts.  Tags
-    and fields are left out: `distributed.transfer_fields` brings fields to the new parts, and
+    and fields are left out: `transfer_fields` brings fields to the new parts, and
     ``dolfinx.mesh.locate_entities_boundary`` finds facets again.
 
     Parameters

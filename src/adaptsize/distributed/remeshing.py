@@ -20,7 +20,7 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize._progress import reporting, silent
-from adaptsize.background import SimplexMesh
+from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import (
     balanced,
     displaced,
@@ -30,7 +30,6 @@ from adaptsize.background.migration import (
 )
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.interface_quality import InterfaceQuality, measure_interfaces
-from adaptsize.distributed.transfer import interpolate
 from adaptsize.errors import BackendError
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 

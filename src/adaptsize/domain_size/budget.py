@@ -17,8 +17,7 @@ from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
 from adaptsize.remeshing.estimate import estimate_n_cells
-from adaptsize.sizes.budget import calibration, predicted_elements
-from adaptsize.sizes.node_counts import nodes_of
+from adaptsize.sizes.budget import calibration, nodes_of, predicted_elements
 
 _MAX_ROUNDS = 8
 

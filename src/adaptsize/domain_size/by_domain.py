@@ -23,7 +23,7 @@ from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.width import Walls
 from adaptsize.sizes import size_from_curvature, size_from_feature
-from adaptsize.sizes.chords import radius_at_curves
+from adaptsize.sizes.curvature import radius_at_curves
 from adaptsize.sizes.feature import width_in_regions
 from adaptsize.typing import FloatArray
 

@@ -24,7 +24,7 @@ from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
 from adaptsize.remeshing.estimate import InsideSamples
 from adaptsize.remeshing.surface_checks import overlapping_bodies
-from adaptsize.sizes.chords import radius_at_curves
+from adaptsize.sizes.curvature import radius_at_curves
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: The background of a surface is refined until no edge is longer than this many sizes ...

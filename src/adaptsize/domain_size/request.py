@@ -20,7 +20,7 @@ from adaptsize.domain_size.report import (
     nodal_measures,
 )
 from adaptsize.sizes import PointSource, size_from_sources
-from adaptsize.sizes.chords import size_of_chords
+from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.sizes.sources import as_sources
 from adaptsize.typing import FloatArray, ProgressCallback
 

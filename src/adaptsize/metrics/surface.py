@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_values
 from adaptsize.background import SimplexMesh
-from adaptsize.sizes.quadratic_fits import second_derivatives_of_fits
+from adaptsize.sizes.recovery import second_derivatives_of_fits
 from adaptsize.typing import FloatArray
 
 

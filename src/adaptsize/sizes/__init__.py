@@ -1,11 +1,9 @@
 """Upper bounds on the size, one nodal array per cause; inf where there is no bound."""
 
-from adaptsize.sizes.budget import predicted_elements
+from adaptsize.sizes.budget import predicted_elements, predicted_nodes
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
-from adaptsize.sizes.from_sources import size_from_sources
-from adaptsize.sizes.node_counts import predicted_nodes
 from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
 from adaptsize.sizes.separation import size_from_separation
 from adaptsize.sizes.sources import (
@@ -16,6 +14,7 @@ from adaptsize.sizes.sources import (
     PointSource,
     RegionSource,
     Source,
+    size_from_sources,
 )
 
 __all__ = [

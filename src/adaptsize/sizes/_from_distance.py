@@ -8,9 +8,9 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number
 from adaptsize.background import CartesianGrid
 from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
+from adaptsize.options import CurvatureOptions
 from adaptsize.typing import BoolArray, FloatArray
 
 _Nodes = npt.NDArray[np.int64]
@@ -24,42 +24,34 @@ _LEAST_SHARE = 0.5
 
 
 def size_from_distance(
-    grid: CartesianGrid,
-    boundary: npt.ArrayLike,
-    per_radian: float,
-    *,
-    crease_angle: float,
-    smoothing: int,
-    tolerance: float | None,
-    g: float,
+    grid: CartesianGrid, boundary: npt.ArrayLike, given: CurvatureOptions
 ) -> FloatArray:
     """Return nodal sizes that give 1 / (K kappa) on the boundary, where phi is zero.
 
-    See `adaptsize.size_from_curvature` for the arguments, which are checked there except for
-    ``boundary``, ``smoothing`` and ``tolerance``.
+    ``given`` are checked options of `adaptsize.size_from_curvature`.
     """
     phi = as_level_set("boundary", boundary, grid)
-    angle = math.radians(crease_angle)
-    nodes = _nodes_near(grid, phi, tolerance)
+    angle = math.radians(given["crease_angle"])
+    nodes = _nodes_near(grid, phi, given["tolerance"])
     # The mean of two unit vectors with that angle between them is shorter by this much.
     kink = 1.0 - math.cos(0.5 * angle)
-    principal = curvature_at_nodes(grid, phi, nodes, gradient_tolerance=kink, smoothing=smoothing)
+    principal = curvature_at_nodes(
+        grid, phi, nodes, gradient_tolerance=kink, smoothing=given["smoothing"]
+    )
     kappa = np.abs(principal).max(axis=1)
     _refuse_no_distance(kappa)
     known = _away_from_corners(grid, nodes, kappa * grid.spacing.max() <= angle)
     nodes, kappa = nodes[known], kappa[known]
     kappa[kappa * grid.diagonal < _FLAT] = 0.0
     h0 = np.full(grid.n_points, np.inf)
-    h0[nodes] = _sizes_beside_boundary(grid, phi, nodes, per_radian * kappa, g)
+    reciprocal = given["elements_per_radian"] * kappa
+    h0[nodes] = _sizes_beside_boundary(grid, phi, nodes, reciprocal, given["g"])
     return h0.reshape(grid.shape)
 
 
 def _nodes_near(grid: CartesianGrid, phi: FloatArray, tolerance: float | None) -> _Nodes:
     """Return the active nodes up to ``tolerance`` from the boundary, flat indices."""
-    if tolerance is None:
-        within = _REACH * float(grid.spacing.max())
-    else:
-        within = as_number("tolerance", tolerance, lower=0.0)
+    within = _REACH * float(grid.spacing.max()) if tolerance is None else tolerance
     near = np.abs(phi) <= within
     if grid.active is not None:
         near &= grid.active

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.sizes._lowering import Nearby, Pieces
+from adaptsize.sizes._touched import Nearby, Pieces
 from adaptsize.typing import BoolArray, FloatArray
 
 _Indices = npt.NDArray[np.int64]

@@ -1,17 +1,18 @@
-"""Which cells of a mesh a point, a curve, a box or a ball touches."""
+"""Which cells of a mesh a point, a curve, a box or a ball touches, and sizes at their nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array
-from adaptsize.background import SimplexMesh
-from adaptsize.sizes._lowering import Nearby, Pieces
+from adaptsize.background import AnyMesh, SimplexMesh
+from adaptsize.background.migration import boundary_facets
+from adaptsize.background.partitioned import local_mesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
@@ -34,86 +35,63 @@ class Touched(NamedTuple):
     """float64[n]: distance of each point from the mesh, 0 inside."""
 
 
-class SourceMesh:
-    """A mesh as sources see it.
-
-    On one of many processes it is a part, and a subclass replaces what depends on the whole mesh.
-    """
-
-    speaks = True
-    """Whether to warn; one process does."""
-
-    def __init__(self, mesh: SimplexMesh | None, shape: tuple[int, int]) -> None:
-        self.mesh = mesh
-        self.dim, self.cell_dim = shape
-        self.points = np.empty((0, self.dim)) if mesh is None else mesh.points
-        self.cells = np.empty((0, self.cell_dim + 1), np.int32) if mesh is None else mesh.cells
-
-    @property
-    def diagonal(self) -> float:
-        """Diagonal of the whole mesh."""
-        assert self.mesh is not None
-        return self.mesh.diagonal
-
-    def least(self, values: FloatArray) -> FloatArray:
-        """Return the smallest of the values that processes have for each of the same items."""
-        return values
-
-    def boundary_nodes(self) -> IntArray:
-        """Return the nodes on the boundary of the whole mesh."""
-        assert self.mesh is not None
-        return self.mesh.boundary().nodes
-
-    def every_tag(self, kind: Literal["cell", "facet"]) -> IntArray | None:
-        """Return the tags that occur in the whole mesh; None if it has none."""
-        tags = None if self.mesh is None else getattr(self.mesh, f"{kind}_tags")
-        return None if tags is None else np.unique(tags)
-
-    def tagged_nodes(self, kind: Literal["cell", "facet"], tags: int | Sequence[int]) -> IntArray:
-        """Return the nodes of cells or facets with some tags.  Refuse tags that do not occur."""
-        name, present = f"{kind}_tags", self.every_tag(kind)
-        if present is None:
-            raise ValueError(f"tags need a mesh with {name}, which this one does not have")
-        wanted = np.atleast_1d(as_plain_array("tags", tags))
-        missing = wanted[~np.isin(wanted, present)]
-        if len(missing) > 0:
-            listed = ", ".join(str(tag) for tag in present)
-            raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
-        own = None if self.mesh is None else getattr(self.mesh, name)
-        if self.mesh is None or own is None:
-            return np.empty(0, np.int32)
-        rows = self.mesh.cells if kind == "cell" else self.mesh.tagged_facets
-        assert rows is not None  # given together with facet_tags
-        nodes: IntArray = np.unique(rows[np.isin(own, wanted)])
-        return nodes
-
-    def touched(self, points: FloatArray) -> Touched:
-        """Return all cells that contain points, or else all that are closest to them."""
-        inside = _INSIDE * self.diagonal
-        away = np.full(len(points), np.inf)
-        if self.mesh is not None:
-            away = self.mesh.locator.nearest(points)[2]
-        away = self.least(away)
-        which, cells = np.empty(0, np.int64), np.empty(0, np.int32)
-        if self.mesh is not None:
-            which, cells = self.mesh.locator.within(points, away + inside)
-        return Touched(which, cells, np.where(away <= inside, 0.0, away))
+def boundary_nodes(mesh: AnyMesh) -> IntArray:
+    """Return the nodes on the boundary of the whole mesh; collective."""
+    if isinstance(mesh, SimplexMesh):
+        return mesh.boundary().nodes
+    if mesh.cell_dim == 1:
+        raise ValueError("the boundary of segments is not a mesh; cells must have 3 or 4 nodes")
+    facets = boundary_facets(mesh)
+    if mesh.ranks.allreduce(len(facets), "sum") == 0:
+        raise ValueError("the mesh is closed: it has no boundary")
+    return np.unique(facets).astype(np.int32)
 
 
-def as_source_mesh(mesh: SimplexMesh | SourceMesh) -> SourceMesh:
-    """Return a mesh as sources see it."""
-    return mesh if isinstance(mesh, SourceMesh) else SourceMesh(mesh, (mesh.dim, mesh.cell_dim))
+def tagged_nodes(
+    mesh: AnyMesh, kind: Literal["cell", "facet"], tags: int | Sequence[int]
+) -> IntArray:
+    """Return the nodes of cells or facets with some tags.  Refuse tags that do not occur."""
+    name, local = f"{kind}_tags", local_mesh(mesh)
+    own = None if local is None else getattr(local, name)
+    every = mesh.ranks.allgather(None if own is None else np.unique(own))
+    present = [found for found in every if found is not None]
+    if not present:
+        raise ValueError(f"tags need a mesh with {name}, which this one does not have")
+    wanted = np.atleast_1d(as_plain_array("tags", tags))
+    missing = wanted[~np.isin(wanted, np.concatenate(present))]
+    if len(missing) > 0:
+        listed = ", ".join(str(tag) for tag in np.unique(np.concatenate(present)))
+        raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
+    if local is None or own is None:
+        return np.empty(0, np.int32)
+    rows = local.cells if kind == "cell" else local.tagged_facets
+    assert rows is not None  # given together with facet_tags
+    nodes: IntArray = np.unique(rows[np.isin(own, wanted)])
+    return nodes
 
 
-def cell_inside(mesh: SourceMesh, point: FloatArray) -> IntArray:
+def touched(mesh: AnyMesh, points: FloatArray) -> Touched:
+    """Return all cells that contain points, or else all that are closest to them; collective."""
+    inside, local = _INSIDE * mesh.diagonal, local_mesh(mesh)
+    away = np.full(len(points), np.inf)
+    if local is not None:
+        away = local.locator.nearest(points)[2]
+    away = mesh.ranks.allreduce(away, "min")
+    which, cells = np.empty(0, np.int64), np.empty(0, np.int32)
+    if local is not None:
+        which, cells = local.locator.within(points, away + inside)
+    return Touched(which, cells, np.where(away <= inside, 0.0, away))
+
+
+def cell_inside(mesh: AnyMesh, point: FloatArray) -> IntArray:
     """Return the cells that contain a point."""
-    at = mesh.touched(point[None])
+    at = touched(mesh, point[None])
     cells: IntArray = at.cells[at.distances[at.which] == 0.0]
     return cells
 
 
 def cells_along(
-    mesh: SourceMesh, curve: SimplexMesh
+    mesh: AnyMesh, curve: SimplexMesh
 ) -> tuple[IntArray, IntArray, FloatArray, BoolArray]:
     """Return the cells at samples along segments, with a density adapted to the cells.
 
@@ -135,7 +113,7 @@ def cells_along(
     found = []
 
     def visit(points: FloatArray, along: FloatArray) -> Touched:
-        at = mesh.touched(points)
+        at = touched(mesh, points)
         inside = at.distances[at.which] == 0.0
         found.append((at.cells, segment[at.which], along[at.which], inside))
         return at
@@ -156,25 +134,25 @@ def cells_along(
     return cells, segment, along, inside
 
 
-def nodes_of(mesh: SourceMesh, cells: IntArray, which: npt.NDArray[np.int64]) -> Nearby:
+def nodes_of(mesh: AnyMesh, cells: IntArray, which: npt.NDArray[np.int64]) -> Nearby:
     """Return the nodes of ``cells[k]``, which belong to the point or piece ``which[k]``."""
     nodes = mesh.cells[cells].ravel()
     return Nearby(np.repeat(which, mesh.cell_dim + 1), nodes, mesh.points[nodes])
 
 
-def pieces_along(mesh: SourceMesh, curve: SimplexMesh) -> Pieces:
+def pieces_along(mesh: AnyMesh, curve: SimplexMesh) -> Pieces:
     """Return samples of a curve as pieces of it."""
     cells, segments, along, _ = cells_along(mesh, curve)
     return Pieces(segments, along, along, nodes_of(mesh, cells, np.arange(len(cells))))
 
 
-def cells_within(mesh: SourceMesh, curve: SimplexMesh) -> IntArray:
+def cells_within(mesh: AnyMesh, curve: SimplexMesh) -> IntArray:
     """Return the cells that contain samples of a curve, without cells that are only closest."""
     cells, _, _, inside = cells_along(mesh, curve)
     return cells[inside]
 
 
-def cells_with_edge_in_box(mesh: SourceMesh, lower: FloatArray, upper: FloatArray) -> IntArray:
+def cells_with_edge_in_box(mesh: AnyMesh, lower: FloatArray, upper: FloatArray) -> IntArray:
     """Return the cells with an edge that intersects a box."""
     meets = np.zeros(len(mesh.cells), np.bool_)
     for start, step in _edges_of_cells(mesh):
@@ -191,7 +169,7 @@ def cells_with_edge_in_box(mesh: SourceMesh, lower: FloatArray, upper: FloatArra
     return np.flatnonzero(meets).astype(np.int32)
 
 
-def cells_with_edge_in_ball(mesh: SourceMesh, centre: FloatArray, radius: float) -> IntArray:
+def cells_with_edge_in_ball(mesh: AnyMesh, centre: FloatArray, radius: float) -> IntArray:
     """Return the cells with an edge that intersects a ball."""
     meets = np.zeros(len(mesh.cells), np.bool_)
     for start, step in _edges_of_cells(mesh):
@@ -211,7 +189,7 @@ def box_edges(lower: FloatArray, upper: FloatArray) -> SimplexMesh:
     return SimplexMesh(points, edges)
 
 
-def _edges_of_cells(mesh: SourceMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _edges_of_cells(mesh: AnyMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield the first node and the vector of the edges of all cells, one per cell at a time."""
     return _edges(mesh.points[mesh.cells])
 
@@ -221,10 +199,101 @@ def _edges(corners: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
         yield corners[:, i], corners[:, j] - corners[:, i]
 
 
-def _spacing(mesh: SourceMesh, at: Touched) -> FloatArray:
+def _spacing(mesh: AnyMesh, at: Touched) -> FloatArray:
     """Return the distance between samples at points, given the cells that these touch."""
     corners = mesh.points[mesh.cells[at.cells]]
     lengths = [np.linalg.norm(step, axis=1) for _, step in _edges(corners)]
     widths = np.full(len(at.distances), np.inf)
     np.minimum.at(widths, at.which, np.mean(lengths, axis=0))
-    return np.maximum(mesh.least(widths) / _SAMPLES_PER_CELL, _SMALLEST_SPACING * mesh.diagonal)
+    spacing: FloatArray = mesh.ranks.allreduce(widths, "min") / _SAMPLES_PER_CELL
+    return np.maximum(spacing, _SMALLEST_SPACING * mesh.diagonal)
+
+
+_Integers = IntArray | npt.NDArray[np.int64]
+
+
+class Nearby(NamedTuple):
+    """Pairs of a point, or a piece of a curve, and a node of a cell that it touches."""
+
+    which: npt.NDArray[np.int64]
+    """int64[k]: the point or the piece."""
+    nodes: _Integers
+    """int[k]: flat index of the node."""
+    coordinates: FloatArray
+    """float64[k, dim]: those of the node."""
+
+
+class Pieces(NamedTuple):
+    """Pieces of a curve that lie in a cell each, or outside; samples have the length 0."""
+
+    segments: _Integers
+    """int[n]"""
+    first: FloatArray
+    """float64[n]: start of the piece, 0 at the first node of the segment to 1 at the second."""
+    last: FloatArray
+    """float64[n]: its end."""
+    nearby: Nearby
+
+
+def lower_at_points(
+    points: FloatArray, size: FloatArray, nearby: Nearby, g: float, h0: FloatArray
+) -> None:
+    """Lower ``h0`` (In/Out) to ``size + g |x - points|``."""
+    distance = np.linalg.norm(nearby.coordinates - points[nearby.which], axis=1)
+    _lower(h0, nearby.nodes, size[nearby.which] + g * distance)
+
+
+def lower_along(
+    curve: SimplexMesh, size: FloatArray, pieces: Pieces, g: float, h0: FloatArray
+) -> None:
+    """Lower ``h0`` (In/Out) to the least of ``size + g |x - y|`` over y on pieces of a curve."""
+    a, b = curve.cells[pieces.segments].T
+    shares = (pieces.first, pieces.last)
+    start, stop = (
+        (1.0 - t)[:, None] * curve.points[a] + t[:, None] * curve.points[b] for t in shares
+    )
+    at_start, at_stop = (_size_between(t, size[a], size[b]) for t in shares)
+    k, nodes, x = pieces.nearby
+    requested = _least_from_segment(x, start[k], stop[k], at_start[k], at_stop[k], g)
+    _lower(h0, nodes, requested)
+    # The closest point of the curve may lie in a cell that is not at the node.
+    unique, place = np.unique(nodes, return_index=True)
+    at_nearest, distances = curve.locator.interpolate(size, x[place])
+    _lower(h0, unique, at_nearest + g * distances)
+
+
+def _lower(h0: FloatArray, nodes: npt.NDArray[Any], requested: FloatArray) -> None:
+    np.minimum.at(h0, np.unravel_index(nodes, h0.shape), requested)
+
+
+def _size_between(t: FloatArray, at_a: FloatArray, at_b: FloatArray) -> FloatArray:
+    """Return sizes between two ends.  An end of share 0 is ignored, because inf would give nan."""
+    size: FloatArray = np.where(t < 1.0, at_a, 0.0) * (1.0 - t) + np.where(t > 0.0, at_b, 0.0) * t
+    return size
+
+
+def _least_from_segment(
+    x: FloatArray, a: FloatArray, b: FloatArray, at_a: FloatArray, at_b: FloatArray, g: float
+) -> FloatArray:
+    """Return the minimum of ``s(y) + g |x - y|`` over y on segments with sizes linear along them.
+
+    With the slope m of the size along the segment, the foot of x at t and its height H, the
+    minimum is at ``t - m H / sqrt(g^2 - m^2)``, clipped to the segment, or at an end if
+    ``|m| >= g``.
+    """
+    length = np.linalg.norm(b - a, axis=1)
+    along = (b - a) / np.where(length > 0.0, length, 1.0)[:, None]
+    foot = ((x - a) * along).sum(axis=1)
+    height = np.linalg.norm(x - a - foot[:, None] * along, axis=1)
+    ends = np.minimum(
+        at_a + g * np.linalg.norm(x - a, axis=1), at_b + g * np.linalg.norm(x - b, axis=1)
+    )
+    # Where a size is inf at one end it is inf up to the other: only the ends count.
+    linear = np.isfinite(at_a) & np.isfinite(at_b) & (length > 0.0)
+    rise = np.where(linear, at_b, 0.0) - np.where(linear, at_a, 0.0)
+    slope = rise / np.where(length > 0.0, length, 1.0)
+    linear &= np.abs(slope) < g
+    root = np.sqrt(np.where(linear, g**2 - slope**2, 1.0))
+    t = np.clip(foot - slope * height / root, 0.0, length)
+    between = at_a + slope * t + g * np.hypot(height, t - foot)
+    return np.asarray(np.where(linear, np.minimum(between, ends), ends))

@@ -1,16 +1,15 @@
-"""Prediction of the number of elements from sizes, and scaling of sizes to a number."""
+"""Predicted numbers of elements and nodes of sizes, and scaling of sizes to a number."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, as_sizes, check_type
-from adaptsize.background import SimplexMesh
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.typing import FloatArray
 
 #: Elements of edge length 1 per unit of measure: of segments, regular triangles and tetrahedra.
@@ -28,8 +27,6 @@ _GAUSS_POINTS = 16
 #: Larger densities of elements are cut, since powers of tiny sizes overflow.
 _DENSEST = 1e300
 
-T = TypeVar("T")
-
 # Tolerance of the logarithm of the scale: a hundredth of a per cent of the size.
 _TOLERANCE = 1e-4
 # Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
@@ -37,29 +34,7 @@ _REACH = 40.0
 _NOTHING = -700.0
 
 
-class CellSums:
-    """How sums over cells become those of the whole mesh: on one process they are."""
-
-    def at_nodes(self, values: FloatArray) -> FloatArray:
-        """Return nodal sums over the cells at each node."""
-        return values
-
-    def total(self, value: float) -> float:
-        """Return a sum over all cells."""
-        return value
-
-    def largest(self, value: float) -> float:
-        """Return a maximum over all cells."""
-        return value
-
-    def agree(self, task: Callable[[], T]) -> T:
-        """Return the result of a task, or raise its error on all processes."""
-        return task()
-
-
-def predicted_elements(
-    mesh: SimplexMesh, size: npt.ArrayLike, *, backend: str | None = None
-) -> float:
+def predicted_elements(mesh: AnyMesh, size: npt.ArrayLike, *, backend: str | None = None) -> float:
     r"""Return the predicted number of elements of the given sizes in the domain of a mesh.
 
     It is the integral of 1 over the measure of a regular simplex of edge h, linear in each cell,
@@ -70,7 +45,7 @@ def predicted_elements(
 
     Parameters
     ----------
-    mesh : SimplexMesh
+    mesh : SimplexMesh or PartitionedMesh
     size : array_like of float, shape (n_points,)
         Requested edge lengths at the nodes, positive.  Cells with ``inf`` at a node are ignored.
     backend : str, optional
@@ -94,16 +69,16 @@ def predicted_elements(
     >>> round(predicted_elements(mesh, [0.1, 0.1, 0.1]))
     115
     """
-    check_type("mesh", mesh, SimplexMesh)
-    h = as_sizes("size", size, (mesh.n_points,))
-    return calibration(backend, mesh.cell_dim) * count_elements(mesh, h, CellSums())
+    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    h = mesh.ranks.agree(lambda: as_sizes("size", size, mesh.nodal_shape))
+    return calibration(backend, mesh.cell_dim) * count_elements(mesh, h)
 
 
-def count_elements(mesh: SimplexMesh, h: FloatArray, sums: CellSums) -> float:
-    """Return the number of regular simplices of checked sizes."""
+def count_elements(mesh: AnyMesh, h: FloatArray) -> float:
+    """Return the number of regular simplices of checked sizes; collective."""
     with np.errstate(over="ignore"):  # inf for tiny sizes in large domains
         counted = (mesh.measures * mean_density(h[mesh.cells])).sum()
-    return ELEMENTS_PER_MEASURE[mesh.cell_dim] * sums.total(float(counted))
+    return ELEMENTS_PER_MEASURE[mesh.cell_dim] * float(mesh.ranks.allreduce(float(counted), "sum"))
 
 
 def mean_density(corner_sizes: FloatArray) -> FloatArray:
@@ -148,7 +123,7 @@ def calibration(backend: str | None, cell_dim: int) -> float:
     return CELLS_PER_PREDICTED.get((backend or "", cell_dim), 1.0)
 
 
-def present_sizes(mesh: SimplexMesh) -> FloatArray:
+def present_sizes(mesh: AnyMesh) -> FloatArray:
     """Return for each cell the edge length of the regular simplex of the same measure."""
     d = mesh.cell_dim
     return np.asarray((ELEMENTS_PER_MEASURE[d] * mesh.measures) ** (1.0 / d))
@@ -195,11 +170,104 @@ def scale_to(wanted: float, falling: Callable[[float], float], start: float) -> 
     return start * math.exp(float(brentq(excess, low, high, xtol=_TOLERANCE)))
 
 
-def as_goal(tolerance: float | None, target_elements: float | None) -> tuple[str, float]:
+def as_goal(tolerance: float | None, elements: float | None) -> tuple[str, float]:
     """Return which of two goals is given, and its value."""
-    if (tolerance is None) == (target_elements is None):
+    if (tolerance is None) == (elements is None):
         given = "none" if tolerance is None else "both"
-        raise ValueError(f"one of tolerance and target_elements must be given, got {given}")
+        raise ValueError(f"one of tolerance and elements must be given, got {given}")
     if tolerance is not None:
         return "tolerance", as_number("tolerance", tolerance, lower=0.0, strict=True)
-    return "target_elements", as_number("target_elements", target_elements, lower=1.0)
+    return "elements", as_number("elements", elements, lower=1.0)
+
+
+#: Tetrahedra around an edge: 5.104 if they were regular, 5.127 to 5.132 in meshes by Mmg.
+_CELLS_AROUND_EDGE = 5.13
+
+#: Nodes per cell and per boundary facet, by dimension of the cells.
+_PER_CELL = {1: 1.0, 2: 0.5, 3: 6.0 / _CELLS_AROUND_EDGE - 1.0}
+_PER_FACET = {1: 0.5, 2: 0.5, 3: 0.25}
+
+
+def predicted_nodes(mesh: SimplexMesh, size: npt.ArrayLike, *, backend: str | None = None) -> float:
+    r"""Return the predicted number of nodes of the given sizes in the domain of a mesh.
+
+    With T cells and B boundary facets of these sizes, it is
+
+    .. math:: T + B / 2, \qquad T / 2 + B / 2, \qquad (6 / q - 1) \, T + B / 4
+
+    for segments, triangles and tetrahedra.  These are Euler's formulas without the Euler
+    characteristic, which is a few nodes.  In space, q = 5.13 tetrahedra are around an inner edge
+    and half as many around a boundary edge.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    size : array_like of float, shape (n_points,)
+        As in `predicted_elements`.
+    backend : str, optional
+        As in `predicted_elements`.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        If the sizes have another shape or are not positive.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> round(predicted_nodes(mesh, [0.1, 0.1, 0.1]))
+    75
+    """
+    check_type("mesh", mesh, SimplexMesh)
+    h = as_sizes("size", size, (mesh.n_points,))
+    d = mesh.cell_dim
+    cells = calibration(backend, d) * count_elements(mesh, h)
+    if d == 1 or _n_boundary_facets(mesh) == 0:
+        return nodes_of(d, cells, 2.0 if d == 1 else 0.0)
+    boundary = mesh.boundary()
+    facets = count_elements(boundary.mesh, h[boundary.nodes])
+    return nodes_of(d, cells, calibration(backend, d - 1) * facets)
+
+
+def nodes_of(cell_dim: int, cells: float, facets: float) -> float:
+    """Return the number of nodes of a mesh with so many cells and boundary facets."""
+    return _PER_CELL[cell_dim] * cells + _PER_FACET[cell_dim] * facets
+
+
+def elements_with_nodes(mesh: SimplexMesh, nodes: float, name: str = "nodes") -> float:
+    """Return the number of cells of a mesh of the same domain with so many nodes.
+
+    The number of boundary facets is taken to grow as that of a uniformly refined mesh: as the
+    cells to the power of (d - 1) / d.
+
+    Examples
+    --------
+    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> round(elements_with_nodes(square, 101**2))  # 2 * 100^2 and 4 * 100
+    20002
+    """
+    wanted = as_number(name, nodes, lower=1.0)
+    return cells_for_nodes(wanted, mesh.cell_dim, mesh.n_cells, _n_boundary_facets(mesh))
+
+
+def cells_for_nodes(wanted: float, d: int, n_cells: int, n_facets: int) -> float:
+    """Return the number of cells with so many nodes, given the numbers of the present mesh."""
+    facets = n_facets / n_cells ** ((d - 1) / d)
+    # With x = cells^(1/d), wanted = a x^d + b x^(d - 1), increasing: Newton's method from above.
+    a, b = _PER_CELL[d], _PER_FACET[d] * facets
+    x = math.pow(wanted / a, 1.0 / d)
+    for _ in range(50):
+        excess = a * x**d + b * x ** (d - 1) - wanted
+        step = excess / (a * d * x ** (d - 1) + b * (d - 1) * x ** max(d - 2, 0))
+        x -= step
+        if abs(step) <= 1e-12 * x:
+            break
+    return max(math.pow(x, d), 1.0)
+
+
+def _n_boundary_facets(mesh: SimplexMesh) -> int:
+    return int(np.count_nonzero(mesh.facet_cell_counts == 1))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_angle, as_number, as_slope, as_whole_number, check_type, describe
-from adaptsize._defaults import CREASE_ANGLE, TOLERANCE
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize._checks import as_slope, check_type, describe
+from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, TOLERANCE
+from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background.interfaces import interfaces
+from adaptsize.background.migration import whole_boundary
 from adaptsize.background.ordering import ordered_by_place
 from adaptsize.geometry.curvature import (
     corner_curvature,
@@ -18,27 +20,24 @@ from adaptsize.geometry.curvature import (
     surface_curvature,
 )
 from adaptsize.geometry.faces import crease_edges
+from adaptsize.options import CurvatureOptions, checked, with_options
 from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import FloatArray, IntArray
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 # A folded or noisy spot must not require more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
-_SLOPE = 0.25
 
 
+@with_options(CurvatureOptions)
 def size_from_curvature(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyMesh | CartesianGrid | Octree,
     boundary: SimplexMesh | npt.ArrayLike | None = None,
-    *,
-    elements_per_radian: float = 4.0,
-    crease_angle: float = CREASE_ANGLE,
-    smoothing: int = 0,
-    tolerance: float | None = None,
-    g: float = _SLOPE,
-    hmin: float | None = None,
-    hmax: float | None = None,
+    **options: Unpack[CurvatureOptions],
 ) -> FloatArray:
     r"""Return the size that resolves the curvature of the boundary.
 
@@ -50,7 +49,7 @@ def size_from_curvature(
 
     Parameters
     ----------
-    background : SimplexMesh, CartesianGrid or Octree
+    background : SimplexMesh, PartitionedMesh, CartesianGrid or Octree
         For tetrahedra, or triangles in the plane, the curvature of their boundary is used.  For
         triangles in space it is that of the surface, its boundary and its feature edges.
         For segments it is that of the line.  Grids and octrees need ``boundary``.
@@ -59,28 +58,7 @@ def size_from_curvature(
         instead.  Nodes of ``background`` on it get the value of the closest point.
         Nodes of a grid or octree do not lie on it exactly; see ``tolerance``.  On a grid it may
         also be the signed distance phi at the nodes, negative inside; see the notes.
-    elements_per_radian : float, default 4
-        K > 0.  In terms of the angle :math:`\theta` that an edge spans,
-        :math:`1 / K = 2 \sin(\theta / 2)`.
-    crease_angle : float, default 40
-        Angle in degrees between facets above which their edge is a feature edge (crease), and
-        between segments above which their node is a corner.  It must exceed the angle between
-        the facets of a tessellated smooth surface.  Tagged edges of a surface are feature edges
-        at any angle.  With distances it applies to kinks, and to boundaries that turn by more
-        within one spacing.
-    smoothing : int, default 0
-        1 or 2 averages the curvature over this number of layers of neighbours, for scanned
-        surfaces.  Distances are averaged this number of times before they are differentiated, see
-        `adaptsize.geometry.level_set_curvature`: about 16 for images.
-    tolerance : float, optional
-        Distance up to which a node counts as lying on ``boundary``, in the unit of the
-        coordinates.  The default is 0.001 of the diagonal of ``boundary``.  On a grid it is the
-        diagonal of a box, and on an octree that of the smallest leaf, to include all corners of
-        the boxes that the boundary passes.  With distances it is two of the largest spacings.
-    g : float, default 0.25
-        Only with distances: the gradient limit that is used afterwards, >= 0, no unit.
-    hmin, hmax : float, optional
-        Limits of the size; ``hmin`` overrides the bound.
+    **options
 
     Returns
     -------
@@ -103,6 +81,9 @@ def size_from_curvature(
 
     Notes
     -----
+    Of a mesh in parts, every rank computes the curvature of the whole boundary.  Surfaces, lines
+    and meshes with ``boundary`` are collected on rank 0.
+
     The cost is O(n) without ``boundary``, and O(n log n) with it.  The background must have nodes
     on the boundary that are close enough to resolve changes of its curvature.
 
@@ -146,53 +127,53 @@ def size_from_curvature(
     >>> (phi[10, [3, 4, 6]], h0[10, [3, 4, 6]].round(3))
     (array([ 0.1, -0.2, -0.8]), array([0.483, 0.543,   inf]))
     """
-    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    if isinstance(background, PartitionedMesh):
+        return _in_parts(background, boundary, options)
+    given = checked(CurvatureOptions, options)
+    tolerance, g = given["tolerance"], as_slope("g", given["g"])
     if boundary is None and tolerance is not None:
         raise ValueError(f"tolerance needs boundary, got {describe(tolerance)} without one")
-    crease_angle = as_angle("crease_angle", crease_angle)
-    g = as_slope("g", g)
-    if g != _SLOPE and (boundary is None or isinstance(boundary, SimplexMesh)):
+    if g != GRADIENT_LIMIT and (boundary is None or isinstance(boundary, SimplexMesh)):
         raise ValueError(f"g is for a boundary that is given by distances, got g={g!r} without")
-    per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)
     if boundary is not None and not isinstance(boundary, SimplexMesh):
         if not isinstance(background, CartesianGrid):
             raise ValueError(
                 f"boundary must be a SimplexMesh, or distances on a CartesianGrid, "
                 f"got {describe(boundary)} on {background!r}"
             )
-        h0 = size_from_distance(
-            background,
-            boundary,
-            per_radian,
-            crease_angle=crease_angle,
-            smoothing=smoothing,
-            tolerance=tolerance,
-            g=g,
-        )
+        h0 = size_from_distance(background, boundary, given)
         h0 = np.maximum(h0, _SMALLEST_SHARE * background.diagonal)
-        return minimum(h0, hmin=hmin, hmax=hmax)
+        return minimum(h0, hmin=given["hmin"], hmax=given["hmax"])
     kappa = np.zeros(background.n_points)
     nodes: npt.NDArray[np.integer[Any]]
     if boundary is None:
         if not isinstance(background, SimplexMesh):
             raise ValueError(f"boundary must be given, as there is none in {background!r}")
         source, nodes = _own_boundary(background)
-        kappa[nodes] = _nodal_curvature(source, crease_angle=crease_angle, smoothing=smoothing)
+        kappa[nodes] = _nodal_curvature(source, given)
     else:
         source = boundary
         _refuse_other_boundary(boundary, background)
         nodes, points, within = _nodes_on(boundary, background, tolerance)
-        kappa[nodes] = _curvature_at(
-            boundary,
-            points,
-            within,
-            crease_angle=crease_angle,
-            smoothing=smoothing,
-        )
+        kappa[nodes] = _curvature_at(boundary, points, within, given)
     with np.errstate(divide="ignore"):
-        h0 = 1.0 / (per_radian * kappa)
+        h0 = 1.0 / (given["elements_per_radian"] * kappa)
     h0 = np.maximum(h0, _SMALLEST_SHARE * source.diameter)
-    return minimum(h0.reshape(background.nodal_shape), hmin=hmin, hmax=hmax)
+    return minimum(h0.reshape(background.nodal_shape), hmin=given["hmin"], hmax=given["hmax"])
+
+
+def _in_parts(
+    part: PartitionedMesh, boundary: SimplexMesh | npt.ArrayLike | None, options: CurvatureOptions
+) -> FloatArray:
+    """Return the sizes on a mesh in parts; collective."""
+    if boundary is not None or part.cell_dim < part.dim or part.dim == 1:
+        return part.on_whole(lambda whole: size_from_curvature(whole, boundary, **options))
+    outer = whole_boundary(part)
+    found = part.ranks.agree(lambda: size_from_curvature(outer.mesh, **options))
+    row = outer.rows(part)
+    h0 = np.where(row >= 0, found[row], np.inf)
+    return minimum(h0, hmin=options.get("hmin"), hmax=options.get("hmax"))
 
 
 def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
@@ -205,12 +186,13 @@ def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
     return background, np.arange(background.n_points, dtype=np.int32)
 
 
-def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) -> FloatArray:
+def _nodal_curvature(mesh: SimplexMesh, given: CurvatureOptions) -> FloatArray:
     """Return the curvature at the nodes of a polyline, or of a surface and its feature edges.
 
     Sums run in the order of places, so that they do not depend on the numbers of nodes.
     """
     ordered, nodes = ordered_by_place(mesh)
+    crease_angle, smoothing = given["crease_angle"], given["smoothing"]
     if mesh.cell_dim == 1:
         _refuse_smoothing(mesh, smoothing)
         found = polyline_curvature(ordered, crease_angle=crease_angle)
@@ -223,7 +205,7 @@ def _nodal_curvature(mesh: SimplexMesh, *, crease_angle: float, smoothing: int) 
 
 
 def _refuse_smoothing(line: SimplexMesh, smoothing: int) -> None:
-    if as_whole_number("smoothing", smoothing, lower=0, upper=2**53) != 0:
+    if smoothing != 0:
         raise ValueError(
             f"smoothing must be 0 for segments (curvature is not averaged), got {smoothing!r} "
             f"for {line!r}"
@@ -247,7 +229,7 @@ def _nodes_on(
 ) -> tuple[npt.NDArray[np.integer[Any]], FloatArray, float]:
     """Return the nodes of the background that lie on the boundary, where, and the tolerance."""
     if tolerance is not None:
-        within = as_number("tolerance", tolerance, lower=0.0)
+        within = tolerance
     elif isinstance(background, CartesianGrid):
         within = float(np.linalg.norm(background.spacing))
     elif isinstance(background, Octree):
@@ -271,14 +253,10 @@ def _nodes_on(
 
 
 def _curvature_at(
-    boundary: SimplexMesh,
-    points: FloatArray,
-    tolerance: float,
-    *,
-    crease_angle: float,
-    smoothing: int,
+    boundary: SimplexMesh, points: FloatArray, tolerance: float, given: CurvatureOptions
 ) -> FloatArray:
     """Return the curvature of the boundary at the point closest to each of ``points``."""
+    crease_angle, smoothing = given["crease_angle"], given["smoothing"]
     cells, weights, _ = boundary.locator.nearest(points)
     if boundary.cell_dim == 1:
         _refuse_smoothing(boundary, smoothing)
@@ -297,3 +275,45 @@ def _curvature_at(
         near = distances <= tolerance
         kappa[near] = np.maximum(kappa[near], at_crease[near])
     return np.asarray(kappa)
+
+
+def radius_at_curves(mesh: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> FloatArray:
+    """Return the radius 1 / kappa of the boundary of a mesh, and of interfaces inside.
+
+    Mesh generators keep both within their tolerance.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Or a surface, which is a boundary itself.
+    crease_angle
+        As in `size_from_curvature`.
+
+    Returns
+    -------
+    float64[n_points]
+        inf off the curves, and on lines in 1-D.
+    """
+    if mesh.dim == 1:
+        return np.full(mesh.n_points, np.inf)
+    parts: list[tuple[SimplexMesh, IntArray]] = []
+    if mesh.cell_dim == mesh.dim:
+        parts = [mesh.boundary()[:2]] if not mesh.is_closed else []
+        inner = interfaces(mesh)
+        parts += [inner] if inner is not None else []
+    else:
+        parts = [(mesh, np.arange(mesh.n_points, dtype=np.int32))]
+    radius = np.full(mesh.n_points, np.inf)
+    for facets, nodes in parts:
+        found = size_from_curvature(facets, elements_per_radian=1.0, crease_angle=crease_angle)
+        radius[nodes] = np.minimum(radius[nodes], found)
+    return radius
+
+
+def size_of_chords(radius: FloatArray, tolerance: float) -> FloatArray:
+    """Return the sizes that leave a mesh within a distance of curves of given radii.
+
+    An edge of length l on a curve of radius r leaves the distance l^2 / (8 r).  Edges may be
+    longer than the size by sqrt 2, so the size is at most 2 sqrt(tolerance r).
+    """
+    return np.asarray(2.0 * np.sqrt(tolerance * radius))

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, as_values, check_type, refuse_where
-from adaptsize.background import SimplexMesh
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.limiting import limit_gradient
+from adaptsize.limiting.in_parts.limit import limit_gradient as limit_parts
+from adaptsize.options import (
+    ErrorOptions,
+    HessianOptions,
+    ScaleOptions,
+    checked,
+    with_options,
+)
 from adaptsize.sizes.budget import (
-    CellSums,
     as_goal,
     calibration,
     count_elements,
@@ -20,26 +28,23 @@ from adaptsize.sizes.budget import (
     scale_to,
 )
 from adaptsize.sizes.combine import minimum
-from adaptsize.sizes.recovery import as_nodal_field, recovered_hessian
-from adaptsize.typing import FloatArray, GradientLimit
+from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
+from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 #: Applies all limits to nodal sizes.
 Finish = Callable[[FloatArray], FloatArray]
 
 
+@with_options(ErrorOptions)
 def size_from_error(
-    mesh: SimplexMesh,
+    mesh: AnyMesh,
     indicator: npt.ArrayLike,
     *,
     order: float,
-    tolerance: float | None = None,
-    target_elements: float | None = None,
-    max_refine: float = 4.0,
-    max_coarsen: float = 2.0,
-    hmin: float | None = None,
-    hmax: float | None = None,
-    g: GradientLimit | None = None,
-    backend: str | None = None,
+    **options: Unpack[ErrorOptions],
 ) -> FloatArray:
     r"""Return the size that gives all elements of the next mesh the same share of the error.
 
@@ -54,32 +59,15 @@ def size_from_error(
 
     Parameters
     ----------
-    mesh : SimplexMesh
+    mesh : SimplexMesh or PartitionedMesh
         The present mesh: triangles, also in space, tetrahedra or segments.
     indicator : array_like of float, shape (n_cells,)
         Error of each cell, >= 0.  The total error is ``sqrt(sum(indicator**2))``, in a norm that
-        is the root of an integral of squares.
+        is the root of an integral of squares.  ``tolerance`` is the target for it.
     order : float
         Order of convergence p > 0 of that norm for smooth solutions: the degree of the
         elements for energy norms, one more for the L2 norm.
-    tolerance : float, optional
-        Target for the total error.  Either this or ``target_elements``.
-    target_elements : float, optional
-        Target number of elements.
-    max_refine, max_coarsen : float, default 4 and 2
-        Largest factors by which sizes may shrink or grow, >= 1.  ``max_coarsen`` may be inf.
-        Indicators predict little about much smaller cells at a singular point, and nothing
-        where they are zero.
-    hmin, hmax : float, optional
-        Limits of the size; ``hmin`` overrides the bound.
-    g : float, array_like, callable or tuple, optional
-        Gradient limit, as in `limit_gradient`, which is then applied to the sizes.
-        ``target_elements`` is the number after it.  By default the sizes are not limited, so that
-        other bounds can be added before limiting.
-    backend : str, optional
-        If given, ``target_elements`` is the number that this mesh generator makes ("mmg",
-        "tetwild"), see `adaptsize.sizes.predicted_elements`.  Otherwise it is a number of regular
-        simplices.
+    **options
 
     Returns
     -------
@@ -118,23 +106,27 @@ def size_from_error(
     sizes are proportional to the inverse root of the error:
 
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> size_from_error(mesh, [0.8, 0.1], order=1, target_elements=9).round(3)
+    >>> size_from_error(mesh, [0.8, 0.1], order=1, elements=9).round(3)
     array([0.48 , 0.36 , 0.48 , 1.018])
 
     One step of an adaptive loop, with 5000 elements after limiting::
 
-        h = ads.size_from_error(mesh, eta, order=1, target_elements=5000, g=0.25)
+        h = ads.size_from_error(mesh, eta, order=1, elements=5000, g=0.25)
         mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h))
     """
-    check_type("mesh", mesh, SimplexMesh)
-    return scaled_by_error(
-        mesh, indicator, _finishing(mesh, hmin, hmax, g), order=order, tolerance=tolerance,
-        target_elements=target_elements, max_refine=max_refine, max_coarsen=max_coarsen,
-        backend=backend,
-    )  # fmt: skip
+    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+
+    def check() -> tuple[FloatArray, float, ErrorOptions]:
+        given = checked(ErrorOptions, options)
+        _check_goal(given)
+        eta = as_indicator(indicator, mesh)
+        return eta, as_number("order", order, lower=0.0, strict=True), given
+
+    eta, p, given = mesh.ranks.agree(check)
+    return scaled_by_error(mesh, eta, p, given, _finishing(mesh, given))
 
 
-def as_indicator(value: npt.ArrayLike, mesh: SimplexMesh) -> FloatArray:
+def as_indicator(value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
     """Return checked indicators of the error in each cell."""
     eta = as_values("indicator", value, (mesh.n_cells,))
     refuse_where("indicator", eta < 0.0, eta, "must be finite and >= 0")
@@ -142,69 +134,39 @@ def as_indicator(value: npt.ArrayLike, mesh: SimplexMesh) -> FloatArray:
 
 
 def scaled_by_error(
-    mesh: SimplexMesh,
-    indicator: npt.ArrayLike,
-    finish: Finish,
-    *,
-    order: float,
-    tolerance: float | None,
-    target_elements: float | None,
-    max_refine: float,
-    max_coarsen: float,
-    backend: str | None = None,
-    sums: CellSums = CellSums(),  # noqa: B008 - it has no state
+    mesh: AnyMesh, eta: FloatArray, order: float, given: ErrorOptions, finish: Finish
 ) -> FloatArray:
-    """Return the sizes of `size_from_error`, with limits by a function.
-
-    ``sums`` completes sums over cells if there are several processes.
-    """
-
-    def check() -> tuple[FloatArray, float, float, float, str, float]:
-        eta = as_indicator(indicator, mesh)
-        p = as_number("order", order, lower=0.0, strict=True)
-        finest = 1.0 / as_number("max_refine", max_refine, lower=1.0)
-        coarsest = as_number("max_coarsen", max_coarsen, lower=1.0, allow_inf=True)
-        return eta, p, finest, coarsest, *as_goal(tolerance, target_elements)
-
-    eta, p, finest, coarsest, goal, wanted = sums.agree(check)
-    d = mesh.cell_dim
+    """Return the sizes of `size_from_error`, with limits by a function; collective."""
+    d, goal, wanted = mesh.cell_dim, *as_goal(given["tolerance"], given["elements"])
     now = present_sizes(mesh)
     with np.errstate(divide="ignore"):
-        largest = max(sums.largest(float(eta.max(initial=0.0))), np.finfo(float).tiny)
-        shape = (eta / largest) ** (-1.0 / (p + 0.5 * d))
+        largest = mesh.ranks.allreduce(float(eta.max(initial=0.0)), "max")
+        shape = (eta / max(largest, np.finfo(float).tiny)) ** (-1.0 / (order + 0.5 * d))
 
     def ratios(scale: float) -> FloatArray:
-        return np.asarray(np.clip(scale * shape, finest, coarsest))
+        return np.asarray(np.clip(scale * shape, 1.0 / given["max_refine"], given["max_coarsen"]))
 
     def sizes(scale: float) -> FloatArray:
-        return finish(_nodal_sizes(mesh, now * ratios(scale), sums))
+        return finish(_nodal_sizes(mesh, now * ratios(scale)))
 
     if goal == "tolerance":
         moving = eta > 0.0
 
         def gain(scale: float) -> float:
-            errors = eta[moving] * ratios(scale)[moving] ** p
-            error = math.sqrt(sums.total(float(errors @ errors)))
+            errors = eta[moving] * ratios(scale)[moving] ** order
+            error = math.sqrt(mesh.ranks.allreduce(float(errors @ errors), "sum"))
             return math.inf if error == 0.0 else 1.0 / float(error)
 
         scale = scale_to(1.0 / wanted, gain, 1.0)
     else:
-        factor = calibration(backend, d)
-        scale = scale_to(wanted, lambda s: factor * count_elements(mesh, sizes(s), sums), 1.0)
+        factor = calibration(given["backend"], d)
+        scale = scale_to(wanted, lambda s: factor * count_elements(mesh, sizes(s)), 1.0)
     return sizes(scale)
 
 
+@with_options(HessianOptions)
 def size_from_hessian(
-    mesh: SimplexMesh,
-    values: npt.ArrayLike,
-    *,
-    tolerance: float | None = None,
-    target_elements: float | None = None,
-    norm: float = math.inf,
-    hmin: float | None = None,
-    hmax: float | None = None,
-    g: GradientLimit | None = None,
-    backend: str | None = None,
+    mesh: AnyMesh, values: npt.ArrayLike, **options: Unpack[HessianOptions]
 ) -> FloatArray:
     r"""Return the size at which linear elements interpolate a field equally well everywhere.
 
@@ -220,24 +182,14 @@ def size_from_hessian(
 
     Parameters
     ----------
-    mesh : SimplexMesh
+    mesh : SimplexMesh or PartitionedMesh
         Triangles in the plane or tetrahedra.
     values : array_like of float, shape (n_points,)
-        The field at the nodes, finite, for instance the density in a flow.
-    tolerance : float, optional
-        Error bound, in the unit of the field.  For a finite ``norm``, in that unit times the area
-        or volume to the power of 1 / norm.  Either this or ``target_elements``.
-    target_elements : float, optional
-        Target number of elements, after all limits.
-    norm : float, default inf
-        q >= 1.
-    hmin, hmax : float, optional
-        Limits of the size; ``hmin`` overrides the bound.  Where the field jumps, its
-        derivatives grow as the mesh is refined.  Only ``hmin`` or ``target_elements`` stops this.
-    g : float, array_like, callable or tuple, optional
-        Gradient limit, as in `size_from_error`.
-    backend : str, optional
-        As in `size_from_error`.
+        The field at the nodes, finite, for instance the density in a flow.  ``tolerance`` is in
+        the unit of the field; for a finite ``norm``, in that unit times the area or volume to the
+        power of 1 / norm.  Where the field jumps, its derivatives grow as the mesh is refined, and
+        only ``hmin`` or ``elements`` stops this.
+    **options
 
     Returns
     -------
@@ -281,16 +233,22 @@ def size_from_hessian(
     >>> np.unique(size_from_hessian(mesh, points[:, 0] ** 2, tolerance=0.01).round(6))
     array([0.1])
     """
-    nodal = as_nodal_field("values", values, mesh)
-    hessian = recovered_hessian(mesh, nodal)
-    steepest = steepest_derivatives(hessian, float(np.ptp(nodal)), mesh.diagonal)
-    return scaled_by_derivative(
-        mesh, steepest, _finishing(mesh, hmin, hmax, g), norm=norm, tolerance=tolerance,
-        target_elements=target_elements, backend=backend,
-    )  # fmt: skip
+    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+
+    def check() -> tuple[FloatArray, HessianOptions]:
+        given = checked(HessianOptions, options)
+        _check_goal(given)
+        return as_nodal_field("values", values, mesh), given
+
+    nodal, given = mesh.ranks.agree(check)
+    ends = np.array([nodal.min(initial=np.inf), -nodal.max(initial=-np.inf)])
+    low, minus_high = mesh.ranks.allreduce(ends, "min").tolist()
+    hessian = second_derivatives(mesh, nodal)
+    steepest = _steepest_derivatives(hessian, -(minus_high + low), mesh.diagonal)
+    return _scaled_by_derivative(mesh, steepest, given)
 
 
-def steepest_derivatives(hessian: FloatArray, rise: float, diagonal: float) -> FloatArray:
+def _steepest_derivatives(hessian: FloatArray, rise: float, diagonal: float) -> FloatArray:
     """Return the largest modulus of a second derivative at each node, 0 where it is rounding.
 
     ``rise`` is the difference of the largest and the least value of the field, ``diagonal`` that
@@ -303,28 +261,11 @@ def steepest_derivatives(hessian: FloatArray, rise: float, diagonal: float) -> F
     return np.asarray(steepest)
 
 
-def scaled_by_derivative(
-    mesh: SimplexMesh,
-    steepest: FloatArray,
-    finish: Finish,
-    *,
-    norm: float,
-    tolerance: float | None,
-    target_elements: float | None,
-    backend: str | None = None,
-    sums: CellSums = CellSums(),  # noqa: B008 - it has no state
-) -> FloatArray:
-    """Return the sizes of `size_from_hessian`, with limits by a function.
-
-    ``sums`` completes sums over cells if there are several processes.
-    """
-
-    def check() -> tuple[float, str, float, float]:
-        q = as_number("norm", norm, lower=1.0, allow_inf=True)
-        return q, *as_goal(tolerance, target_elements), calibration(backend, mesh.cell_dim)
-
-    q, goal, wanted, factor = sums.agree(check)
-    d = mesh.cell_dim
+def _scaled_by_derivative(mesh: AnyMesh, steepest: FloatArray, given: HessianOptions) -> FloatArray:
+    """Return the sizes of `size_from_hessian`, given the largest derivatives; collective."""
+    d, q = mesh.cell_dim, given["norm"]
+    goal, wanted = as_goal(given["tolerance"], given["elements"])
+    factor, finish = calibration(given["backend"], d), _finishing(mesh, given)
     exponent = 0.5 if math.isinf(q) else q / (2.0 * q + d)
     with np.errstate(divide="ignore"):
         shape = steepest**-exponent
@@ -336,46 +277,50 @@ def scaled_by_derivative(
         share = 1.0
         if not math.isinf(q):
             own = float((_nodal_measures(mesh) * steepest ** (exponent * d)).sum())
-            share = sums.total(own) ** (1.0 / q)
+            share = mesh.ranks.allreduce(own, "sum") ** (1.0 / q)
         return sizes(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
-    largest = sums.largest(float(shape[np.isfinite(shape)].max(initial=0.0)))
+    largest = mesh.ranks.allreduce(float(shape[np.isfinite(shape)].max(initial=0.0)), "max")
     if largest == 0.0:  # the field is linear
         return sizes(1.0)
     # A feasible initial value: cells with an inf node count only after limiting.
-    once = count_elements(mesh, np.minimum(shape, largest), sums)
-    return sizes(
-        scale_to(
-            wanted,
-            lambda s: factor * count_elements(mesh, sizes(s), sums),
-            (once / wanted) ** (1.0 / d),
-        )
-    )
+    once = count_elements(mesh, np.minimum(shape, largest))
+    start = (once / wanted) ** (1.0 / d)
+    return sizes(scale_to(wanted, lambda s: factor * count_elements(mesh, sizes(s)), start))
 
 
-def _finishing(
-    mesh: SimplexMesh, hmin: float | None, hmax: float | None, g: GradientLimit | None
-) -> Finish:
-    """Return a function that clips sizes to two limits and limits their gradient."""
+def _check_goal(given: ScaleOptions) -> None:
+    """Raise a ValueError if not exactly one target is given, or ``hmin`` exceeds ``hmax``."""
+    as_goal(given["tolerance"], given["elements"])
+    minimum(1.0, hmin=given["hmin"], hmax=given["hmax"])
+
+
+def _finishing(mesh: AnyMesh, given: ScaleOptions) -> Finish:
+    """Return a function that clips sizes to two limits and limits their gradient; collective."""
+    g = given["g"]
 
     def finish(h0: FloatArray) -> FloatArray:
-        clipped = minimum(h0, hmin=hmin, hmax=hmax)
-        return clipped if g is None else limit_gradient(mesh, clipped, g)
+        clipped = minimum(h0, hmin=given["hmin"], hmax=given["hmax"])
+        if g is None:
+            return clipped
+        if isinstance(mesh, PartitionedMesh):
+            return limit_parts(mesh, clipped, g)
+        return limit_gradient(mesh, clipped, g)
 
     return finish
 
 
-def _nodal_sizes(mesh: SimplexMesh, size: FloatArray, sums: CellSums) -> FloatArray:
+def _nodal_sizes(mesh: AnyMesh, size: FloatArray) -> FloatArray:
     """Return nodal sizes with the same number of elements as cell sizes, averaged by density."""
     d = mesh.cell_dim
-    volume = sums.at_nodes(_nodal_measures(mesh))
+    volume = mesh.shared.merge(_nodal_measures(mesh), np.add)
     with np.errstate(divide="ignore", invalid="ignore"):
         number = np.where(mesh.measures > 0.0, mesh.measures * size**-d, 0.0) / (d + 1)
         counts = np.bincount(mesh.cells.ravel(), np.repeat(number, d + 1), mesh.n_points)
-        nodal = sums.at_nodes(counts.astype(np.float64))
+        nodal = mesh.shared.merge(counts.astype(np.float64), np.add)
         return np.asarray(np.where(nodal > 0.0, volume / nodal, np.inf) ** (1.0 / d))
 
 
-def _nodal_measures(mesh: SimplexMesh) -> FloatArray:
+def _nodal_measures(mesh: AnyMesh) -> FloatArray:
     """Return the share of each node in the measures of its cells, with the same total."""
     share = np.repeat(mesh.measures / (mesh.cell_dim + 1), mesh.cell_dim + 1)
     return np.bincount(mesh.cells.ravel(), share, mesh.n_points).astype(np.float64)

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_angle, as_number, check_type, describe, one_of
+from adaptsize._checks import as_number, check_type, describe
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background.migration import whole_boundary
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.medial.feature_size import feature_size
 from adaptsize.geometry.width import Width
+from adaptsize.options import FeatureOptions, checked, with_options
 from adaptsize.sizes.combine import minimum
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-Method: TypeAlias = Literal["auto", "rays", "medial-axis"]
-METHODS = get_args(Method)
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 # Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
 SMALLEST_SHARE = 1e-6
@@ -29,18 +31,13 @@ SMALLEST_SHARE = 1e-6
 _LEAST_STEPS = 24
 
 
+@with_options(FeatureOptions)
 def size_from_feature(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyMesh | CartesianGrid | Octree,
     boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None = None,
     *,
-    method: Method = "auto",
-    elements_across: float = 4.0,
-    crease_angle: float = CREASE_ANGLE,
-    corner_angle: float = CORNER_ANGLE,
-    tolerance: float | None = None,
-    hmin: float | None = None,
-    hmax: float | None = None,
     progress: ProgressCallback | bool | None = None,
+    **options: Unpack[FeatureOptions],
 ) -> FloatArray:
     r"""Return the size that puts a given number of elements across narrow regions.
 
@@ -55,7 +52,7 @@ def size_from_feature(
 
     Parameters
     ----------
-    background : SimplexMesh, CartesianGrid or Octree
+    background : SimplexMesh, PartitionedMesh, CartesianGrid or Octree
         A mesh of full dimension, the boundary of a domain (triangles in space or
         segments in the plane), or a grid or an octree around a domain.
     boundary : SimplexMesh, callable or array_like of float, optional
@@ -63,22 +60,9 @@ def size_from_feature(
         default the boundary of the background, or the background itself.  For the medial axis it
         may also be the signed distance, negative inside: a function of points, or on a
         CartesianGrid an array.
-    method : {"auto", "rays", "medial-axis"}
-        Definition of the width.  By default the medial axis for distances, otherwise rays.
-    elements_across : float, default 4
-        Number n of elements, > 0.
-    crease_angle, corner_angle : float
-        As for `boundary_width`, degrees.  The medial axis on grids has no ``crease_angle``.
-    tolerance : float, optional
-        Nodes up to this distance outside ``boundary`` get a size too.  On a background of lower
-        dimension, only nodes within this distance of ``boundary`` get one.  On a grid or an
-        octree the default is the diagonal of the largest box at a node, so that all corners of
-        the boxes that the boundary passes have a size.  Otherwise it is 0.001 of the
-        diagonal of the boundary.  Only for rays, with ``boundary``.
-    hmin, hmax : float, optional
-        Limits of the size; ``hmin`` overrides the bound.
     progress : callable, bool or None
         As in `limit_gradient`.
+    **options
 
     Returns
     -------
@@ -107,7 +91,8 @@ def size_from_feature(
 
     The size does not tend to zero at corners, but it does at the edges of wedges below
     ``corner_angle``.  The cost is O(n log n), a few microseconds per ray.  Regions of a mesh
-    (``cell_tags``) have no effect.
+    (``cell_tags``) have no effect.  Of a mesh in parts, the nodes are collected on rank 0, which
+    shoots all rays; surfaces, and meshes with ``boundary``, are collected as a whole.
 
     References
     ----------
@@ -128,11 +113,11 @@ def size_from_feature(
     >>> size_from_feature(grid, plate.boundary().mesh, elements_across=5)[2]
     array([0.2, 0.2, 0.2])
     """
-    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
-    crease_angle = as_angle("crease_angle", crease_angle)
-    corner_angle = as_angle("corner_angle", corner_angle)
-    across = as_number("elements_across", elements_across, lower=0.0, strict=True)
-    one_of("method", method, METHODS)
+    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    if isinstance(background, PartitionedMesh):
+        return _in_parts(background, boundary, progress, options)
+    given = checked(FeatureOptions, options)
+    method, tolerance = given["method"], given["tolerance"]
     by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)
     if method == "rays" and by_distance:
         raise ValueError(f"method='rays' needs a SimplexMesh, got {describe(boundary)}")
@@ -142,57 +127,70 @@ def size_from_feature(
             "tolerance is for method='rays' with a SimplexMesh as boundary, "
             f"got {describe(tolerance)} for method={method!r} and {describe(boundary)}"
         )
-    if by_medial_axis and isinstance(background, CartesianGrid) and crease_angle != CREASE_ANGLE:
+    angles = (given["crease_angle"], given["corner_angle"])
+    is_grid = isinstance(background, CartesianGrid)
+    if by_medial_axis and is_grid and angles[0] != CREASE_ANGLE:
         raise ValueError(
-            "crease_angle has no effect on the medial axis on a CartesianGrid, "
-            f"got {crease_angle!r}"
+            f"crease_angle has no effect on the medial axis on a CartesianGrid, got {angles[0]!r}"
         )
-    angles = (crease_angle, corner_angle)
+    if boundary is None and not isinstance(background, SimplexMesh):
+        raise ValueError(f"boundary must be given, as there is none in {background!r}")
     with reporting(progress) as report:
         if by_medial_axis:
-            widths = 2.0 * _by_medial_axis(background, boundary, *angles, report=report)
-            is_grid = isinstance(background, CartesianGrid)
+            widths = 2.0 * feature_size(
+                background, boundary, crease_angle=angles[0], corner_angle=angles[1],
+                progress=report,
+            )  # fmt: skip
             smallest = 0.0 if is_grid else SMALLEST_SHARE * background.diagonal
         else:
             if boundary is None:
+                assert isinstance(background, SimplexMesh)
                 widths, source = _at_own_nodes(background, angles, report)
             else:
                 assert isinstance(boundary, SimplexMesh)
                 source = boundary
                 widths = _near_boundary(background, boundary, tolerance, angles, report)
             smallest = SMALLEST_SHARE * source.diameter
-    h0 = np.maximum(widths / across, smallest)
-    return minimum(h0.reshape(background.nodal_shape), hmin=hmin, hmax=hmax)
+    h0 = np.maximum(widths / given["elements_across"], smallest)
+    return minimum(h0.reshape(background.nodal_shape), hmin=given["hmin"], hmax=given["hmax"])
 
 
-def _by_medial_axis(
-    background: SimplexMesh | CartesianGrid | Octree,
+def _in_parts(
+    part: PartitionedMesh,
     boundary: SimplexMesh | DistanceFunction | npt.ArrayLike | None,
-    crease_angle: float,
-    corner_angle: float,
-    *,
-    report: ProgressCallback,
+    progress: ProgressCallback | bool | None,
+    options: FeatureOptions,
 ) -> FloatArray:
-    """Return the sum of the distances from the boundary and from the medial axis."""
-    if boundary is None and not isinstance(background, SimplexMesh):
-        raise ValueError(f"boundary must be given, as there is none in {background!r}")
-    return feature_size(
-        background,
-        boundary,
-        crease_angle=crease_angle,
-        corner_angle=corner_angle,
-        progress=report,
-    )
+    """Return the sizes on a mesh in parts; collective."""
+    given = part.ranks.agree(lambda: checked(FeatureOptions, options))
+    by_rays = given["method"] != "medial-axis" and given["tolerance"] is None
+    if boundary is not None or part.cell_dim < part.dim or part.dim == 1 or not by_rays:
+        return part.on_whole(
+            lambda whole: size_from_feature(whole, boundary, progress=progress, **options)
+        )
+    outer = whole_boundary(part)
+    in_cell = np.zeros(part.n_points)
+    in_cell[part.cells] = 1.0
+    points, used = part.gather_nodal(part.points), part.gather_nodal(part.maximum(in_cell))
+
+    def solve() -> FloatArray | None:
+        if points is None or used is None:
+            return None
+        row = np.full(len(points), -1, np.int32)
+        row[outer.ids] = np.arange(len(outer.ids))
+        width = _width_of(outer.mesh, given["crease_angle"], given["corner_angle"])
+        with reporting(progress) as report:
+            widths = _widths_in(width, points, row, used > 0.0, report)
+        h0 = np.maximum(widths / given["elements_across"], SMALLEST_SHARE * outer.mesh.diameter)
+        return minimum(h0, hmin=given["hmin"], hmax=given["hmax"])
+
+    return part.scatter_nodal(part.ranks.agree(solve))
 
 
 def _at_own_nodes(
-    background: SimplexMesh | CartesianGrid | Octree,
-    angles: tuple[float, float],
-    report: ProgressCallback,
+    background: SimplexMesh, angles: tuple[float, float], report: ProgressCallback
 ) -> tuple[FloatArray, SimplexMesh]:
     """Return the width at each node of a mesh, and the boundary of the mesh."""
-    if not isinstance(background, SimplexMesh):
-        raise ValueError(f"boundary must be given, as there is none in {background!r}")
     if background.dim == 1 or background.cell_dim < background.dim - 1:
         raise ValueError(
             "background must be a volume, or the boundary of one, in 2-D or 3-D, "
@@ -205,39 +203,21 @@ def _at_own_nodes(
     row[boundary.nodes] = np.arange(len(boundary.nodes))
     used = np.zeros(background.n_points, np.bool_)
     used[background.cells] = True
-    return widths_in(boundary.mesh, background.points, row, used, *angles, report), boundary.mesh
+    width = _width_of(boundary.mesh, *angles)
+    return _widths_in(width, background.points, row, used, report), boundary.mesh
 
 
 def _width_of(boundary: SimplexMesh, crease_angle: float, corner_angle: float) -> Width:
     return Width(Faces.of(boundary, crease_angle), corner_angle)
 
 
-def widths_in(
-    boundary: SimplexMesh,
-    points: FloatArray,
-    row: IntArray,
-    used: BoolArray,
-    crease_angle: float,
-    corner_angle: float,
-    report: ProgressCallback,
+def _widths_in(
+    width: Width, points: FloatArray, row: IntArray, used: BoolArray, report: ProgressCallback
 ) -> FloatArray:
-    """Return the width at each node of a domain, inf at nodes in no cell.
+    """Return the width at each node of a domain, inf at nodes that are not used.
 
-    Parameters
-    ----------
-    boundary : SimplexMesh
-        That of the domain.
-    points : float64[n, dim]
-        Nodes of the domain.
-    row : int32[n]
-        The node of ``boundary`` at each of them, -1 inside.
-    used : bool[n]
-        Whether each is in a cell.
-    crease_angle, corner_angle : float
-        As for `boundary_width`.
-    report : callable
+    ``row`` is the node of the boundary at each of them, -1 inside.
     """
-    width = _width_of(boundary, crease_angle, corner_angle)
     widths = np.full(len(points), np.inf)
     inner, at_boundary = np.flatnonzero(used & (row < 0)), np.flatnonzero(row >= 0)
     widths[inner] = width.near(points[inner], report)

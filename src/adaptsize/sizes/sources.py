@@ -4,25 +4,37 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
+from hashlib import sha256
 from typing import Any, NoReturn, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, describe, refuse_where
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_points,
+    as_sizes,
+    as_slope,
+    check_type,
+    describe,
+    refuse_where,
+)
+from adaptsize._defaults import GRADIENT_LIMIT
+from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
 from adaptsize.errors import OutsideWarning
+from adaptsize.ranks import SingleRank
 from adaptsize.sizes import _on_grid, _touched
-from adaptsize.sizes._lowering import lower_along, lower_at_points
-from adaptsize.sizes._touched import SourceMesh, as_source_mesh
+from adaptsize.sizes._touched import lower_along, lower_at_points
 from adaptsize.typing import FloatArray
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _OUTSIDE = 1e-9
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
-_Mesh: TypeAlias = SimplexMesh | CartesianGrid | SourceMesh
+_Mesh: TypeAlias = AnyMesh | CartesianGrid
 
 
 @runtime_checkable
@@ -85,12 +97,11 @@ class PointSource:
             _warn_of_outside(points, mesh.locator.weights(points)[2], mesh.diagonal)
             nearby = _on_grid.nodes_around(mesh, points)
         else:
-            around = as_source_mesh(mesh)
-            at = around.touched(points)
+            at = _touched.touched(mesh, points)
             # No point lies on a curved surface exactly.
-            if around.speaks and around.cell_dim == around.dim:
-                _warn_of_outside(points, at.distances, around.diagonal)
-            nearby = _touched.nodes_of(around, at.cells, at.which)
+            if mesh.ranks.rank == 0 and mesh.cell_dim == mesh.dim:
+                _warn_of_outside(points, at.distances, mesh.diagonal)
+            nearby = _touched.nodes_of(mesh, at.cells, at.which)
         lower_at_points(points, size, nearby, g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
@@ -129,7 +140,7 @@ class CurveSource:
         if isinstance(mesh, CartesianGrid):
             pieces = _on_grid.pieces_along(mesh, curve)
         else:
-            pieces = _touched.pieces_along(as_source_mesh(mesh), curve)
+            pieces = _touched.pieces_along(mesh, curve)
         lower_along(curve, size, pieces, g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
@@ -169,11 +180,10 @@ class BoundarySource:
             on_boundary = _on_grid.boundary_nodes(mesh)
             h0[on_boundary] = np.minimum(h0[on_boundary], size)
             return
-        around = as_source_mesh(mesh)
         if self.tags is None:
-            nodes = around.boundary_nodes()
+            nodes = _touched.boundary_nodes(mesh)
         else:
-            nodes = around.tagged_nodes("facet", self.tags)
+            nodes = _touched.tagged_nodes(mesh, "facet", self.tags)
         h0[nodes] = np.minimum(h0[nodes], size)
 
 
@@ -201,7 +211,7 @@ class RegionSource:
         size = _one_size(self.size)
         if isinstance(mesh, CartesianGrid):
             _refuse_tags(mesh)
-        nodes = as_source_mesh(mesh).tagged_nodes("cell", self.tags)
+        nodes = _touched.tagged_nodes(mesh, "cell", self.tags)
         h0[nodes] = np.minimum(h0[nodes], size)
 
 
@@ -238,14 +248,13 @@ class BoxSource:
         if isinstance(mesh, CartesianGrid):
             _on_grid.lower_in_box(mesh, lower, upper, size, g, h0)
             return
-        around = as_source_mesh(mesh)
         touched = (
-            _touched.cells_with_edge_in_box(around, lower, upper),
-            _touched.cell_inside(around, 0.5 * (lower + upper)),
-            _touched.cells_within(around, _touched.box_edges(lower, upper)),
+            _touched.cells_with_edge_in_box(mesh, lower, upper),
+            _touched.cell_inside(mesh, 0.5 * (lower + upper)),
+            _touched.cells_within(mesh, _touched.box_edges(lower, upper)),
         )
-        nodes = np.unique(around.cells[np.concatenate(touched)])
-        points = around.points[nodes]
+        nodes = np.unique(mesh.cells[np.concatenate(touched)])
+        points = mesh.points[nodes]
         distance = np.linalg.norm(points - np.clip(points, lower, upper), axis=1)
         h0[nodes] = np.minimum(h0[nodes], size + g * distance)
 
@@ -283,13 +292,12 @@ class BallSource:
         if isinstance(mesh, CartesianGrid):
             _on_grid.lower_in_ball(mesh, centre, radius, size, g, h0)
             return
-        around = as_source_mesh(mesh)
         touched = (
-            _touched.cells_with_edge_in_ball(around, centre, radius),
-            _touched.cell_inside(around, centre),
+            _touched.cells_with_edge_in_ball(mesh, centre, radius),
+            _touched.cell_inside(mesh, centre),
         )
-        nodes = np.unique(around.cells[np.concatenate(touched)])
-        distance = np.linalg.norm(around.points[nodes] - centre, axis=1) - radius
+        nodes = np.unique(mesh.cells[np.concatenate(touched)])
+        distance = np.linalg.norm(mesh.points[nodes] - centre, axis=1) - radius
         h0[nodes] = np.minimum(h0[nodes], size + g * np.maximum(distance, 0.0))
 
 
@@ -345,3 +353,146 @@ def _as_curve(value: SimplexMesh | npt.ArrayLike, dim: int) -> SimplexMesh:
         raise ValueError(f"curve must have at least 2 points, got {len(points)}")
     first = np.arange(len(points) - 1)
     return SimplexMesh(points, np.column_stack([first, first + 1]))
+
+
+def size_from_sources(
+    background: AnyMesh | CartesianGrid | Octree,
+    sources: Source | SizeOfPoint | Iterable[Source | SizeOfPoint],
+    *,
+    g: float = GRADIENT_LIMIT,
+) -> FloatArray:
+    r"""Return the smallest of the sizes from several sources at each node.
+
+    A source between the nodes acts on the nodes of the cells that it touches.  A node at the
+    distance d from the source gets
+
+    .. math:: h_0 = \mathrm{size} + g\,d,
+
+    which is the size that a gradient limit g allows there.
+
+    Parameters
+    ----------
+    background : SimplexMesh, PartitionedMesh, CartesianGrid or Octree
+        Cells of a grid are its boxes, those of an octree the simplices of ``octree.mesh``.
+    sources : source, callable, or several of them
+        `PointSource`, `CurveSource`, `BoundarySource`, `RegionSource`, `BoxSource`, `BallSource`,
+        or functions that take points, float64[n, dim], and return n sizes (``inf``: no bound).
+    g : float, default 0.25
+        Slope from a source to the nodes around it, 0 to 1e30, no unit.  Use the
+        gradient limit that is used afterwards.  A smaller value makes the cells at the source
+        finer than necessary, a larger one coarser than requested.
+
+    Returns
+    -------
+    ndarray of float64, of ``background.nodal_shape``
+        Sizes; ``inf`` at nodes that no source touches, and at inactive nodes of a grid.
+
+    Raises
+    ------
+    ValueError
+        If a size is not positive, a point has another dimension than the background, a tag
+        does not occur (the message lists those that do), tags are used on a grid, or ``g`` is
+        negative.
+
+    See Also
+    --------
+    limit_gradient : the next step, which propagates the sizes into the mesh.
+
+    Notes
+    -----
+    Distances are straight, but only nodes of cells that a source touches are set, so no source
+    acts across a gap in the mesh.  The cost is O(log n) per point, O(n) per box or ball, and
+    O(log n) per cell that a curve passes.  Cells that a curve only clips at a corner may be
+    missed, but not their neighbours along the curve.
+
+    On a grid no search is needed.  The cost is O(1) per point, per box that a curve passes
+    (none is missed), and per node of a box or ball.  Functions are called for active nodes
+    only, up to a million at a time.  A point or curve where no node is active acts on the
+    nearest active node.
+
+    On a mesh in parts, all ranks must give the same sources.  Each rank searches its own cells,
+    and ranks exchange the distances of points and of samples of curves from their parts, one
+    number each (one reduction for points and balls, two for each halving of the longest segment
+    of a curve), and at the end the sizes at shared nodes.  Sources of classes of your own get the
+    mesh of each rank, and must set the nodes of each cell by this cell alone.
+
+    Examples
+    --------
+    A point that is 0.5 away from two nodes, and a size at the boundary on the left:
+
+    >>> from adaptsize import BoundarySource, PointSource
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]],
+    ...                    tagged_facets=[[0, 3]], facet_tags=[7])
+    >>> size_from_sources(mesh, PointSource([0.5, 0.0], 0.01), g=0.2).round(3)
+    array([0.11 , 0.11 , 0.234,   inf])
+    >>> size_from_sources(mesh, [PointSource([0.5, 0.0], 0.01), BoundarySource(0.1, tags=7)],
+    ...                   g=0.2).round(3)
+    array([0.1  , 0.11 , 0.234, 0.1  ])
+
+    On a grid the result has its shape:
+
+    >>> grid = CartesianGrid([0.0, 0.0], spacing=1.0, shape=(3, 2))
+    >>> size_from_sources(grid, PointSource([0.5, 0.0], 0.01), g=0.2).round(3)
+    array([[0.11 , 0.234],
+           [0.11 , 0.234],
+           [  inf,   inf]])
+    """
+    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    on = background.mesh if isinstance(background, Octree) else background
+    h0 = np.full(background.nodal_shape, np.inf)
+    ranks = SingleRank() if isinstance(on, CartesianGrid) else on.ranks
+    several, slope = ranks.agree(lambda: (as_sources(sources), as_slope("g", g)))
+    if ranks.size > 1:
+        digests = {f"sources[{k}]": _digest(source) for k, source in enumerate(several)}
+        ranks.require_equal(sources=len(several), g=slope)
+        ranks.require_equal(**digests)
+    for number, source in enumerate(several):
+        if isinstance(source, _KNOWN):
+            source.lower_sizes(on, slope, h0)
+        else:
+            local = on.mesh if isinstance(on, PartitionedMesh) else on
+            ranks.agree(partial(_lower_by, source, number, local, slope, h0))
+    return h0 if isinstance(on, CartesianGrid) else on.shared.merge(h0, np.minimum)
+
+
+_KNOWN = (PointSource, CurveSource, BoundarySource, RegionSource, BoxSource, BallSource)
+
+
+def _lower_by(
+    source: Source | SizeOfPoint,
+    number: int,
+    mesh: SimplexMesh | CartesianGrid | None,
+    g: float,
+    h0: FloatArray,
+) -> None:
+    """Lower sizes (In/Out: h0) by a function, or by a source of another class."""
+    if mesh is None:
+        return
+    if isinstance(source, Source):
+        source.lower_sizes(mesh, g, h0)
+        return
+    name = f"sources[{number}](points)"
+    given: npt.ArrayLike
+    if isinstance(mesh, CartesianGrid):
+        given = _on_grid.at_active_nodes(mesh, source, name)
+    else:
+        given = source(mesh.points)
+    np.minimum(h0, as_sizes(name, given, h0.shape), out=h0)
+
+
+def _digest(source: Any) -> str:
+    """Return the class of a source, with the values of those that all ranks search together."""
+    name = type(source).__name__
+    if not isinstance(source, _KNOWN):
+        return name
+    found = sha256()
+    for field in fields(source):
+        value = getattr(source, field.name)
+        if isinstance(value, SimplexMesh):
+            found.update(value.points.tobytes() + value.cells.tobytes())
+            continue
+        try:
+            found.update(as_float_array(field.name, value).tobytes())
+        except ValueError:
+            found.update(repr(value).encode())
+    return f"{name} {found.hexdigest()[:8]}"

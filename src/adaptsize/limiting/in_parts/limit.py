@@ -10,7 +10,6 @@ from typing import Any, Literal, NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize import limiting
 from adaptsize._checks import as_flag, as_float_array, as_plain_array, as_sizes, check_type, one_of
 from adaptsize._progress import reporting
 from adaptsize.background.partitioned import PartitionedMesh
@@ -267,7 +266,9 @@ def _collected(
         if whole is None or bounds is None:
             return None, None, None
         limit: Any = in_space if of_size is None else (in_space, of_size)
-        h, info = limiting.limit_gradient.with_info(whole, bounds, limit, **options)
+        from adaptsize.limiting import limit_gradient as limit_whole
+
+        h, info = limit_whole.with_info(whole, bounds, limit, **options)
         if not full_output:
             return h, None, None
         traced = None if info.sources is None else traced_from(info.sources)
