@@ -13,7 +13,8 @@ import resource
 import numpy as np
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize.distributed import PartitionedMesh, remesh
+from adaptsize import interpolate, remesh
+from adaptsize.distributed import PartitionedMesh, interface_quality
 from distributed import kuhn_cube
 
 
@@ -30,7 +31,8 @@ def run(mesh, edge, how, n_ranks):
         part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
         # Finer at a corner, with a slope of 0.25.
         h = np.minimum(edge * 0.5 + 0.25 * np.linalg.norm(part.points, axis=1), edge)
-        return remesh(part, h, how=how).quality
+        new = remesh(part, h, how=how)
+        return interface_quality(new, interpolate(part, h, new.points))
 
     before = seconds()
     quality = SimulatedCommunicator.run(n_ranks, work)[0]

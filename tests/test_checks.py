@@ -204,20 +204,32 @@ def test_numbers_are_in_a_range_in_which_they_can_be_squared():
 
 ANY = "background must be a SimplexMesh, a CartesianGrid or an Octree, got "
 MESH = "mesh must be a SimplexMesh, got "
+#: Of functions that take meshes in parts.
+ANY_OR_PARTS = ANY.replace("Mesh,", "Mesh, a PartitionedMesh,")
+MESH_OR_PARTS = MESH.replace("Mesh,", "Mesh or a PartitionedMesh,")
 TRIANGLE = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 CALLS = {
     "limit_gradient": (lambda x: ads.limit_gradient(x, np.ones(4), 0.2), ANY),
-    "size_from_curvature": (ads.size_from_curvature, ANY),
-    "size_from_feature": (ads.size_from_feature, ANY),
-    "size_from_sources": (lambda x: ads.size_from_sources(x, ads.BoundarySource(0.1)), ANY),
+    "size_from_curvature": (ads.size_from_curvature, ANY_OR_PARTS),
+    "size_from_feature": (ads.size_from_feature, ANY_OR_PARTS),
+    "size_from_sources": (
+        lambda x: ads.size_from_sources(x, ads.BoundarySource(0.1)),
+        ANY_OR_PARTS,
+    ),
     "signed_distance": (ads.signed_distance, ANY),
     "medial_axis": (lambda x: ads.medial_axis(x, TRIANGLE), ANY),
     "feature_size": (lambda x: ads.feature_size(x, TRIANGLE), ANY),
-    "size_from_error": (lambda x: ads.size_from_error(x, [0.1], order=1, tolerance=1), MESH),
-    "size_from_hessian": (lambda x: ads.size_from_hessian(x, np.ones(4), tolerance=0.1), MESH),
+    "size_from_error": (
+        lambda x: ads.size_from_error(x, [0.1], order=1, tolerance=1),
+        MESH_OR_PARTS,
+    ),
+    "size_from_hessian": (
+        lambda x: ads.size_from_hessian(x, np.ones(4), tolerance=0.1),
+        MESH_OR_PARTS,
+    ),
     "zz_indicator": (lambda x: ads.zz_indicator(x, np.ones(4)), MESH),
-    "predicted_elements": (lambda x: sizes.predicted_elements(x, np.ones(4)), MESH),
-    "recovered_hessian": (lambda x: sizes.recovered_hessian(x, np.ones(4)), MESH),
+    "predicted_elements": (lambda x: sizes.predicted_elements(x, np.ones(4)), MESH_OR_PARTS),
+    "recovered_hessian": (lambda x: sizes.recovered_hessian(x, np.ones(4)), MESH_OR_PARTS),
     "size_conformity": (lambda x: ads.size_conformity(x, 0.1), MESH),
     "surface of size_conformity": (
         lambda x: ads.size_conformity(SQUARE, 0.1, surface=x),
@@ -229,7 +241,7 @@ CALLS = {
     "adapt": (lambda x: ads.adapt(x, h0=0.1), MESH),
     "old of transfer_fields": (
         lambda x: ads.transfer_fields(x, SQUARE, fields={}),
-        "old must be a SimplexMesh, got ",
+        "old must be a SimplexMesh or a PartitionedMesh, got ",
     ),
     "fields of transfer_fields": (
         lambda x: ads.transfer_fields(SQUARE, SQUARE, fields=x),

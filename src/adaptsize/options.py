@@ -28,7 +28,7 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_number, as_whole_number, one_of, warn_caller
+from adaptsize._checks import STEEPEST, as_flag, as_number, as_whole_number, one_of, warn_caller
 from adaptsize._defaults import (
     CORNER_ANGLE,
     CREASE_ANGLE,
@@ -380,7 +380,26 @@ class MeshOptions(GeneratorOptions, total=False):
     ]
 
 
-class RemeshOptions(MeshOptions, LimitOptions, total=False):
+class PartsOptions(TypedDict, total=False):
+    """Meshes in parts."""
+
+    how: Annotated[
+        Literal["parts", "gather"],
+        Option(
+            default="parts",
+            text="How a mesh in parts is remeshed.",
+            details='"parts": each rank remeshes its part by Mmg, with the facets between parts '
+            "frozen; then parts move, so that these facets lie inside, and the next round begins.  "
+            '"gather": rank 0 remeshes the whole mesh and distributes it again.',
+        ),
+    ]
+    rounds: Annotated[
+        int,
+        Option(default=2, lower=1.0, upper=20.0, text='Number of rounds of "parts".'),
+    ]
+
+
+class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
     """Remeshing."""
 
     g: Annotated[
@@ -722,6 +741,7 @@ class CurvatureOptions(ClipOptions, total=False):
         Option(
             default=GRADIENT_LIMIT,
             unusual=5.0,
+            upper=STEEPEST,
             text="Only with distances: the gradient limit that is used afterwards.",
         ),
     ]
@@ -808,10 +828,17 @@ _GROUPS: tuple[type, ...] = (
     ImageOptions,
     LimitOptions,
     MeshOptions,
+    PartsOptions,
     RemeshOptions,
     DistanceOptions,
     ImageMeshOptions,
     AdaptOptions,
+    ClipOptions,
+    ScaleOptions,
+    ErrorOptions,
+    HessianOptions,
+    CurvatureOptions,
+    FeatureOptions,
 )
 
 

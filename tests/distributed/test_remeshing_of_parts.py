@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import CartesianGrid, SimplexMesh
-from adaptsize.distributed import PartitionedMesh
-from adaptsize.distributed.remeshing import remesh
+from adaptsize import CartesianGrid, SimplexMesh, interpolate, remesh
+from adaptsize.distributed import PartitionedMesh, interface_quality
 from adaptsize.errors import TooManyElementsError
 
 
@@ -35,7 +34,8 @@ def _remeshed(mesh, n_ranks, **options):
     def run(comm):
         part = PartitionedMesh.from_serial(mesh, None, comm)
         made = remesh(part, _sizes(part.points), **options)
-        return made.part.gather(), made.quality, made.part.n_cells
+        quality = interface_quality(made, interpolate(part, _sizes(part.points), made.points))
+        return made.gather(), quality, made.n_cells
 
     return SimulatedCommunicator.run(n_ranks, run)
 

@@ -33,7 +33,7 @@ def test_equal_to_the_serial_transfer(dim, kind):
     wanted = transfer_fields(old, new, fields=nodal, cell_fields=by_cell)
 
     def run(comm):
-        a = PartitionedMesh.from_transfer_fields(old, parts[0], comm)
+        a = PartitionedMesh.from_serial(old, parts[0], comm)
         b = PartitionedMesh.from_serial(new, parts[1], comm)
         found = transfer_fields(
             a,
@@ -59,7 +59,7 @@ def test_points_outside_get_the_nearest_value():
     wanted = old.locator.interpolate(u, places)[0]
 
     def run(comm):
-        part = PartitionedMesh.from_transfer_fields(old, rng_parts, comm)
+        part = PartitionedMesh.from_serial(old, rng_parts, comm)
         return interpolate(part, u[part.global_ids], places)
 
     rng_parts = rng.integers(0, 3, old.n_cells)
@@ -71,7 +71,7 @@ def test_wrong_field_on_one_rank_is_reported_by_all():
     old = _mesh(2, 20, 31)
 
     def run(comm):
-        part = PartitionedMesh.from_transfer_fields(old, None, comm)
+        part = PartitionedMesh.from_serial(old, None, comm)
         u = np.zeros(part.n_points + (comm.rank == 1))
         with pytest.raises(ValueError, match=r"rank 1: fields\['u'\] must have"):
             transfer_fields(part, part, fields={"u": u})

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from adaptsize.ranks import Communicator
     from adaptsize.typing import FloatArray
 
-#: Options that are passed on to `distributed.remesh`.
+#: Options that are passed on to `adaptsize.remesh`.
 _OF_MESHING = {"tolerance", "max_elements", "timeout"}
 
 
@@ -98,7 +98,8 @@ def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) ->
     from adaptsize.background import interpolate
     from adaptsize.distributed import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
-    from adaptsize.distributed.remeshing import remesh
+    from adaptsize.remeshing import remesh
+    from adaptsize.remeshing.in_parts import interface_quality
 
     known = {"field", "g", "hmin", "hmax", "target", "backend", "mpi", "gather"}
     _check_options(given, known | _OF_MESHING)
@@ -119,10 +120,10 @@ def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) ->
         h = limit_gradient(part, h0, gradient, progress=steps.report)
         steps.begin("meshing")
         made = remesh(part, h, progress=steps.report, **options)
-        sizes = interpolate(part, h, made.part.points)
+        sizes = interpolate(part, h, made.points)
+        quality = interface_quality(made, sizes)
         steps.begin("writing")
-        files = write_parts(output, made.part, fields={"h": sizes})
-    quality = made.quality
+        files = write_parts(output, made, fields={"h": sizes})
     console.record(
         input=str(file), g=gradient, n_ranks=comm.size,
         quality={
@@ -130,7 +131,7 @@ def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) ->
         },
     )  # fmt: skip
     console.print(quality)
-    _finish(console, made.part, files)
+    _finish(console, made, files)
 
 
 def _finish(console: Console, part: PartitionedMesh, files: list[Path]) -> None:

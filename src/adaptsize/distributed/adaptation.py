@@ -30,10 +30,9 @@ from adaptsize.adaptation.next_sizes import (
 )
 from adaptsize.adaptation.transfer import transfer_fields
 from adaptsize.adaptation.transfer_in_parts import TransferredFields
+from adaptsize.background import interpolate
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.interface_quality import measure_interfaces
-from adaptsize.distributed.remeshing import How, RemeshedParts, remesh
 from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.distributed.whole import (
     boundary_distance,
@@ -44,10 +43,12 @@ from adaptsize.distributed.whole import (
 from adaptsize.errors import ResolutionWarning
 from adaptsize.limiting.in_parts.limit import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.remeshing.driver import remesh
+from adaptsize.remeshing.in_parts import interface_quality
 from adaptsize.sizes.budget import calibration, cells_for_nodes
 from adaptsize.sizes.curvature import size_from_curvature, size_of_chords
 from adaptsize.sizes.error import as_indicator
-from adaptsize.typing import GradientLimit, ProgressCallback
+from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 Fields = Mapping[str, npt.ArrayLike]
 
@@ -66,7 +67,7 @@ def adapt(
     hmax: float | None = None,
     max_refine: float = 4.0,
     max_coarsen: float = 2.0,
-    how: How = "parts",
+    how: Literal["parts", "gather"] = "parts",
     rounds: int = 2,
     fields: Fields | None = None,
     cell_fields: Fields | None = None,
@@ -95,7 +96,7 @@ def adapt(
     order, target_elements, target_nodes, tolerance, g, hmin, hmax, max_refine, max_coarsen
         As for `adaptsize.adapt`.  Elements, nodes and errors are those of the whole mesh.
     how, rounds
-        See `distributed.remesh`.
+        As for `adaptsize.remesh`.
     fields, cell_fields : mapping of str to array_like, optional
         Fields at the local nodes and cells; of the same names on all ranks.
     conservative : bool, default True
@@ -103,7 +104,7 @@ def adapt(
     enough, coarsen_converged
         As for `adaptsize.adapt`.
     boundary_tolerance, max_elements, timeout
-        As ``tolerance``, ``max_elements`` and ``timeout`` of `distributed.remesh`.
+        As ``tolerance``, ``max_elements`` and ``timeout`` of `remesh`.
     progress : callable, bool or None
         Only that of rank 0 is used.
 
@@ -189,15 +190,14 @@ def adapt(
         limit = partial(limit_gradient, part)
         return next_sizes(part, request, factor, limit)
 
-    def make(sizes: NextSizes) -> RemeshedParts:
-        h = np.where(np.isinf(sizes.h), 1.0, sizes.h)  # nodes in no cell may have no size
+    def make(sizes: NextSizes) -> PartitionedMesh:
         return remesh(
-            part, h, how=how, rounds=rounds, tolerance=allowed,
+            part, _finite(sizes), how=how, rounds=rounds, tolerance=allowed,
             max_elements=max_elements, timeout=timeout, progress=report,
         )  # fmt: skip
 
-    def count(made: RemeshedParts) -> int:
-        return made.part.n_global_cells if target_nodes is None else made.part.n_global_points
+    def count(made: PartitionedMesh) -> int:
+        return made.n_global_cells if target_nodes is None else made.n_global_points
 
     with reporting(progress if comm.rank == 0 else None) as report:
         report("sizes", None)
@@ -208,13 +208,11 @@ def adapt(
         sizes = next_for(calibration("mmg", part.cell_dim))
         decision = decide(compare_with(part, sizes), sizes, request, enough, coarsen_converged)
         if not decision.remesh:
-            present = measure_interfaces(part, sizes.h, np.empty((0, part.dim)))
-            best = BestMesh(sizes, RemeshedParts(part, present), 0)
-            return _result(part, request, decision, best, old_fields)
+            return _result(part, request, decision, BestMesh(sizes, part, 0), old_fields)
         best = meet_target(request, sizes, make, count, next_for)
         report("fields", None)
         new_fields = transfer_fields(
-            part, best.mesh.part, fields=old_fields.fields, cell_fields=old_fields.cell_fields,
+            part, best.mesh, fields=old_fields.fields, cell_fields=old_fields.cell_fields,
             conservative=conservative,
         )  # fmt: skip
         result = _result(part, request, decision, best, new_fields)
@@ -234,16 +232,24 @@ def _expected(part: PartitionedMesh, nodes: float) -> float:
     return cells_for_nodes(nodes, part.cell_dim, part.n_global_cells, n_facets)
 
 
+def _finite(sizes: NextSizes) -> FloatArray:
+    """Return the sizes with some number at nodes in no cell, which may have none."""
+    return np.where(np.isinf(sizes.h), 1.0, sizes.h)
+
+
 def _result(
     old: PartitionedMesh,
     request: SizeRequest,
     decision: Decision,
-    best: BestMesh[RemeshedParts],
+    best: BestMesh[PartitionedMesh],
     new_fields: TransferredFields,
 ) -> AdaptedParts:
     """Return the mesh, the fields on it and the report; collective."""
-    new, sizes = best.mesh.part, best.sizes
-    none = np.empty((0, old.dim))
+    new, sizes = best.mesh, best.sizes
+    before = interface_quality(old, sizes.h)
+    after = before
+    if new is not old:
+        after = interface_quality(new, interpolate(old, _finite(sizes), new.points))
     report = PartsReport(
         n_points_before=old.n_global_points, n_points_after=new.n_global_points,
         n_cells_before=old.n_global_cells, n_cells_after=new.n_global_cells,
@@ -252,7 +258,7 @@ def _result(
         predicted_elements=sizes.predicted, error=request.error,
         share_in_band=decision.in_band, share_too_long=decision.too_long,
         share_too_short=decision.too_short,
-        before=measure_interfaces(old, sizes.h, none).everywhere, after=best.mesh.quality,
+        before=before.everywhere, after=after,
         measure_before=total_measure(old), measure_after=total_measure(new),
         boundary_distance=boundary_distance(old, new), lost_tags=lost_tags(old, new),
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from adaptsize.adaptation.report import CycleReport
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.interface_quality import InterfaceQuality, Quality
+from adaptsize.remeshing.in_parts import InterfaceQuality, Quality
 from adaptsize.typing import FloatArray
 
 

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from os import PathLike
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import describe
+from adaptsize._checks import check_type, describe
 from adaptsize._progress import reporting
-from adaptsize.background import SimplexMesh
+from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
@@ -22,6 +22,7 @@ from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
 from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.first_volume import first_volume
+from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import (
     Frame,
@@ -45,6 +46,8 @@ from adaptsize.typing import ProgressCallback
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+M = TypeVar("M", SimplexMesh, PartitionedMesh)
+
 #: If cells have a smaller dihedral angle in degrees, fTetWild is tried alone.
 _LEAST_ANGLE = 2.0
 
@@ -60,19 +63,20 @@ _LONGEST_PER_CELL = 0.02
 
 @with_options(RemeshOptions)
 def remesh(
-    mesh: SimplexMesh,
+    mesh: M,
     size: SizeLike | Metric | MetricFunction,
     *,
     required_facets: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[RemeshOptions],
-) -> SimplexMesh:
+) -> M:
     """Return a new mesh of the same domain with the requested edge lengths.
 
     Parameters
     ----------
-    mesh : SimplexMesh
-        Tetrahedra, triangles in the plane, or triangles in space.  A surface
+    mesh : SimplexMesh or PartitionedMesh
+        Tetrahedra, triangles in the plane, or triangles in space; in parts only the former two,
+        by Mmg and with sizes at the nodes, of functions or a number.  A surface
         to be filled with tetrahedra may have defects: it may be open, self-intersecting
         or non-manifold, and have several components.
     size : SizeFunction, callable, array_like of float, shape (n_points,), or float
@@ -90,7 +94,7 @@ def remesh(
 
     Returns
     -------
-    SimplexMesh
+    SimplexMesh or PartitionedMesh
         Cells of full dimension are positively oriented, and each node is used.  ``cell_tags``
         and the names of tags are kept.  If ``mesh`` has ``tagged_facets``, the result has them
         for the same parts of the boundary and interfaces.  Point and cell data are not
@@ -177,7 +181,14 @@ def remesh(
     ...
     adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
-    given = checked(RemeshOptions, options)
+    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
+    if isinstance(mesh, PartitionedMesh):
+        if required_facets is not None:
+            raise ValueError("required_facets must be None for meshes in parts")
+        with reporting(progress if mesh.ranks.rank == 0 else None) as report:
+            one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
+            return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)
     task, tolerance = _task(mesh, given["target"]), given["tolerance"]
     metric = as_metric_at(size, mesh, given["hmax"])
     if metric is not None:

@@ -68,11 +68,12 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     >>> bool(np.allclose(gradient, points[:, ::-1]))
     True
     """
+    check_type("mesh", mesh, SimplexMesh)
     nodal = as_nodal_field("values", values, mesh)
     return np.column_stack([operator @ nodal for operator in gradient_operators(mesh)])
 
 
-def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
+def recovered_hessian(mesh: AnyMesh, values: npt.ArrayLike) -> FloatArray:
     r"""Return the second derivatives of a nodal field at the nodes.
 
     They are those of a quadratic, fitted by weighted least squares to the values at the nodes up
@@ -80,7 +81,7 @@ def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    mesh : SimplexMesh
+    mesh : SimplexMesh or PartitionedMesh
         Triangles in the plane or tetrahedra.
     values : array_like of float, shape (n_points,)
         Finite.
@@ -127,7 +128,10 @@ def recovered_hessian(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     >>> bool(np.allclose(hessian, [[2.0, 3.0], [3.0, 0.0]]))
     True
     """
-    return second_derivatives_of_fits(mesh, as_nodal_field("values", values, mesh))
+    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    return second_derivatives(
+        mesh, mesh.ranks.agree(lambda: as_nodal_field("values", values, mesh))
+    )
 
 
 def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
@@ -180,6 +184,7 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     >>> zz_indicator(mesh, [0.0, 2.0, 1.0, 3.0]).round(9)
     array([0., 0.])
     """
+    check_type("mesh", mesh, SimplexMesh)
     nodal = as_nodal_field("values", values, mesh)
     recovered = recovered_gradient(mesh, nodal)
     defect = recovered[mesh.cells] - _cell_gradients(mesh, nodal)[:, None]
@@ -304,7 +309,6 @@ def second_derivatives(mesh: AnyMesh, nodal: FloatArray) -> FloatArray:
 
 def as_nodal_field(name: str, value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
     """Return finite nodal values of a mesh of triangles in the plane or of tetrahedra."""
-    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(f"mesh must consist of triangles in 2-D or tetrahedra, got {mesh!r}")
     return as_values(name, value, (mesh.n_points,))
