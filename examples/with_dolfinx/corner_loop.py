@@ -19,7 +19,7 @@ from dolfinx import fem, mesh
 from dolfinx.fem.petsc import LinearProblem
 from petsc4py import PETSc
 
-from adaptsize import SimplexMesh
+from adaptsize import SimplexMesh, transfer_fields
 from adaptsize import distributed as ads
 
 G = 0.3
@@ -106,14 +106,14 @@ def main():
             break
         u = found.x.array[old.dofs(found.function_space)]
         result = ads.adapt(
-            part, eta, target_elements=given.first * 2**cycle, g=G, how=given.how, fields={"u": u}
+            part, eta, elements=given.first * 2**cycle, g=G, how=given.how, fields={"u": u}
         )
         if comm.rank == 0:
             print(result, flush=True)
-        domain = ads.to_dolfinx(result.part)
+        domain = ads.to_dolfinx(result.mesh)
         new = ads.from_dolfinx(domain)
         # DOLFINx has partitioned the mesh anew.
-        u = ads.transfer_fields(result.part, new.part, fields=result.fields).fields["u"]
+        u = transfer_fields(result.mesh, new.part, fields=result.fields).fields["u"]
         space = fem.functionspace(domain, ("Lagrange", 1))
         start = fem.Function(space)
         start.x.array[new.dofs(space)] = u

@@ -476,7 +476,7 @@ class RemeshToElementsOptions(SizeOptions, BudgetOptions, MeshOptions, total=Fal
     """Mesh with a number of elements."""
 
 
-class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, total=False):
+class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, total=False):
     """Adaptation."""
 
     tolerance: Annotated[

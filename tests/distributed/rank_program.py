@@ -14,7 +14,6 @@ from meshes import jittered_cube, jittered_square, random_sphere
 from adaptsize import PointSource, limit_gradient, size_from_sources
 from adaptsize.distributed import PartitionedMesh, adapt
 from adaptsize.distributed import limit_gradient as limit_parts
-from adaptsize.distributed import size_from_sources as sources_on_parts
 from adaptsize.ranks import as_communicator
 
 
@@ -43,7 +42,7 @@ def compare_in_solid(comm):
     part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
     source = PointSource(point, 2.0)
     h0 = size_from_sources(mesh, source, g=0.3)
-    assert np.array_equal(sources_on_parts(part, source, g=0.3), h0[part.global_ids])
+    assert np.array_equal(size_from_sources(part, source, g=0.3), h0[part.global_ids])
     noise = rng.uniform(5.0, 30.0, mesh.n_points)
     noise[rng.random(mesh.n_points) < 0.7] = np.inf
     points = np.concatenate([point, -point]).reshape(2, 3), [1.0, 3.0]
@@ -89,8 +88,8 @@ def cycle(comm):
     mesh = jittered_square(8, 887)
     part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
     away = np.linalg.norm(part.points[part.cells].mean(axis=1), axis=1) / mesh.diagonal
-    result = adapt(part, np.exp(-5.0 * away), target_elements=500, fields={"x": part.points})
-    np.testing.assert_allclose(result.fields["x"], result.part.points, atol=1e-12)
+    result = adapt(part, np.exp(-5.0 * away), elements=500, fields={"x": part.points})
+    np.testing.assert_allclose(result.fields["x"], result.mesh.points, atol=1e-12)
     assert result.remeshed
     assert result.report.budget_met
     assert comm.allgather(str(result)) == [str(result)] * comm.size

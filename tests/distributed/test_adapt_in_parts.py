@@ -8,6 +8,7 @@ from scipy.spatial import Delaunay
 
 import adaptsize as ads
 from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize.adaptation.in_parts import boundary_distance, compare_with, lost_tags
 from adaptsize.adaptation.next_sizes import (
     NextSizes,
     Present,
@@ -15,7 +16,6 @@ from adaptsize.adaptation.next_sizes import (
     edge_weights,
 )
 from adaptsize.distributed import adapt
-from adaptsize.distributed.whole import boundary_distance, compare_with, lost_tags
 from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes import predicted_elements
 
@@ -61,7 +61,7 @@ def _ball():
 @pytest.mark.parametrize("kind", ["random", "some empty"])
 @pytest.mark.parametrize("mesh", [jittered_square(9, 74), _ball()])
 def test_sizes_from_bounds_are_those_of_one_process(mesh, kind, monkeypatch):
-    monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
+    monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
     rng = np.random.default_rng(75)
     # About the sizes that the mesh has, so that it is kept.
     of_size_1 = predicted_elements(mesh, np.ones(mesh.n_points))
@@ -100,10 +100,10 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
 
     def run(part):
         result = adapt(
-            part, eta[part.cell_ids], target_elements=target, how=how,
+            part, eta[part.cell_ids], elements=target, how=how,
             fields={"u": part.points @ slope}, cell_fields={"c": eta[part.cell_ids]},
         )  # fmt: skip
-        new = result.part
+        new = result.mesh
         np.testing.assert_allclose(result.fields["u"], new.points @ slope, atol=1e-12)
         measures = np.zeros(0) if new.mesh is None else new.mesh.measures
         integral = new.ranks.allreduce(float(measures @ result.cell_fields["c"]), "sum")
@@ -136,7 +136,7 @@ def test_number_of_nodes_is_met():
     eta = _indicator(mesh)
 
     def run(part):
-        return adapt(part, eta[part.cell_ids], target_nodes=300, how="gather")
+        return adapt(part, eta[part.cell_ids], nodes=300, how="gather")
 
     report = on_ranks(mesh, None, 2, run)[0][0].report
     whole = ads.adapt(mesh, eta, target_nodes=300, backend="mmg").report
@@ -147,7 +147,7 @@ def test_number_of_nodes_is_met():
 
 
 def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
-    monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
+    monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
     mesh = jittered_square(6, 76)
     eta = _indicator(mesh)
     u = np.arange(mesh.n_points)
@@ -156,7 +156,7 @@ def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
         error = np.linalg.norm(eta)
         values = u[part.global_ids]
         result = adapt(part, eta[part.cell_ids], tolerance=1.01 * error, fields={"u": values})
-        assert result.part is part
+        assert result.mesh is part
         assert np.array_equal(result.fields["u"], values)
         return result
 
@@ -167,14 +167,14 @@ def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
 
 
 def test_bounds_by_function_and_ranks_without_cells(monkeypatch):
-    monkeypatch.setattr("adaptsize.distributed.adaptation.remesh", _no_mesh)
+    monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
     mesh = jittered_square(6, 77)
 
     def h0(points):
         return np.full(len(points) if len(points) else 1 / 0, 0.2 * mesh.diagonal)
 
     def run(part):
-        return adapt(part, h0=h0, target_elements=mesh.n_cells, enough=0.0)
+        return adapt(part, h0=h0, elements=mesh.n_cells, enough=0.0)
 
     results, parts = on_ranks(mesh, np.zeros(mesh.n_cells, int), 2, run)
     assert parts[1].n_points == 0
@@ -202,8 +202,8 @@ def test_lost_tags_and_moved_boundaries_are_found():
 
 def test_rank_0_warns(monkeypatch):
     mesh = jittered_square(5, 79)
-    monkeypatch.setattr("adaptsize.distributed.adaptation.lost_tags", lambda *a: ("cell tag 5",))
-    monkeypatch.setattr("adaptsize.distributed.adaptation.boundary_distance", lambda *a: 9e9)
+    monkeypatch.setattr("adaptsize.adaptation.in_parts.lost_tags", lambda *a: ("cell tag 5",))
+    monkeypatch.setattr("adaptsize.adaptation.in_parts.boundary_distance", lambda *a: 9e9)
     with (
         pytest.warns(ResolutionWarning, match="has lost cell tag 5"),
         pytest.warns(ResolutionWarning, match="farther from the old one") as caught,
@@ -216,13 +216,13 @@ def test_rank_0_warns(monkeypatch):
     ("options", "text"),
     [
         (lambda rank: {"order": 1 + rank}, "order must be the same on all ranks, got 1.0 on rank"),
-        (lambda rank: {"target_elements": 100.0 + rank}, "target_elements must be the same"),
-        (lambda rank: {"target_nodes": 100}, "exclude each other"),
+        (lambda rank: {"elements": 100.0 + rank}, "elements must be the same"),
+        (lambda rank: {"nodes": 100}, "exclude each other"),
         (
-            lambda rank: {"target_elements": None, "target_nodes": 100 + rank},
-            "target_nodes must be",
+            lambda rank: {"elements": None, "nodes": 100 + rank},
+            "nodes must be",
         ),
-        (lambda rank: {"target_elements": None, "target_nodes": 0}, "target_nodes must be"),
+        (lambda rank: {"elements": None, "nodes": 0}, "nodes must be"),
         (lambda rank: {"enough": 0.5 + rank}, "enough must be the same"),
         (lambda rank: {"g": None if rank else 0.2}, "g must be the same"),
         (lambda rank: {"how": ("parts", "gather")[rank]}, "how must be the same"),
@@ -241,7 +241,7 @@ def test_bad_arguments_are_reported_by_all_ranks(options, text):
     eta = _indicator(mesh)
 
     def run(part):
-        given = {"indicator": eta[part.cell_ids], "target_elements": 300}
+        given = {"indicator": eta[part.cell_ids], "elements": 300}
         with pytest.raises(ValueError, match=text):
             adapt(part, **{**given, **options(part.ranks.rank)})
 

@@ -169,7 +169,7 @@ class Decision(NamedTuple):
     too_short: float
 
 
-def as_bound(h0: BoundLike | None, mesh: SimplexMesh) -> FloatArray | None:
+def as_bound(h0: BoundLike | None, mesh: AnyMesh) -> FloatArray | None:
     """Return upper bounds at the nodes of the mesh."""
     if h0 is None:
         return None

@@ -1,11 +1,11 @@
 """Mesh sizes on meshes that are distributed over many processes."""
 
+from adaptsize.adaptation.in_parts import AdaptedParts, PartsReport
+from adaptsize.adaptation.in_parts import adapt_in_parts as adapt
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.distributed.adaptation import adapt
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
 from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
-from adaptsize.distributed.report import AdaptedParts, PartsReport
 from adaptsize.limiting.in_parts.info import PartsLimitingInfo, PartsSources
 from adaptsize.limiting.in_parts.limit import limit_gradient
 from adaptsize.remeshing.in_parts import InterfaceQuality, interface_quality

@@ -188,7 +188,8 @@ def remesh(
             raise ValueError("required_facets must be None for meshes in parts")
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
-            return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)
+            parts = remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)
+            return parts  # type: ignore[return-value]  # M is PartitionedMesh
     task, tolerance = _task(mesh, given["target"]), given["tolerance"]
     metric = as_metric_at(size, mesh, given["hmax"])
     if metric is not None:

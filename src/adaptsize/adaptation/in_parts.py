@@ -1,0 +1,358 @@
+"""`adapt` on a mesh in parts."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import check_type, one_of
+from adaptsize._defaults import GRADIENT_LIMIT
+from adaptsize._progress import reporting
+from adaptsize.adaptation._fields import as_fields
+from adaptsize.adaptation.new_mesh import BestMesh, meet_target
+from adaptsize.adaptation.next_sizes import (
+    BoundLike,
+    Decision,
+    NextSizes,
+    Present,
+    SizeRequest,
+    as_bound,
+    check_goal,
+    decide,
+    edge_weights,
+    next_sizes,
+    refuse_two_targets,
+)
+from adaptsize.adaptation.report import CycleReport
+from adaptsize.adaptation.transfer import transfer_fields
+from adaptsize.adaptation.transfer_in_parts import TransferredFields
+from adaptsize.background import SimplexMesh, interpolate
+from adaptsize.background.migration import boundary_facets
+from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.errors import ResolutionWarning
+from adaptsize.limiting.in_parts.limit import limit_gradient
+from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.options import AdaptOptions, checked, options_of
+from adaptsize.remeshing.driver import remesh
+from adaptsize.remeshing.in_parts import InterfaceQuality, Quality, interface_quality
+from adaptsize.sizes.budget import calibration, cells_for_nodes
+from adaptsize.sizes.curvature import size_from_curvature, size_of_chords
+from adaptsize.sizes.error import as_indicator
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+Fields = Mapping[str, npt.ArrayLike]
+
+_OF_WHOLE_MESHES = {"corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect"}
+#: Options that must be the same on all ranks.
+_EQUAL = (
+    "order", "tolerance", "elements", "nodes", "hmin", "hmax", "max_refine", "max_coarsen",
+    "enough", "coarsen_converged", "boundary_tolerance",
+)  # fmt: skip
+
+
+def adapt_in_parts(
+    part: PartitionedMesh,
+    indicator: npt.ArrayLike | None = None,
+    *,
+    h0: BoundLike | None = None,
+    fields: Fields | None = None,
+    cell_fields: Fields | None = None,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[AdaptOptions],
+) -> AdaptedParts:
+    """Return the next mesh, as `adaptsize.adapt` for the whole mesh; collective.
+
+    Arguments are those of the cells and nodes of this rank.  On rank 0, a `ResolutionWarning` tells
+    of lost tags, and of a boundary that is farther from the old one than ``boundary_tolerance``.
+    Sizes at curved interfaces inside the mesh are not bounded by it.
+
+    Examples
+    --------
+    >>> from adaptsize import CartesianGrid
+    >>> part = PartitionedMesh.from_serial(CartesianGrid((0.0, 0.0), 0.125, (9, 9)).mesh)
+    >>> eta = np.exp(-9.0 * np.linalg.norm(part.points[part.cells].mean(axis=1), axis=1))
+    >>> result = adapt_in_parts(part, eta, elements=500, fields={"x": part.points[:, 0]})
+    >>> result.remeshed, bool(result.report.budget_met)
+    (True, True)
+    """
+    check_type("part", part, PartitionedMesh)
+    comm = part.ranks
+
+    def check() -> tuple[AdaptOptions, SizeRequest, TransferredFields]:
+        given = checked(AdaptOptions, options)
+        for name in _OF_WHOLE_MESHES & options.keys():
+            if options[name] != options_of(AdaptOptions)[name].default:  # type: ignore[literal-required]
+                raise ValueError(f"{name} is not available for meshes in parts")
+        one_of("backend", given["backend"], ("auto", "mmg"))
+        if isinstance(h0, Metric | MetricFunction):
+            raise ValueError("h0 must be sizes on several ranks, got a metric")
+        g, elements, nodes = given["g"], given["elements"], given["nodes"]
+        if nodes is not None:
+            refuse_two_targets(elements)
+            elements = nodes  # the expected number follows
+        request = SizeRequest(
+            indicator=None if indicator is None else as_indicator(indicator, part),
+            h0=as_bound(h0 if part.n_points or not callable(h0) else np.empty(0), part),
+            g=GRADIENT_LIMIT if isinstance(g, str) and one_of("g", g, ("auto",)) else g,
+            order=given["order"], tolerance=given["tolerance"], target_elements=elements,
+            hmin=given["hmin"], hmax=given["hmax"], max_refine=given["max_refine"],
+            max_coarsen=given["max_coarsen"], error=None, target_nodes=nodes,
+        )  # fmt: skip
+        check_goal(request)
+        old_fields = TransferredFields(
+            as_fields("fields", fields, part.n_points),
+            as_fields("cell_fields", cell_fields, part.n_cells),
+        )
+        return given, request, old_fields
+
+    given, request, old_fields = comm.agree(check)
+    comm.require_equal(
+        indicator=_is_given(indicator), h0=_is_given(h0), g=_is_given(given["g"]),
+        **{name: given[name] for name in _EQUAL},  # type: ignore[literal-required]
+    )  # fmt: skip
+    allowed = given["boundary_tolerance"]
+    if request.target_nodes is not None:
+        request = replace(request, target_elements=_expected(part, request.target_nodes))
+    if request.indicator is not None:
+        squares = comm.allreduce(float(request.indicator @ request.indicator), "sum")
+        request = replace(request, error=math.sqrt(squares))
+
+    def next_for(factor: float) -> NextSizes:
+        limit = partial(limit_gradient, part)
+        return next_sizes(part, request, factor, limit)
+
+    def make(sizes: NextSizes) -> PartitionedMesh:
+        return remesh(
+            part, _finite(sizes), how=given["how"], rounds=given["rounds"], tolerance=allowed,
+            max_elements=given["max_elements"], timeout=given["timeout"], progress=report,
+        )  # fmt: skip
+
+    def count(made: PartitionedMesh) -> int:
+        return made.n_global_cells if request.target_nodes is None else made.n_global_points
+
+    with reporting(progress if comm.rank == 0 else None) as report:
+        report("sizes", None)
+        extent = part.diagonal
+        if part.dim == 3:
+            radius = size_from_curvature(part, elements_per_radian=1.0)
+            request = replace(request, chords=size_of_chords(radius, allowed * extent))
+        sizes = next_for(calibration("mmg", part.cell_dim))
+        decision = decide(
+            compare_with(part, sizes), sizes, request, given["enough"], given["coarsen_converged"]
+        )
+        if not decision.remesh:
+            return _result(part, request, decision, BestMesh(sizes, part, 0), old_fields)
+        best = meet_target(request, sizes, make, count, next_for)
+        report("fields", None)
+        new_fields = transfer_fields(
+            part, best.mesh, fields=old_fields.fields, cell_fields=old_fields.cell_fields,
+            conservative=given["conservative"],
+        )  # fmt: skip
+        result = _result(part, request, decision, best, new_fields)
+    if comm.rank == 0:
+        _warn(result.report, allowed * extent)
+    return result
+
+
+def _is_given(value: object) -> str:
+    """Return whether an argument that may differ between ranks is given."""
+    return "None" if value is None else "a value"
+
+
+def _expected(part: PartitionedMesh, nodes: float) -> float:
+    """Return the number of elements of the next mesh with so many nodes; collective."""
+    n_facets = part.ranks.allreduce(len(boundary_facets(part)), "sum")
+    return cells_for_nodes(nodes, part.cell_dim, part.n_global_cells, n_facets)
+
+
+def _finite(sizes: NextSizes) -> FloatArray:
+    """Return the sizes with some number at nodes in no cell, which may have none."""
+    return np.where(np.isinf(sizes.h), 1.0, sizes.h)
+
+
+def _result(
+    old: PartitionedMesh,
+    request: SizeRequest,
+    decision: Decision,
+    best: BestMesh[PartitionedMesh],
+    new_fields: TransferredFields,
+) -> AdaptedParts:
+    """Return the mesh, the fields on it and the report; collective."""
+    new, sizes = best.mesh, best.sizes
+    before = interface_quality(old, sizes.h)
+    after = before
+    if new is not old:
+        after = interface_quality(new, interpolate(old, _finite(sizes), new.points))
+    report = PartsReport(
+        n_points_before=old.n_global_points, n_points_after=new.n_global_points,
+        n_cells_before=old.n_global_cells, n_cells_after=new.n_global_cells,
+        n_meshes=best.n_meshes, target_elements=request.target_elements,
+        target_nodes=request.target_nodes, tolerance=request.tolerance,
+        predicted_elements=sizes.predicted, error=request.error,
+        share_in_band=decision.in_band, share_too_long=decision.too_long,
+        share_too_short=decision.too_short,
+        before=before.everywhere, after=after,
+        measure_before=total_measure(old), measure_after=total_measure(new),
+        boundary_distance=boundary_distance(old, new), lost_tags=lost_tags(old, new),
+    )  # fmt: skip
+    return AdaptedParts(
+        new, sizes.h, new_fields.fields, new_fields.cell_fields, decision.remesh,
+        decision.converged, decision.reason, report,
+    )  # fmt: skip
+
+
+def _warn(report: PartsReport, allowed: float) -> None:
+    """Warn of lost tags, and of a boundary that has moved too far."""
+    if report.lost_tags:
+        warnings.warn(
+            f"the new mesh has lost {', '.join(report.lost_tags)}: parts smaller than the sizes "
+            "vanish",
+            ResolutionWarning,
+            stacklevel=3,
+        )
+    if report.boundary_distance > allowed:
+        warnings.warn(
+            "the boundary of the new mesh is farther from the old one than boundary_tolerance "
+            "(see report.boundary_distance), which adds up in a loop; lower boundary_tolerance",
+            ResolutionWarning,
+            stacklevel=3,
+        )
+
+
+@dataclass(frozen=True)
+class PartsReport(CycleReport):
+    """One adaptation cycle of a distributed mesh; the same on all ranks.
+
+    The attributes that `adaptsize.adaptation.AdaptReport` has as well mean the same, for the whole
+    mesh.
+
+    Attributes
+    ----------
+    before : Quality
+        The old mesh compared with the new sizes.
+    after : InterfaceQuality
+        The new mesh, and its cells at former interfaces between parts.
+    """
+
+    before: Quality
+    after: InterfaceQuality
+
+    def __str__(self) -> str:
+        """Return a few lines."""
+        lines = [
+            f"{self.n_cells_before} cells -> {self.n_cells_after} cells, "
+            f"{self.n_points_after} nodes",
+            *self._request(),
+        ]
+        if self.n_meshes:
+            lines += [str(self.after), self._boundary()]
+        if self.lost_tags:
+            lines.append(f"tags lost: {', '.join(self.lost_tags)}")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class AdaptedParts:
+    """What `adapt` returns for a mesh in parts.
+
+    Attributes
+    ----------
+    mesh : PartitionedMesh
+        The next mesh; the old one itself if ``remeshed`` is False.
+    size : float64[n_local]
+        The requested sizes at the nodes of the old mesh.
+    fields, cell_fields : dict of str to ndarray
+        The fields at the nodes and cells of ``mesh`` on this rank.
+    remeshed : bool
+        Whether ``mesh`` is a new mesh.  False ends a loop.
+    converged : bool
+        Whether the old mesh meets the request.
+    reason : str
+        Why the mesh was remeshed, or why not.
+    report : PartsReport
+    """
+
+    mesh: PartitionedMesh
+    size: FloatArray
+    fields: dict[str, npt.NDArray[Any]]
+    cell_fields: dict[str, npt.NDArray[Any]]
+    remeshed: bool
+    converged: bool
+    reason: str
+    report: PartsReport
+
+    def __str__(self) -> str:
+        """Return the reason and the report."""
+        return f"{self.reason}\n{self.report}"
+
+
+def total_measure(part: PartitionedMesh) -> float:
+    """Return the area or volume of the mesh; collective."""
+    own = 0.0 if part.mesh is None else float(part.mesh.measures.sum())
+    return float(part.ranks.allreduce(own, "sum"))
+
+
+def lost_tags(old: PartitionedMesh, new: PartitionedMesh) -> tuple[str, ...]:
+    """Return the tags of cells and facets of the old mesh that the new one lacks; collective."""
+    before, after = (set().union(*part.ranks.allgather(_tags(part))) for part in (old, new))
+    return tuple(f"{kind} tag {tag}" for kind, tag in sorted(before - after))
+
+
+def _tags(part: PartitionedMesh) -> set[tuple[str, int]]:
+    found: set[tuple[str, int]] = set()
+    for kind in ("cell", "facet"):
+        tags = None if part.mesh is None else getattr(part.mesh, f"{kind}_tags")
+        if tags is not None:
+            found |= {(kind, tag) for tag in np.unique(tags).tolist()}
+    return found
+
+
+def boundary_distance(old: PartitionedMesh, new: PartitionedMesh) -> float:
+    """Return the largest distance of a boundary node of a mesh to the boundary of another one.
+
+    Collective.  All ranks get the boundary of the old mesh.
+    """
+    corners = np.concatenate(old.ranks.allgather(old.points[boundary_facets(old)]))
+    nodes = np.unique(boundary_facets(new))
+    rows = np.arange(corners.shape[0] * corners.shape[1]).reshape(corners.shape[:2])
+    skin = SimplexMesh(corners.reshape(-1, old.dim), rows)
+    own = float(skin.locator.nearest(new.points[nodes])[2].max()) if len(nodes) else 0.0
+    return float(old.ranks.allreduce(own, "max"))
+
+
+def compare_with(part: PartitionedMesh, sizes: NextSizes) -> Present:
+    """Return how the mesh compares with the next sizes; collective."""
+    weights, longest = np.zeros(3), 0.0
+    counted = _counted_edges(part)
+    if part.mesh is not None:
+        pieces = sizes.pieces(part.mesh)
+        weights, longest = edge_weights(pieces[counted], part.cell_dim), float(pieces.max())
+    return Present(
+        part.n_global_cells,
+        part.ranks.allreduce(weights, "sum"),
+        float(part.ranks.allreduce(longest, "max")),
+    )
+
+
+def _counted_edges(part: PartitionedMesh) -> BoolArray:
+    """Return whether this rank is the lowest one that has each of its edges; one exchange."""
+    comm = part.ranks
+    edges = np.empty((0, 2), np.int32) if part.mesh is None else part.mesh.edges
+    low, high = np.sort(part.global_ids[edges], axis=1).T
+    keys = low * part.n_global_points + high
+    sent = []
+    for rank, nodes in enumerate(part.shared.nodes):
+        held = np.zeros(part.n_points, np.bool_)
+        held[nodes] = rank > comm.rank
+        sent.append(keys[held[edges].all(axis=1)])
+    return np.isin(keys, np.concatenate(comm.alltoallv(sent)), invert=True)
