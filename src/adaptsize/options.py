@@ -719,8 +719,8 @@ class CurvatureOptions(ClipOptions, total=False):
         int,
         Option(
             default=0,
-            text="1 or 2 averages the curvature over this number of layers of neighbours, for "
-            "scanned surfaces.",
+            text="Layers of neighbours over which the curvature is averaged; 1 or 2 for scanned "
+            "surfaces.",
             details="Distances are averaged this number of times before they are differentiated, "
             "see `adaptsize.geometry.level_set_curvature`: about 16 for images.",
         ),
