@@ -66,9 +66,8 @@ def main(output_dir: Path, *, width: int = 560, spacing: float = 0.005) -> dict[
     """Draw width, bounds, sizes and mesh; return how steep the sizes are."""
     grid = ads.CartesianGrid.around([LOWER, UPPER], spacing)
     phi = ads.signed_distance(grid, plate)
-    size, report = ads.size_function(
-        (grid, phi), elements_per_radian=6.0, elements_across=4.0, g=G, full_output=True
-    )
+    size = ads.size_function((grid, phi), elements_per_radian=6.0, elements_across=4.0, g=G)
+    report = size.report
     inside = phi < 0.0
     lfs = ads.feature_size(grid, phi)
     bound = np.minimum.reduce([*report.bounds.values(), np.full(grid.shape, size.values.max())])

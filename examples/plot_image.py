@@ -7,7 +7,7 @@ curvature and the medial axis, and these give the sizes.  Distance and sizes giv
 import adaptsize as ads
 
 image = ads.read_image("data/objects.png")
-size, report = ads.size_function_from_image(image, elements_across=4, full_output=True)
+size, report = ads.size_function(image, elements_across=4, full_output=True)
 mesh = ads.mesh_image(image, size=size)
 print(report)
 ads.plot.plot_size(mesh, label="mesh size h, pixels", path="image.png")
@@ -39,9 +39,8 @@ def main(
     image = ads.background.Image(picture.values[::every, ::every], spacing=float(every))
     mask = mask_of(image)
     phi = distance_to_edge(mask)
-    size, report = ads.size_function_from_image(
-        image, elements_across=elements_across, full_output=True
-    )
+    size = ads.size_function(image, elements_across=elements_across)
+    report = size.report
     mesh = ads.mesh_image(image, elements_across=elements_across)
 
     figure, (top, right, left, last) = drawing(2, 2, width, shape=0.62)

@@ -38,7 +38,8 @@ def main(
         volume.values[(slice(None, None, every),) * 3], every * volume.spacing
     )
     options: dict[str, Any] = {"elements_per_radian": elements_per_radian, "elements_across": 3.0}
-    size, report = ads.size_function_from_image(image, **options, full_output=True)
+    size = ads.size_function(image, **options)
+    report = size.report
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ResolutionWarning)  # a few slivers, counted below
         mesh = ads.mesh_image(image, **options)

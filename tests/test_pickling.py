@@ -55,7 +55,7 @@ def a_transfer():
 
 def a_size_report():
     boundary = block(2).boundary().mesh
-    return ads.size_function(boundary, hmax=0.4, full_output=True)[1]
+    return ads.size_function(boundary, hmax=0.4).report
 
 
 def an_adaptation():

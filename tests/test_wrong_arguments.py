@@ -161,13 +161,11 @@ WRONG = {
         "background must be a SimplexMesh, a CartesianGrid or an Octree, got str 'xxx",
     ),
     "a label and a threshold": (
-        lambda: ads.size_function_from_image(np.eye(9), label="x" * 5000, threshold=0.5),
+        lambda: ads.size_function(np.eye(9), label="x" * 5000, threshold=0.5),
         "label or threshold must be given, got both: str 'xxx",
     ),
     "smoothing over more than an image": (
-        lambda: ads.size_function_from_image(
-            np.pad(np.ones((9, 9)), 2), threshold=0.5, smoothing=2**63
-        ),
+        lambda: ads.size_function(np.pad(np.ones((9, 9)), 2), threshold=0.5, smoothing=2**63),
         "smoothing must be at most 1000, got 9.22337e+18",
     ),
     "None among numbers": (

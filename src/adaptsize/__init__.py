@@ -43,7 +43,6 @@ _HOMES = {
     "metric_from_layers": "metrics",
     "limit_metric": "metrics",
     "size_function": "domain_size",
-    "size_function_from_image": "domain_size",
     "mesh_image": "domain_size",
     "remesh_to_elements": "domain_size",
     "remesh": "remeshing",

@@ -25,6 +25,7 @@ from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
 
 if TYPE_CHECKING:
+    from adaptsize._size_report import SizeReport
     from adaptsize.limiting import SizeSources
     from adaptsize.limiting.exact.field import ExactField
 
@@ -94,6 +95,8 @@ class SizeFunction(ReadOnlyState):
         background is that at the closest point.
     hmax : float, default inf
         Upper limit of the sizes off the background.  Requires g.
+    report : SizeReport, optional
+        What controls the sizes; set by `size_function`.
 
     Raises
     ------
@@ -136,6 +139,7 @@ class SizeFunction(ReadOnlyState):
     sources: SizeSources | None = None
     g: float | None = None
     hmax: float = np.inf
+    report: SizeReport | None = None
 
     def __post_init__(self) -> None:
         if not hasattr(self.background, "nodal_shape"):
@@ -266,7 +270,8 @@ class SizeFunction(ReadOnlyState):
         if other.background is not self.background:
             values = _at_nodes(other, self.background)
         hmax = self.hmax if self.g is None else min(self.hmax, other.hmax)
-        return replace(self, values=np.minimum(self.values, values), sources=None, hmax=hmax)
+        smaller = np.minimum(self.values, values)
+        return replace(self, values=smaller, sources=None, hmax=hmax, report=None)
 
     def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
         """Return the size function with its nodal values clipped to two bounds.
@@ -286,7 +291,8 @@ class SizeFunction(ReadOnlyState):
         """
         lower, upper = as_limits(hmin, hmax, allow_inf=True)
         hmax = self.hmax if self.g is None else float(np.clip(self.hmax, lower, upper))
-        return replace(self, values=np.clip(self.values, lower, upper), sources=None, hmax=hmax)
+        values = np.clip(self.values, lower, upper)
+        return replace(self, values=values, sources=None, hmax=hmax, report=None)
 
     def on(self, background: LocatableBackground) -> SizeFunction:
         """Return the size function sampled at the nodes of another background.

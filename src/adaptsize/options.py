@@ -197,7 +197,7 @@ class SizeOptions(TypedDict, total=False):
         Option(
             default=GRADIENT_LIMIT,
             short="-g",
-            unusual=5.0,
+            unusual=10.0,
             text="Gradient limit: growth of the size per length.",
         ),
     ]
@@ -406,7 +406,7 @@ class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
         float,
         Option(
             default=GRADIENT_LIMIT,
-            unusual=5.0,
+            unusual=10.0,
             short="-g",
             text="Gradient with which nodal sizes on a surface grow into the volume.",
             details="A SizeFunction on a surface uses its own g, if it has one.",
@@ -472,7 +472,7 @@ class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
     ]
 
 
-class RemeshToElementsOptions(SizeOptions, BudgetOptions, MeshOptions, total=False):
+class RemeshToElementsOptions(SizeOptions, MeshOptions, total=False):
     """Mesh with a number of elements."""
 
 
@@ -501,7 +501,7 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
         GradientLimit | Literal["auto"] | None,
         Option(
             default="auto",
-            unusual=5.0,
+            unusual=10.0,
             type_text='float, array_like, callable, tuple, "auto" or None',
             short="-g",
             text="Gradient limit, as in `limit_gradient`; None disables it.",

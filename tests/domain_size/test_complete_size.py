@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from meshes import random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
+from upper_bounds import limit_bounds
 
 from adaptsize import (
     CartesianGrid,
@@ -15,7 +16,7 @@ from adaptsize import (
     refine_at_boundary,
     size_function,
 )
-from adaptsize.domain_size.report import limit_bounds, nodal_measures
+from adaptsize._size_report import nodal_measures
 
 G = 0.25
 BOX = ([-1.3, -1.3], [1.3, 1.3])
@@ -64,9 +65,8 @@ def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
         size_function(strip, elements_per_radian=0.0, elements_across=4.0, **options),
         size_function(strip, elements_per_radian=0.0, elements_across=0.0, sources=ball, **options),
     ]
-    size, report = size_function(
-        strip, elements_across=4.0, sources=ball, **options, full_output=True
-    )
+    size = size_function(strip, elements_across=4.0, sources=ball, **options)
+    report = size.report
     inside = report.cause >= 0
     least = np.minimum.reduce([one.values for one in alone])
     # Limiting and minimum commute; sources on edges differ by what limiting along them rounds off.
@@ -120,7 +120,8 @@ def test_further_bounds_count(given):
         "size function": SizeFunction(mesh, values),
     }[given]
     only = {"elements_per_radian": 0.0, "elements_across": 0.0, "tolerance": np.inf}
-    size, report = size_function(mesh, h0=h0, hmax=1.0, **only, full_output=True)
+    size = size_function(mesh, h0=h0, hmax=1.0, **only)
+    report = size.report
     assert_allclose(size.values, values, rtol=1e-12)
     assert report.domain_shares["h0"] == pytest.approx(1.0)
 
@@ -175,7 +176,7 @@ def test_sources_and_separate_runs_tell_the_same_causes(kind, monkeypatch):
     h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
     assert report.info.method == "exact"
     if kind == "other":  # as on surfaces and lines
-        monkeypatch.setattr("adaptsize.domain_size.report.measure_dim", lambda background: 1)
+        monkeypatch.setattr("adaptsize.domain_size.request.measure_dim", lambda background: 1)
         h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
     alone = {name: limit_gradient(mesh, bound, 0.5) for name, bound in bounds.items()}
     alone["hmax"] = np.full(mesh.n_points, 0.3)
@@ -200,7 +201,7 @@ def test_what_hmin_raises_is_controlled_by_hmin():
 
 
 def test_shares_add_up_and_nodes_outside_have_no_cause():
-    _, report = size_function(strip, background=GRID, hmax=0.2, full_output=True)
+    report = size_function(strip, background=GRID, hmax=0.2).report
     for shares in (report.domain_shares, report.element_shares):
         assert sum(shares.values()) == pytest.approx(1.0)
     phi = strip(GRID.points).reshape(GRID.shape)
@@ -252,7 +253,7 @@ def sphere_backgrounds():
 @pytest.mark.parametrize(("kind", "background"), list(sphere_backgrounds()))
 def test_a_sphere_has_the_same_sizes_on_every_background(kind, background):
     sphere = random_sphere(1200, seed=3)
-    size, report = size_function(
+    size = size_function(
         sphere,
         background=background,
         elements_per_radian=4.0,
@@ -260,8 +261,8 @@ def test_a_sphere_has_the_same_sizes_on_every_background(kind, background):
         g=G,
         hmax=0.6,
         tolerance=np.inf,
-        full_output=True,
     )
+    report = size.report
     on_sphere = size(sphere.points)
     # Curvature of random triangulations to a few per cent; nodes beside the surface add g h.
     assert_allclose(np.median(on_sphere), 0.25, atol=0.02)
@@ -275,7 +276,8 @@ def test_of_a_surface_the_copy_is_refined_and_each_bound_with_it():
     from scipy.spatial import ConvexHull
 
     plate = SimplexMesh(box, ConvexHull(box).simplices)
-    size, report = size_function(plate, elements_across=2.0, g=G, hmax=2.0, full_output=True)
+    size = size_function(plate, elements_across=2.0, g=G, hmax=2.0)
+    report = size.report
     assert size.background.n_points > 100
     assert report.cause.shape == size.values.shape
     assert all(bound.shape == size.values.shape for bound in report.bounds.values())

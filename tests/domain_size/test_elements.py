@@ -29,16 +29,16 @@ BOX = {"box": ([-1.1, -1.1], [1.1, 1.1])}
 @pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
 @pytest.mark.parametrize(("domain", "options"), [(sphere(), {}), (disc, BOX)])
 def test_the_predicted_number_is_the_requested_one(domain, options, factor):
-    _, free = size_function(domain, **options, full_output=True)
+    free = size_function(domain, **options).report
     wanted = factor * free.n_elements
-    _, report = size_function(domain, **options, elements=wanted, full_output=True)
+    report = size_function(domain, **options, elements=wanted).report
     assert report.n_elements == pytest.approx(wanted, rel=0.025)
     assert (report.relaxation < 1.0) == (report.n_elements > free.n_elements)
 
 
 @pytest.mark.parametrize("domain", [SQUARE, sphere()])
 def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
-    _, report = size_function(domain, nodes=7_000, full_output=True)
+    report = size_function(domain, nodes=7_000).report
     assert report.n_nodes == pytest.approx(7_000, rel=0.025)
     assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
 
@@ -56,8 +56,9 @@ def test_nodes_need_a_domain_with_a_mesh():
 
 def test_bounds_are_scaled_and_limited_again():
     # The gradient keeps its limit, where sizes multiplied by a factor would not.
-    _, coarse = size_function(sphere(), elements=2_000, full_output=True)
-    size, fine = size_function(sphere(), elements=60_000, full_output=True)
+    coarse = size_function(sphere(), elements=2_000).report
+    size = size_function(sphere(), elements=60_000)
+    fine = size.report
     assert fine.g == coarse.g == size.g
     scale = fine.relaxation / coarse.relaxation
     assert fine.hmax == pytest.approx(scale * coarse.hmax)
@@ -66,7 +67,8 @@ def test_bounds_are_scaled_and_limited_again():
 
 
 def test_given_parameters_are_kept():
-    size, report = size_function(sphere(), hmax=0.3, elements=100_000, full_output=True)
+    size = size_function(sphere(), hmax=0.3, elements=100_000)
+    report = size.report
     assert report.hmax == 0.3
     assert size.values.max() <= 0.3
     with pytest.warns(ResolutionWarning, match="instead of 50, because of the given parameters"):
@@ -97,7 +99,7 @@ def test_bad_and_contradictory_numbers_are_refused(options, message):
 def test_more_elements_than_the_default_limit_may_be_requested():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        _, report = size_function(SQUARE, elements=400_000, full_output=True)
+        report = size_function(SQUARE, elements=400_000).report
     assert report.n_elements == pytest.approx(400_000, rel=0.025)
 
 
@@ -110,13 +112,12 @@ class Generator:
     def __init__(self, ratio, power=1.0):
         self.ratio, self.power, self.wanted = ratio, power, []
 
-    def sized(self, elements, nodes):
-        self.wanted.append(elements or nodes)
-        _, report = size_function(SQUARE, elements=elements, nodes=nodes, full_output=True)
-        return None, report
+    def sized(self, **number):
+        self.wanted += number.values()
+        return size_function(SQUARE, **number)
 
-    def meshed(self, old, size, report):
-        n = max(round(self.ratio * report.n_elements**self.power), 1)
+    def meshed(self, old, size):
+        n = max(round(self.ratio * size.report.n_elements**self.power), 1)
         points = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1)])
         cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
         if self.power == 1.0:
@@ -128,25 +129,25 @@ class Generator:
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.1, 1), (1.3, 2), (0.5, 2)])
 def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, meshes):
     generator = Generator(ratio)
-    mesh, _, report = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
+    mesh, size = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
     assert mesh.n_cells == pytest.approx(1000, rel=0.15)
     assert len(generator.wanted) == meshes
     if meshes > 1:
-        assert report.n_elements == pytest.approx(1000 / ratio, rel=0.05)
+        assert size.report.n_elements == pytest.approx(1000 / ratio, rel=0.05)
 
 
 def test_nodes_are_corrected_in_the_same_way():
     generator = Generator(0.8)
-    mesh, _, report = reach_number(LINE, None, 1000, generator.sized, generator.meshed)
+    mesh, size = reach_number(LINE, None, 1000, generator.sized, generator.meshed)
     assert mesh.n_points == pytest.approx(1000, rel=0.15)
     assert len(generator.wanted) == 2
     assert generator.wanted[0] == 1000
-    assert report.n_nodes < 800
+    assert size.report.n_nodes < 800
 
 
 def test_cells_of_a_lower_dimension_are_fewer_by_another_power():
     generator = Generator(3.0, 0.5)
-    mesh, _, _ = reach_number(LINE, 200, None, generator.sized, generator.meshed)
+    mesh, _ = reach_number(LINE, 200, None, generator.sized, generator.meshed)
     assert mesh.n_cells == pytest.approx(200, rel=0.05)
     assert len(generator.wanted) == 2
 
@@ -155,22 +156,22 @@ def test_the_nearest_of_three_meshes_is_returned_with_a_warning():
     made = iter([2000, 500, 1300])
 
     class Stubborn(Generator):
-        def meshed(self, old, size, report):
-            self.ratio = next(made) / report.n_elements
-            return super().meshed(old, size, report)
+        def meshed(self, old, size):
+            self.ratio = next(made) / size.report.n_elements
+            return super().meshed(old, size)
 
     generator = Stubborn(1.0)
     with pytest.warns(ResolutionWarning, match="the mesh has 1300 elements instead of 1000"):
-        mesh, _, _ = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
+        mesh, _ = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
     assert mesh.n_cells == 1300
     assert len(generator.wanted) == 3
 
 
 def test_the_mesh_of_a_plane_domain_has_the_number():
     pytest.importorskip("mmgpy")
-    mesh, size, report = remesh_to_elements(random_square(100, 1301), 3000)
+    mesh, size = remesh_to_elements(random_square(100, 1301), 3000)
     assert mesh.n_cells == pytest.approx(3000, rel=0.15)
-    assert report.n_elements > 0
+    assert size.report.n_elements > 0
     assert size(mesh.points).min() > 0
 
 
@@ -192,7 +193,7 @@ def grid(n):
 def test_a_regular_grid_becomes_any_number_and_keeps_its_tags():
     # From the grid itself, Mmg makes 800 or 417 triangles, and from a finer one in order 700.
     pytest.importorskip("mmgpy")
-    mesh, _, _ = remesh_to_elements(grid(20), 550)
+    mesh, _ = remesh_to_elements(grid(20), 550)
     assert mesh.n_cells == pytest.approx(550, rel=0.15)
     assert mesh.measures[mesh.cell_tags == 3].sum() == pytest.approx(0.5)
     assert set(mesh.facet_tags) >= {7, 8}

@@ -1,18 +1,15 @@
 """From images to sizes and meshes."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from adaptsize import PointSource, mesh_image, size_function, size_function_from_image
+from adaptsize import PointSource, mesh_image, size_function
 from adaptsize.background import Image
-from adaptsize.domain_size.by_domain import mask_domain
-from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
-from adaptsize.domain_size.request import as_request
 from adaptsize.errors import ImageWarning, ResolutionWarning, TooManyElementsError
+from adaptsize.limiting import limit_gradient
 
 SHAPE = (100, 80)
 
@@ -38,7 +35,7 @@ def boundary_points(mesh):
 @pytest.mark.parametrize("radius", [10.0, 20.0, 35.0])
 @pytest.mark.parametrize("centre", [(50.0, 40.0), (50.3, 39.6), (49.77, 40.5)])
 def test_sizes_on_a_disc_are_its_radius_over_k_but_for_the_ripples_of_pixels(radius, centre):
-    size = size_function_from_image(
+    size = size_function(
         disc(radius, centre), elements_per_radian=2.0, elements_across=0.0, hmin=0.1, hmax=100.0
     )
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
@@ -50,32 +47,33 @@ def test_sizes_on_a_disc_are_its_radius_over_k_but_for_the_ripples_of_pixels(rad
 
 def test_sizes_scale_with_the_pixels_and_lie_where_the_image_does():
     options = {"elements_per_radian": 3.0, "elements_across": 3.0}
-    plain = size_function_from_image(disc(20.0), **options)
-    scaled = size_function_from_image(Image(disc(20.0), 0.25, [7.0, -2.0]), **options)
+    plain = size_function(disc(20.0), **options)
+    scaled = size_function(Image(disc(20.0), 0.25, [7.0, -2.0]), **options)
     assert_allclose(scaled.values, 0.25 * plain.values, rtol=1e-6)
     assert_allclose(scaled.background.lower, 0.25 * plain.background.lower + [7.0, -2.0])
 
 
 def test_spacing_replaces_that_of_the_image():
-    one = size_function_from_image(Image(disc(20.0), 0.25))
-    other = size_function_from_image(Image(disc(20.0), 3.0), 0.25)
+    one = size_function(Image(disc(20.0), 0.25))
+    other = size_function(Image(disc(20.0), 3.0), spacing=0.25)
     np.testing.assert_array_equal(one.values, other.values)
 
 
 def test_a_bar_has_so_many_elements_across():
     bar = block(slice(10, 90), slice(30, 50), shape=SHAPE)  # 20 pixels wide
-    size = size_function_from_image(bar, elements_per_radian=0.0, elements_across=4.0, hmax=99.0)
+    size = size_function(bar, elements_per_radian=0.0, elements_across=4.0, hmax=99.0)
     y = np.linspace(31.0, 48.0, 7)
     # Half the width is 10, to half a pixel.
     assert_allclose(size(np.column_stack([np.full(7, 50.0), y])), 5.0, atol=0.25)
 
 
 def test_by_default_no_size_is_below_two_pixels_and_none_above_a_twentieth():
-    size, report = size_function_from_image(disc(20.0), 0.5, g=0.0, full_output=True)
+    size = size_function(disc(20.0), spacing=0.5, g=0.0)
+    report = size.report
     assert size.values.min() >= 1.0 - 1e-12
     diagonal = np.sqrt(2.0) * 0.5 * 39.5
     assert size.values.max() <= diagonal / 20.0 + 0.05
-    tiny = size_function_from_image(disc(20.0), 0.5, hmin=0.01, elements_across=200.0)
+    tiny = size_function(disc(20.0), spacing=0.5, hmin=0.01, elements_across=200.0)
     assert tiny.values.min() < 0.2
     assert "hmin" in report.causes
 
@@ -84,15 +82,15 @@ def test_ripples_of_the_edge_do_not_count():
     rng = np.random.default_rng(31415)
     x, y = np.indices(SHAPE)
     ragged = np.hypot(x - 50.3, y - 39.6) + 0.5 * rng.standard_normal(SHAPE) < 30.0
-    size = size_function_from_image(ragged, elements_across=0.0, hmin=0.5)
-    smooth = size_function_from_image(disc(30.0), elements_across=0.0, hmin=0.5)
+    size = size_function(ragged, elements_across=0.0, hmin=0.5)
+    smooth = size_function(disc(30.0), elements_across=0.0, hmin=0.5)
     # Without the filters the smallest radius is 2 pixels instead of 30.
     assert size.values.min() > 0.4 * smooth.values.min()
 
 
 def test_an_image_is_a_domain_too():
     one = size_function(Image(disc(20.0), 0.5), elements_across=3.0)
-    other = size_function_from_image(disc(20.0), 0.5, elements_across=3.0)
+    other = size_function(disc(20.0), spacing=0.5, elements_across=3.0)
     np.testing.assert_array_equal(one.values, other.values)
 
 
@@ -104,32 +102,28 @@ def touching_balls(n):
 
 
 def test_in_volumes_marching_is_within_five_percent_of_the_exact_limit():
-    mask = mask_of(Image(touching_balls(48)))
-    domain = mask_domain(mask, distance_to_edge(mask))
-    request = as_request(
-        elements_per_radian=None, elements_across=None, g=0.25, hmin=None, hmax=12.0
-    )
-    size, report = domain.limited(request)
-    exact, other = replace(domain, options={"method": "exact"}).limited(request)
-    assert (report.info.method, other.info.method) == ("fast-marching", "exact")
-    inside = domain.phi < 0.0
-    assert (exact.values < 12.0)[inside].mean() > 0.99
-    assert_allclose(size.values[inside], exact.values[inside], rtol=0.05)
-    assert report.domain_shares == pytest.approx(other.domain_shares, abs=0.02)
+    size = size_function(touching_balls(48), hmax=12.0, max_elements=np.inf)
+    report = size.report
+    assert report.info.method == "fast-marching"
+    bound = np.minimum(np.minimum(*report.bounds.values()), 12.0)
+    exact = limit_gradient(report.background, np.maximum(bound, report.hmin), 0.25)
+    inside = report.cause >= 0
+    assert (exact < 12.0)[inside].mean() > 0.99
+    assert_allclose(size.values[inside], exact[inside], rtol=0.05)
 
 
 def test_sources_count():
     source = PointSource([50.0, 40.0], 0.5)
-    size, report = size_function_from_image(disc(20.0), sources=source, hmin=0.1, full_output=True)
+    size = size_function(disc(20.0), sources=source, hmin=0.1)
+    report = size.report
     assert size([[50.0, 40.0]])[0] == pytest.approx(0.5, abs=0.2)
     assert report.domain_shares["sources"] > 0.01
 
 
 def test_point_sources_count_in_volumes():
     source = PointSource([16.8, 24.0, 24.0], 0.8)
-    size, report = size_function_from_image(
-        touching_balls(48), sources=source, hmin=0.1, full_output=True
-    )
+    size = size_function(touching_balls(48), sources=source, hmin=0.1)
+    report = size.report
     assert size([[16.8, 24.0, 24.0]])[0] == pytest.approx(0.8, abs=0.3)
     assert report.domain_shares["sources"] > 0.01
 
@@ -151,7 +145,7 @@ def test_single_pixels_at_an_edge_change_nothing():
     bar = block(slice(5, 35), slice(5, 20))
     bumpy = bar.copy()
     bumpy[20, 20], bumpy[10, 19] = True, False
-    one, other = size_function_from_image(bar), size_function_from_image(bumpy)
+    one, other = size_function(bar), size_function(bumpy)
     np.testing.assert_array_equal(
         one([[20.0, 15.0], [10.0, 15.0]]), other([[20.0, 15.0], [10.0, 15.0]])
     )
@@ -206,7 +200,7 @@ def test_facets_on_the_border_of_the_image_have_tags_of_their_own():
     tube[:] = np.hypot(y - 9.5, z - 9.5) < 7.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        mesh = mesh_image(tube, 0.5, hmax=2.0, hmin=1.0)
+        mesh = mesh_image(tube, spacing=0.5, hmax=2.0, hmin=1.0)
     for name, x in (("image border, x low", -0.25), ("image border, x high", 14.75)):
         outlet = facets_named(mesh, name)
         np.testing.assert_allclose(outlet[:, :, 0], x, atol=0.375)
@@ -219,7 +213,7 @@ def test_facets_on_the_border_of_the_image_have_tags_of_their_own():
 
 
 def test_a_size_function_replaces_the_parameters_of_sizes():
-    size = size_function_from_image(disc(20.0), hmax=5.0)
+    size = size_function(disc(20.0), hmax=5.0)
     mesh = mesh_image(disc(20.0), size=size)
     assert_allclose(mesh.points, mesh_image(disc(20.0), hmax=5.0).points)
     with pytest.raises(ValueError, match="size must be given without elements_per_radian"):
@@ -232,8 +226,8 @@ def test_a_threshold_cuts_grey_values():
     x, y = np.indices(SHAPE)
     bump = np.exp(-((x - 50.3) ** 2 + (y - 39.6) ** 2) / 20.0**2)
     threshold = np.exp(-1.0)  # at a distance of 20
-    one = size_function_from_image(bump, threshold=threshold)
-    np.testing.assert_array_equal(one.values, size_function_from_image(disc(20.0)).values)
+    one = size_function(bump, threshold=threshold)
+    np.testing.assert_array_equal(one.values, size_function(disc(20.0)).values)
 
 
 @pytest.mark.parametrize("turn", [0, 1])
@@ -249,7 +243,7 @@ def test_objects_at_the_border_end_there_with_a_warning(turn):
 
 
 def test_the_mesh_of_a_disc_has_its_area_and_its_edge():
-    mesh = mesh_image(disc(30.0), 0.1)
+    mesh = mesh_image(disc(30.0), spacing=0.1)
     assert mesh.measures.sum() == pytest.approx(np.pi * 9.0, rel=0.01)
     off = np.linalg.norm(boundary_points(mesh) - [5.03, 3.96], axis=1) - 3.0
     # A quarter of a pixel at the most, 0.1 in the mean, as the distance is.
@@ -261,7 +255,7 @@ def test_the_mesh_of_a_disc_has_its_area_and_its_edge():
 def test_pixels_need_not_be_squares():
     x, y = np.indices((100, 50))
     ellipse = np.hypot(0.1 * (x - 50.2), 0.2 * (y - 24.7)) < 3.0
-    mesh = mesh_image(ellipse, [0.1, 0.2])
+    mesh = mesh_image(ellipse, spacing=[0.1, 0.2])
     assert mesh.measures.sum() == pytest.approx(np.pi * 9.0, rel=0.02)
     off = np.linalg.norm(boundary_points(mesh) - [5.02, 4.94], axis=1) - 3.0
     assert np.abs(off).max() < 0.1
@@ -282,7 +276,7 @@ def test_a_volume_becomes_tetrahedra_with_the_labels_as_regions():
     labels = np.where(ball, np.where(x < 14.6, 1, 2), 0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # slivers give a warning
-        mesh = mesh_image(labels, [1.0, 1.0, 2.0], elements_per_radian=2.0, hmax=5.0)
+        mesh = mesh_image(labels, spacing=[1.0, 1.0, 2.0], elements_per_radian=2.0, hmax=5.0)
     assert mesh.cell_dim == 3
     assert (mesh.measures > 0.0).all()
     # A polyhedron inscribed in a ball, with edges of a third of the radius.

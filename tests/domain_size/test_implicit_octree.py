@@ -151,7 +151,8 @@ def test_point_sources_and_functions_refine_too():
 
 def test_a_given_octree_is_kept():
     tree = Octree.build([-1.3, -1.3], [1.3, 1.3], lambda c, s: np.ones(len(c), bool), max_level=5)
-    size, report = size_function(disc, background=tree, **CURVATURE, full_output=True)
+    size = size_function(disc, background=tree, **CURVATURE)
+    report = size.report
     assert size.background is tree
     assert report.background is tree
     assert report.cause.shape == report.bounds["curvature"].shape == (tree.n_points,)
@@ -160,10 +161,10 @@ def test_a_given_octree_is_kept():
 
 
 def test_the_report_counts_the_part_inside():
-    _, report = size_function(
-        disc, box=([-1.3, -1.3], [1.3, 1.3]), g=G, hmax=0.1, full_output=True,
+    report = size_function(
+        disc, box=([-1.3, -1.3], [1.3, 1.3]), g=G, hmax=0.1,
         elements_per_radian=0.0, elements_across=0.0,
-    )  # fmt: skip
+    ).report  # fmt: skip
     assert report.domain_shares == {"hmin": 0.0, "hmax": pytest.approx(1.0)}
     expected = 4.0 / np.sqrt(3.0) * np.pi / 0.1**2  # equilateral triangles
     assert report.n_elements == pytest.approx(expected, rel=0.35)
@@ -171,7 +172,8 @@ def test_the_report_counts_the_part_inside():
 
 def test_of_too_many_elements_the_octree_stays_small():
     half = np.array([1.4, 1.4, 0.4])
-    size, report = size_function(torus, box=(-half, half), max_elements=3000, full_output=True)
+    size = size_function(torus, box=(-half, half), max_elements=3000)
+    report = size.report
     assert report.relaxation > 1.0
     assert report.n_elements <= 3000
     assert size.background.n_points < 100_000

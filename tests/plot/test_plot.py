@@ -9,10 +9,10 @@ import pytest
 from meshes import jittered_cube, random_square, structured_square
 from PIL import Image
 from shapes import two_region_rectangle
+from upper_bounds import limit_bounds
 
 import adaptsize as ads
 from adaptsize import CartesianGrid, MetricFunction, SimplexMesh, SizeFunction
-from adaptsize.domain_size.report import limit_bounds
 from adaptsize.errors import PlotError
 from adaptsize.plot import pictures, plot_causes, plot_mesh, plot_metric, plot_size, with_vtk
 from adaptsize.plot.scene import scene_of_mesh
@@ -240,9 +240,9 @@ def test_each_cause_of_a_mesh_has_a_colour(tmp_path):
 def test_what_is_outside_a_grid_is_left_out(tmp_path):
 
     grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))
-    _, report = ads.size_function(
-        lambda x: np.linalg.norm(x, axis=1) - 1.0, background=grid, hmax=9.0, full_output=True
-    )
+    report = ads.size_function(
+        lambda x: np.linalg.norm(x, axis=1) - 1.0, background=grid, hmax=9.0
+    ).report
     image = plot_causes(report, width=320)
     # Drawn is the disc, which fills its box but for the corners: white or grey.
     rows = image[:, : int(0.7 * 320)]

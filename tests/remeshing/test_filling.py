@@ -398,7 +398,8 @@ def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):
 
 def test_default_sizes_and_mesh_keep_the_tolerance():
     surface = cylinder(60, radius=0.5, height=0.3)
-    size, report = size_function(surface, full_output=True)
+    size = size_function(surface)
+    report = size.report
     new = remesh(surface, size)
     found = size_conformity(new, size, surface=surface)
     assert found.hausdorff_relative <= 1.1e-3

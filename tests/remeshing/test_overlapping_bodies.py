@@ -132,8 +132,8 @@ def test_bodies_that_overlap_are_not_called_near_as_well():
 def test_sizes_do_not_fall_to_hmin_where_bodies_overlap(other):
     mesh = boxes(UNIT, other)
     with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap.*facets inside of bodies"):
-        _, report = size_function(mesh, full_output=True, hmax=0.06)
-    alone = size_function(boxes(other), full_output=True, hmax=0.06)[1]
+        report = size_function(mesh, hmax=0.06).report
+    alone = size_function(boxes(other), hmax=0.06).report
     assert min(report.smallest.values()) >= 0.99 * min(alone.smallest.values())
     assert report.smallest["hmin"] == np.inf
 
@@ -160,8 +160,8 @@ def test_curved_bodies_that_overlap_have_the_sizes_of_each_alone():
     (one, cells), (two, others) = ball((0, 0, 0), 1.0), ball((1.2, 0.1, 0.05), 0.8)
     both = SimplexMesh(np.concatenate([one, two]), np.concatenate([cells, others + len(one)]))
     with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
-        _, report = size_function(both, full_output=True)
-    alone = size_function(SimplexMesh(two, others), tolerance=1.2e-3, full_output=True)[1]
+        report = size_function(both).report
+    alone = size_function(SimplexMesh(two, others), tolerance=1.2e-3).report
     assert report.smallest["hmin"] == np.inf
     assert min(report.smallest.values()) > 0.7 * min(alone.smallest.values())
 

@@ -22,7 +22,8 @@ CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 def square():
     mesh = jittered_square(12, 1, half_width=0.5)
     source = PointSource([0.1, 0.1], 0.02)
-    size, found = size_function(mesh, sources=source, hmax=0.2, full_output=True)
+    size = size_function(mesh, sources=source, hmax=0.2)
+    found = size.report
     return mesh, size, found
 
 

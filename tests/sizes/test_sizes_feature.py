@@ -191,7 +191,8 @@ def test_limited_sizes_put_the_elements_across_a_gap_that_varies():
 
 def test_a_plate_of_twelve_triangles_gets_small_sizes_all_over():
     plate = box(20, 20, 1)
-    size, report = size_function(plate, elements_across=2.0, max_elements=1e6, full_output=True)
+    size = size_function(plate, elements_across=2.0, max_elements=1e6)
+    report = size.report
     x, y = np.random.default_rng(843).uniform(0, 20, (2, 300))
     h = size(np.column_stack([x, y, np.arange(300) % 2]))
     # h (1 + ...) so that the count holds although sizes grow to the middle.
@@ -199,9 +200,8 @@ def test_a_plate_of_twelve_triangles_gets_small_sizes_all_over():
     assert h.max() <= 1.2 * exact  # linear between nodes up to twice the size apart
     assert h.min() >= 0.99 * exact
     assert report.elements_across == 2.0
-    free, without = size_function(
-        plate, elements_across=0.0, elements_between=0.0, full_output=True
-    )
+    free = size_function(plate, elements_across=0.0, elements_between=0.0)
+    without = free.report
     assert free.values.min() > 1.0
     assert "across" in report.choices
     assert "across" not in without.choices
@@ -209,10 +209,10 @@ def test_a_plate_of_twelve_triangles_gets_small_sizes_all_over():
 
 def test_elements_across_are_relaxed_to_one_but_not_if_given():
     plate = box(40, 40, 0.5)
-    _, relaxed = size_function(plate, max_elements=80_000, full_output=True)
+    relaxed = size_function(plate, max_elements=80_000).report
     assert 1.0 <= relaxed.elements_across < 2.0
     with pytest.warns(ResolutionWarning, match="max_elements"):
-        _, given = size_function(plate, max_elements=50_000, elements_across=2.0, full_output=True)
+        given = size_function(plate, max_elements=50_000, elements_across=2.0).report
     assert given.elements_across == 2.0
     with pytest.raises(ValueError, match="elements_across must be finite and >= 0, got -1"):
         size_function(plate, elements_across=-1.0)

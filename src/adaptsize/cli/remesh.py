@@ -34,16 +34,21 @@ from adaptsize.cli.options import (
     command,
     own,
 )
-from adaptsize.cli.size import as_dict, size_of_mesh
+from adaptsize.cli.size import as_dict, size_of_domain
 from adaptsize.cli.sources import parse_source
-from adaptsize.options import MeshOptions, RemeshToElementsOptions, options_of
+from adaptsize.options import (
+    BudgetOptions,
+    MeshOptions,
+    RemeshToElementsOptions,
+    checked,
+    options_of,
+)
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
+    from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
     from adaptsize.cli.steps import Steps
-    from adaptsize.domain_size.elements import MeshOfElements
-    from adaptsize.domain_size.report import SizeReport
     from adaptsize.reporting.outcome import Outcome
 
 #: Names of the parts of meshing by the texts of the generators' progress.
@@ -58,6 +63,7 @@ _PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
 
 
 @command(
+    BudgetOptions,
     RemeshToElementsOptions,
     SOURCE,
     FIELD,
@@ -96,7 +102,7 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
     """Make a mesh in this process, with sizes that do not depend on the direction."""
     from adaptsize._checks import as_tolerance
     from adaptsize.domain_size.elements import tolerance_of
-    from adaptsize.domain_size.request import check_elements
+    from adaptsize.domain_size.request import largest_number
     from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
     from adaptsize.reporting.page import check_plotly, report
@@ -108,7 +114,9 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
     check_installed(given.get("backend", "auto"))
     as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
     elements, nodes = given.get("elements"), given.get("nodes")
-    check_elements(elements, given.get("max_elements"), nodes)
+    largest_number(
+        checked(BudgetOptions, {k: given[k] for k in options_of(BudgetOptions) if k in given})
+    )
     given["sources"] = [parse_source(text) for text in given.pop("source", ())]
     with console.steps(5) as steps:
         steps.begin("reading")
@@ -148,10 +156,10 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
 
 def _made(
     console: Console, steps: Steps, mesh: SimplexMesh, given: Given
-) -> MeshOfElements | tuple[SimplexMesh, SizeFunction, SizeReport]:
+) -> tuple[SimplexMesh, SizeFunction, SizeReport]:
     """Return the new mesh, and the sizes that it was made for with their report."""
     from adaptsize import remeshing
-    from adaptsize.domain_size.elements import reach_number, tolerance_of
+    from adaptsize.domain_size.elements import reach_number, report_of, tolerance_of
     from adaptsize.errors import OpenSurfaceWarning
 
     elements, nodes = given.get("elements"), given.get("nodes")
@@ -159,11 +167,12 @@ def _made(
     for_sizes = {name: value for name, value in given.items() if name not in for_mesh}
     for_sizes["progress"] = steps.report
 
-    def sized(elements: float | None, nodes: float | None) -> tuple[SizeFunction, SizeReport]:
+    def sized(**number: float) -> SizeFunction:
         steps.begin("sizes")
-        return size_of_mesh(console, mesh, for_sizes | {"elements": elements, "nodes": nodes})
+        return size_of_domain(console, mesh, for_sizes | number)
 
-    def meshed(old: SimplexMesh, size: SizeFunction, report: SizeReport) -> SimplexMesh:
+    def meshed(old: SimplexMesh, size: SizeFunction) -> SimplexMesh:
+        report = report_of(size)
         announce_memory_of_mesh(console, mesh, given.get("target", "auto"), report.n_elements)
         new: SimplexMesh = remeshing.remesh(
             old,
@@ -179,9 +188,11 @@ def _made(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
         if elements is None and nodes is None:
-            size, report = sized(None, None)
-            return meshed(mesh, size, report), size, report
-        return reach_number(mesh, elements, nodes, sized, meshed)
+            size = sized()
+            new = meshed(mesh, size)
+        else:
+            new, size = reach_number(mesh, elements, nodes, sized, meshed)
+        return new, size, report_of(size)
 
 
 def _names_of_parts(backend: str) -> Callable[[str], str]:

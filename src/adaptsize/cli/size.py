@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import (
@@ -37,8 +37,9 @@ from adaptsize.options import ImageMeshOptions, ImageOptions, SizeFunctionOption
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
+    from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
-    from adaptsize.domain_size.report import SizeReport
+    from adaptsize.background.image import Image
 
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
 #: Options that have no effect on the sizes of an image.
@@ -56,6 +57,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     A surface in space is refined where its triangles are long.  The sizes of an image are on the
     grid of its pixels: write .vti.
     """
+    from adaptsize.domain_size.elements import report_of
     from adaptsize.io import is_image_file, read_image
 
     of_image = is_image_file(file)
@@ -71,12 +73,9 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         steps.begin("reading")
         given["progress"] = steps.report
         if of_image:
-            from adaptsize.domain_size.images import size_function_from_image
-
             image = read_image(file)
             steps.begin("sizes")
-            found, report = size_function_from_image(image, **given, full_output=True)
-            console.say(f"sizes: {report.choices}")
+            found = size_of_domain(console, image, given)
         else:
             mesh = read_mesh(file)
             check_cells(output, mesh)
@@ -84,7 +83,8 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
             steps.begin("sizes")
             if "field" in given:
                 given = {"tolerance": math.inf} | given
-            found, report = size_of_mesh(console, mesh, given)
+            found = size_of_domain(console, mesh, given)
+        report = report_of(found)
         steps.begin("writing")
         fields = {"cause": report.cause.astype("int32")} if holds_more_than_sizes(output) else {}
         written = write_sizes(output, found, fields)
@@ -98,23 +98,22 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     print_written(console, written)
 
 
-def size_of_mesh(
-    console: Console, mesh: SimplexMesh, given: Given
-) -> tuple[SizeFunction, SizeReport]:
-    """Return the size function and its report, and print the parameters used.
+def size_of_domain(console: Console, domain: SimplexMesh | Image, given: Given) -> SizeFunction:
+    """Return the size function of a mesh or an image, and print the parameters used.
 
     With a field, curvature, width and separation are off unless they are requested.
     """
     from adaptsize.domain_size import size_function
+    from adaptsize.domain_size.elements import report_of
 
     options = dict(given)
     field = options.pop("field", None)
     if field is not None:
         off = {"elements_per_radian": 0.0, "elements_across": 0.0, "elements_between": 0.0}
-        options = off | {"h0": nodal_field(mesh, field)} | options
-    found, report = size_function(mesh, **options, full_output=True)
-    console.say(f"sizes: {report.choices}")
-    return found, report
+        options = off | {"h0": nodal_field(cast("SimplexMesh", domain), field)} | options
+    found: SizeFunction = size_function(domain, **options)
+    console.say(f"sizes: {report_of(found).choices}")
+    return found
 
 
 def as_dict(report: SizeReport) -> dict[str, Any]:

@@ -2,47 +2,35 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
+from adaptsize._checks import warn_caller
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
-from adaptsize.domain_size.off_surface import warn_where_missed
-from adaptsize.domain_size.on_surface import SurfaceDomain
-from adaptsize.domain_size.report import SizeReport
+from adaptsize.domain_size.on_surface import SurfaceDomain, warn_where_missed
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
 from adaptsize.remeshing.estimate import estimate_n_cells
 from adaptsize.sizes.budget import calibration, nodes_of, predicted_elements
 
-_MAX_ROUNDS = 8
-
-#: A predicted number of elements is close enough if its logarithm is off by less ...
+#: A predicted number of elements is close enough if its logarithm is off by less.
 _CLOSE = 0.02
-#: ... and worth a warning if it is off by more.
-_FAR_OFF = 0.1
 #: Derivative of the logarithm of the number by that of the relaxation, which is -dim where no
-#: parameter is given, above which the number hardly depends on it ...
+#: parameter is given, above which the number hardly depends on it.
 _LEAST_SLOPE = -0.4
-#: ... after so many steps.
-_MOST_FLAT = 3
-#: Largest change of the logarithm of the relaxation in one step.
-_FARTHEST_STEP = 1.5
-
-# The number of elements is predicted for this generator.
-_GENERATOR = "mmg"
 
 
-def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
-    """Return the size function of a domain, scaled to a number of elements.
+def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
+    """Return the size function of a domain, scaled to a number of elements, with its report.
 
     Parameters that the request leaves open are relaxed until the predicted number of elements
-    is at most about ``request.max_elements``, or changed until it is ``request.elements``, or that
-    of nodes is ``request.nodes``.
+    is at most about ``max_elements``, or changed until it is ``elements``, or that of nodes is
+    ``nodes``.
 
     Warns
     -----
@@ -51,25 +39,24 @@ def within_budget(domain: SizedDomain, request: Request) -> tuple[SizeFunction, 
     OutsideWarning
         If a source off a surface gets larger sizes than it requests.
     """
-    if request.elements is not None:
-        size, report = _with_number(domain, request, request.elements, "elements")
-    elif request.nodes is not None:
-        size, report = _with_number(domain, request, request.nodes, "nodes")
+    elements, nodes = request.options["elements"], request.options["nodes"]
+    if elements is not None:
+        size, report = _with_number(domain, request, elements, "elements")
+    elif nodes is not None:
+        size, report = _with_number(domain, request, nodes, "nodes")
     else:
         size, report = _with_fewer_elements(domain, request)
     if isinstance(domain, SurfaceDomain):
         size, report = domain.in_given_order(size, report)
-        hmin, _ = request.relaxed(report.relaxation).limits(domain.mesh.diameter)
-        warn_where_missed(size, request.sources, hmin)
-    return size, report
+        relaxed = replace(request, relaxation=report.relaxation)
+        warn_where_missed(size, request.sources, relaxed.limits(domain.mesh.diameter)[0])
+    return replace(size, report=report)
 
 
 def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
     """Return the size function, relaxed to at most the predicted number of elements allowed."""
     relaxation, step, before, power = 1.0, 1.0, np.inf, float(domain.dim)
-    for _ in range(_MAX_ROUNDS + 1):
-        if request.report is not None:
-            request.report("size function", None)
+    for _ in range(9):
         size, report = _relaxed(domain, request, relaxation)
         n_elements = report.n_elements
         if n_elements <= (1.0 + _CLOSE) * request.max_elements:
@@ -81,12 +68,11 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFun
         step = max(1.2, (n_elements / request.max_elements) ** (1.0 / power))
         before = n_elements
         relaxation *= step
-    warnings.warn(
+    warn_caller(
         f"the sizes require about {n_elements:.2g} elements, more than max_elements = "
         f"{request.max_elements:.3g}, because of the given parameters: relax these or raise "
         "max_elements",
         ResolutionWarning,
-        stacklevel=5,
     )
     return size, report
 
@@ -102,9 +88,7 @@ def _with_number(
     steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
     best: tuple[SizeFunction, SizeReport] | None = None
     relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
-    for _ in range(_MAX_ROUNDS):
-        if request.report is not None:
-            request.report("size function", None)
+    for _ in range(8):
         found = _relaxed(domain, request, relaxation)
         steps.append((np.log(relaxation), np.log(_number(found[1], what) / wanted)))
         off = abs(steps[-1][1])
@@ -116,18 +100,17 @@ def _with_number(
             (x0, y0), (x1, y1) = steps[-2:]
             slope = (y1 - y0) / (x1 - x0)
             n_flat = n_flat + 1 if slope > _LEAST_SLOPE else 0
-            if n_flat == _MOST_FLAT:  # the given parameters determine the number
+            if n_flat == 3:  # the given parameters determine the number
                 break
             slope = min(slope, _LEAST_SLOPE)
-        relaxation *= np.exp(np.clip(-steps[-1][1] / slope, -_FARTHEST_STEP, _FARTHEST_STEP))
+        relaxation *= np.exp(np.clip(-steps[-1][1] / slope, -1.5, 1.5))
     assert best is not None
-    if least > _FAR_OFF:
-        warnings.warn(
+    if least > 0.1:
+        warn_caller(
             f"the sizes require about {_number(best[1], what):.2g} {what} instead of {wanted:.6g}, "
             "because of the given parameters, or because curvature and narrow regions would get "
             "less than one element",
             ResolutionWarning,
-            stacklevel=5,
         )
     return best
 
@@ -145,13 +128,14 @@ def _relaxed(
     domain: SizedDomain, request: Request, relaxation: float
 ) -> tuple[SizeFunction, SizeReport]:
     """Return the sizes for relaxed parameters, with the predicted number of elements."""
-    size, report = domain.limited(request.relaxed(relaxation))
-    cells, nodes = predicted(domain, size, report)
+    request.report("size function", None)
+    size, report = domain.limited(replace(request, relaxation=relaxation))
+    cells, nodes = _predicted(domain, size, report)
     return size, replace(report, n_elements=cells, n_nodes=nodes, relaxation=relaxation)
 
 
-def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> tuple[float, float]:
-    """Return the predicted numbers of elements and nodes of a mesh of the domain.
+def _predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> tuple[float, float]:
+    """Return the predicted numbers of elements and nodes of a mesh of the domain by Mmg.
 
     The number of nodes is nan where that of the boundary facets is not known.
     """
@@ -160,19 +144,14 @@ def predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> tu
         assert isinstance(surface, SimplexMesh)
         inside = domain.samples.estimate(size)
         facets = predicted_elements(surface, size.values)
-        cells = calibration(_GENERATOR, 3) * max(inside, facets)
-        return cells, nodes_of(3, cells, calibration(_GENERATOR, 2) * facets)
+        cells = calibration("mmg", 3) * max(inside, facets)
+        return cells, nodes_of(3, cells, calibration("mmg", 2) * facets)
     if isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
-        if mesh.cell_dim >= mesh.dim - 1:
-            cells = calibration(_GENERATOR, mesh.cell_dim) * estimate_n_cells(mesh, size)
-            return cells, nodes_of(mesh.cell_dim, cells, _n_facets(mesh, size))
-    return calibration(_GENERATOR, domain.dim) * report.n_elements, np.nan
-
-
-def _n_facets(mesh: SimplexMesh, size: SizeFunction) -> float:
-    """Return the predicted number of boundary facets of a mesh of triangles or tetrahedra."""
-    if mesh.cell_dim == 1 or not (mesh.facet_cell_counts == 1).any():
-        return 0.0
-    boundary = mesh.boundary().mesh
-    return calibration(_GENERATOR, boundary.cell_dim) * estimate_n_cells(boundary, size)
+        dim = mesh.cell_dim
+        if dim >= mesh.dim - 1:
+            cells, facets = calibration("mmg", dim) * estimate_n_cells(mesh, size), 0.0
+            if dim > 1 and (mesh.facet_cell_counts == 1).any():
+                facets = calibration("mmg", dim - 1) * estimate_n_cells(mesh.boundary().mesh, size)
+            return cells, nodes_of(dim, cells, facets)
+    return calibration("mmg", domain.dim) * report.n_elements, np.nan

@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_tolerance, check_type
-from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
+from adaptsize._checks import as_number, check_type, warn_caller
+from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.background.splitting import with_short_edges
-from adaptsize.domain_size.api import size_function
-from adaptsize.domain_size.report import SizeReport
+from adaptsize.domain_size.complete_size import size_function
+from adaptsize.domain_size.request import AnyBackground, Implicit
 from adaptsize.errors import ResolutionWarning
+from adaptsize.options import (
+    MeshOptions,
+    RemeshToElementsOptions,
+    SizeOptions,
+    checked,
+    options_of,
+    with_options,
+)
 from adaptsize.remeshing.driver import check_backend, remesh
 from adaptsize.typing import ProgressCallback
 
-#: A mesh with a number of elements within this share of the wanted one is accepted, ...
-_ACCEPTED = 0.15
-#: ... and the best of this many meshes is returned.
-_MAX_MESHES = 3
-#: Edges of a refined mesh are at most this times the size.
-_SHORT = 0.5
-#: A refined mesh has at most this many cells.
-_MAX_CELLS = 2_000_000
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
-Sized: TypeAlias = tuple[SizeFunction, SizeReport]
+#: A mesh with a number of elements within this share of the wanted one is accepted.
+_ACCEPTED = 0.15
 
 
 class MeshOfElements(NamedTuple):
@@ -37,21 +41,24 @@ class MeshOfElements(NamedTuple):
 
     mesh: SimplexMesh
     size: SizeFunction
-    report: SizeReport
+
+    @property
+    def report(self) -> SizeReport:
+        """The report on the sizes."""
+        return report_of(self.size)
 
 
+@with_options(RemeshToElementsOptions)
 def remesh_to_elements(
     mesh: SimplexMesh,
     elements: float | None = None,
     *,
     nodes: float | None = None,
-    target: Literal["auto", "tetrahedra", "triangles"] = "auto",
-    backend: str = "auto",
-    tolerance: float | None = None,
-    timeout: float | None = 3600.0,
-    strict: bool = False,
+    background: AnyBackground | None = None,
+    sources: Any = (),
+    h0: npt.ArrayLike | Implicit | None = None,
     progress: ProgressCallback | bool | None = None,
-    **size_options: Any,
+    **options: Unpack[RemeshToElementsOptions],
 ) -> MeshOfElements:
     """Return a mesh of a domain with a given number of elements or nodes, within 15 %.
 
@@ -67,19 +74,15 @@ def remesh_to_elements(
         Requested number of cells of the new mesh, >= 1.
     nodes : float, optional
         Requested number of nodes, >= 1.  Either this or ``elements``.
-    target, backend, timeout, strict, progress
-        As in `remesh`.
-    tolerance : float, optional
-        As in `size_function` and in `remesh`.  The default is 1e-3, or more where so few elements
-        require it.
-    **size_options
-        Further arguments of `size_function`.  What is given here is kept; the other parameters
-        are relaxed or tightened.
+    background, sources, h0, progress
+        As in `size_function`.
+    **options
+        Those of the sizes are kept if they are given, and relaxed or tightened if not.
 
     Returns
     -------
     MeshOfElements
-        The mesh, its size function and the report, in this order.
+        The mesh and its size function, whose ``report`` has the parameters chosen.
 
     Raises
     ------
@@ -96,61 +99,61 @@ def remesh_to_elements(
     Examples
     --------
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> mesh, size, report = remesh_to_elements(square, 1000)
+    >>> mesh, size = remesh_to_elements(square, 1000)
     >>> 850 <= mesh.n_cells <= 1150
     True
     >>> 850 <= remesh_to_elements(square, nodes=1000).mesh.n_points <= 1150
     True
     """
     check_type("mesh", mesh, SimplexMesh)
-    check_backend(mesh, target, backend)
+    given = checked(RemeshToElementsOptions, options)
+    tolerance = given["tolerance"]
+    check_backend(mesh, given["target"], given["backend"])
     if (elements is None) == (nodes is None):
-        given = "none" if nodes is None else "both"
-        raise ValueError(f"one of elements and nodes must be given, got {given}")
+        number = "none" if nodes is None else "both"
+        raise ValueError(f"one of elements and nodes must be given, got {number}")
+    for_sizes: dict[str, Any] = {
+        name: value for name, value in given.items() if name in options_of(SizeOptions)
+    }
+    for_mesh: dict[str, Any] = {
+        name: value for name, value in given.items() if name in options_of(MeshOptions)
+    }
 
-    def sized(elements: float | None, nodes: float | None) -> Sized:
+    def sized(**number: Any) -> SizeFunction:
         return size_function(
-            mesh,
-            elements=elements,
-            nodes=nodes,
-            tolerance=tolerance,
-            progress=progress,
-            full_output=True,
-            **size_options,
-        )
+            mesh, background=background, sources=sources, h0=h0, progress=progress,
+            **for_sizes, **number,
+        )  # fmt: skip
 
-    def meshed(old: SimplexMesh, size: SizeFunction, report: SizeReport) -> SimplexMesh:
+    def meshed(old: SimplexMesh, size: SizeFunction) -> SimplexMesh:
+        report = report_of(size)
         return remesh(
-            old,
-            size,
-            target=target,
-            backend=backend,
-            g=size_options.get("g", GRADIENT_LIMIT),
-            hmax=report.hmax,
-            tolerance=tolerance_of(report, tolerance),
-            timeout=timeout,
-            strict=strict,
-            progress=progress,
-        )
+            old, size, progress=progress, g=given["g"], hmax=report.hmax,
+            tolerance=tolerance_of(report, tolerance), **for_mesh,
+        )  # fmt: skip
 
     return reach_number(mesh, elements, nodes, sized, meshed)
 
 
+def report_of(size: SizeFunction) -> SizeReport:
+    """Return the report of a size function made by `size_function`."""
+    assert size.report is not None
+    return size.report
+
+
 def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
     """Return the tolerance of a mesh: the given one, or the default that the sizes allow."""
-    if tolerance is not None:
-        return as_tolerance("tolerance", tolerance)
-    return (
-        min(max(TOLERANCE, report.tolerance), 1.0) if np.isfinite(report.tolerance) else TOLERANCE
-    )
+    if tolerance is not None or not np.isfinite(report.tolerance):
+        return TOLERANCE if tolerance is None else tolerance
+    return min(max(TOLERANCE, report.tolerance), 1.0)
 
 
 def reach_number(
     mesh: SimplexMesh,
     elements: float | None,
     nodes: float | None,
-    sized: Callable[[float | None, float | None], Sized],
-    meshed: Callable[[SimplexMesh, SizeFunction, SizeReport], SimplexMesh],
+    sized: Callable[..., SizeFunction],
+    meshed: Callable[[SimplexMesh, SizeFunction], SimplexMesh],
 ) -> MeshOfElements:
     """Return the best of up to three meshes, by their numbers of elements or nodes.
 
@@ -164,43 +167,42 @@ def reach_number(
     Parameters
     ----------
     mesh : SimplexMesh
-        The given mesh.
     elements, nodes : float or None
         Requested number of cells, or of nodes.
     sized : callable
-        Returns the sizes for a predicted number of elements or nodes, and their report.
+        Returns the sizes for a predicted number of ``elements`` or of ``nodes``.
     meshed : callable
-        Returns the mesh from a given mesh, sizes and their report.
+        Returns the mesh from a given mesh and sizes.
     """
-    counts_nodes = nodes is not None
-    what = "nodes" if counts_nodes else "elements"
-    goal = as_number(what, nodes if counts_nodes else elements, lower=1.0)
+    what = "elements" if nodes is None else "nodes"
+    goal = as_number(what, elements if nodes is None else nodes, lower=1.0)
     best: MeshOfElements | None = None
     old, least, wanted = mesh, np.inf, goal
-    for _ in range(_MAX_MESHES):
-        size, report = sized(None, wanted) if counts_nodes else sized(wanted, None)
-        new = meshed(old, size, report)
-        made = new.n_points if counts_nodes else new.n_cells
+    for _ in range(3):
+        size = sized(**{what: wanted})
+        new = meshed(old, size)
+        made = new.n_cells if nodes is None else new.n_points
         off = abs(made / goal - 1.0)
         if off < least:
-            best, least = MeshOfElements(new, size, report), off
+            best, least = MeshOfElements(new, size), off
         if off <= _ACCEPTED:
             break
         if old is mesh and mesh.dim == mesh.cell_dim == 2:
-            old = _without_order(with_short_edges(mesh, size, _SHORT, _MAX_CELLS))
+            # Edges of at most half the size, and at most 2 million cells.
+            old = _without_order(with_short_edges(mesh, size, 0.5, 2_000_000))
             continue  # the first mesh says little about one from this
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
         power = new.dim / new.cell_dim
-        predicted = report.n_nodes if counts_nodes else report.n_elements
+        report = report_of(size)
+        predicted = report.n_elements if nodes is None else report.n_nodes
         wanted = max(predicted * math.pow(goal / made, power), 1.0)
     assert best is not None
     if least > _ACCEPTED:
-        made = best.mesh.n_points if counts_nodes else best.mesh.n_cells
-        warnings.warn(
+        made = best.mesh.n_cells if nodes is None else best.mesh.n_points
+        warn_caller(
             f"the mesh has {made} {what} instead of {goal:.6g}: "
             "the mesh generator, details of the domain or the given parameters do not allow it",
             ResolutionWarning,
-            stacklevel=3,
         )
     return best
 

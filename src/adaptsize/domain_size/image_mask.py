@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,25 +9,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_plain_array, describe, refuse_where
+from adaptsize._checks import as_plain_array, describe, refuse_where, warn_caller
 from adaptsize.background import CartesianGrid
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning
 from adaptsize.geometry.distance.signed_distance import signed_distance
+from adaptsize.options import ImageOptions
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 #: Margin around the objects in pixels, for finite differences and kinks of the distance.
-MARGIN = 6
-#: Standard deviation of the low-pass filter, in pixels.
-SMOOTHING = 2.0
-_SMOOTHEST = 1000.0
-# Objects less deep than this, in pixels, are too thin for a useful distance function.
-_LEAST_DEPTH = 0.9
-# In a mask, neighbouring pixels differ only at boundaries.  A larger share means a photo.
-_BUSY = 0.25
-_MOST_NAMES = 12
-# Gradient limiting accepts coordinates up to 1e60; an image has fewer than 1e10 pixels per axis.
-_SPACINGS = (1e-50, 1e50)
+_MARGIN = 6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,56 +38,31 @@ class Mask:
     """Highest coordinates of the pixels of the image, float64[dim]."""
 
 
-def as_image(image: Image | npt.ArrayLike, spacing: npt.ArrayLike | None = None) -> Image:
+def as_image(image: Image | npt.ArrayLike, spacing: npt.ArrayLike | None) -> Image:
     """Return an array as an Image, or an Image with another spacing."""
     if isinstance(image, Image):
-        same = image if spacing is None else Image(image.values, spacing, image.origin)
-        return _in_range(same)
-    values = as_plain_array("image", image)
-    if values.ndim == 3 and values.shape[2] in (3, 4) and min(values.shape[:2]) > 16:
-        raise ValueError(
-            f"image must have one number per pixel, got an array of shape {values.shape}, which "
-            "looks like colours: segment it first (pass a volume of so few planes as a "
-            "background.Image)"
-        )
-    try:
-        made = Image(values, 1.0 if spacing is None else spacing)
-    except ValueError as error:
-        raise ValueError(str(error).replace("values must", "image must", 1)) from error
-    return _in_range(made)
+        made = image if spacing is None else Image(image.values, spacing, image.origin)
+    else:
+        values = as_plain_array("image", image)
+        if values.ndim == 3 and values.shape[2] in (3, 4) and min(values.shape[:2]) > 16:
+            raise ValueError(
+                f"image must have one number per pixel, got an array of shape {values.shape}, "
+                "which looks like colours: segment it first (pass a volume of so few planes as a "
+                "background.Image)"
+            )
+        try:
+            made = Image(values, 1.0 if spacing is None else spacing)
+        except ValueError as error:
+            raise ValueError(str(error).replace("values must", "image must", 1)) from error
+    # Gradient limiting accepts coordinates up to 1e60; an image has below 1e10 pixels per axis.
+    far = (made.spacing < 1e-50) | (made.spacing > 1e50)
+    wanted = "must be from 1e-50 to 1e+50: choose another unit of length"
+    refuse_where("spacing", far, made.spacing, wanted)
+    return made
 
 
-def _in_range(image: Image) -> Image:
-    """Return the image if squares of its spacing stay in the range of float64."""
-    steps = image.spacing
-    refuse_where(
-        "spacing",
-        (steps < _SPACINGS[0]) | (steps > _SPACINGS[1]),
-        steps,
-        f"must be from {_SPACINGS[0]:g} to {_SPACINGS[1]:g}: choose another unit of length",
-    )
-    return image
-
-
-def mask_of(
-    image: Image,
-    *,
-    label: int | Sequence[int] | None = None,
-    threshold: float | None = None,
-) -> Mask:
+def mask_of(image: Image | npt.ArrayLike, options: ImageOptions) -> Mask:
     """Return the objects in an image.
-
-    Parameters
-    ----------
-    image : Image
-    label : int or sequence of int, optional
-        The labels that belong to the objects.  By default all but 0.
-    threshold : float, optional
-        Alternative to ``label``: pixels with larger values belong to the objects.
-
-    Returns
-    -------
-    Mask
 
     Raises
     ------
@@ -110,15 +75,15 @@ def mask_of(
     ImageWarning
         If objects reach the border of the image.
     """
-    values = image.values
+    image = as_image(image, options["spacing"])
+    label, threshold, values = options["label"], options["threshold"], image.values
     if values.dtype.kind == "f":
         refuse_where("image", np.isnan(values), values, "must hold no NaN")
     if label is not None and threshold is not None:
         given = f"{describe(label)} and {describe(threshold)}"
         raise ValueError(f"label or threshold must be given, got both: {given}")
     if threshold is not None:
-        limit = as_number("threshold", threshold, lower=-np.inf, within=(0.0, np.inf))
-        return _cut(image, values > limit, f"above {limit:g}", None)
+        return _cut(image, values > threshold, f"above {threshold:g}", None)
     if values.dtype.kind == "f":
         raise ValueError(
             f"image must hold labels (bool or integers), got {values.dtype} from "
@@ -139,14 +104,14 @@ def _is_labelled(values: npt.NDArray[Any], label: int | Sequence[int]) -> BoolAr
     present = np.unique(values)
     missing = wanted[~np.isin(wanted, present)]
     if missing.size:
-        listed = ", ".join(str(int(k)) for k in present[:_MOST_NAMES])
-        more = ", ..." if present.size > _MOST_NAMES else ""
+        listed = ", ".join(str(int(k)) for k in present[:12])
+        more = ", ..." if present.size > 12 else ""
         raise ValueError(f"label must be one of {listed}{more}, got {int(missing[0])}")
     return np.isin(values, wanted)
 
 
 def _refuse_photo(values: npt.NDArray[Any]) -> None:
-    """Refuse values that change from pixel to pixel, as in a photo."""
+    """Refuse values that change from pixel to pixel, as in a photo: at more than a quarter."""
     if values.dtype.kind == "b":
         return
     before, after = values[:-1], values[1:]
@@ -154,7 +119,7 @@ def _refuse_photo(values: npt.NDArray[Any]) -> None:
     n_changes = int(np.count_nonzero(both & (before != after)))
     share = n_changes / max(1, int(np.count_nonzero(both)))
     n_values = np.unique(values).size
-    if share > _BUSY and n_values > 2:
+    if share > 0.25 and n_values > 2:
         raise ValueError(
             f"image must be a mask or hold labels, got {n_values} different values that change "
             "from pixel to pixel, as in a photo: segment it first, or pass threshold= or label="
@@ -170,55 +135,39 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
             f"image must have pixels outside the objects, got none: all of {image!r} {what}; "
             "is it inverted?"
         )
-    first, last = _bounding_box(inside)
+    spans = [
+        np.flatnonzero(inside.any(axis=tuple(set(range(inside.ndim)) - {d})))[[0, -1]]
+        for d in range(inside.ndim)
+    ]
+    first, last = np.array(spans).T + np.array([[0], [1]])
     n_at_border = sum(
         int(np.count_nonzero(np.take(inside, end, axis=d)))
         for d in range(image.dim)
         for end in (0, -1)
     )
     if n_at_border:
-        warnings.warn(
+        warn_caller(
             f"objects reach the border of the image at {n_at_border} pixels and are cut off there",
             ImageWarning,
-            stacklevel=4,
         )
     part = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-    padded = np.pad(inside[part], MARGIN)
+    padded = np.pad(inside[part], _MARGIN)
     grid = CartesianGrid(
-        image.origin + image.spacing * (first - MARGIN), image.spacing, padded.shape
+        image.origin + image.spacing * (first - _MARGIN), image.spacing, padded.shape
     )
     if labels is not None:
-        labels = np.pad(np.where(inside, labels, 0)[part], MARGIN)
+        labels = np.pad(np.where(inside, labels, 0)[part], _MARGIN)
     lower = image.origin - 0.5 * image.spacing
     return Mask(grid, padded, labels, lower, lower + image.spacing * inside.shape)
 
 
-def _bounding_box(inside: BoolArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the first index with pixels inside, and one past the last, along each axis."""
-    ends = []
-    for d in range(inside.ndim):
-        others = tuple(k for k in range(inside.ndim) if k != d)
-        ends.append(np.flatnonzero(inside.any(axis=others))[[0, -1]])
-    first, last = np.array(ends).T
-    return first, last + 1
-
-
 def distance_to_edge(
-    mask: Mask, smoothing: float = SMOOTHING, *, progress: ProgressCallback | bool | None = None
+    mask: Mask, smoothing: float | None = None, *, progress: ProgressCallback | None = None
 ) -> FloatArray:
     """Return the signed distance to the smoothed boundary of the objects, negative inside.
 
-    Parameters
-    ----------
-    mask : Mask
-    smoothing : float
-        Standard deviation in pixels, >= 0, of the low-pass filter that is applied to the mask
-        before the distance is computed.  A value of 2 removes ripples of the boundary, lines of
-        up to 2 pixels and specks of up to 3 x 3 pixels.  Discs keep their pixels.
-
-    Returns
-    -------
-    ndarray of float64, of the grid's shape
+    ``smoothing`` is the standard deviation in pixels of the low-pass filter that is applied to the
+    mask before, by default 2.
 
     Raises
     ------
@@ -230,12 +179,11 @@ def distance_to_edge(
     ImageWarning
         If smoothing removes some objects.
     """
-    kept = _low_pass(
-        mask.inside, as_number("smoothing", smoothing, lower=0.0, within=(0.0, _SMOOTHEST))
-    )
+    kept = _low_pass(mask.inside, 2.0 if smoothing is None else smoothing)
     _report_lost_objects(mask.inside, kept)
     phi = signed_distance(mask.grid, kept, progress=progress)
-    if -float(phi.min()) < _LEAST_DEPTH * float(mask.grid.spacing.min()):
+    # Objects less deep than that are too thin for a useful distance function.
+    if -float(phi.min()) < 0.9 * float(mask.grid.spacing.min()):
         raise ValueError(
             "image must show objects at least 4 pixels across, got only thinner ones: "
             f"{int(np.count_nonzero(kept))} pixels after smoothing"
@@ -273,8 +221,7 @@ def _report_lost_objects(before: BoolArray, after: BoolArray) -> None:
             f"{lost.max()} pixels, which smoothing removes"
         )
     if lost.size:
-        warnings.warn(
+        warn_caller(
             f"smoothing removes {lost.size} of {count} objects, the largest of {lost.max()} pixels",
             ImageWarning,
-            stacklevel=4,
         )

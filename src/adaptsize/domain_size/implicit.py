@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
-from adaptsize._checks import describe
-from adaptsize._progress import silent
+from adaptsize._checks import describe, warn_caller
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import Octree
+from adaptsize.domain_size.by_domain import check_signs
 from adaptsize.domain_size.on_octree import (
     Beside,
     Shape,
@@ -20,29 +22,18 @@ from adaptsize.domain_size.on_octree import (
     longest_edges,
     size_on_octree,
 )
-from adaptsize.domain_size.report import SizeReport
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
 from adaptsize.geometry.distance.zero_level import boundary_of, is_distance
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
 from adaptsize.geometry.medial.on_meshes import DomainOnMesh, InnerCells
 from adaptsize.sizes.budget import calibration
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray
 
 #: Most leaves of the background, in the plane and in space.
 MAX_LEAVES = {2: 100_000, 3: 400_000}
-# Rounds of refinement.
-_MOST_ROUNDS = 10
-# A boundary that turns by more than the crease angle within this share of the diagonal, or within
-# the given hmin if that is smaller, has a corner.
-_SMALLEST_SHARE = 1e-3
-# The curvature jumps between two points if its values differ by more than this factor; the jump is
-# found to the number of bisections.
+# The curvature jumps between two points if its values differ by more than this factor.
 _AT_JUMP = 0.75
-_HALVINGS = 5
-# Longest and shortest steps for curvatures, in edges of cells and in that length.
-_LONGEST_STEP = 0.1
-_SHORTEST_STEP = 0.1
 
 
 @dataclass
@@ -53,7 +44,7 @@ class ImplicitDomain:
     tree: Octree
     is_fixed: bool = False
     """Whether the octree is used as it is."""
-    _kept: Shape | None = None
+    _first_shape: Shape | None = None
 
     @property
     def dim(self) -> int:
@@ -71,9 +62,11 @@ class ImplicitDomain:
                 "h0 must be a function for a domain whose background is chosen, "
                 f"got {describe(request.h0)}"
             )
-        shape = self._first(request)
+        if self._first_shape is None:  # relaxed requests see the same
+            self._first_shape = self._shape(self.tree, request)
+        shape = self._first_shape
         limits = request.limits(_diagonal(shape))
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(10):
             h, report = limited_on_octree(shape, limits, request)
             n_elements = calibration("mmg", self.dim) * report.n_elements
             too_many = n_elements > request.max_elements and not request.is_fixed
@@ -83,16 +76,15 @@ class ImplicitDomain:
             if tree is None:
                 break
             if tree.n_leaves > MAX_LEAVES[self.dim]:
-                _warn_of_leaves(shape.tree, tree)
+                warn_caller(
+                    f"the background has {shape.tree.n_leaves} leaves, and {tree.n_leaves} would "
+                    f"be more than the {MAX_LEAVES[self.dim]} allowed: between its nodes, sizes "
+                    "may be off by more than 5 %; raise hmin, or give a background",
+                    ResolutionWarning,
+                )
                 break
             shape = self._shape(tree, request)
         return size_on_octree(shape, h), report
-
-    def _first(self, request: Request) -> Shape:
-        """Return the domain as seen on the first octree, kept for relaxed requests."""
-        if self._kept is None:
-            self._kept = self._shape(self.tree, request)
-        return self._kept
 
     @cached_property
     def _is_distance(self) -> bool:
@@ -101,9 +93,9 @@ class ImplicitDomain:
 
     def _shape(self, tree: Octree, request: Request) -> Shape:
         """Return the domain as seen on an octree."""
-        report = silent if request.report is None else request.report
+        report = request.report
         values = self.function(tree.points)
-        _check_signs(values, tree)
+        check_signs(values < 0.0, values, tree)
         boundary = boundary_of(self.function, tree, values, self._is_distance)
         nodes = boundary.from_nodes(tree, report)
         domain = DomainOnMesh(tree.mesh, boundary, nodes, report)
@@ -111,35 +103,25 @@ class ImplicitDomain:
         everywhere, inner, width = domain.sizes_inside(medial, request.crease_angle)
         assert inner is not None
         feet = nodes.feet(tree.points)[inner.nodes]
-        curvature = self._curvature_near(tree, nodes.depth[inner.nodes], inner, feet, request)
+        reach = longest_edges(inner.mesh)
+        near = nodes.depth[inner.nodes] <= reach
+        curvature = np.full(len(near), np.nan)
+        curvature[near] = self._curvature(tree, feet[near], reach[near], request)
         beside = self._beside(tree, inner, feet, curvature, request)
         return Shape(tree, nodes, inner, width, everywhere, curvature, beside)
-
-    def _curvature_near(
-        self,
-        tree: Octree,
-        depth: FloatArray,
-        inner: InnerCells,
-        feet: FloatArray,
-        request: Request,
-    ) -> FloatArray:
-        """Return the curvature at the closest points of nodes near the boundary, else nan."""
-        reach = longest_edges(inner.mesh)
-        near = depth <= reach
-        curvature = np.full(len(depth), np.nan)
-        curvature[near] = self._curvature(tree, feet[near], reach[near], request)
-        return curvature
 
     def _curvature(
         self, tree: Octree, points: FloatArray, reach: FloatArray, request: Request
     ) -> FloatArray:
-        """Return the curvature at points next to the boundary, 0 at corners."""
-        smallest = _SMALLEST_SHARE * tree.diagonal
-        if request.hmin is not None:
-            smallest = min(request.hmin, smallest)
-        kappa = largest_curvature(
-            self.function, points, _LONGEST_STEP * reach, least_step=_SHORTEST_STEP * smallest
-        )
+        """Return the curvature at points next to the boundary, 0 at corners.
+
+        At a corner, the boundary turns by more than the crease angle within 1/1000 of the diagonal,
+        or within the given hmin if that is smaller.
+        """
+        smallest, hmin = 1e-3 * tree.diagonal, request.options["hmin"]
+        if hmin is not None:
+            smallest = min(hmin, smallest)
+        kappa = largest_curvature(self.function, points, 0.1 * reach, least_step=0.1 * smallest)
         kappa[kappa * smallest > np.radians(request.crease_angle)] = 0.0
         return kappa
 
@@ -164,7 +146,7 @@ class ImplicitDomain:
         low, high = np.take_along_axis(edges, order, axis=1).T
         largest = ends.max(axis=1)
         kappa, share, step = largest.copy(), np.zeros(len(low)), 0.5
-        for _ in range(_HALVINGS):
+        for _ in range(5):
             at = (1.0 - share - step)[:, None] * feet[high] + (share + step)[:, None] * feet[low]
             there = self._curvature(tree, at, step * lengths, request)
             goes_on = there >= _AT_JUMP * largest
@@ -173,16 +155,6 @@ class ImplicitDomain:
         away = (1.0 - share) * np.linalg.norm(feet[low] - feet[high], axis=1)
         ends = (1.0 - share)[:, None] * feet[high] + share[:, None] * feet[low]
         return Beside(low, kappa, away, ends)
-
-
-def _warn_of_leaves(tree: Octree, wanted: Octree) -> None:
-    warnings.warn(
-        f"the background has {tree.n_leaves} leaves, and {wanted.n_leaves} would be more than the "
-        f"{MAX_LEAVES[tree.dim]} allowed: between its nodes, sizes may be off by more than 5 %; "
-        "raise hmin, or give a background",
-        ResolutionWarning,
-        stacklevel=5,
-    )
 
 
 def _diagonal(shape: Shape) -> float:
@@ -194,12 +166,49 @@ def _diagonal(shape: Shape) -> float:
     return float(np.linalg.norm(np.ptp(np.clip(places, tree.lower, tree.upper), axis=0)))
 
 
-def _check_signs(values: FloatArray, tree: Octree) -> None:
-    if not (values < 0.0).any():
-        raise ValueError(
-            f"domain must be negative at a node of the background, got none of {tree!r}"
-        )
-    if not (values > 0.0).any():
-        raise ValueError(
-            f"domain must have its boundary in the background, got all of {tree!r} inside"
-        )
+def octree_around(function: Implicit, lower: FloatArray, upper: FloatArray) -> Octree:
+    """Return an octree that shows all parts of the zero level of a function.
+
+    Cells through which the zero level may pass are refined while the function is not nearly
+    linear in them: at bends and corners, and where two parts are close to each other.
+
+    The box from ``lower`` to ``upper`` has at least 32 cells along its longest side (16 in space),
+    and at most 512 (128).
+    """
+    extent, dim = float((upper - lower).max()), len(lower)
+    coarsest = extent / {2: 32, 3: 16}[dim]
+    n_finest = {2: 512, 3: 128}[dim]
+    finest = extent / n_finest
+
+    def needs_refinement(centres: FloatArray, sizes: FloatArray) -> BoolArray:
+        edge = float(sizes.max())
+        if edge > coarsest:
+            return np.ones(len(centres), np.bool_)
+        if edge <= finest:
+            return np.zeros(len(centres), np.bool_)
+        return _is_bent(function, centres, 0.5 * sizes)
+
+    return Octree.build(lower, upper, needs_refinement, max_level=math.ceil(math.log2(n_finest)))
+
+
+def _is_bent(function: Implicit, centres: FloatArray, half: FloatArray) -> BoolArray:
+    """Return in which cells the zero level may be, and the function is not nearly linear.
+
+    It is nearly linear if it is, at the corners, up to a tenth of its change from the centre to
+    them.  The zero level may pass if the value at the centre is below 1.2 times that change.
+    """
+    at_centre = function(centres)
+    dim = centres.shape[1]
+    rise, change = np.zeros(centres.shape), np.zeros(centres.shape)
+    for axis in range(dim):
+        step = np.zeros(centres.shape)
+        step[:, axis] = half[:, axis]
+        above, below = function(centres + step), function(centres - step)
+        rise[:, axis] = 0.5 * (above - below)
+        change[:, axis] = np.maximum(np.abs(above - at_centre), np.abs(below - at_centre))
+    reach = change.sum(axis=1)
+    off = np.zeros(len(centres))
+    for corner in product((-1.0, 1.0), repeat=dim):
+        linear = at_centre + rise @ np.array(corner)
+        off = np.maximum(off, np.abs(function(centres + corner * half) - linear))
+    return np.asarray((np.abs(at_centre) <= 1.2 * reach) & (off > 0.1 * reach))

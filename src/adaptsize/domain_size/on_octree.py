@@ -8,31 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import NONE, SizeReport
 from adaptsize.background import Octree, SimplexMesh
 from adaptsize.background.reshaping import parent_errors, refined
-from adaptsize.domain_size.report import NONE, SizeReport
-from adaptsize.domain_size.request import Request, limit_requested
+from adaptsize.domain_size.request import Bounds, Request
 from adaptsize.geometry.distance.closest_points import Depths
 from adaptsize.geometry.medial.on_meshes import InnerCells
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Tolerance for sizes interpolated between the nodes, relative to the size.
 TOLERANCE = 0.05
-# No leaf is longer than this many sizes, in the plane and in space, ...
+# No leaf is longer than this many sizes, in the plane and in space.
 _EDGE_OVER_SIZE = {2: 1.0, 3: 1.2}
-# ... or than this many radii of the boundary that passes through it.
-_EDGE_OVER_RADIUS = 0.5
-# Leaves where a large curvature ends, and sizes have a kink, are no longer than this many sizes.
-_EDGE_AT_KINK = 0.5
-# Shorter leaves, in sizes, hold the tolerance for sizes with any gradient that is usual.
-_SHORTEST_OVER_SIZE = 0.2
 # Leaves are refined if the error on their parents is above this many tolerances.  The error on
 # them is at most about half of that.  This is repeated until none is above the second number.
 _ON_PARENT = {2: (0.8, 1.2), 3: (1.4, 1.8)}
-# No size is smaller, in diagonals of the box.
-_LEAST_SIZE = 1e-6
-# A leaf is halved at most so often at once.
-_MOST_HALVINGS = 3
 # Outside, sizes are at least this share of those at the boundary next to them.
 _LEAST_SHARE = 0.5
 
@@ -85,7 +75,7 @@ def limited_on_octree(
         bounds["width"] = 2.0 * shape.width / request.across
     bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
-    h, report = limit_requested(inner.mesh, bounds, limits, request, weights)
+    h, report = Bounds(inner.mesh, bounds, limits, weights).limited(request)
     h = _extrapolated(inner, h, request.g)
     return h, _on_tree(shape, h, report)
 
@@ -204,7 +194,7 @@ def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octre
     """Return an octree that is finer where sizes need it, or None if they need it nowhere."""
     tree = shape.tree
     longest, (wanted, largest) = _EDGE_OVER_SIZE[tree.dim], _ON_PARENT[tree.dim]
-    requested = np.maximum(_requested(shape, h, hmin, request), _LEAST_SIZE * tree.diagonal)
+    requested = np.maximum(_requested(shape, h, hmin, request), 1e-6 * tree.diagonal)
     edges = tree.leaf_sizes.max(axis=1)
     least = requested[tree.leaf_corners].min(axis=1)
     with np.errstate(divide="ignore"):  # inf outside
@@ -212,10 +202,12 @@ def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octre
     if request.per_radian > 0.0:
         beside = shape.beside
         leaf = tree.locator.leaf(beside.ends)
-        at_kink = np.maximum(1.0 / (request.per_radian * beside.curvature), hmin)
-        np.maximum.at(times, leaf, np.ceil(np.log2(edges[leaf] / (_EDGE_AT_KINK * at_kink))))
-    times = np.clip(times, 0, _MOST_HALVINGS).astype(np.int64)
-    can = (times == 0) & (edges > _SHORTEST_OVER_SIZE * least)
+        # There sizes have a jump of the slope, and leaves are no longer than half a size.
+        size = np.maximum(1.0 / (request.per_radian * beside.curvature), hmin)
+        np.maximum.at(times, leaf, np.ceil(np.log2(edges[leaf] / (0.5 * size))))
+    times = np.clip(times, 0, 3).astype(np.int64)
+    # Shorter leaves hold the tolerance for sizes with any gradient that is usual.
+    can = (times == 0) & (edges > 0.2 * least)
     error = np.where(can, leaf_errors(shape, h), 0.0)
     error[can & _is_double(shape, h)[tree.leaf_corners].any(axis=1)] = np.inf
     if not times.any() and error.max() <= largest * TOLERANCE:
@@ -243,7 +235,7 @@ def _requested(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Fl
     if request.per_radian > 0.0:
         with np.errstate(divide="ignore", invalid="ignore"):
             radius = np.where(shape.curvature > 0.0, 1.0 / shape.curvature, np.inf)
-        longest = np.maximum(_EDGE_OVER_RADIUS * radius, hmin)
+        longest = np.maximum(0.5 * radius, hmin)
         np.minimum.at(requested, inner.nodes, longest)
     return requested
 

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import warn_caller
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.background.ordering import ordered_by_place
 from adaptsize.background.splitting import SplitMesh, split_edges
-from adaptsize.domain_size.report import PointBounds, SizeReport, locked
-from adaptsize.domain_size.request import Request, bound_at_nodes, limit_requested
-from adaptsize.errors import OpenSurfaceWarning
+from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
+from adaptsize.errors import OpenSurfaceWarning, OutsideWarning
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.folds import folds_of
 from adaptsize.geometry.separation import FeaturePoints, Separation
@@ -25,22 +27,8 @@ from adaptsize.geometry.width import Width
 from adaptsize.remeshing.estimate import InsideSamples
 from adaptsize.remeshing.surface_checks import overlapping_bodies
 from adaptsize.sizes.curvature import radius_at_curves
+from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSource
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-
-#: The background of a surface is refined until no edge is longer than this many sizes ...
-_EDGE_OVER_SIZE = 2.0
-#: ... or it would have more nodes than this,
-_MAX_NODES = 400_000
-#: or more than this share of the elements allowed.  A single layer of tetrahedra has about 4.5
-#: per node of such a surface, and a thicker solid has more than 10.  A surface with more nodes
-#: consists of slivers much narrower than the size, where no finer background is needed.
-_NODES_PER_ELEMENT = 1.0 / 10.0
-#: Sizes grow from a surface to the middle by at most this power of e.
-_MOST_E_FOLDS = 100.0
-#: Rays start beside an edge by this share of the height of a triangle.
-_ASIDE = 1.0 / 24.0
-#: From `SurfaceDomain.of` to the caller of `size_function`.
-_STACK_LEVEL = 5
 
 
 @dataclass
@@ -51,9 +39,8 @@ class SurfaceDomain:
     """Its nodes and cells ordered by their places."""
     nodes: npt.NDArray[np.intp]
     """The node of the given surface at each node."""
-    overlaps: bool = False
+    overlaps: bool
     """Whether bodies of the surface overlap, or intersect themselves."""
-    _samples: InsideSamples | None = None
     _shape: _Shape | None = None
 
     @classmethod
@@ -61,35 +48,34 @@ class SurfaceDomain:
         """Return the solid, and warn if bodies of the surface overlap."""
         overlapping = overlapping_bodies(mesh)
         ordered, nodes = ordered_by_place(mesh)
-        if overlapping is None:
-            return cls(ordered, nodes)
-        warnings.warn(
-            f"{overlapping}; facets inside of bodies do not bound the sizes",
-            OpenSurfaceWarning,
-            stacklevel=_STACK_LEVEL,
-        )
-        return cls(ordered, nodes, overlaps=True)
+        if overlapping is not None:
+            text = f"{overlapping}; facets inside of bodies do not bound the sizes"
+            warn_caller(text, OpenSurfaceWarning)
+        return cls(ordered, nodes, overlapping is not None)
 
     @property
     def dim(self) -> int:
         """Number of coordinates."""
         return self.mesh.dim
 
-    @property
+    @cached_property
     def samples(self) -> InsideSamples:
         """Points inside, where numbers of elements are estimated."""
-        if self._samples is None:
-            self._samples = InsideSamples.of(self.mesh)
-        return self._samples
+        return InsideSamples.of(self.mesh)
 
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes on a refined copy, and which cause controls them where.
 
         The bounds are known at points: the width where rays start, in the facets; the separation
         and the curvature of curves on feature edges; the curvature of the surface at its nodes.
-        From these points, sizes grow through space.  Edges that are long for the sizes are halved,
-        and the bounds are found at points between.  A new node on an edge along which the surface
-        bends gets the mean of the curvatures at the ends.
+        From these points, sizes grow through space.  Edges longer than two sizes are halved, and
+        the bounds are found at points between.  A new node on an edge along which the surface bends
+        gets the mean of the curvatures at the ends.
+
+        The surface gets at most 400 000 nodes, and not more than a tenth of the elements allowed: a
+        single layer of tetrahedra has about 4.5 per node of it, and a thicker solid more than 10.
+        A surface with more nodes consists of slivers much narrower than the size, where no finer
+        background is needed.
         """
         if self._shape is None:  # requests differ in what does not change it
             angle = request.crease_angle
@@ -97,18 +83,16 @@ class SurfaceDomain:
         if request.h0 is not None and not callable(request.h0):
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
         surface = _Surface.of(self._shape, self.mesh, request)
-        max_nodes = float(_MAX_NODES)
-        if not request.is_fixed:
-            max_nodes = min(max_nodes, _NODES_PER_ELEMENT * request.max_elements)
+        max_nodes = 4e5 if request.is_fixed else min(4e5, 0.1 * request.max_elements)
         while True:
             size, report = surface.limited(request)
             mesh = surface.mesh
             ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)
-            long, room = ratio > _EDGE_OVER_SIZE, max_nodes - mesh.n_points
+            long, room = ratio > 2.0, max_nodes - mesh.n_points
             for power in range(2, 64):
                 if np.count_nonzero(long) <= room:
                     break
-                long = ratio > _EDGE_OVER_SIZE**power  # the longest ones if not all
+                long = ratio > 2.0**power  # the longest ones if not all
             if not long.any():
                 return size, report
             surface = surface.split(long, request)
@@ -132,13 +116,10 @@ class SurfaceDomain:
             cells=number[mesh.cells],
             tagged_facets=None if facets is None else number[facets],
         )
-        values = size(mesh.points)[place]
-        report = replace(
-            report,
-            background=given,
-            cause=locked(report.cause[place]),
-            bounds={name: bound[place] for name, bound in report.bounds.items()},
-        )
+        values, cause = size(mesh.points)[place], report.cause[place]
+        cause.flags.writeable = False
+        bounds = {name: bound[place] for name, bound in report.bounds.items()}
+        report = replace(report, background=given, cause=cause, bounds=bounds)
         return SizeFunction(given, values, g=size.g, hmax=size.hmax), report
 
 
@@ -299,16 +280,13 @@ class _Surface:
         points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
         if "width" in bounds:
             bounds["width"] = across_surface(bounds["width"], request)
-        h, report = limit_requested(
+        h, report = Bounds(
             mesh,
             bounds | request.from_sources(mesh),
             request.limits(faces.mesh.diameter),
-            request,
             points=points,
-            through_space=True,
-            with_tolerance="curvature" in bounds,
             is_rough=faces.is_rough,
-        )
+        ).limited(request, through_space=True, with_tolerance="curvature" in bounds)
         return SizeFunction(mesh, h, g=request.g, hmax=report.hmax), report
 
     def split(self, long: BoolArray, request: Request) -> _Surface:
@@ -339,7 +317,7 @@ class _Surface:
         n, parents = len(bound), self.mesh.edges[split.split_edges]
         longer = np.full(split.mesh.n_points, np.inf)
         longer[:n] = bound
-        report = request.report or silent
+        report = request.report
         if name == "width":
             node, places, owners = self._starts(split)
             np.minimum.at(longer, node, self.shape.widths(places, owners, report))
@@ -370,7 +348,7 @@ class _Surface:
         chosen = np.flatnonzero(is_new & np.isinf(widths[cells]).any(axis=1))
         middles = split.mesh.points[cells[chosen]].mean(axis=1)
         places = self.shape.faces.frame.of(middles)
-        found = self.shape.widths(places, owner[chosen], request.report or silent)
+        found = self.shape.widths(places, owner[chosen], request.report)
         counts = np.isfinite(found)
         return "width", middles[counts], found[counts]
 
@@ -379,7 +357,8 @@ class _Surface:
     ) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.intp]]:
         """Return new nodes, points in the frame where rays for them start, and their facets.
 
-        On the edge between two facets of the given surface, a ray starts beside it on each.
+        On the edge between two facets of the given surface, a ray starts beside it on each, at
+        1/24 of the height of the triangle.
         """
         mesh, n = self.mesh, self.mesh.n_points
         places = self.shape.faces.frame.of(split.mesh.points)
@@ -394,7 +373,7 @@ class _Surface:
         beside = np.flatnonzero(is_between[node])
         inside = np.unique(node[~is_between[node]])
         starts = places[node[beside]]
-        starts += _ASIDE * (places[mesh.cells[cell[beside], v[beside]]] - starts)
+        starts += (1.0 / 24.0) * (places[mesh.cells[cell[beside], v[beside]]] - starts)
         centres = np.arange(split.mesh.n_points - len(split.inside), split.mesh.n_points)
         return (
             np.concatenate([node[beside], inside, centres]),
@@ -411,6 +390,41 @@ def across_surface(widths: FloatArray, request: Request) -> FloatArray:
     """
     if request.g == 0.0:
         return widths / request.across
-    growth = min(0.5 * request.g * request.across, _MOST_E_FOLDS)
+    growth = min(0.5 * request.g * request.across, 100.0)
     share: float = 0.5 * request.g / np.expm1(growth)
     return share * widths
+
+
+def warn_where_missed(size: SizeFunction, sources: Sequence[Any], hmin: float) -> None:
+    """Warn if the sizes of a solid, carried by its surface, are 1.2 times those of a source off it.
+
+    A surface has nodes only where the solid ends.  A source inside acts on the closest of these,
+    and the size grows from there back to the source.  Sizes are nowhere below ``hmin``.
+    """
+    for source in sources:
+        places, requested = _samples(source, size.background.dim)
+        given = size(places)
+        excess = given / np.maximum(requested, hmin)
+        if len(excess) == 0 or excess.max() <= 1.2:
+            continue
+        worst = int(np.argmax(excess))
+        place = ", ".join(f"{x:.6g}" for x in places[worst])
+        warn_caller(
+            f"{type(source).__name__} requests the size {requested[worst]:.4g} at ({place}), which "
+            f"is off the surface, where the size is {given[worst]:.4g}: a surface carries sizes at "
+            "its own nodes only; make tetrahedra first and compute their sizes with this source",
+            OutsideWarning,
+        )
+
+
+def _samples(source: Any, dim: int) -> tuple[FloatArray, FloatArray]:
+    """Return points where the size that a source requests is known, and these sizes."""
+    if isinstance(source, PointSource | CurveSource):
+        return source.rows(dim)
+    if isinstance(source, BallSource):
+        centre = np.asarray(source.centre, dtype=np.float64)
+    elif isinstance(source, BoxSource):
+        centre = 0.5 * np.add(source.lower, source.upper, dtype=np.float64)
+    else:
+        return np.empty((0, dim)), np.empty(0)
+    return centre[None, :], np.array([source.size], dtype=np.float64)

@@ -1,93 +1,111 @@
-"""The parameters of a size function and their defaults."""
+"""What a size function is requested for, and the limiting of the upper bounds that follow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_angle, as_limits, as_number, as_sizes
-from adaptsize._defaults import CREASE_ANGLE, MAX_ELEMENTS, TOLERANCE
+from adaptsize._checks import as_limits, as_sizes
+from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
+from adaptsize._progress import silent
+from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.domain_size.report import (
-    PointBounds,
-    SizeReport,
-    limit_bounds,
-    measure_dim,
-    nodal_measures,
-)
+from adaptsize.limiting import LimitingInfo, limit_gradient
+from adaptsize.limiting.exact import limit_points
+from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.sizes.sources import as_sources
 from adaptsize.typing import FloatArray, ProgressCallback
 
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
-
-#: Defaults of `size_function`, of images and of the command line; see also `_defaults`.
-ELEMENTS_PER_RADIAN = 4.0
-ELEMENTS_ACROSS = 2.0
-ELEMENTS_BETWEEN = 1.0
-#: Features may be closer than this share of the size, if it is relaxed.
-_LEAST_BETWEEN = 0.25
-
-_LARGEST_SHARE = 1.0 / 20.0  # hmax over the diameter
-_SMALLEST_SHARE = 1.0 / 1000.0  # hmin over the diameter
-#: A relaxed tolerance is that of this share of the elements at curved boundaries.
-_KEPT = 0.95
+#: Bounds at points between the nodes: the name of their cause, float64[k, dim] and float64[k].
+PointBounds: TypeAlias = Sequence[tuple[str, FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)
 class Request:
-    """The requested parameters.  None means not given: chosen from the domain."""
+    """Checked options of `size_function`; those that are None are chosen from the domain."""
 
-    elements_per_radian: float | None
-    elements_across: float | None
-    elements_between: float | None
-    g: float
-    hmin: float | None
-    hmax: float | None
-    crease_angle: float
-    sources: Sequence[Any]
-    h0: npt.ArrayLike | Implicit | None
-    max_elements: float
-    report: ProgressCallback | None
-    tolerance: float | None = None
-    elements: float | None = None
-    """Number of elements to reach; ``max_elements`` is not less."""
-    nodes: float | None = None
-    """Number of nodes to reach."""
+    options: SizeFunctionOptions
+    sources: Sequence[Any] = ()
+    h0: npt.ArrayLike | Implicit | None = None
+    report: ProgressCallback = silent
     relaxation: float = 1.0
     """Factor by which parameters that are not given are relaxed, for ``max_elements``; below 1
     they are tightened, for ``elements`` or ``nodes``."""
 
+    @classmethod
+    def of(
+        cls,
+        options: SizeFunctionOptions,
+        sources: Any = (),
+        h0: npt.ArrayLike | Implicit | None = None,
+        report: ProgressCallback = silent,
+    ) -> Request:
+        """Return the request after the checks that concern several options."""
+        as_limits(options["hmin"], options["hmax"])
+        elements, nodes = options["elements"], options["nodes"]
+        options = {**options, "max_elements": largest_number(options)}
+        request = cls(options, [] if sources is None else as_sources(sources), h0, report)
+        if request.is_fixed and (elements is not None or nodes is not None):
+            name = "nodes" if elements is None else "elements"
+            raise ValueError(
+                f"{name} changes the parameters that are not given, but elements_per_radian, "
+                f"elements_across, hmin and hmax are all given: omit one of them, or {name}"
+            )
+        return request
+
+    @property
+    def g(self) -> float:
+        """Gradient limit."""
+        return self.options["g"]
+
+    @property
+    def crease_angle(self) -> float:
+        """Angle of feature edges in degrees."""
+        return self.options["crease_angle"]
+
+    @property
+    def max_elements(self) -> float:
+        """Limit on the number of elements; ``elements`` if that is given."""
+        most = self.options["max_elements"]
+        assert most is not None
+        return most
+
     @property
     def is_fixed(self) -> bool:
         """Whether all parameters that could be relaxed for any domain are given."""
-        return None not in (self.elements_per_radian, self.elements_across, self.hmin, self.hmax)
+        given = self.options
+        return None not in (
+            given["elements_per_radian"], given["elements_across"], given["hmin"], given["hmax"]
+        )  # fmt: skip
 
     @property
     def per_radian(self) -> float:
         """Elements per radian of curved boundaries."""
-        if self.elements_per_radian is not None:
-            return self.elements_per_radian
-        return max(ELEMENTS_PER_RADIAN / self.relaxation, 1.0)
+        given = self.options["elements_per_radian"]
+        return max(4.0 / self.relaxation, 1.0) if given is None else given
 
     @property
     def across(self) -> float:
         """Elements across narrow regions."""
-        if self.elements_across is not None:
-            return self.elements_across
-        return max(ELEMENTS_ACROSS / self.relaxation, 1.0)
+        given = self.options["elements_across"]
+        return max(2.0 / self.relaxation, 1.0) if given is None else given
 
     def between(self, is_rough: bool) -> float:
         """Return the elements between features that are close; by default none if it is rough."""
-        if self.elements_between is not None:
-            return self.elements_between
-        return 0.0 if is_rough else max(ELEMENTS_BETWEEN / self.relaxation, _LEAST_BETWEEN)
+        given = self.options["elements_between"]
+        if given is not None:
+            return given
+        # Relaxed, features may be closer than the size by up to a factor of 4.
+        return 0.0 if is_rough else max(1.0 / self.relaxation, 0.25)
 
     @property
     def least_separation(self) -> float:
@@ -97,8 +115,8 @@ class Request:
     @property
     def chord_tolerance(self) -> float:
         """Distance of chords from curved boundaries, over the diameter; inf if not limited."""
-        if self.tolerance is not None:
-            return self.tolerance
+        if self.options["tolerance"] is not None:
+            return self.options["tolerance"]
         return TOLERANCE * self.relaxation**2  # sizes are in proportion to its square root
 
     @property
@@ -111,20 +129,16 @@ class Request:
         chords = size_of_chords(radius, self.chord_tolerance * diameter)
         return np.minimum(radius / self.per_radian, chords) if self.per_radian else chords
 
-    def relaxed(self, relaxation: float) -> Request:
-        """Return the same request with another relaxation factor."""
-        return replace(self, relaxation=relaxation)
-
     def limits(self, diameter: float, least: float = 0.0) -> tuple[float, float]:
         """Return hmin and hmax; by default in proportion to the diameter of the domain."""
-        high, low = self.hmax, self.hmin
+        high, low = self.options["hmax"], self.options["hmin"]
         if high is None:
-            high = max(self.relaxation * _LARGEST_SHARE * diameter, low or 0.0, least)
+            high = max(self.relaxation * (1.0 / 20.0) * diameter, low or 0.0, least)
         if low is None:
-            low = min(max(self.relaxation * _SMALLEST_SHARE * diameter, least), high)
+            low = min(max(self.relaxation * (1.0 / 1000.0) * diameter, least), high)
             for source in self._point_sources():  # prescribed sizes are not raised
                 low = min(low, float(np.min(source.size)))
-        return low, high
+        return float(low), float(high)
 
     def _point_sources(self) -> list[PointSource]:
         return [source for source in self.sources if isinstance(source, PointSource)]
@@ -147,141 +161,198 @@ class Request:
         return {"sources": size_from_sources(background, self.sources, g=self.g)}
 
 
-def as_request(
-    *,
-    elements_per_radian: float | None,
-    elements_across: float | None,
-    elements_between: float | None = None,
-    g: float,
-    hmin: float | None,
-    hmax: float | None,
-    crease_angle: float = CREASE_ANGLE,
-    sources: Any = (),
-    h0: npt.ArrayLike | Implicit | None = None,
-    max_elements: float | None = None,
-    elements: float | None = None,
-    nodes: float | None = None,
-    report: ProgressCallback | None = None,
-    tolerance: float | None = None,
-) -> Request:
-    """Return a request after checking its values."""
-    most = check_elements(elements, max_elements, nodes)
-    # As floats: arrays that are filled with an integer would hold integers.
-    low, high = as_limits(hmin, hmax)
-    hmin, hmax = None if hmin is None else low, None if hmax is None else high
-    if tolerance is not None:
-        tolerance = as_number("tolerance", tolerance, lower=0.0, strict=True, allow_inf=True)
-    if elements_per_radian is not None:
-        elements_per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0)
-    if elements_across is not None:
-        elements_across = as_number("elements_across", elements_across, lower=0.0)
-    if elements_between is not None:
-        elements_between = as_number("elements_between", elements_between, lower=0.0)
-    request = Request(
-        elements_per_radian,
-        elements_across,
-        elements_between,
-        as_number("g", g, lower=0.0),
-        hmin,
-        hmax,
-        as_angle("crease_angle", crease_angle),
-        [] if sources is None else as_sources(sources),
-        h0,
-        most,
-        report,
-        tolerance,
-        None if elements is None else float(elements),
-        None if nodes is None else float(nodes),
-    )
-    if (elements is not None or nodes is not None) and request.is_fixed:
-        name = "nodes" if elements is None else "elements"
-        raise ValueError(
-            f"{name} changes the parameters that are not given, but elements_per_radian, "
-            f"elements_across, hmin and hmax are all given: omit one of them, or {name}"
-        )
-    return request
-
-
-def check_elements(
-    elements: float | None, max_elements: float | None, nodes: float | None = None
-) -> float:
-    """Return the limit on the number of elements, after checking all numbers."""
-    most = MAX_ELEMENTS
-    if max_elements is not None:
-        most = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
-    if nodes is not None:
-        if elements is not None or max_elements is not None:
+def largest_number(options: BudgetOptions) -> float:
+    """Return the limit on the number of elements; refuse numbers that contradict each other."""
+    elements, most = options["elements"], options["max_elements"]
+    if options["nodes"] is not None:
+        if elements is not None or most is not None:
             other = "max_elements" if elements is None else "elements"
             raise ValueError(f"nodes and {other} exclude each other: omit one of them")
-        as_number("nodes", nodes, lower=1.0)
         return np.inf
     if elements is None:
-        return most
-    wanted = as_number("elements", elements, lower=1.0)
-    if max_elements is not None and wanted > most:
+        return MAX_ELEMENTS if most is None else most
+    if most is not None and elements > most:
         raise ValueError(
-            f"elements must be at most max_elements = {most:.6g}, got {wanted:.6g}; "
+            f"elements must be at most max_elements = {most:.6g}, got {elements:.6g}; "
             "omit max_elements"
         )
-    return wanted
+    return elements
 
 
-def limit_requested(
+def bound_at_nodes(h0: npt.ArrayLike | Implicit, background: AnyBackground) -> FloatArray:
+    """Return upper bounds at the nodes of a background, from an array or a function of points."""
+    if not callable(h0):
+        return as_sizes("h0", h0, background.nodal_shape)
+    if isinstance(background, CartesianGrid):
+        return as_sizes("h0", background.sample(h0), background.shape)
+    return as_sizes("h0", h0(background.points), background.nodal_shape)
+
+
+@dataclass
+class Bounds:
+    """Upper bounds on the size by their causes, at the nodes of a background and between them."""
+
+    background: AnyBackground
+    nodal: dict[str, FloatArray]
+    """Of the nodal shape; inf where there is no bound."""
+    limits: tuple[float, float]
+    """The smallest and the largest size, finite."""
+    weights: FloatArray | None = None
+    """Length, area or volume of the domain at each node, 0 outside; None: that of the cells."""
+    points: PointBounds = field(default=())
+    """Applied by the exact method at their positions; on surfaces, only through space."""
+    is_rough: bool = False
+    """Whether the boundary of the domain is."""
+
+    def limited(
+        self,
+        request: Request,
+        *,
+        through_space: bool = False,
+        with_tolerance: bool = False,
+        **options: Any,
+    ) -> tuple[FloatArray, SizeReport]:
+        """Return the minimum of the bounds, limited as requested, and its report.
+
+        Where the exact method applies, the sources of the sizes determine the causes.  Elsewhere
+        the bounds are limited separately by fast marching.  The limited size of a minimum is the
+        minimum of the limited sizes, so the cause with the smallest limited size controls.
+
+        Parameters
+        ----------
+        request : Request
+        through_space : bool
+            Whether sizes grow through the space around a surface, not along it.
+        with_tolerance : bool
+            Whether the bound from curvature is within the tolerance.
+        **options
+            Of `limit_gradient`, where there are no points.
+        """
+        background, (low, high) = self.background, self.limits
+        dim = background.dim
+        points = [*self.points, *request.points(dim)]
+        has_features = "separation" in (*self.nodal, *(name for name, _, _ in points))
+        if measure_dim(background) < dim and not through_space:
+            points = []  # point sources act at the nodes around them
+        names = (*dict.fromkeys([*self.nodal, *(name for name, _, _ in points)]), "hmin", "hmax")
+        requested = np.full(background.nodal_shape, high)
+        own = np.full(background.nodal_shape, len(names) - 1, dtype=np.int8)
+        for k, bound in enumerate(self.nodal.values()):
+            smaller = bound < requested
+            requested[smaller], own[smaller] = bound[smaller], k
+        own[requested < low] = len(names) - 2
+        requested = np.maximum(requested, low)
+        places = np.concatenate([np.empty((0, dim)), *(at for _, at, _ in points)])
+        sizes = np.concatenate([np.empty(0), *(size for _, _, size in points)])
+        of_points = np.repeat(
+            np.array([names.index(name) for name, _, _ in points], np.int8),
+            np.array([len(size) for _, _, size in points], np.intp),
+        )
+        of_points[sizes < low] = len(names) - 2
+        kept = sizes < high  # others bound nothing
+        places, sizes, of_points = places[kept], np.maximum(sizes[kept], low), of_points[kept]
+        info, roots = None, None
+        if through_space:
+            assert isinstance(background, SimplexMesh)
+            every = np.concatenate([background.points, places])
+            bound = np.concatenate([requested, sizes])
+            h, roots = limit_points(every, bound, len(own), request.g, request.report)
+        else:
+            if len(sizes) > 0:
+                options = {"point_sources": (places, sizes)}
+            h, info = limit_gradient.with_info(
+                background, requested, request.g, progress=request.report, **options
+            )
+            if info.sources is not None:
+                roots = info.sources.roots().reshape(own.shape)
+        if roots is not None:
+            cause = np.append(np.concatenate([own.ravel(), of_points]), np.int8(NONE))[roots]
+        else:
+            cause = _by_separate_runs(background, requested, own, len(names) - 1, request.g)
+        report = self._report(names, cause, h, info)
+        tolerance = _tolerance_of(h, self.nodal, background, request) if with_tolerance else np.inf
+        return h, replace(
+            report,
+            g=request.g,
+            elements_per_radian=request.per_radian,
+            elements_across=request.across,
+            elements_between=request.between(self.is_rough) if has_features else 0.0,
+            tolerance=tolerance,
+        )
+
+    def _report(
+        self,
+        names: tuple[str, ...],
+        cause: npt.NDArray[np.int8],
+        h: FloatArray,
+        info: LimitingInfo | None,
+    ) -> SizeReport:
+        """Return the report with the shares and the smallest size of each cause."""
+        weights = nodal_measures(self.background) if self.weights is None else self.weights
+        cause[weights <= 0.0] = NONE
+        cause.flags.writeable = False
+        inside = cause != NONE
+        k, sizes, measure = cause[inside], h[inside], weights[inside]
+        dim, count = measure_dim(self.background), len(names)
+        elements = measure / sizes**dim
+        domain = np.bincount(k, weights=measure, minlength=count) / max(measure.sum(), 1e-300)
+        share = np.bincount(k, weights=elements, minlength=count) / max(elements.sum(), 1e-300)
+        least = np.full(count, np.inf)
+        np.minimum.at(least, k, sizes)
+        return SizeReport(
+            background=self.background,
+            causes=names,
+            cause=cause,
+            domain_shares=dict(zip(names, domain.tolist(), strict=True)),
+            element_shares=dict(zip(names, share.tolist(), strict=True)),
+            smallest=dict(zip(names, least.tolist(), strict=True)),
+            largest=float(sizes.max(initial=0.0)),
+            bounds={n: self.nodal.get(n, np.full(cause.shape, np.inf)) for n in names[:-2]},
+            info=info,
+            g=0.0,
+            hmin=self.limits[0],
+            hmax=self.limits[1],
+            n_elements=float(ELEMENTS_PER_MEASURE[dim] * elements.sum()),
+            is_rough=self.is_rough,
+        )
+
+
+def _by_separate_runs(
     background: AnyBackground,
-    bounds: dict[str, FloatArray],
-    limits: tuple[float, float],
-    request: Request,
-    weights: FloatArray | None = None,
-    *,
-    points: PointBounds = (),
-    through_space: bool = False,
-    options: Mapping[str, Any] | None = None,
-    with_tolerance: bool = False,
-    is_rough: bool = False,
-) -> tuple[FloatArray, SizeReport]:
-    """Return the minimum of several bounds, limited as requested, and its report.
+    requested: FloatArray,
+    own: npt.NDArray[np.int8],
+    constant: int,
+    g: float,
+) -> npt.NDArray[np.int8]:
+    """Return the cause whose bounds alone give the smallest limited size at each node.
 
-    ``points`` and the further arguments are those of `limit_bounds`; point sources are added.  With
-    ``with_tolerance``, the bound from curvature is within the tolerance.  ``is_rough``: whether the
-    boundary is.
+    The cause of number ``constant`` prescribes the same size everywhere.  Fast marching is accurate
+    enough to distinguish the causes.
     """
-    has_features = "separation" in (*bounds, *(name for name, _, _ in points))
-    h, report = limit_bounds(
-        background,
-        bounds,
-        request.g,
-        hmin=limits[0],
-        hmax=limits[1],
-        weights=weights,
-        points=[*points, *request.points(background.dim)],
-        through_space=through_space,
-        options=options,
-        progress=request.report,
-    )
-    tolerance = np.inf
-    if with_tolerance:
-        assert isinstance(background, SimplexMesh)
-        tolerance = _tolerance_of(h, bounds, background, request)
-    return h, replace(
-        report,
-        elements_per_radian=request.per_radian,
-        elements_across=request.across,
-        elements_between=request.between(is_rough) if has_features else 0.0,
-        is_rough=is_rough,
-        tolerance=tolerance,
-    )
+    cause = np.full(own.shape, NONE, dtype=np.int8)
+    best = np.full(own.shape, np.inf)
+    for k in np.unique(own):
+        limited = np.where(own == k, requested, np.inf)
+        if k == constant:
+            limited[...] = requested[own == k][0]
+        else:
+            limited = limit_gradient(background, limited, g, method="fast-marching")
+        better = limited < best
+        cause[better], best[better] = k, limited[better]
+    return cause
 
 
 def _tolerance_of(
-    h: FloatArray, bounds: dict[str, FloatArray], background: SimplexMesh, request: Request
+    h: FloatArray, bounds: Mapping[str, FloatArray], background: AnyBackground, request: Request
 ) -> float:
     """Return the tolerance for a mesh of these sizes.
 
     Where it is relaxed, other bounds may keep the sizes smaller than it requires.  Then it is the
-    one that they require at all but a twentieth of the elements at curved boundaries.
+    one that they require at 95 % of the elements at curved boundaries.
     """
+    assert isinstance(background, SimplexMesh)
     largest = request.chord_tolerance
-    if request.tolerance is not None or largest <= TOLERANCE:
+    if request.options["tolerance"] is not None or largest <= TOLERANCE:
         return largest
     bound, diameter = bounds["curvature"], background.diameter
     curved = np.isfinite(bound) & np.isfinite(h)
@@ -294,14 +365,5 @@ def _tolerance_of(
     order = np.argsort(required)
     per_node = nodal_measures(background)[curved] / size ** measure_dim(background)
     elements = np.cumsum(per_node[order])
-    most = required[order[np.searchsorted(elements, _KEPT * elements[-1])]]
+    most = required[order[np.searchsorted(elements, 0.95 * elements[-1])]]
     return float(np.clip(most, TOLERANCE, largest))
-
-
-def bound_at_nodes(h0: npt.ArrayLike | Implicit, background: AnyBackground) -> FloatArray:
-    """Return upper bounds at the nodes of a background, from an array or a function of points."""
-    if not callable(h0):
-        return as_sizes("h0", h0, background.nodal_shape)
-    if isinstance(background, CartesianGrid):
-        return as_sizes("h0", background.sample(h0), background.shape)
-    return as_sizes("h0", h0(background.points), background.nodal_shape)

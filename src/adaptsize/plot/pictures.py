@@ -15,8 +15,8 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_number, as_path, check_type, describe, one_of
 from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.domain_size.report import SizeReport
 from adaptsize.errors import PlotError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.plot import with_matplotlib, with_vtk

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import plotly.graph_objects as go
 
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
-from adaptsize.domain_size.report import SizeReport
 from adaptsize.plot.pictures import scene_of_causes
 from adaptsize.plot.scene import CLASS_COLORS, Scene, scene_of_mesh
 from adaptsize.quality import minimum_angles, radius_ratios

@@ -9,8 +9,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
+    from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
-    from adaptsize.domain_size.report import SizeReport
     from adaptsize.quality import Conformity
 
 

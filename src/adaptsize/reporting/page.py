@@ -14,8 +14,8 @@ import adaptsize
 from adaptsize._checks import as_path, as_tolerance, check_type
 from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
-from adaptsize.domain_size.report import SizeReport
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
