@@ -8,10 +8,9 @@ import pytest
 import typer
 
 import adaptsize as ads
-from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize.cli.commands import app
 from adaptsize.cli.sources import parse_source
-from adaptsize.domain_size import request
+from adaptsize.options import SizeFunctionOptions, options_of
 
 TEXT = (Path(__file__).parents[2] / "docs" / "parameters.md").read_text(encoding="utf-8")
 #: Function, commands, and whether the table has all parameters.
@@ -22,15 +21,8 @@ SECTIONS = {
     "Adaptive loops": (ads.adapt, ("adapt",), False),
 }
 #: Defaults of `size_function` that depend on other parameters.
-CHOSEN = {
-    "elements_per_radian": f"{request.ELEMENTS_PER_RADIAN:g}",
-    "elements_across": f"{request.ELEMENTS_ACROSS:g}",
-    "elements_between": f"{request.ELEMENTS_BETWEEN:g}",
-    "hmin": f"1/{1 / request._SMALLEST_SHARE:g} of the diameter",
-    "hmax": f"1/{1 / request._LARGEST_SHARE:g} of the diameter",
-    "tolerance": f"{TOLERANCE:g}",
-    "max_elements": f"{MAX_ELEMENTS:.0f}",
-    "background": "depends on the domain",
+CHOSEN = {name: option.chosen for name, option in options_of(SizeFunctionOptions).items()} | {
+    "background": "depends on the domain"
 }
 
 
@@ -50,7 +42,7 @@ def test_names_and_defaults_are_those_of_the_function(section):
         name = re.match(r"`(\w+)`", name_cell)[1]
         listed.append(name)
         value = parameters[name].default
-        if function is ads.size_function and name in CHOSEN:
+        if function is ads.size_function and CHOSEN.get(name):
             assert value is None, name
             assert default == CHOSEN[name], name
         elif value is inspect.Parameter.empty:

@@ -216,7 +216,7 @@ def test_a_size_function_replaces_the_parameters_of_sizes():
     size = size_function(disc(20.0), hmax=5.0)
     mesh = mesh_image(disc(20.0), size=size)
     assert_allclose(mesh.points, mesh_image(disc(20.0), hmax=5.0).points)
-    with pytest.raises(ValueError, match="size must be given without elements_per_radian"):
+    with pytest.raises(ValueError, match="size must be given without hmax"):
         mesh_image(disc(20.0), size=size, hmax=5.0)
     with pytest.raises(ValueError, match="size must be a SizeFunction"):
         mesh_image(disc(20.0), size=3.0)

@@ -19,6 +19,7 @@ from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.width import Walls
+from adaptsize.limiting import FastMarching
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.sizes.curvature import radius_at_curves
 from adaptsize.sizes.feature import width_in_regions
@@ -103,7 +104,7 @@ class LevelSet:
         # In space, bounds in an image are less accurate than fast marching, and the exact method
         # takes longer than all other steps together.
         quick = self.is_image and grid.dim == 3
-        options = {"method": "fast-marching", "order": 2} if quick else {}
+        options = {"method": FastMarching(order=2)} if quick else {}
         limits = request.limits(diagonal, least)
         return _on_grid(phi, Bounds(grid, bounds, limits), request, **options)
 

@@ -172,7 +172,7 @@ def plot_causes(
     Parameters
     ----------
     report : SizeReport
-        Of ``size_function(..., full_output=True)``.
+        Of `size_function`.
     path, clip, width
         As for `plot_size`.
 
@@ -192,8 +192,8 @@ def plot_causes(
 
     Examples
     --------
-    >>> size, report = size_function(part, full_output=True)  # doctest: +SKIP
-    >>> plot_causes(report, path="causes.png")  # doctest: +SKIP
+    >>> size = size_function(part)  # doctest: +SKIP
+    >>> plot_causes(size.report, path="causes.png")  # doctest: +SKIP
     """
     check_type("report", report, SizeReport)
     _check_output(path, width)

@@ -66,7 +66,7 @@ def report(
     original : SimplexMesh, optional
         The mesh or surface from which ``mesh`` was made, to compare the boundaries.
     size_report : SizeReport, optional
-        Of ``size_function(..., full_output=True)``, to show causes and predicted elements.
+        The ``report`` of `size_function`, to show causes and predicted elements.
     tolerance : float
         Allowed distance of the boundaries, over the diagonal of ``original``; at most 1.
     title : str, optional
