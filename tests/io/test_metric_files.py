@@ -112,29 +112,6 @@ def test_infinite_sizes_have_no_lengths_but_a_matrix(tmp_path):
 SOL = "MeshVersionFormatted 2\n\nDimension 2\n\nSolAtVertices\n2\n1 3\n4 0 9\n4 1 9\n\nEnd\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (SOL.replace("Dimension 2", ""), "lacks Dimension"),
-        (SOL.replace("1 3", "1 2"), "must hold one size"),
-        (SOL.replace("1 3", "2 3"), "must hold one size"),
-        (SOL.replace("\n2\n", "\n3\n"), "something else than numbers, or ends early"),
-        (SOL.replace("4 1 9\n\nEnd\n", "4 1"), "ends after 5 of 6 numbers"),
-        (SOL.replace("4 1 9", "4 7 9"), "must be positive definite"),
-        (SOL.replace("4 1 9", "4 nan 9"), "must be finite"),
-        (SOL.replace("Dimension 2", "Dimension 4"), "must hold one size"),
-        ("\xff", "not a text file"),
-    ],
-)
-def test_damaged_files_are_refused_in_one_line(tmp_path, text, message):
-    file = tmp_path / "part.sol"
-    file.write_text(text, encoding="latin1")
-    with pytest.raises(MeshFileError, match=message) as caught:
-        ads.read_metric(file)
-    assert str(caught.value).startswith(str(file))
-    assert "\n" not in str(caught.value)
-
-
 def test_the_undamaged_file_is_read(tmp_path):
     (tmp_path / "part.sol").write_text(SOL)
     expected = [[[4, 0], [0, 9]], [[4, 1], [1, 9]]]
@@ -172,29 +149,6 @@ def test_binary_solutions_are_read(tmp_path, version, order):
     assert sizes == pytest.approx(np.array([[0.5] * 3, [2.0] * 3]))
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"", "empty"),
-        (b"MeshVersionFormatted 2", "does not begin as a binary"),
-        (solb(2, "<", VALUES)[:60], "ends after 2 of 12"),
-        (solb(2, "<", VALUES)[:16], "ends early"),
-        (solb(2, "<", VALUES)[:20], "ends early, or is damaged"),
-        (solb(5, "<", VALUES), "has version 5"),
-        (solb(2, "<", VALUES, kinds=(3, 1)), "must hold one size"),
-        (solb(2, "<", VALUES, kinds=(7,)), "types \\[7\\]"),
-        (solb(2, "<", VALUES, n=-1), "has -1 nodes"),
-        (solb(2, "<", VALUES, n=3), "ends after"),
-        (solb(2, "<", VALUES, dim=4), "in 4-D"),
-    ],
-)
-def test_damaged_binary_files_are_refused_in_one_line(tmp_path, content, message):
-    (tmp_path / "part.solb").write_bytes(content)
-    with pytest.raises(MeshFileError, match=message) as caught:
-        ads.read_metric(tmp_path / "part.solb")
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize("kind", MESHES)
 def test_views_of_gmsh_are_read_as_meshes_with_a_field(tmp_path, kind):
     mesh = MESHES[kind] or MESHES["tetrahedra"].boundary().mesh
@@ -219,23 +173,49 @@ VIEW = 'View "h" {\nST(0,0,0,1,0,0,0,1,0){1,2,3};\n};\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("name", "content", "message"),
     [
-        (VIEW[:-4], "ends early, or holds something else"),
-        (VIEW[:-6], "must hold one list-based view"),
-        (VIEW + VIEW, "must hold one list-based|something else"),
-        ("$PostFormat", "must hold one list-based view"),
-        ('View "h" {};', "a view without elements"),
-        (VIEW.replace("ST(", "SQ("), "holds elements SQ"),
-        (VIEW.replace("1,2,3}", "1,2}"), "2 numbers instead of 3"),
-        (VIEW.replace("1,2,3}", "1,two,3}"), "something else than numbers"),
-        (VIEW.replace("};\n};", "};\nST(0,0\n};"), "ends early, or holds something else"),
+        ("part.sol", SOL.replace("Dimension 2", ""), "lacks Dimension"),
+        ("part.sol", SOL.replace("1 3", "1 2"), "must hold one size"),
+        ("part.sol", SOL.replace("1 3", "2 3"), "must hold one size"),
+        ("part.sol", SOL.replace("\n2\n", "\n3\n"), "something else than numbers, or ends early"),
+        ("part.sol", SOL.replace("4 1 9\n\nEnd\n", "4 1"), "ends after 5 of 6 numbers"),
+        ("part.sol", SOL.replace("4 1 9", "4 7 9"), "must be positive definite"),
+        ("part.sol", SOL.replace("4 1 9", "4 nan 9"), "must be finite"),
+        ("part.sol", SOL.replace("Dimension 2", "Dimension 4"), "must hold one size"),
+        ("part.sol", "\xff", "not a text file"),
+        ("part.solb", b"", "empty"),
+        ("part.solb", b"MeshVersionFormatted 2", "does not begin as a binary"),
+        ("part.solb", solb(2, "<", VALUES)[:60], "ends after 2 of 12"),
+        ("part.solb", solb(2, "<", VALUES)[:16], "ends early"),
+        ("part.solb", solb(2, "<", VALUES)[:20], "ends early, or is damaged"),
+        ("part.solb", solb(5, "<", VALUES), "has version 5"),
+        ("part.solb", solb(2, "<", VALUES, kinds=(3, 1)), "must hold one size"),
+        ("part.solb", solb(2, "<", VALUES, kinds=(7,)), "types \\[7\\]"),
+        ("part.solb", solb(2, "<", VALUES, n=-1), "has -1 nodes"),
+        ("part.solb", solb(2, "<", VALUES, n=3), "ends after"),
+        ("part.solb", solb(2, "<", VALUES, dim=4), "in 4-D"),
+        ("part.pos", VIEW[:-4], "ends early, or holds something else"),
+        ("part.pos", VIEW[:-6], "must hold one list-based view"),
+        ("part.pos", VIEW + VIEW, "must hold one list-based|something else"),
+        ("part.pos", "$PostFormat", "must hold one list-based view"),
+        ("part.pos", 'View "h" {};', "a view without elements"),
+        ("part.pos", VIEW.replace("ST(", "SQ("), "holds elements SQ"),
+        ("part.pos", VIEW.replace("1,2,3}", "1,2}"), "2 numbers instead of 3"),
+        ("part.pos", VIEW.replace("1,2,3}", "1,two,3}"), "something else than numbers"),
+        (
+            "part.pos",
+            VIEW.replace("};\n};", "};\nST(0,0\n};"),
+            "ends early, or holds something else",
+        ),
     ],
 )
-def test_damaged_views_are_refused_in_one_line(tmp_path, text, message):
-    (tmp_path / "view.pos").write_text(text)
+def test_damaged_files_are_refused_in_one_line(tmp_path, name, content, message):
+    file = tmp_path / name
+    file.write_bytes(content if isinstance(content, bytes) else content.encode("latin1"))
     with pytest.raises(MeshFileError, match=message) as caught:
-        ads.read(tmp_path / "view.pos")
+        ads.read_metric(file)
+    assert str(caught.value).startswith(str(file))
     assert "\n" not in str(caught.value)
 
 

@@ -5,7 +5,8 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from shapes import joined
+from shapes import CORNERS as CUBE
+from shapes import CUBE_CELLS, joined
 
 from adaptsize import SimplexMesh, remesh, size_conformity, size_function
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
@@ -19,12 +20,6 @@ from adaptsize.remeshing.surface import _with_flipped_caps, refine_surface, remo
 
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
-
-CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-CUBE_CELLS = np.array([
-    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
-])  # fmt: skip
 
 
 def cube(shift=0.0):
@@ -90,11 +85,6 @@ def test_surfaces_that_netgen_must_not_fill(run):
     turned = CUBE_CELLS.copy()
     turned[0] = turned[0, ::-1]
     assert netgen.fill(SimplexMesh(CUBE, turned), run) is None  # not oriented
-
-
-def test_without_netgen_ftetwild_fills(run, monkeypatch):
-    monkeypatch.setattr(netgen, "find_spec", lambda name: None)
-    assert netgen.fill(cube(), run) is None
 
 
 def test_netgen_is_stopped_at_its_time_limit(run, monkeypatch):

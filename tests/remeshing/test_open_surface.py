@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from shapes import CORNERS as UNIT
+from shapes import CUBE_CELLS
 
 from adaptsize import SimplexMesh
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.remeshing import close_holes, near_bodies, open_boundary
 
-CORNERS = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
-CUBE = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
-CUBE += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+CORNERS = UNIT * [2.0, 1.0, 1.0]
+CUBE = CUBE_CELLS.tolist()
 
 
 def box(without=()):

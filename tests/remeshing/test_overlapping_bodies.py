@@ -4,17 +4,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from shapes import CORNERS
+from shapes import CUBE_CELLS as CUBE
 
 from adaptsize import SimplexMesh, size_function
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.remeshing import near_bodies, overlapping_bodies
 from adaptsize.remeshing.surface_checks import warn_of_surface
-
-CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-CUBE = np.array([
-    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
-])  # fmt: skip
 
 
 def boxes(*bounds, at=0.0):
