@@ -15,7 +15,9 @@ def no_lines_about_steps(monkeypatch):
 
 @pytest.fixture
 def square(tmp_path):
-    """A file with two triangles and the nodal field h0."""
+    """A file with two triangles and the nodal fields h0 and h."""
     mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    write(tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf]})
+    write(
+        tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf], "h": np.ones(4)}
+    )
     return tmp_path / "square.vtu"

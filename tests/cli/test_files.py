@@ -88,14 +88,6 @@ def test_sizes_beside_a_mesh_may_not_replace_the_input(capsys, tmp_path):
     assert "part.sol is also the input" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("nothing_is_read")
-def test_a_link_to_the_input_is_the_input(capsys, square):
-    link = square.with_name("link.vtu")
-    link.symlink_to(square)
-    assert call("remesh", square, "-o", link) == 1
-    assert "is also the input" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("points", "cells", "name", "printed"),
     [

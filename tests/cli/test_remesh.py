@@ -8,7 +8,6 @@ import pytest
 from command_line import call
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
-from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.quality import size_conformity
 from adaptsize.reporting.outcome import Outcome
 
@@ -187,13 +186,6 @@ def test_sizes_are_written_beside_a_mesh_that_holds_no_fields(capsys, box, no_ge
     assert "SolAtVertices\n8\n" in output.with_suffix(".sol").read_text()
 
 
-def test_a_format_without_fields_and_sizes_beside_it_is_said(capsys, tmp_path):
-    pytest.importorskip("mmgpy")
-    words = ["--target", "triangles", "--hmin", "0.3", "--hmax", "0.4"]
-    assert call("remesh", DATA / "shell.vtu", "-o", tmp_path / "new.off", *words) == 0
-    assert "new.off holds no fields: the sizes are not written" in capsys.readouterr().err
-
-
 # --- open surfaces and bodies that nearly touch -----------------------------------
 
 
@@ -258,29 +250,3 @@ def test_overlapping_bodies_are_named_before_the_work(capsys, tmp_path, no_gener
     assert "join the bodies before meshing" in capsys.readouterr().err
     assert call("size", tmp_path / "two.stl", "-o", tmp_path / "h.vtu") == 0
     assert named in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("strict", [False, True])
-def test_strict_is_passed_on_for_every_input(monkeypatch, tmp_path, strict):
-    passed = []
-
-    def keep(mesh, size, **options):
-        passed.append(options.get("strict", False))
-        return mesh
-
-    monkeypatch.setattr("adaptsize.remeshing.remesh", keep)
-    words = ["--strict"] if strict else []
-    assert call("remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", *words) == 0
-    assert passed == [strict]
-
-
-def test_an_open_surface_is_a_warning_in_python_too(open_box, monkeypatch):
-    def refuse(*_):
-        raise RuntimeError("no generator here")
-
-    monkeypatch.setattr("adaptsize.remeshing.isolation.IsolatedRunner.__call__", refuse)
-    with (
-        pytest.warns(OpenSurfaceWarning, match="4 open edges in 1 loop.*see close_holes"),
-        pytest.raises(RuntimeError, match="no generator here"),
-    ):
-        remesh(read(open_box), 0.5)

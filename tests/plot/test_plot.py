@@ -1,6 +1,5 @@
 """Pictures: what the pixels show, and machines that cannot draw."""
 
-import os
 import subprocess
 import sys
 
@@ -48,18 +47,6 @@ def test_plane_mesh_is_seen_from_above_with_equal_aspect(drawn_by):
     # Small sizes are on the left (dark), large ones on the right (yellow).
     left, right = np.nonzero(is_near(image[:, : int(1.55 * WIDTH)], YELLOW))[1], columns
     assert left.mean() > right.mean() + 0.2 * np.ptp(columns)
-
-
-def test_picture_of_tetrahedra_shows_both_ends_of_the_colours(drawn_by):
-    mesh = jittered_cube(5, 56)
-    image = plot_size(mesh, 60.0 + mesh.points[:, 2], width=WIDTH)
-    mesh_part = image[:, : int(0.8 * WIDTH)]
-    drawn = mesh_part.min(axis=2) < 250
-    assert 0.2 < drawn.mean() < 0.9
-    hue_high = drawn & (mesh_part[:, :, 0].astype(int) > mesh_part[:, :, 2].astype(int) + 30)
-    hue_low = drawn & (mesh_part[:, :, 2].astype(int) > mesh_part[:, :, 0].astype(int) + 20)
-    # z grows upwards in the picture, so yellow is above blue.
-    assert np.nonzero(hue_high)[0].mean() < np.nonzero(hue_low)[0].mean()
 
 
 @pytest.mark.parametrize("color", ["quality", "region", "weight"])
@@ -120,12 +107,6 @@ def test_bad_arguments_are_named():
         plot_mesh(mesh, color="colour")
 
 
-def test_missing_pyvista_is_an_import_error_with_the_pip_line(monkeypatch):
-    monkeypatch.setattr(pictures, "find_spec", lambda name: None)
-    with pytest.raises(ImportError, match=r'pip install "adaptsize\[plot\]"'):
-        plot_size(structured_square(2), np.ones(9))
-
-
 def test_no_way_to_draw_is_a_plot_error(monkeypatch):
     monkeypatch.setattr(with_vtk, "is_possible", lambda: False)
     monkeypatch.setattr(pictures, "find_spec", lambda name: None if name == "matplotlib" else name)
@@ -159,13 +140,6 @@ def test_nothing_is_printed_without_a_display(tmp_path):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == run.stderr == ""
     assert (tmp_path / "a.png").stat().st_size > 100
-
-
-def test_drawing_leaves_the_environment_alone(monkeypatch):
-    monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
-
-    plot_size(structured_square(2), np.ones(9), width=64)
-    assert "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ
 
 
 def test_matplotlib_draws_what_is_near_over_what_is_far():

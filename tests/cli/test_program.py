@@ -1,0 +1,189 @@
+"""The program: exit codes and streams, interruption, compilation, and what it imports."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from command_line import call
+
+from adaptsize.cli import entry
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["frob"],
+        ["limit", "a.vtu", "-g", "0.3"],
+        ["remesh", "a.stl", "-o", "b", "-g", "x"],
+    ],
+)
+def test_wrong_usage_exits_2_and_says_so_on_stderr(capsys, arguments):
+    assert call(*arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "Error:" in printed.err
+
+
+def test_refused_input_is_one_plain_line_and_exit_1(capsys):
+    assert call("info", "no-such-file.stl") == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err == "adaptsize: error: no-such-file.stl: No such file or directory\n"
+
+
+def test_debug_adds_the_traceback(capsys):
+    assert call("--debug", "info", "no-such-file.stl") == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith("Traceback")
+    assert printed.endswith("adaptsize: error: no-such-file.stl: No such file or directory\n")
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from adaptsize.cli.entry import run; run(['--help']);"
+        "heavy = {'numba', 'scipy', 'meshio', 'trimesh', 'pyvista'} & set(sys.modules);"
+        "print(heavy, file=sys.stderr)"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert child.stderr.strip() == "set()"
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_reader_that_leaves_early_is_no_error(unbuffered):
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-c", "from adaptsize.cli import main; main()", "info"]
+    child = subprocess.run(
+        [*command, DATA / "lshape.vtu"],
+        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        check=False,
+    )
+    os.close(writer)
+    assert child.returncode == 0
+    assert all(b": step " in line for line in child.stderr.splitlines())  # if it took long
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
+def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
+    (tmp_path / "meshio.py").write_text(
+        "import pathlib, time\n"
+        "pathlib.Path(__file__).with_name('reading').touch()\n"
+        "time.sleep(60)\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    child = subprocess.Popen(
+        [sys.executable, "-m", "adaptsize", "info", DATA / "lshape.vtu"],
+        env={**os.environ, "PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not (tmp_path / "reading").exists():
+        assert child.poll() is None
+        time.sleep(0.01)
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert (out, err) == ("", "adaptsize: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["typer", "adaptsize.cli.entry"])
+def test_ctrl_c_during_the_imports_gives_no_traceback(tmp_path, module):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {module!r}: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    command = [sys.executable, "-m", "adaptsize", "info", "a.vtu"]
+    child = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=False
+    )
+    assert child.returncode == 130
+    assert b"Traceback" not in child.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_closed_streams_are_no_error(closed):
+    command = f'"{sys.executable}" -m adaptsize info "{DATA / "lshape.vtu"}" {closed}'
+    child = subprocess.run(command, shell=True, capture_output=True, check=False)
+    assert (child.returncode, child.stderr) == (0, b"")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_stopped_command_leaves_nothing(tmp_path, number):
+    # The writer is slow, and stopped in the middle of the file.
+    code = (
+        "import sys, time; from adaptsize._formats import writers; from adaptsize.cli import main\n"
+        "def slow(path, *_, **__):\n"
+        "    path.write_text('half'); print('writing', flush=True); time.sleep(60)\n"
+        "writers._write_with_meshio = slow\n"
+        "main()"
+    )
+    words = ["limit", DATA / "slit.vtu", "-o", "out.vtu", "--field", "h0", "-g", "0.3"]
+    child = subprocess.Popen(
+        [sys.executable, "-c", code, *words],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert child.stdout.readline() == "writing\n"
+    child.send_signal(number)
+    err = child.communicate(timeout=30)[1]
+    assert child.returncode == 128 + number
+    assert err.splitlines()[-1] == f"adaptsize: stopped by {signal.Signals(number).name}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_where_python_ignores_exceptions_interrupts_nevertheless(monkeypatch, capsys):
+    class Ignored:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    def command(arguments):
+        Ignored()
+        time.sleep(60)
+
+    monkeypatch.setattr(entry, "run", command)
+    with pytest.raises(SystemExit) as stop:
+        entry.main([])
+    assert stop.value.code == entry.INTERRUPTED
+    assert capsys.readouterr() == ("", "adaptsize: interrupted\n")
+
+
+def info_in_a_process(cache):
+    done = subprocess.run(
+        [sys.executable, "-m", "adaptsize", "info", DATA / "slit.vtu"],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stderr
+
+
+def test_the_first_command_says_that_it_compiles_and_later_ones_do_not(tmp_path):
+    first = info_in_a_process(tmp_path / "cache")
+    second = info_in_a_process(tmp_path / "cache")
+    assert first.count("compiling kernels") == 1
+    assert "compiling" not in second
+
+
+def test_warmup_compiles_for_all_kinds_of_domains(capfd):
+    assert call("warmup") == 0
+    printed = capfd.readouterr()
+    assert printed.out.startswith("kernels compiled in ")
+    assert printed.err.count("compiled for ") == 5
