@@ -5,12 +5,12 @@ lines) and from above (paths along edges, or along a fine graph in the cells).
 """
 
 from collections.abc import Callable
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import domains
 import numpy as np
+from backgrounds import active_nodes, random_background, rises
 from exact_on_grids import exact_sizes
 from exact_oracle import edge_sizes, plane_domain, plane_sizes, straight_sizes
 from meshes import jittered_square, random_sphere
@@ -93,8 +93,7 @@ def _check(problem: Problem, rng: np.random.Generator) -> None:
     domain, h0, g = problem.domain, problem.h0, problem.g
     background = domain.background
     h, info = problem.limit(h0)
-    active = getattr(background, "active", None)
-    active = np.ones(h.shape, bool) if active is None else active
+    active = active_nodes(background)
     finite = np.isfinite(h) & active
     # A size is a linear interpolant of at most four bounds plus g times a distance, or a closed
     # form in which they cancel.  Each of some ten operations rounds by half an epsilon of its
@@ -118,22 +117,15 @@ def _check(problem: Problem, rng: np.random.Generator) -> None:
 
 
 def _check_edges(background: Any, h: np.ndarray, g: Any, rounding: float) -> None:
-    """Compare the rise along every edge with the smallest g of its cells."""
-    mesh = background.mesh if isinstance(background, ads.Octree) else background
-    if not isinstance(mesh, ads.SimplexMesh):
-        return
-    if np.shape(g) == (mesh.n_points,):
-        in_cells = np.asarray(g)[mesh.cells].mean(axis=1)
-    else:
-        in_cells = np.broadcast_to(g, mesh.n_cells)
-    for i, j in combinations(mesh.cells.T, 2):
-        if not np.array_equal(np.isfinite(h[i]), np.isfinite(h[j])):
-            raise Failure("inf beside a finite size")
-        both = np.isfinite(h[i])
-        length = np.linalg.norm(mesh.points[i] - mesh.points[j], axis=1)
-        excess = np.abs(h[i][both] - h[j][both]) - (in_cells * length)[both]
-        if excess.max(initial=0.0) > rounding:
-            raise Failure(f"an edge is too steep by {excess.max():.3g}")
+    """Compare the rise along every edge with the bound on it."""
+    i, j, rise = rises(background, g)
+    h = h.ravel()
+    if not np.array_equal(np.isfinite(h[i]), np.isfinite(h[j])):
+        raise Failure("inf beside a finite size")
+    both = np.isfinite(h[i])
+    excess = h[i][both] - h[j][both] - rise[both]
+    if excess.max(initial=0.0) > rounding:
+        raise Failure(f"an edge is too steep by {excess.max():.3g}")
 
 
 def _check_sizes(problem: Problem, h: np.ndarray, rounding: float) -> None:
@@ -173,8 +165,7 @@ def _check_order(problem: Problem, h: np.ndarray, rng: Any, rounding: float) -> 
 
 def _bounds(background: Any, rng: np.random.Generator) -> np.ndarray:
     shape = background.nodal_shape
-    active = getattr(background, "active", None)
-    allowed = np.arange(int(np.prod(shape))) if active is None else np.flatnonzero(active)
+    allowed = np.flatnonzero(active_nodes(background))
     share = rng.choice([0.0, 0.05, 0.5, 1.0])
     chosen = np.append(allowed[rng.random(len(allowed)) < share], rng.choice(allowed))
     decades = rng.choice([0.0, 1.0, 6.0])
@@ -268,26 +259,16 @@ def _punched_solid(rng: np.random.Generator) -> Domain:
 
 
 def _grid(rng: np.random.Generator) -> Domain:
-    dim = int(rng.choice([1, 2, 3], p=[0.1, 0.6, 0.3]))
-    shape = tuple(map(int, rng.integers(2, (20, 9, 4)[dim - 1], dim)))
-    active = rng.random(shape) < rng.choice([0.6, 0.8, 1.0])
-    active.flat[int(rng.integers(active.size))] = True
-    spacing = rng.uniform(0.1, 1.0, dim)
-    grid = ads.CartesianGrid(rng.normal(size=dim), spacing, shape, active=active)
-    if dim == 3:
+    grid = random_background("grid", str(rng.choice(["1-D", "2-D", "3-D"])), rng, uneven=True)
+    shape, spacing, active = grid.shape, grid.spacing, grid.active
+    if grid.dim == 3:
         return Domain(grid)
     return Domain(grid, lambda h0, g: exact_sizes(shape, spacing, active, h0, g, segments=False))
 
 
 def _tree(rng: np.random.Generator) -> Domain:
-    dim = int(rng.choice([2, 3]))
-    tree = ads.Octree.build(
-        [0.0] * dim,
-        [1.0] * dim,
-        lambda centres, sizes: rng.random(len(centres)) < 0.4,
-        max_level=(4, 2)[dim - 2],
-        balanced=bool(rng.random() < 0.5),
-    )
+    uneven = bool(rng.random() < 0.5)
+    tree = random_background("octree", str(rng.choice(["2-D", "3-D"])), rng, uneven=uneven)
     return Domain(tree, lambda h0, g: straight_sizes(tree.points, h0, g))
 
 

@@ -190,7 +190,8 @@ def problems(draw: Callable[..., Any], case: Case) -> Problem:
     # Uneven: nodes out of the domain, or cells without volume.
     # Which ways are tried over edges of a solid depends on the numbers of nodes.
     may_be_uneven = not (case.method == "exact" and kind == "volume")
-    background = _RANDOM[case.background](kind, rng, may_be_uneven and draw(st.booleans()))
+    uneven = may_be_uneven and draw(st.booleans())
+    background = random_background(case.background, kind, rng, uneven=uneven)
     shape = background.nodal_shape
     bounded = rng.random(shape) < draw(st.sampled_from([0.1, 0.5, 1.0]))
     bounded.flat[rng.choice(np.flatnonzero(active_nodes(background)))] = True
@@ -247,9 +248,12 @@ def _random_octree(kind: str, rng: np.random.Generator, uneven: bool) -> Octree:
     )
 
 
-_RANDOM: dict[str, Callable[..., Background]] = {
-    "simplices": _random_mesh, "grid": _random_grid, "octree": _random_octree,
-}  # fmt: skip
+def random_background(
+    name: str, kind: str, rng: np.random.Generator, *, uneven: bool
+) -> Background:
+    """Return a background of a kind; if uneven with inactive nodes, or cells without volume."""
+    makers = {"simplices": _random_mesh, "grid": _random_grid, "octree": _random_octree}
+    return makers[name](kind, rng, uneven)
 
 
 # --- what backgrounds have in common -------------------------------------------------------
