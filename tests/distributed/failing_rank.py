@@ -17,7 +17,6 @@ phase, rank = sys.argv[1], int(sys.argv[2])
 # The module and the function in which each phase fails.  "alone" and "bug" fail where the other
 # ranks wait for this one; "killed" dies there.
 PLACES = {
-    "reading": (pvtu, "read_piece"),
     "alone": (adaptsize.distributed, "limit_gradient"),
     "meshing": (remeshing, "remesh"),
     "writing": (pvtu, "write"),
