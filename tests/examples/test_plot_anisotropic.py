@@ -7,7 +7,7 @@ pytest.importorskip("matplotlib", reason="the examples draw")
 
 
 def test_stretched_triangles_need_fewer_elements(run, tmp_path):
-    numbers = {"isotropic": (1500,), "anisotropic": (500,)}
+    numbers = {"isotropic": (750, 1500), "anisotropic": (250, 500)}
     found = run("plot_anisotropic_layers", numbers=numbers)
     for name in ("S-shaped", "crossing"):
         errors = {

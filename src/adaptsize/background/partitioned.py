@@ -275,7 +275,7 @@ class PartitionedMesh:
             if wanted is None:
                 return pieces
             whole = as_float_array("values", values)  # type: ignore[arg-type]
-            if len(whole) != self.n_global_points:
+            if whole.ndim == 0 or len(whole) != self.n_global_points:
                 raise ValueError(
                     f"values must have {self.n_global_points} rows, got shape {whole.shape}"
                 )
