@@ -38,6 +38,10 @@ class Topology(NamedTuple):
     enclosed: float
     """Enclosed volume or area; NaN unless all facets have the same side in common."""
 
+    def __str__(self) -> str:
+        """Return the numbers that two surfaces of the same topology have in common."""
+        return f"{self.n_components} component(s) with Euler number {self.euler_number}"
+
 
 def skin_of(mesh: SimplexMesh) -> SimplexMesh:
     """Return the boundary of cells of full dimension; a surface or curve itself."""

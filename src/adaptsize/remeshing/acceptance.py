@@ -129,16 +129,12 @@ def _warn_of_topology(skin: SimplexMesh, old_skin: SimplexMesh) -> None:
     if old is None:
         return
     new = topology_of(skin)
-    given = f"{old.n_components} component(s) with Euler number {old.euler_number}"
-    if new is None:
-        found = "no closed manifold"
-    elif (new.n_components, new.euler_number) == (old.n_components, old.euler_number):
+    if new is not None and new[:2] == old[:2]:
         return
-    else:
-        found = f"{new.n_components} component(s) with Euler number {new.euler_number}"
+    found = "no closed manifold" if new is None else new
     warnings.warn(
         f"the boundary of the mesh has another topology than the given one: {found}, given: "
-        f"{given}; walls or gaps about as thin as the tolerance may be lost or filled; lower the "
+        f"{old}; walls or gaps about as thin as the tolerance may be lost or filled; lower the "
         "tolerance or use strict=True",
         BoundaryWarning,
         stacklevel=4,

@@ -112,7 +112,12 @@ class MmgBackend(Backend):
             except BackendError as error:
                 if not problem.is_adapted:
                     raise
-                _warn_of_failure(error)
+                warnings.warn(
+                    "the tetrahedra are those that fill the surface, not adapted to the sizes "
+                    f"inside: {error}",
+                    ResolutionWarning,
+                    stacklevel=5,
+                )
                 break
             if len(made["cells"]) == 0:
                 return _raw(made)
@@ -124,14 +129,6 @@ class MmgBackend(Backend):
             if median > 0.0:  # Mmg may return coincident nodes
                 factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
         return _raw(best)
-
-
-def _warn_of_failure(error: BackendError) -> None:
-    warnings.warn(
-        f"the tetrahedra are those that fill the surface, not adapted to the sizes inside: {error}",
-        ResolutionWarning,
-        stacklevel=6,
-    )
 
 
 def run_adapt(
@@ -151,7 +148,9 @@ def run_adapt(
     hgrad = -1.0
     if sizes.ndim == 1:
         # Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
-        gradient = max(0.25, _steepest_slope(made, sizes))
+        edges, lengths = _edges(made)
+        rise = np.abs(sizes[edges[:, 0]] - sizes[edges[:, 1]])
+        gradient = max(0.25, float((rise / np.maximum(lengths, np.finfo(float).tiny)).max()))
         # Upper limit of the gradation passed to Mmg.  A larger one has no effect.
         hgrad = float(np.exp(min(gradient, 3.0)))
     new = run(
@@ -188,13 +187,6 @@ def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], Floa
     edges = edges_of(made["cells"], len(made["points"]))
     ends = made["points"][edges]
     return edges, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-
-
-def _steepest_slope(made: Mapping[str, npt.NDArray[Any]], sizes: FloatArray) -> float:
-    """Return the steepest slope of the sizes along an edge."""
-    edges, lengths = _edges(made)
-    rise = np.abs(sizes[edges[:, 0]] - sizes[edges[:, 1]])
-    return float((rise / np.maximum(lengths, np.finfo(float).tiny)).max())
 
 
 def band_and_median(

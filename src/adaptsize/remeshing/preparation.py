@@ -278,7 +278,9 @@ def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
     old = problem.mesh
     cell_tags = None
     if old.cell_tags is not None and problem.task != "surface to tetrahedra":
-        regions = raw.regions if raw.regions is not None else _regions_there(points, cells, problem)
+        regions = raw.regions
+        if regions is None:
+            regions = problem.regions[old.locator.nearest(points[cells].mean(axis=1))[0]]
         cell_tags = problem.region_tags[regions]
     wants_facets = problem.task == "surface to tetrahedra" and old.cell_tags is not None
     if old.tagged_facets is None and not wants_facets:
@@ -328,11 +330,6 @@ def inside_only(raw: RawMesh, problem: Problem) -> RawMesh:
     centroids = np.asarray(raw.points)[raw.cells].mean(axis=1)
     distances = problem.mesh.locator.nearest(centroids)[2]
     return RawMesh(raw.points, raw.cells[distances <= 1e-12 * problem.mesh.diagonal])
-
-
-def _regions_there(points: FloatArray, cells: IntArray, problem: Problem) -> IntArray:
-    old_cells = problem.mesh.locator.nearest(points[cells].mean(axis=1))[0]
-    return np.asarray(problem.regions[old_cells])
 
 
 def _tags_there(new: SimplexMesh, problem: Problem) -> tuple[IntArray, npt.NDArray[np.int64]]:

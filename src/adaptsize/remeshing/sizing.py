@@ -46,7 +46,8 @@ def as_size(
         return _checked(size, hmax)
     values = as_float_array("size", size)
     if values.ndim == 0:
-        return _constant(min(as_number("size", values, lower=0.0, strict=True), hmax))
+        number = min(as_number("size", values, lower=0.0, strict=True), hmax)
+        return lambda points: np.full(len(points), number)
     values = as_float_array("size", size, mesh.nodal_shape)
     _refuse_bad(values)
     return _checked(_grown(SizeFunction(mesh, values), g, hmax), hmax)
@@ -154,13 +155,6 @@ def _checked(function: Callable[[FloatArray], Any], hmax: float) -> Size:
         values = as_float_array("size(points)", function(points), (len(points),))
         _refuse_bad(values)
         return np.minimum(values, hmax)
-
-    return size
-
-
-def _constant(value: float) -> Size:
-    def size(points: FloatArray) -> FloatArray:
-        return np.full(len(points), value)
 
     return size
 

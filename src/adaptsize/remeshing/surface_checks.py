@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -88,21 +88,18 @@ def overlapping_bodies(surface: SimplexMesh) -> OverlappingBodies | None:
     """
     mesh = merged_surface(surface)
     body = bodies_of(mesh)
-    found = _Overlaps(mesh, body)
-    crossing = _crossings(mesh)
-    if crossing is not None:
-        found.add(body[crossing.cells], body[crossing.partners], crossing.depths, crossing.places)
-    for overlap in _overlaps_in_common_planes(mesh, body, found.pairs):
-        found.add(*overlap)
-    if not found.pairs:
+    cells, partners, depths, places = _crossings(mesh)
+    both = np.sort(np.column_stack([body[cells], body[partners]]), axis=1)
+    pairs = {(a, b) for a, b in np.unique(both, axis=0).tolist()}
+    deepest = [(float(d), tuple(p.tolist())) for d, p in zip(depths, places, strict=True)]
+    for pair, depth, place in _overlaps_in_common_planes(mesh, body, frozenset(pairs)):
+        pairs.add(pair)
+        deepest.append((depth, place))
+    if not pairs:
         return None
-    return OverlappingBodies(
-        tuple(sorted((a + 1, b + 1) for a, b in found.pairs)),
-        0 if crossing is None else len(crossing.cells),
-        found.depth,
-        tuple(found.place.tolist()),
-        int(body.max()) + 1,
-    )
+    depth, place = max(deepest, key=lambda found: found[0])
+    named = tuple(sorted((a + 1, b + 1) for a, b in pairs))
+    return OverlappingBodies(named, len(cells), depth, place, int(body.max()) + 1)
 
 
 def _listed(names: list[str]) -> str:
@@ -112,39 +109,10 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names)
 
 
-@dataclass
-class _Overlaps:
-    """The pairs found so far, and the deepest place."""
-
-    mesh: SimplexMesh
-    body: npt.NDArray[np.intp]
-    pairs: set[tuple[int, int]] = field(default_factory=set)
-    depth: float = 0.0
-    place: FloatArray = field(default_factory=lambda: np.zeros(3))
-
-    def add(
-        self,
-        one: npt.NDArray[np.intp],
-        other: npt.NDArray[np.intp],
-        depths: FloatArray,
-        places: FloatArray,
-    ) -> None:
-        ends = np.sort(np.column_stack([one, other]), axis=1)
-        self.pairs |= {(a, b) for a, b in np.unique(ends, axis=0).tolist()}
-        worst = int(np.argmax(depths))
-        if depths[worst] > self.depth:
-            self.depth, self.place = float(depths[worst]), places[worst]
-
-
-class _Crossings(NamedTuple):
-    cells: npt.NDArray[np.intp]
-    partners: npt.NDArray[np.intp]
-    depths: FloatArray
-    places: FloatArray
-
-
-def _crossings(mesh: SimplexMesh) -> _Crossings | None:
-    """Return the triangles that cross others, and for each the deepest crossing."""
+def _crossings(
+    mesh: SimplexMesh,
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray, FloatArray]:
+    """Return the triangles that cross others, and partner, depth and place of the deepest one."""
     tree = mesh.locator.tree
     n = mesh.n_cells
     depths, partners, places = np.zeros(n), np.zeros(n, np.int32), np.zeros((n, 3))
@@ -164,17 +132,18 @@ def _crossings(mesh: SimplexMesh) -> _Crossings | None:
         step = 2 * step if seconds < 0.15 else max(step // 2, 1)
         first = last
     rows = np.flatnonzero(depths > 0.0)
-    if len(rows) == 0:
-        return None
     cells = tree.cell_of_place[rows].astype(np.intp)
     others = tree.cell_of_place[partners[rows]].astype(np.intp)
-    return _Crossings(cells, others, depths[rows] / tree.scale, places[rows] / tree.scale)
+    return cells, others, depths[rows] / tree.scale, places[rows] / tree.scale
 
 
 def _overlaps_in_common_planes(
-    mesh: SimplexMesh, body: npt.NDArray[np.intp], known: set[tuple[int, int]]
-) -> Iterator[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray, FloatArray]]:
-    """Yield pairs of bodies without crossing triangles of which one is partly in the other."""
+    mesh: SimplexMesh, body: npt.NDArray[np.intp], known: frozenset[tuple[int, int]]
+) -> Iterator[tuple[tuple[int, int], float, tuple[float, ...]]]:
+    """Yield pairs of bodies without crossing triangles of which one is partly in the other.
+
+    With each, the depth and the place of the deepest sample.
+    """
     slack = _SLACK * mesh.diagonal
     parts: dict[int, _Body] = {}
     for a, b in bodies_with_near_boxes(mesh, body, -slack)[:_MOST_PAIRS]:
@@ -186,7 +155,7 @@ def _overlaps_in_common_planes(
         for one, other in ((a, b), (b, a)):
             inside = parts[one].partly_inside(parts[other], slack)
             if inside is not None:
-                yield np.array([a]), np.array([b]), *inside
+                yield (a, b), *inside
                 break
 
 
@@ -230,7 +199,7 @@ class _Body(NamedTuple):
         samples = mesh.points[cells[::stride]].mean(axis=1)
         return cls(surface, samples, WindingNumber(surface))
 
-    def partly_inside(self, other: _Body, slack: float) -> tuple[FloatArray, FloatArray] | None:
+    def partly_inside(self, other: _Body, slack: float) -> tuple[float, tuple[float, ...]] | None:
         """Return the depth and place of the deepest sample inside, if others are outside."""
         away = other.surface.locator.nearest(self.samples)[2]
         inside = other.winding.contains(self.samples)
@@ -238,7 +207,7 @@ class _Body(NamedTuple):
         if deep.max() <= slack or deep.min() >= -slack:
             return None
         worst = int(np.argmax(deep))
-        return deep[worst : worst + 1], self.samples[worst : worst + 1]
+        return float(deep[worst]), tuple(self.samples[worst].tolist())
 
 
 #: Surfaces with more bodies than this are not examined for bodies that nearly touch.

@@ -53,7 +53,10 @@ def finish(
             points[at] = there
         else:
             _move_if_good(points, cells, at, there)
-    _refuse_empty(cells)
+    if len(cells) == 0:
+        raise ValueError(
+            "size must be small enough for the domain, got sizes for which no cell fits into it"
+        )
     return improved(domain, points, cells, h, n_fixed=n_fixed, report=report)
 
 
@@ -81,13 +84,6 @@ def _take_back(
             return
         points[worse] = old[worse]
     points[:] = old
-
-
-def _refuse_empty(cells: IntArray) -> None:
-    if len(cells) == 0:
-        raise ValueError(
-            "size must be small enough for the domain, got sizes for which no cell fits into it"
-        )
 
 
 def without_flat(points: FloatArray, cells: IntArray, n_fixed: int) -> IntArray:

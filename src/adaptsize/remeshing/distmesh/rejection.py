@@ -156,7 +156,8 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
         _refuse_too_many(expected + to_come, limit, max_elements)
         if len(index) == 0:
             break
-        index = _children(index)
+        offsets = np.indices((2,) * domain.dim).reshape(domain.dim, -1).T
+        index = (2 * index[:, None] + offsets).reshape(-1, domain.dim)
     places = np.concatenate(probes)
     if len(places) == 0:
         raise ValueError(
@@ -255,12 +256,6 @@ def _probe(
     whole = centres[~crossed & (phi < 0.0)]
     volume = len(whole) + np.count_nonzero(values < 0.0) / len(offsets)
     return np.concatenate([whole, fine[rows, deepest[rows]]]), float(edges.prod()) * volume
-
-
-def _children(index: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    dim = index.shape[1]
-    offsets = np.indices((2,) * dim).reshape(dim, -1).T
-    return np.asarray((2 * index[:, None] + offsets).reshape(-1, dim))
 
 
 def _refuse_too_many(nodes: float, limit: float, max_elements: float) -> None:
