@@ -12,8 +12,8 @@ import time
 import numpy as np
 from mpi4py import MPI
 
-from adaptsize import SimplexMesh
-from adaptsize.distributed import PartitionedMesh, limit_gradient
+from adaptsize import SimplexMesh, limit_gradient
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.limiting import Exact
 from adaptsize.ranks import as_communicator
 

@@ -147,7 +147,7 @@ def part_of_mesh(given, comm):
     if comm.rank > 0:
         owner[:plane] -= 1  # the first plane is the last one of the rank below
     part = distributed.PartitionedMesh(own, numbers, owner, comm)
-    return own, lambda h0: distributed.limit_gradient(part, h0, G)
+    return own, lambda h0: limit_gradient(part, h0, G)
 
 
 def report(given, rows):

@@ -209,7 +209,7 @@ ANY_OR_PARTS = ANY.replace("Mesh,", "Mesh, a PartitionedMesh,")
 MESH_OR_PARTS = MESH.replace("Mesh,", "Mesh or a PartitionedMesh,")
 TRIANGLE = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 CALLS = {
-    "limit_gradient": (lambda x: ads.limit_gradient(x, np.ones(4), 0.2), ANY),
+    "limit_gradient": (lambda x: ads.limit_gradient(x, np.ones(4), 0.2), ANY_OR_PARTS),
     "size_from_curvature": (ads.size_from_curvature, ANY_OR_PARTS),
     "size_from_feature": (ads.size_from_feature, ANY_OR_PARTS),
     "size_from_sources": (

@@ -34,14 +34,19 @@ def with_info(function: Callable[P, tuple[R_co, I_co]]) -> WithInfo[P, R_co, I_c
     Parameters
     ----------
     function : callable
-        Annotated to return ``tuple[Result, Info]``.
+        Annotated to return ``tuple[Result, Info]``.  If it has a parameter ``wants_info``, which
+        users do not see, this is False where the info is dropped.
     """
-    pair = inspect.signature(function).return_annotation
+    signature = inspect.signature(function)
+    dropped: Any = {"wants_info": False} if "wants_info" in signature.parameters else {}
+    shown = [p for name, p in signature.parameters.items() if name != "wants_info"]
+    signature = signature.replace(parameters=shown)
+    pair = signature.return_annotation
     first = pair.removeprefix("tuple[").split(",")[0]
 
     @functools.wraps(function)
     def result_only(*args: P.args, **kwargs: P.kwargs) -> R_co:
-        return function(*args, **kwargs)[0]
+        return function(*args, **kwargs, **dropped)[0]
 
     @functools.wraps(function)
     def both(*args: P.args, **kwargs: P.kwargs) -> tuple[R_co, I_co]:
@@ -53,6 +58,6 @@ def with_info(function: Callable[P, tuple[R_co, I_co]]) -> WithInfo[P, R_co, I_c
     plain: Any = result_only  # functions may have attributes, but their type does not say so
     plain.with_info = both
     plain.__annotations__ = {**function.__annotations__, "return": first}
-    plain.__signature__ = inspect.signature(function).replace(return_annotation=first)
+    plain.__signature__ = signature.replace(return_annotation=first)
     decorated: WithInfo[P, R_co, I_co] = plain
     return decorated

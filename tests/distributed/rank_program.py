@@ -13,7 +13,6 @@ from meshes import jittered_cube, jittered_square, random_sphere
 
 from adaptsize import PointSource, limit_gradient, size_from_sources
 from adaptsize.distributed import PartitionedMesh, adapt
-from adaptsize.distributed import limit_gradient as limit_parts
 from adaptsize.ranks import as_communicator
 
 
@@ -25,7 +24,7 @@ def compare(comm):
         h0 = mesh.diagonal * rng.uniform(0.01, 0.3, mesh.n_points)
         whole = limit_gradient(mesh, h0, 0.3)
         part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
-        h = limit_parts(part, h0[part.global_ids], 0.3)
+        h = limit_gradient(part, h0[part.global_ids], 0.3)
         if mesh.cell_dim == mesh.dim:
             assert np.array_equal(h, whole[part.global_ids])
         np.testing.assert_allclose(h, whole[part.global_ids], rtol=1e-12)
@@ -48,7 +47,7 @@ def compare_in_solid(comm):
     points = np.concatenate([point, -point]).reshape(2, 3), [1.0, 3.0]
     for bound, options in [(h0, {}), (noise, {"point_sources": points})]:
         whole, expected = limit_gradient.with_info(mesh, bound, 0.3, **options)
-        h, info = limit_parts(part, bound[part.global_ids], 0.3, full_output=True, **options)
+        h, info = limit_gradient.with_info(part, bound[part.global_ids], 0.3, **options)
         assert np.array_equal(h, whole[part.global_ids])
         assert (info.n_proved, info.largest_gap) == (expected.n_proved, expected.largest_gap)
         assert info.cell_gradient_quantiles == expected.cell_gradient_quantiles
@@ -80,7 +79,7 @@ def report(comm):
         h0[0] = -1.0
     where = f"rank {comm.size - 1}: " if comm.size > 1 else ""
     with pytest.raises(ValueError, match=f"^{where}h0 must be positive"):
-        limit_parts(part, h0, 0.3)
+        limit_gradient(part, h0, 0.3)
 
 
 def cycle(comm):

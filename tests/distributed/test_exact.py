@@ -17,8 +17,7 @@ from partitions import (
 )
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh
-from adaptsize.distributed import limit_gradient as limit_parts
+from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
 
 CONVEX = {
@@ -77,7 +76,7 @@ def test_number_of_exchanges_and_bytes():
             counts = []
             for _ in range(2):
                 before = part.ranks.traffic.exchanges, part.ranks.traffic.bytes_sent
-                limit_parts(part, h0[part.global_ids], 0.3, method=Exact(linear))
+                limit_gradient(part, h0[part.global_ids], 0.3, method=Exact(linear))
                 now = part.ranks.traffic.exchanges, part.ranks.traffic.bytes_sent
                 counts.append((now[0] - before[0], now[1] - before[1]))
             return counts[0][0] - counts[1][0], *counts[1]
@@ -172,9 +171,9 @@ def test_bad_input_on_one_rank_is_reported_by_all(change, message):
         options = {"h0": np.ones(part.n_points), "g": 0.3}
         options |= change if part.ranks.rank == 2 else {}
         if message is None:
-            return limit_parts(part, **options)
+            return limit_gradient(part, **options)
         with pytest.raises(ValueError, match=message):
-            limit_parts(part, **options)
+            limit_gradient(part, **options)
 
     on_ranks(mesh, None, SIZE, work)
 
@@ -184,8 +183,8 @@ def test_no_bound_at_all_and_wrong_methods():
 
     def work(part):
         with pytest.raises(ValueError, match="h0 must be finite at one node at least"):
-            limit_parts(part, np.inf, 0.3)
+            limit_gradient(part, np.inf, 0.3)
         with pytest.raises(ValueError, match="needs a flat domain of full dimension and one"):
-            limit_parts(part, 1.0, np.full(part.n_points, 0.3), method="exact")
+            limit_gradient(part, 1.0, np.full(part.n_points, 0.3), method="exact")
 
     on_ranks(mesh, None, SIZE, work)

@@ -10,7 +10,6 @@ from partitions import BOUNDS, KINDS, SIZE, assert_equal_to_serial, bounds, on_r
 from solids_of_cubes import solid_of_cubes
 
 from adaptsize import SimplexMesh, limit_gradient
-from adaptsize.distributed import limit_gradient as limit_parts
 from adaptsize.limiting import Exact
 
 pytestmark = pytest.mark.usefixtures("nothing_is_collected")
@@ -92,9 +91,9 @@ def test_number_of_exchanges_in_a_frame_of_four_strips():
         h0 = bounds(mesh, kind, rng)
 
         def work(part, h0=h0):
-            limit_parts(part, h0[part.global_ids], 0.3)
+            limit_gradient(part, h0[part.global_ids], 0.3)
             before = part.ranks.traffic.exchanges
-            limit_parts(part, h0[part.global_ids], 0.3)
+            limit_gradient(part, h0[part.global_ids], 0.3)
             return part.ranks.traffic.exchanges - before
 
         assert all(2 <= count <= 10 for count in on_ranks(mesh, strips, SIZE, work)[0])
@@ -114,7 +113,7 @@ def test_number_of_exchanges_and_bytes():
             for _ in range(2):
                 traffic = part.ranks.traffic
                 before = (traffic.exchanges, traffic.bytes_sent + traffic.bytes_gathered)
-                limit_parts(part, h0[part.global_ids], 0.3, method=Exact(linear))
+                limit_gradient(part, h0[part.global_ids], 0.3, method=Exact(linear))
                 sent = traffic.bytes_sent + traffic.bytes_gathered - before[1]
                 counts.append((traffic.exchanges - before[0], sent))
             return counts

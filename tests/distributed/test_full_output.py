@@ -1,4 +1,4 @@
-"""`point_sources` and `full_output` on parts of a mesh: sizes and figures of the whole."""
+"""`point_sources` and `with_info` on parts of a mesh: sizes and figures of the whole."""
 
 import domains
 import numpy as np
@@ -10,7 +10,6 @@ from partitions import BOUNDS, KINDS, SIZE, bounds, on_ranks, partition
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh, limit_gradient
-from adaptsize.distributed import limit_gradient as limit_parts
 from adaptsize.limiting import Exact
 from adaptsize.limiting.in_parts.info import _order_statistics
 
@@ -57,7 +56,7 @@ def assert_equal_to_serial(mesh, h0, rank_of, g=0.3, **options):
     whole, expected = limit_gradient.with_info(mesh, h0, g, **options)
 
     def work(part):
-        return limit_parts(part, h0[part.global_ids], g, full_output=True, **options)
+        return limit_gradient.with_info(part, h0[part.global_ids], g, **options)
 
     results, parts = on_ranks(mesh, rank_of, SIZE, work)
     for (h, info), part in zip(results, parts, strict=True):
@@ -126,7 +125,7 @@ def test_marching_and_collected_meshes():
         whole, expected = limit_gradient.with_info(mesh, h0, 0.3, **options)
 
         def work(part, h0=h0, options=options):
-            return limit_parts(part, h0[part.global_ids], 0.3, full_output=True, **options)
+            return limit_gradient.with_info(part, h0[part.global_ids], 0.3, **options)
 
         results, parts = on_ranks(mesh, partition(mesh, "strips", SIZE, rng), SIZE, work)
         for (h, info), part in zip(results, parts, strict=True):
@@ -154,8 +153,8 @@ def test_points_are_not_exchanged_and_figures_take_ten_reductions():
         traffic, counts = part.ranks.traffic, []
         for full in (False, False, True):
             before = traffic.exchanges, traffic.bytes_sent, traffic.reductions
-            given = {"point_sources": points, "full_output": full}
-            limit_parts(part, h0[part.global_ids], 0.3, **given)
+            limit = limit_gradient.with_info if full else limit_gradient
+            limit(part, h0[part.global_ids], 0.3, point_sources=points)
             after = traffic.exchanges, traffic.bytes_sent, traffic.reductions
             counts.append(np.subtract(after, before))
         return [*counts[2][:2].tolist(), int(counts[2][2] - counts[1][2])]
@@ -181,8 +180,6 @@ def test_order_statistics_are_those_of_all_values(data):
     [
         ({"point_sources": ([[0.0, 0.0]], [2.0])}, "^point_sources must be the same on all ranks"),
         ({"point_sources": [[0.0, 0.0]]}, "^rank 2: point_sources must be a pair"),
-        ({"full_output": True}, "^full_output must be the same on all ranks"),
-        ({"full_output": 7}, "^rank 2: full_output must be"),
     ],
 )
 def test_bad_input_on_one_rank_is_reported_by_all(change, message):
@@ -190,7 +187,16 @@ def test_bad_input_on_one_rank_is_reported_by_all(change, message):
         options = {"point_sources": ([[0.0, 0.0]], [1.0])}
         options |= change if part.ranks.rank == 2 else {}
         with pytest.raises(ValueError, match=message):
-            limit_parts(part, 1.0, 0.3, **options)
+            limit_gradient(part, 1.0, 0.3, **options)
+
+    on_ranks(FLAT["square"], None, SIZE, work)
+
+
+def test_the_info_is_for_all_ranks_or_for_none():
+    def work(part):
+        limit = limit_gradient if part.ranks.rank else limit_gradient.with_info
+        with pytest.raises(ValueError, match=r"^with_info must be the same on all ranks"):
+            limit(part, 1.0, 0.3)
 
     on_ranks(FLAT["square"], None, SIZE, work)
 
@@ -199,8 +205,8 @@ def test_points_need_the_exact_method_and_a_bound():
     def work(part):
         points = ([[0.0, 0.0]], [1.0])
         with pytest.raises(ValueError, match="point_sources is for method='exact'"):
-            limit_parts(part, 1.0, np.full(part.n_points, 0.3), point_sources=points)
+            limit_gradient(part, 1.0, np.full(part.n_points, 0.3), point_sources=points)
         with pytest.raises(ValueError, match="h0 must be finite at one node at least"):
-            limit_parts(part, np.inf, 0.3, point_sources=([[0.0, 0.0]], [np.inf]))
+            limit_gradient(part, np.inf, 0.3, point_sources=([[0.0, 0.0]], [np.inf]))
 
     on_ranks(FLAT["square"], None, SIZE, work)

@@ -8,9 +8,8 @@ from meshes import jittered_cube, jittered_square, random_sphere, random_square
 from partitions import KINDS, on_ranks, partition
 
 from adaptsize import limit_gradient
-from adaptsize.distributed import limit_gradient as limit_parts
-from adaptsize.distributed import marching
 from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.in_parts import marching
 
 SIZE = 4
 MESHES = {
@@ -42,7 +41,7 @@ def assert_equal_to_serial(mesh, kind, rank_of, rng):
     whole = limit_gradient(mesh, h0, g, method="fast-marching")
 
     def work(part):
-        return limit_parts(part, h0[part.global_ids], local(part), method="fast-marching")
+        return limit_gradient(part, h0[part.global_ids], local(part), method="fast-marching")
 
     results, parts = on_ranks(mesh, rank_of, SIZE, work)
     shared = np.full(mesh.n_points, np.nan)

@@ -5,8 +5,7 @@ import pytest
 from meshes import jittered_cube, jittered_square
 from partitions import KINDS, on_ranks, partition
 
-from adaptsize import size_from_error, size_from_hessian
-from adaptsize.distributed import limit_gradient
+from adaptsize import limit_gradient, size_from_error, size_from_hessian
 from adaptsize.sizes import predicted_elements
 
 SIZE = 4

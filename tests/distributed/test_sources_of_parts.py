@@ -7,7 +7,6 @@ from meshes import jittered_cube, jittered_square, slit_square, structured_squar
 from partitions import SIZE, bounds, on_ranks, partition
 
 from adaptsize import SimplexMesh, limit_gradient
-from adaptsize.distributed import limit_gradient as limit_parts
 from adaptsize.limiting import Exact
 
 
@@ -36,7 +35,7 @@ def assert_equal_to_serial(mesh, h0, rank_of, g=0.3, **options):
     expected, expected_roots = info.sources, info.sources.roots()
 
     def work(part):
-        _, own = limit_parts(part, h0[part.global_ids], g, full_output=True, **options)
+        _, own = limit_gradient.with_info(part, h0[part.global_ids], g, **options)
         return own.sources, own.sources.roots()
 
     results, parts = on_ranks(mesh, rank_of, SIZE, work)
@@ -89,7 +88,7 @@ def test_collected_meshes_and_marching():
     assert_equal_to_serial(flat, h0, partition(flat, "random", SIZE, rng))
 
     def work(part):
-        return limit_parts(part, 1.0, 0.3, method="fast-marching", full_output=True)[1].sources
+        return limit_gradient.with_info(part, 1.0, 0.3, method="fast-marching")[1].sources
 
     assert on_ranks(square, None, SIZE, work)[0] == [None] * SIZE
 
@@ -101,9 +100,8 @@ def test_numbers_of_nodes_are_sent_for_sources_only():
         counts = []
         for full in (False, False, True):
             before = part.ranks.traffic.bytes_sent
-            found = limit_parts(
-                part, h0[part.global_ids], 0.3, method=Exact(False), full_output=full
-            )
+            limit = limit_gradient.with_info if full else limit_gradient
+            found = limit(part, h0[part.global_ids], 0.3, method=Exact(False))
             counts.append(part.ranks.traffic.bytes_sent - before)
         assert repr(found[1].sources).startswith("PartsSources(")
         return counts[1:]

@@ -5,7 +5,6 @@ from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import limit_gradient
 from adaptsize.distributed import PartitionedMesh
-from adaptsize.distributed import limit_gradient as limit_parts
 
 KINDS = ("default", "random", "strips", "single cells", "some empty")
 BOUNDS = ("two", "some", "noise", "smooth", "limited", "corner")
@@ -58,7 +57,7 @@ def bounds(mesh, kind, rng):
 def assert_equal_to_serial(mesh, h0, g, rank_of, **options):
     whole = limit_gradient(mesh, h0, g, **options)
     results, parts = on_ranks(
-        mesh, rank_of, SIZE, lambda part: limit_parts(part, h0[part.global_ids], g, **options)
+        mesh, rank_of, SIZE, lambda part: limit_gradient(part, h0[part.global_ids], g, **options)
     )
     for h, part in zip(results, parts, strict=True):
         expected = whole[part.global_ids]

@@ -37,7 +37,7 @@ from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.errors import ResolutionWarning
-from adaptsize.limiting.in_parts.limit import limit_gradient
+from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of
 from adaptsize.remeshing.driver import remesh

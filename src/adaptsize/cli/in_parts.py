@@ -68,7 +68,7 @@ def _bounds(part: PartitionedMesh, name: str) -> FloatArray:
 
 def limit_in_parts(console: Console, file: Path, output: Path, given: Given) -> None:
     """Limit the gradient of a nodal field of a distributed mesh."""
-    from adaptsize.distributed import limit_gradient
+    from adaptsize import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
 
     _check_options(given, {"field", "g", "method", "mpi"})
@@ -95,8 +95,8 @@ def limit_in_parts(console: Console, file: Path, output: Path, given: Given) -> 
 
 def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) -> None:
     """Remesh a distributed mesh with the sizes in a nodal field, limited."""
+    from adaptsize import limit_gradient
     from adaptsize.background import interpolate
-    from adaptsize.distributed import limit_gradient
     from adaptsize.distributed.files import read_parts, write_parts
     from adaptsize.remeshing import remesh
     from adaptsize.remeshing.in_parts import interface_quality

@@ -7,7 +7,6 @@ from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
 from adaptsize.distributed.from_petsc import PlexPart, from_dmplex
 from adaptsize.limiting.in_parts.info import PartsLimitingInfo, PartsSources
-from adaptsize.limiting.in_parts.limit import limit_gradient
 from adaptsize.remeshing.in_parts import InterfaceQuality, interface_quality
 
 __all__ = [
@@ -23,7 +22,6 @@ __all__ = [
     "from_dmplex",
     "from_dolfinx",
     "interface_quality",
-    "limit_gradient",
     "read_parts",
     "to_dolfinx",
     "write_parts",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ from adaptsize._checks import (
 )
 from adaptsize._progress import reporting, silent
 from adaptsize._with_info import with_info
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit
 from adaptsize.limiting.barth_sethian import PositiveCoefficient
@@ -27,6 +28,7 @@ from adaptsize.limiting.exact import Exact
 from adaptsize.limiting.fast_marching import FastMarching
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope
 from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
+from adaptsize.limiting.in_parts.limit import Request, limit_in_parts
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.limiting.periodic import Periodicity, as_periodicity
 from adaptsize.limiting.problem import PointBounds, Problem, Scheme
@@ -40,7 +42,7 @@ SCHEMES: dict[str, type[Scheme]] = {
 
 @with_info
 def limit_gradient(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyMesh | CartesianGrid | Octree,
     h0: npt.ArrayLike,
     g: GradientLimit,
     *,
@@ -49,6 +51,7 @@ def limit_gradient(
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     periodic: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
+    wants_info: bool = True,
 ) -> tuple[FloatArray, LimitingInfo]:
     r"""Return the largest mesh size below ``h0`` whose gradient is at most ``g``.
 
@@ -62,7 +65,7 @@ def limit_gradient(
 
     Parameters
     ----------
-    background : SimplexMesh, CartesianGrid or Octree
+    background : SimplexMesh, PartitionedMesh, CartesianGrid or Octree
         A mesh may consist of segments, of triangles in the plane or in space, or of
         tetrahedra.  Obtuse, sliver and degenerate cells are allowed.  A grid may have any
         spacing; its inactive nodes lie outside the domain.  An octree is replaced by its
@@ -127,7 +130,8 @@ def limit_gradient(
         The size is inf only at inactive nodes and in components of the domain where all of
         ``h0`` is inf.  Mesh nodes that belong to no cell keep ``h0``.
         ``limit_gradient.with_info``, with the same arguments, returns the pair ``(h, info)`` with
-        a `LimitingInfo`, whose attributes are computed on first access.
+        a `LimitingInfo`, whose attributes are computed on first access; for a mesh in parts a
+        `distributed.PartsLimitingInfo` with the same attributes.
 
     Raises
     ------
@@ -169,6 +173,16 @@ def limit_gradient(
     and cases are solved from scratch.  The arrays given to the earlier call may have been
     modified in the meantime.
 
+    *Meshes in parts.*  The result is that on the whole mesh, for any partition: equal bit by bit
+    with the exact method, and to 1e-12 with fast marching of first order.  There are no other
+    schemes, no ``initial`` and no ``periodic``.  Ranks that share a node must give it the same
+    bound; `PartitionedMesh.minimum` makes them agree.  Functions g, ``method`` and
+    ``point_sources`` must be the same on all ranks.  If the input of any rank is bad, all ranks
+    raise the error.  Each rank uses one thread unless ``Exact(threads=...)`` is given.  In convex
+    domains and in the plane, the exact method takes one exchange between the ranks, besides
+    reductions of a few numbers, once the boundary of the mesh is known.  Meshes with cells without
+    measure, or cells that overlap, are collected on rank 0.  See docs/distributed.md.
+
     References
     ----------
     .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and PDE-based
@@ -205,6 +219,18 @@ def limit_gradient(
            [0.25 , 0.312, 0.435],
            [0.4  , 0.435, 0.4  ]])
     """
+    if isinstance(background, PartitionedMesh):
+        part = background
+        if initial is not None or periodic is not None:
+            raise ValueError("initial and periodic must be None for meshes in parts")
+
+        def check() -> Request:
+            bounds = None if point_sources is None else as_point_bounds(point_sources, part.dim)
+            return Request(as_scheme(method), _as_bound("h0", h0, part), g, bounds)
+
+        with reporting(progress) as report:
+            found = limit_in_parts(part, check, limit_gradient.with_info, report, wants_info)
+        return found[0], cast(LimitingInfo, found[1])
     domain = _as_domain(background)
     scheme = as_scheme(method)
     bound = _as_bound("h0", h0, background)
@@ -351,12 +377,12 @@ def _as_domain(
     background: SimplexMesh | CartesianGrid | Octree,
 ) -> SimplexMesh | CartesianGrid:
     """Return the mesh or grid that the schemes run on."""
-    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
     return background.mesh if isinstance(background, Octree) else background
 
 
 def _as_bound(
-    name: str, sizes: npt.ArrayLike, background: SimplexMesh | CartesianGrid | Octree
+    name: str, sizes: npt.ArrayLike, background: AnyMesh | CartesianGrid | Octree
 ) -> FloatArray:
     """Return checked nodal sizes, inf at inactive nodes; one number is used for all nodes."""
     given = as_float_array(name, sizes)

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, as_values, check_type, refuse_where
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.limiting import limit_gradient
-from adaptsize.limiting.in_parts.limit import limit_gradient as limit_parts
 from adaptsize.options import (
     ErrorOptions,
     HessianOptions,
@@ -300,11 +299,7 @@ def _finishing(mesh: AnyMesh, given: ScaleOptions) -> Finish:
 
     def finish(h0: FloatArray) -> FloatArray:
         clipped = minimum(h0, hmin=given["hmin"], hmax=given["hmax"])
-        if g is None:
-            return clipped
-        if isinstance(mesh, PartitionedMesh):
-            return limit_parts(mesh, clipped, g)
-        return limit_gradient(mesh, clipped, g)
+        return clipped if g is None else limit_gradient(mesh, clipped, g)
 
     return finish
 

@@ -50,7 +50,7 @@ from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
-class Given(NamedTuple):
+class Settings(NamedTuple):
     """Options, the same on all ranks."""
 
     g: float
@@ -62,22 +62,22 @@ class Given(NamedTuple):
     """Whether to return the sources of the sizes."""
 
 
-def solve_exact(part: PartitionedMesh, h0: FloatArray, given: Given) -> Solved | None:
+def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> Solved | None:
     """Return the limited sizes on the nodes of this rank; collective.
 
     Returns None, on all ranks, if the mesh has cells without measure or cells that overlap.
     """
-    traced = untraced(part) if given.trace else None
+    traced = untraced(part) if settings.trace else None
     whole = Solved(h0.copy(), 0, n_hidden=0)
     numbers = components_of(part).bounded(part.ranks, h0)
-    located = locate(part, given.point_sources)
+    located = locate(part, settings.point_sources)
     if located is not None:
         numbers = sorted({*numbers, *located.pairs[:, 0].tolist()})
     for number in numbers:
         piece = piece_of(part, number)
         extra = None if located is None else located.extra(number, piece)
         solve = _solve_interval if part.dim == 1 else _solve_piece
-        found = solve(part, number, piece, h0, given, extra)
+        found = solve(part, number, piece, h0, settings, extra)
         if found is None:
             return None
         whole.h[piece.nodes] = found.h[: len(piece.nodes)]
@@ -98,11 +98,11 @@ def _solve_piece(
     number: int,
     piece: Piece,
     h0: FloatArray,
-    given: Given,
+    settings: Settings,
     extra: Extra | None,
 ) -> Solved | None:
     """Return the sizes in one component; None if its cells overlap."""
-    threads = number_of_threads(given.threads)
+    threads = number_of_threads(settings.threads)
     skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, threads))
     if skeleton is None:
         return None
@@ -112,25 +112,25 @@ def _solve_piece(
     problem = Problem(
         mesh,
         bound,
-        given.g,
-        given.face_sources,
+        settings.g,
+        settings.face_sources,
         threads,
-        given.report,
+        settings.report,
         extra,
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
-        margin=margin_for(min(least for least, _ in facts), given.g, skeleton.diagonal),
+        margin=margin_for(min(least for least, _ in facts), settings.g, skeleton.diagonal),
         merge=lambda rows: merge_kinks(piece, rows),
     )
     ids = numbers_of(piece, problem, part.n_global_points)
     if skeleton.convex:
-        numbers = Numbers(ids, piece.ids[:0]) if given.trace else None
+        numbers = Numbers(ids, piece.ids[:0]) if settings.trace else None
         return _with_others(piece, problem, None, skeleton, numbers)
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
-        return solve_body(part, piece, body, problem, ids, tracing=given.trace)
+        return solve_body(part, piece, body, problem, ids, tracing=settings.trace)
     plane, corners = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
-    numbers = Numbers(ids, corners) if given.trace else None
+    numbers = Numbers(ids, corners) if settings.trace else None
     found = _with_others(piece, problem, plane.without_sizes(), skeleton, numbers)
     folded = not piece.is_empty and rises_too_fast(problem, found.h)
     return None if comm.allreduce(int(folded), "max") else found
@@ -147,27 +147,27 @@ def _solve_interval(
     number: int,
     piece: Piece,
     h0: FloatArray,
-    given: Given,
+    settings: Settings,
     extra: Extra | None,
 ) -> Solved:
     """Return the sizes in one component of segments on a line; one exchange."""
-    g, threads = given.g, number_of_threads(given.threads)
+    g, threads = settings.g, number_of_threads(settings.threads)
     mesh, bound = piece.mesh, piece.bounds(h0)
     places = mesh.points
     order = along_curve(places)[: len(piece.ids)]
     ends = part.once(f"_ends_{number}", lambda: _ends(piece))
     least = piece.ranks.allreduce(_least(bound, extra), "min")
     nodes = np.flatnonzero(np.isfinite(bound)).astype(np.int32)
-    problem = Problem(mesh, bound, g, False, threads, given.report, extra)
+    problem = Problem(mesh, bound, g, False, threads, settings.report, extra)
     wave = wave_of_nodes(problem, nodes)
     margin = margin_for(least, g, ends[1] - ends[0])
-    wave = survivors_of(wave, g, False, threads, given.report, margin)
+    wave = survivors_of(wave, g, False, threads, settings.report, margin)
     h, source = bound.copy(), np.full(len(bound), -1, np.int32)
     points = Points(places, order, np.empty(0, np.int32))
     found = Found(h, source, ExactField(g, None, False, [wave]))
-    found.field.lower_by_last(points, h, source, threads, given.report)
+    found.field.lower_by_last(points, h, source, threads, settings.report)
     ids = numbers_of(piece, problem, part.n_global_points)
-    numbers = Numbers(ids, piece.ids[:0]) if given.trace else None
+    numbers = Numbers(ids, piece.ids[:0]) if settings.trace else None
     return _exchanged(piece, problem, found, points, numbers)
 
 

@@ -160,7 +160,7 @@ class Traced(NamedTuple):
 class PartsSources:
     """The controlling source of each size at the nodes of a rank.
 
-    They are ``info.sources`` of `distributed.limit_gradient` with ``full_output=True``, and equal
+    They are ``info.sources`` of ``limit_gradient.with_info`` on a mesh in parts, and equal
     those of one process, `adaptsize.limiting.SizeSources`.  If several sources allow exactly the
     same size, it depends on the partition which of them is named, and ranks that share a node may
     name different ones.
@@ -169,11 +169,12 @@ class PartsSources:
     --------
     >>> import numpy as np
     >>> from adaptsize import SimplexMesh
-    >>> from adaptsize.distributed import PartitionedMesh, limit_gradient
+    >>> from adaptsize import limit_gradient
+    >>> from adaptsize.distributed import PartitionedMesh
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> part = PartitionedMesh.from_serial(square)
     >>> h0 = np.where(part.global_ids == 1, 0.1, np.inf)
-    >>> _, info = limit_gradient(part, h0, 0.3, full_output=True)
+    >>> _, info = limit_gradient.with_info(part, h0, 0.3)
     >>> info.sources.roots()  # all sizes are those that node 1 allows
     array([1, 1, 1, 1])
     """
