@@ -17,7 +17,7 @@ for target in (800, 1600, 3200, 6400):
     x, y = mesh.points.T
     u = (x**2 + y**2) ** (1 / 3)  # your solver's result at the nodes instead
     indicator = ads.zz_indicator(mesh, u)
-    mesh = ads.adapt(mesh, indicator, target_elements=target, max_refine=8.0).mesh
+    mesh = ads.adapt(mesh, indicator, elements=target, max_refine=8.0).mesh
 ads.plot.plot_mesh(mesh, path="fem_loop.png")
 ```
 
@@ -53,7 +53,7 @@ def main(output_dir: Path, *, n_cycles: int = 4, width: int = 700) -> dict[str, 
         if cycle == n_cycles:
             break
         indicator = ads.zz_indicator(mesh, u)
-        mesh = ads.adapt(mesh, indicator, target_elements=800 * 2**cycle, max_refine=8.0).mesh
+        mesh = ads.adapt(mesh, indicator, elements=800 * 2**cycle, max_refine=8.0).mesh
     save_panels(output_dir / "fem_loop.png", panels)
     # From the first adapted mesh on: the first step resolves what a uniform mesh does not.
     slope = np.log(errors[-1] / errors[1]) / np.log(counts[-1] / counts[1])

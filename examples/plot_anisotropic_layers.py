@@ -30,7 +30,7 @@ mesh = ads.read("data/lshape.vtu")
 for target in (1000, 2000, 3000):
     x, y = mesh.points.T
     u = np.tanh(30.0 * (x + 0.5 - 0.1 * np.sin(np.pi * y)))  # your solver's result instead
-    result = ads.adapt(mesh, anisotropic="u", fields={"u": u}, target_elements=target, hmax=0.2)
+    result = ads.adapt(mesh, anisotropic="u", fields={"u": u}, elements=target, hmax=0.2)
     mesh = result.mesh
 ads.plot.plot_metric(result.metric, path="anisotropic_layers.png")
 ```
@@ -123,7 +123,7 @@ def loop(
             fields = {"u": field(mesh.points)}
             if kind == "anisotropic":
                 result = ads.adapt(
-                    mesh, anisotropic="u", fields=fields, target_elements=number, hmax=hmax,
+                    mesh, anisotropic="u", fields=fields, elements=number, hmax=hmax,
                     enough=1.1,
                 )  # fmt: skip
             else:

@@ -32,7 +32,7 @@ for target in (1500, 3000):
     x, y = mesh.points.T
     density = np.tanh(20.0 * (x - 1.0 - 0.2 * y))  # your solver's result instead
     result = ads.adapt(
-        mesh, anisotropic="density", fields={"density": density}, target_elements=target,
+        mesh, anisotropic="density", fields={"density": density}, elements=target,
         hmin=0.002, hmax=0.6,
     )
     mesh = result.mesh
@@ -96,7 +96,7 @@ def stretched(result: bump.Cycle, n_triangles: float) -> bump.Cycle:
         anisotropic="density",
         fields={"density": solution.at_nodes(solution.w)[:, 0]},
         cell_fields={"conserved": euler.conserved(solution.w)},
-        target_elements=n_triangles,
+        elements=n_triangles,
         hmin=HMIN,
         hmax=HMAX,
         max_aspect=ASPECT,

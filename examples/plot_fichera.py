@@ -24,7 +24,7 @@ x, y, z = mesh.points.T
 r = (x - x.min()) ** 2 + (y - y.min()) ** 2  # from one edge of the block, squared
 u = r ** (1 / 3)  # your solver's result at the nodes instead
 indicator = ads.zz_indicator(mesh, u)
-new = ads.adapt(mesh, indicator, target_elements=20_000, g=0.3, max_refine=8.0).mesh
+new = ads.adapt(mesh, indicator, elements=20_000, g=0.3, max_refine=8.0).mesh
 ads.plot.plot_mesh(new, path="fichera.png")
 ```
 
@@ -94,7 +94,7 @@ def adapted(start: Cycle, backend: str, targets: Sequence[int]) -> list[Cycle]:
     cycles = [start]
     for target in targets:
         result = ads.adapt(
-            cycles[-1].mesh, cycles[-1].indicator, order=1, target_elements=target, g=G,
+            cycles[-1].mesh, cycles[-1].indicator, order=1, elements=target, g=G,
             max_refine=8.0, backend=backend,
         )  # fmt: skip
         cycles.append(solve(result.mesh))

@@ -32,7 +32,7 @@ mesh = ads.read("data/lshape.vtu")
 x, y = mesh.points.T
 u = (x**2 + y**2) ** (1 / 3)  # your solver's result at the nodes instead
 indicator = ads.zz_indicator(mesh, u)
-mesh = ads.adapt(mesh, indicator, order=1, target_elements=800).mesh
+mesh = ads.adapt(mesh, indicator, order=1, elements=800).mesh
 h0 = np.where(np.hypot(*mesh.points.T) < 0.1, 0.002, 0.1)  # sizes that jump
 for g in (None, 0.25):  # without gradient limiting, and with it
     print(ads.adapt(mesh, h0=h0, g=g).report)
@@ -122,7 +122,7 @@ def adapted(order: int, n_targets: int, g: float | None) -> list[Cycle]:
     for k in range(n_targets):
         for _ in range(order):
             result = ads.adapt(
-                state.mesh, state.indicator, order=order, target_elements=200 * 2**k, g=g,
+                state.mesh, state.indicator, order=order, elements=200 * 2**k, g=g,
                 max_refine=16.0, enough=2.0,
             )  # fmt: skip
             state = solve(result.mesh, order)

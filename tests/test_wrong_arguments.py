@@ -201,7 +201,7 @@ WRONG = {
         "conservative must be True or False, got array",
     ),
     "coarsen_converged that is text": (
-        lambda: ads.adapt(SQUARE, [0.1, 0.2], target_elements=10, coarsen_converged="no"),
+        lambda: ads.adapt(SQUARE, [0.1, 0.2], elements=10, coarsen_converged="no"),
         "coarsen_converged must be True or False, got 'no'",
     ),
     "flatten that is text": (

@@ -156,7 +156,7 @@ def held_out(backend, dim):
             for wanted in numbers:
                 mesh = make(fine)
                 for cycle in range(2 if fine else 1):
-                    result = ads.adapt(mesh, indicator(mesh, kind), target_elements=wanted,
+                    result = ads.adapt(mesh, indicator(mesh, kind), elements=wanted,
                                        backend=backend, enough=2.0, max_refine=8.0)  # fmt: skip
                     mesh = result.mesh
                     print(name, kind, wanted, cycle, mesh.n_cells, f"{mesh.n_cells / wanted:.3f}",
@@ -187,7 +187,7 @@ def boundary():
                 x = mesh.points[mesh.cells].mean(axis=1)
                 eta = mesh.measures ** (1.0 / mesh.dim + 0.5)
                 eta *= np.exp(-3.0 * np.linalg.norm(x - place, axis=1))
-                result = ads.adapt(mesh, eta, target_elements=wanted, backend=backend,
+                result = ads.adapt(mesh, eta, elements=wanted, backend=backend,
                                    project=project, enough=2.0)  # fmt: skip
                 mesh, report = result.mesh, result.report
                 radii = np.linalg.norm(mesh.points[mesh.boundary().nodes], axis=1)

@@ -56,7 +56,7 @@ def measure_gradation():
                 for _ in range(3):
                     fields = {"u": field(mesh.points)}
                     result = ads.adapt(
-                        mesh, anisotropic="u", fields=fields, target_elements=count, hmax=0.25,
+                        mesh, anisotropic="u", fields=fields, elements=count, hmax=0.25,
                         g=g, enough=1.1,
                     )  # fmt: skip
                     mesh = result.mesh

@@ -758,9 +758,7 @@ class FeatureOptions(ClipOptions, total=False):
             details='"auto" is the medial axis for distances, otherwise rays.',
         ),
     ]
-    elements_across: Annotated[
-        float, Option(default=4.0, above=True, text="Number n of elements.")
-    ]
+    elements_across: Annotated[float, Option(default=4.0, above=True, text="Number n of elements.")]
     crease_angle: Annotated[
         float,
         Option(

@@ -21,7 +21,7 @@ def test_triangles_by_mmg_keep_number_fields_tags_and_boundary():
     a = np.array([[0.3, 1.0], [-2.0, 0.7]])
     heat = np.random.default_rng(SEED).random(mesh.n_cells)
     result = adapt(
-        mesh, indicator(mesh), target_elements=1500,
+        mesh, indicator(mesh), elements=1500,
         fields={"u": mesh.points @ a}, cell_fields={"heat": heat, "region": mesh.cell_tags},
     )  # fmt: skip
     new = result.mesh
@@ -47,7 +47,7 @@ def test_tetrahedra_by_mmg_keep_number_fields_tags_and_boundary():
     mesh = two_region_block(3)
     heat = np.random.default_rng(SEED).random(mesh.n_cells)
     result = adapt(
-        mesh, indicator(mesh), target_elements=2000, backend="mmg",
+        mesh, indicator(mesh), elements=2000, backend="mmg",
         fields={"x": mesh.points}, cell_fields={"heat": heat},
     )  # fmt: skip
     new = result.mesh
@@ -86,7 +86,7 @@ def test_a_slit_stays_one_and_values_stay_on_their_sides():
     middle = mesh.points[mesh.cells].mean(axis=1)
     upper = np.zeros(mesh.n_points)
     upper[mesh.cells[(middle > 0.0).all(axis=1)]] = 1.0
-    result = adapt(mesh, indicator(mesh), target_elements=1500, fields={"upper": upper})
+    result = adapt(mesh, indicator(mesh), elements=1500, fields={"upper": upper})
     new = result.mesh
     assert new.boundary().mesh.measures.sum() == pytest.approx(8.0 + 2.0, rel=1e-12)
     on_slit = (np.abs(new.points[:, 1]) < 1e-12) & (new.points[:, 0] > 0.2)
@@ -106,12 +106,12 @@ ETA = np.ones(MESH.n_cells)
     ("arguments", "message"),
     [
         ({}, "indicator or h0 must be given, got neither"),
-        ({"indicator": ETA}, "an indicator needs tolerance or target_elements, got neither"),
+        ({"indicator": ETA}, "an indicator needs tolerance or elements, got neither"),
         ({"h0": 0.1, "tolerance": 1.0}, "tolerance needs an indicator"),
         ({"indicator": ETA[1:], "tolerance": 1}, r"indicator must have shape \(18,\), got \(17,\)"),
         ({"indicator": -ETA, "tolerance": 1}, r"indicator must be finite and >= 0, got .*\[0\]"),
         ({"indicator": ETA, "tolerance": 0.0}, "tolerance must be finite and > 0, got 0"),
-        ({"indicator": ETA, "target_elements": 0.5}, "target_elements must be finite and >= 1"),
+        ({"indicator": ETA, "elements": 0.5}, "elements must be finite and >= 1"),
         ({"indicator": ETA, "tolerance": 1, "order": 0}, "order must be finite and > 0, got 0"),
         ({"indicator": ETA, "tolerance": 1, "max_refine": 0.5}, "max_refine must be"),
         ({"h0": np.ones(3)}, r"h0 must have shape \(16,\), got \(3,\)"),
@@ -173,7 +173,7 @@ def test_nothing_given_is_written_into(generator):
     mesh = jittered_square(8, SEED, half_width=1.0)
     eta, bound, u = indicator(mesh), np.full(mesh.n_points, 0.5), np.ones(mesh.n_points)
     given = [a.copy() for a in (eta, bound, u)]
-    adapt(mesh, eta, h0=bound, target_elements=500, fields={"u": u}, project=lambda x: x)
+    adapt(mesh, eta, h0=bound, elements=500, fields={"u": u}, project=lambda x: x)
     for before, now in zip(given, (eta, bound, u), strict=True):
         assert_array_equal(now, before)
 

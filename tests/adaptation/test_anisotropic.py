@@ -40,12 +40,12 @@ def loop(*, anisotropic, n_cycles=3, target=1500, start=MESH):
     for _ in range(n_cycles):
         fields = {"u": layer(mesh.points)}
         if anisotropic:
-            result = adapt(mesh, anisotropic=True, fields=fields, target_elements=target, hmax=0.3)
+            result = adapt(mesh, anisotropic=True, fields=fields, elements=target, hmax=0.3)
         else:
             from adaptsize import size_from_hessian
 
             h = size_from_hessian(mesh, fields["u"], elements=target, norm=2.0, hmax=0.3)
-            result = adapt(mesh, h0=h, target_elements=target, fields=fields)
+            result = adapt(mesh, h0=h, elements=target, fields=fields)
         mesh = result.mesh
     return result
 
@@ -114,7 +114,7 @@ def test_the_gradient_limit_may_be_any_number_and_has_the_default_of_metrics():
 
 def test_a_metric_is_scaled_to_the_number_of_elements():
     metric = Metric(np.tile([0.05, 0.2], (MESH.n_points, 1)), [np.eye(2)] * MESH.n_points)
-    result = adapt(MESH, h0=metric, target_elements=2500)
+    result = adapt(MESH, h0=metric, elements=2500)
     assert result.report.budget_met
     requested = result.metric.metric.sizes
     assert requested[:, 1] / requested[:, 0] == pytest.approx(4.0)
@@ -145,7 +145,7 @@ def test_two_fields_give_the_intersection():
         "u": np.tanh(20.0 * (MESH.points[:, 0] - 1.2)),
         "v": np.tanh(20.0 * (MESH.points[:, 1] - 0.5)),
     }
-    limits = {"fields": fields, "target_elements": 3000, "hmax": 0.3, "g": 0.25}
+    limits = {"fields": fields, "elements": 3000, "hmax": 0.3, "g": 0.25}
     result = adapt(MESH, anisotropic=["u", "v"], **limits)
     one = adapt(MESH, anisotropic="u", **limits)
     # Where the layers cross, both directions are short.  (Equally only on finer meshes.)
@@ -159,9 +159,7 @@ def test_tetrahedra_are_stretched_too(monkeypatch):
     monkeypatch.setattr("adaptsize.remeshing.mmg._MAX_METRIC_TURNS", 2)  # quicker
     mesh = block(5)
     u = np.tanh(10.0 * (mesh.points[:, 0] - 0.45))
-    result = adapt(
-        mesh, anisotropic=True, fields={"u": u}, target_elements=1000, hmax=0.4, max_aspect=8.0
-    )
+    result = adapt(mesh, anisotropic=True, fields={"u": u}, elements=1000, hmax=0.4, max_aspect=8.0)
     # At most three meshes are made to meet the number.
     assert result.report.n_cells_after == pytest.approx(1000, rel=0.25)
     assert implied_metric(result.mesh).aspect_ratio.max() > 6.0
@@ -171,22 +169,22 @@ def test_tetrahedra_are_stretched_too(monkeypatch):
     ("options", "message"),
     [
         ({"anisotropic": True}, "anisotropic needs a field in fields"),
-        ({"anisotropic": "w", "target_elements": 100}, "anisotropic must name fields.*got 'w'"),
-        ({"anisotropic": "n", "target_elements": 100}, "anisotropic must name fields.*got 'n'"),
-        ({"anisotropic": len, "target_elements": 100}, "anisotropic must be True, False or names"),
+        ({"anisotropic": "w", "elements": 100}, "anisotropic must name fields.*got 'w'"),
+        ({"anisotropic": "n", "elements": 100}, "anisotropic must name fields.*got 'n'"),
+        ({"anisotropic": len, "elements": 100}, "anisotropic must be True, False or names"),
         (
-            {"anisotropic": ["u", 1], "target_elements": 100},
+            {"anisotropic": ["u", 1], "elements": 100},
             "anisotropic must be .*names of fields",
         ),
         ({"anisotropic": np.True_}, "anisotropic needs a field in fields"),
-        ({"anisotropic": ["u"]}, "fields need tolerance or target_elements"),
-        ({"anisotropic": np.array(["u"])}, "fields need tolerance or target_elements"),
-        ({"anisotropic": "u"}, "fields need tolerance or target_elements"),
+        ({"anisotropic": ["u"]}, "fields need tolerance or elements"),
+        ({"anisotropic": np.array(["u"])}, "fields need tolerance or elements"),
+        ({"anisotropic": "u"}, "fields need tolerance or elements"),
         ({"anisotropic": "u", "tolerance": -1.0}, "tolerance must be"),
-        ({"anisotropic": "u", "target_elements": 0.0}, "target_elements must be"),
-        ({"anisotropic": "u", "target_elements": 100, "g": "steep"}, "g must be one of"),
-        ({"anisotropic": "u", "target_elements": 100, "g": -1.0}, "g must be finite"),
-        ({"anisotropic": "u", "target_elements": 100, "norm": 0.5}, "norm must be"),
+        ({"anisotropic": "u", "elements": 0.0}, "elements must be"),
+        ({"anisotropic": "u", "elements": 100, "g": "steep"}, "g must be one of"),
+        ({"anisotropic": "u", "elements": 100, "g": -1.0}, "g must be finite"),
+        ({"anisotropic": "u", "elements": 100, "norm": 0.5}, "norm must be"),
         ({"h0": isotropic_metric([1.0], 2)}, "metric must have .* nodes"),
         ({"h0": isotropic_metric(np.ones(MESH.n_points), 2), "tolerance": 1.0}, "tolerance needs"),
         ({"h0": isotropic_metric(np.full(MESH.n_points, np.inf), 2)}, "finite size at one node"),

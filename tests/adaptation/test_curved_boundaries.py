@@ -16,6 +16,7 @@ from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
 from adaptsize.errors import ResolutionWarning
+from adaptsize.options import AdaptOptions, checked
 
 
 def test_new_boundary_nodes_are_projected_and_the_area_comes_nearer():
@@ -71,8 +72,7 @@ def test_bounds_by_the_tolerance_are_those_of_chords():
     of_metric = metric_by_tolerance(mesh, 1e-3)
     assert np.median(of_metric.sizes[:, 0] / sizes) == pytest.approx(1.0, rel=0.05)
     metric = isotropic_metric(np.full(mesh.n_points, 0.9), 3)
-    limits = dict.fromkeys(("interpolation_error", "target_elements", "g", "hmin", "hmax"))
-    request = metric_request(mesh, False, metric, {}, norm=2.0, max_aspect=10.0, **limits)
+    request = metric_request(mesh, metric, {}, checked(AdaptOptions, {"g": None}))
     found = request.within(mesh, 1e-3).next(mesh, 1.0).metric
     assert_allclose(found.sizes, np.minimum(of_metric.sizes, 0.9), rtol=1e-9)
     # Around a tube of radius 1, and along it.

@@ -61,7 +61,7 @@ def test_the_number_of_elements_is_that_of_the_generator():
 def test_a_missed_number_is_corrected_by_another_mesh(generator, factor):
     generator.factor = factor
     mesh = jittered_square(12, SEED, half_width=1.0)
-    result = adapt(mesh, indicator(mesh), target_elements=3000, max_refine=20)
+    result = adapt(mesh, indicator(mesh), elements=3000, max_refine=20)
     assert result.report.budget_met
     assert result.report.n_meshes == generator.calls == (1 if abs(factor - 1.0) < 0.15 else 2)
     assert result.mesh.n_cells == pytest.approx(3000, rel=0.08)  # whole squares
@@ -71,7 +71,7 @@ def test_a_missed_number_is_corrected_by_another_mesh(generator, factor):
 def test_nodes_are_met_in_the_same_way(generator, factor):
     generator.factor = factor
     mesh = jittered_square(12, SEED, half_width=1.0)
-    result = adapt(mesh, indicator(mesh), target_nodes=3000, max_refine=20)
+    result = adapt(mesh, indicator(mesh), nodes=3000, max_refine=20)
     assert result.report.budget_met
     assert result.mesh.n_points == pytest.approx(3000, rel=0.08)
     assert result.report.n_meshes == (1 if factor == 1.0 else 2)
@@ -80,10 +80,10 @@ def test_nodes_are_met_in_the_same_way(generator, factor):
 
 def test_two_budgets_are_refused(generator):
     mesh = jittered_square(12, SEED, half_width=1.0)
-    with pytest.raises(ValueError, match="target_elements and target_nodes exclude each other"):
-        adapt(mesh, h0=1.0, target_nodes=3000, target_elements=6000)
-    with pytest.raises(ValueError, match="target_nodes must be finite and >= 1, got 0"):
-        adapt(mesh, h0=1.0, target_nodes=0)
+    with pytest.raises(ValueError, match="elements and nodes exclude each other"):
+        adapt(mesh, h0=1.0, nodes=3000, elements=6000)
+    with pytest.raises(ValueError, match="nodes must be finite and >= 1, got 0"):
+        adapt(mesh, h0=1.0, nodes=0)
 
 
 def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
@@ -97,7 +97,7 @@ def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
     jumping = Jumping()
     monkeypatch.setattr(new_mesh, "remesh", jumping)
     mesh = jittered_square(12, SEED, half_width=1.0)
-    result = adapt(mesh, indicator(mesh), target_elements=3000)
+    result = adapt(mesh, indicator(mesh), elements=3000)
     assert result.report.n_meshes == 3
     counts = np.array([1.6 * 3000, 0.75 * 3000 / 1.6])
     best = np.exp(np.abs(np.log(counts / 3000)).min())
@@ -106,7 +106,7 @@ def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
 
 def test_a_number_out_of_reach_is_approached_once_and_reported(generator):
     mesh = jittered_square(12, SEED, half_width=1.0)
-    result = adapt(mesh, indicator(mesh), target_elements=100_000, hmin=0.1)
+    result = adapt(mesh, indicator(mesh), elements=100_000, hmin=0.1)
     assert generator.calls == 1
     assert result.report.budget_met is False
     assert "budget missed" in str(result)
@@ -116,7 +116,7 @@ def test_a_number_out_of_reach_is_approached_once_and_reported(generator):
 def test_bounds_alone_are_scaled_to_a_number(generator):
     mesh = structured_square(8, half_width=1.0)
     shape = 1.0 + mesh.points[:, 0] ** 2
-    result = adapt(mesh, h0=shape, g=None, target_elements=1000)
+    result = adapt(mesh, h0=shape, g=None, elements=1000)
     ratio = result.size.values / shape
     assert_allclose(ratio, ratio[0], rtol=1e-12)
     assert result.report.predicted_elements == pytest.approx(1000, rel=1e-3)
@@ -129,7 +129,7 @@ def test_bounds_hold_beside_an_indicator(generator):
     mesh = jittered_square(12, SEED, half_width=1.0)
     bound = np.full(mesh.n_points, np.inf)
     bound[0] = 0.01
-    result = adapt(mesh, indicator(mesh), target_elements=3000, h0=bound, g=0.3)
+    result = adapt(mesh, indicator(mesh), elements=3000, h0=bound, g=0.3)
     h = result.size.values
     assert h[0] <= 0.01
     i, j = mesh.edges.T

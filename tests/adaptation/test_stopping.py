@@ -78,7 +78,7 @@ def test_a_tolerance_that_the_limits_do_not_allow_ends_the_loop_too(generator):
 def test_a_number_that_the_limits_do_not_allow_is_told_with_the_limits(generator):
     mesh = structured_square(20, half_width=1.0)
     h = 0.1145
-    result = adapt(mesh, indicator(mesh), target_elements=10 * mesh.n_cells, hmin=h, hmax=h)
+    result = adapt(mesh, indicator(mesh), elements=10 * mesh.n_cells, hmin=h, hmax=h)
     assert (result.remeshed, result.converged) == (False, False)
     assert f"do not allow {10 * mesh.n_cells} elements (see hmin, hmax, g," in result.reason
 
@@ -88,7 +88,7 @@ def test_a_tolerance_needs_no_more_than_the_number_given(generator):
     eta = indicator(mesh)
     free = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta))
     needed = free.report.predicted_elements
-    capped = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), target_elements=0.6 * needed)
+    capped = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), elements=0.6 * needed)
     assert capped.report.predicted_elements == pytest.approx(0.6 * needed, rel=1e-2)
-    roomy = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), target_elements=2.0 * needed)
+    roomy = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), elements=2.0 * needed)
     assert_array_equal(roomy.size.values, free.size.values)

@@ -27,8 +27,8 @@ def solved(tmp_path):
 @pytest.mark.parametrize(
     ("words", "options"),
     [
-        (["--elements", "900"], {"target_elements": 900.0}),
-        (["--nodes", "500", "--hmin", "0.02"], {"target_nodes": 500.0, "hmin": 0.02}),
+        (["--elements", "900"], {"elements": 900.0}),
+        (["--nodes", "500", "--hmin", "0.02"], {"nodes": 500.0, "hmin": 0.02}),
         (["--tolerance", "0.3", "-g", "0.2", "--order", "2"], {"tolerance": 0.3, "order": 2.0}),
     ],
 )

@@ -110,7 +110,7 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
         return result, integral, new.gather()
 
     results, _ = on_ranks(mesh, None, 3, run)
-    whole = ads.adapt(mesh, eta, target_elements=target, backend="mmg")
+    whole = ads.adapt(mesh, eta, elements=target, backend="mmg")
     result, integral, new = results[0]
     report = result.report
     assert all(other.report == report for other, _, _ in results)
@@ -139,8 +139,8 @@ def test_number_of_nodes_is_met():
         return adapt(part, eta[part.cell_ids], nodes=300, how="gather")
 
     report = on_ranks(mesh, None, 2, run)[0][0].report
-    whole = ads.adapt(mesh, eta, target_nodes=300, backend="mmg").report
-    assert report.target_elements == pytest.approx(whole.target_elements, rel=1e-12)
+    whole = ads.adapt(mesh, eta, nodes=300, backend="mmg").report
+    assert report.elements == pytest.approx(whole.elements, rel=1e-12)
     assert report.budget_met
     assert report.n_points_after == pytest.approx(300, rel=0.15)
     assert "requested 300 nodes" in str(report)

@@ -125,9 +125,7 @@ def test_number_of_elements_is_that_after_limiting_and_clipping(way):
     options = {"hmin": 0.02, "hmax": 0.3, "g": 0.2}
     for wanted in (500, 3000):
         if way == "error":
-            h = size_from_error(
-                mesh, eta, order=1, elements=wanted, max_refine=16, **options
-            )
+            h = size_from_error(mesh, eta, order=1, elements=wanted, max_refine=16, **options)
         else:
             h = size_from_hessian(mesh, u, elements=wanted, **options)
         assert predicted_elements(mesh, h) == pytest.approx(wanted, rel=1e-3)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import check_type, one_of
-from adaptsize._defaults import GRADIENT_LIMIT
+from adaptsize._checks import check_type, one_of, warn_caller
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields
 from adaptsize.adaptation.new_mesh import BestMesh, meet_target
@@ -28,7 +26,7 @@ from adaptsize.adaptation.next_sizes import (
     decide,
     edge_weights,
     next_sizes,
-    refuse_two_targets,
+    refuse_two_numbers,
 )
 from adaptsize.adaptation.report import CycleReport
 from adaptsize.adaptation.transfer import transfer_fields
@@ -96,18 +94,15 @@ def adapt_in_parts(
         one_of("backend", given["backend"], ("auto", "mmg"))
         if isinstance(h0, Metric | MetricFunction):
             raise ValueError("h0 must be sizes on several ranks, got a metric")
-        g, elements, nodes = given["g"], given["elements"], given["nodes"]
-        if nodes is not None:
-            refuse_two_targets(elements)
-            elements = nodes  # the expected number follows
+        if isinstance(given["g"], str):
+            one_of("g", given["g"], ("auto",))
+        refuse_two_numbers(given)
         request = SizeRequest(
+            given,
             indicator=None if indicator is None else as_indicator(indicator, part),
             h0=as_bound(h0 if part.n_points or not callable(h0) else np.empty(0), part),
-            g=GRADIENT_LIMIT if isinstance(g, str) and one_of("g", g, ("auto",)) else g,
-            order=given["order"], tolerance=given["tolerance"], target_elements=elements,
-            hmin=given["hmin"], hmax=given["hmax"], max_refine=given["max_refine"],
-            max_coarsen=given["max_coarsen"], error=None, target_nodes=nodes,
-        )  # fmt: skip
+            total_error=None,
+        )
         check_goal(request)
         old_fields = TransferredFields(
             as_fields("fields", fields, part.n_points),
@@ -121,11 +116,12 @@ def adapt_in_parts(
         **{name: given[name] for name in _EQUAL},  # type: ignore[literal-required]
     )  # fmt: skip
     allowed = given["boundary_tolerance"]
-    if request.target_nodes is not None:
-        request = replace(request, target_elements=_expected(part, request.target_nodes))
+    if given["nodes"] is not None:
+        given = {**given, "elements": _expected(part, given["nodes"])}
+        request = replace(request, options=given)
     if request.indicator is not None:
         squares = comm.allreduce(float(request.indicator @ request.indicator), "sum")
-        request = replace(request, error=math.sqrt(squares))
+        request = replace(request, total_error=math.sqrt(squares))
 
     def next_for(factor: float) -> NextSizes:
         limit = partial(limit_gradient, part)
@@ -138,7 +134,7 @@ def adapt_in_parts(
         )  # fmt: skip
 
     def count(made: PartitionedMesh) -> int:
-        return made.n_global_cells if request.target_nodes is None else made.n_global_points
+        return made.n_global_cells if given["nodes"] is None else made.n_global_points
 
     with reporting(progress if comm.rank == 0 else None) as report:
         report("sizes", None)
@@ -147,9 +143,7 @@ def adapt_in_parts(
             radius = size_from_curvature(part, elements_per_radian=1.0)
             request = replace(request, chords=size_of_chords(radius, allowed * extent))
         sizes = next_for(calibration("mmg", part.cell_dim))
-        decision = decide(
-            compare_with(part, sizes), sizes, request, given["enough"], given["coarsen_converged"]
-        )
+        decision = decide(compare_with(part, sizes), sizes, request)
         if not decision.remesh:
             return _result(part, request, decision, BestMesh(sizes, part, 0), old_fields)
         best = meet_target(request, sizes, make, count, next_for)
@@ -196,8 +190,8 @@ def _result(
     report = PartsReport(
         n_points_before=old.n_global_points, n_points_after=new.n_global_points,
         n_cells_before=old.n_global_cells, n_cells_after=new.n_global_cells,
-        n_meshes=best.n_meshes, target_elements=request.target_elements,
-        target_nodes=request.target_nodes, tolerance=request.tolerance,
+        n_meshes=best.n_meshes, elements=request.options["elements"],
+        nodes=request.options["nodes"], tolerance=request.tolerance,
         predicted_elements=sizes.predicted, error=request.error,
         share_in_band=decision.in_band, share_too_long=decision.too_long,
         share_too_short=decision.too_short,
@@ -214,18 +208,16 @@ def _result(
 def _warn(report: PartsReport, allowed: float) -> None:
     """Warn of lost tags, and of a boundary that has moved too far."""
     if report.lost_tags:
-        warnings.warn(
+        warn_caller(
             f"the new mesh has lost {', '.join(report.lost_tags)}: parts smaller than the sizes "
             "vanish",
             ResolutionWarning,
-            stacklevel=3,
         )
     if report.boundary_distance > allowed:
-        warnings.warn(
+        warn_caller(
             "the boundary of the new mesh is farther from the old one than boundary_tolerance "
             "(see report.boundary_distance), which adds up in a loop; lower boundary_tolerance",
             ResolutionWarning,
-            stacklevel=3,
         )
 
 

@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -15,12 +15,11 @@ from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BoundaryWarning
+from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
+from adaptsize.typing import ProgressCallback
 
 M = TypeVar("M")
-
-#: Maximum number of meshes that are made to meet a number of elements.
-_MOST_MESHES = 3
 
 
 @dataclass(frozen=True)
@@ -28,6 +27,8 @@ class NewMesh:
     """A new mesh and how it was made; the old mesh if ``n_meshes`` is 0."""
 
     mesh: SimplexMesh
+    sizes: NextSizes
+    backend: str
     n_meshes: int = 0
     boundary_distance: float = 0.0
     moves: BoundaryMoves | None = None
@@ -39,21 +40,33 @@ class NewMesh:
 
 
 def make_mesh(
-    mesh: SimplexMesh, sizes: NextSizes, request: Request, options: dict[str, Any]
-) -> tuple[NextSizes, NewMesh]:
-    """Return a mesh with the sizes; repeat if it misses the requested number."""
+    mesh: SimplexMesh, first: NewMesh, request: Request, report: ProgressCallback
+) -> NewMesh:
+    """Return a mesh with the sizes of ``first``; repeat if it misses the requested number."""
+    given = request.options
+    options: RemeshOptions = {
+        "backend": first.backend,
+        "target": "triangles" if mesh.cell_dim < mesh.dim else "auto",
+        "tolerance": given["boundary_tolerance"],
+        "max_elements": given["max_elements"],
+        "timeout": given["timeout"],
+    }
 
     def make(chosen: NextSizes) -> SimplexMesh:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BoundaryWarning)  # the caller measures the distance
-            new: SimplexMesh = remesh(mesh, chosen.requested(mesh), **options)
+            new: SimplexMesh = remesh(mesh, chosen.requested(mesh), progress=report, **options)
         return new
 
     def count(new: SimplexMesh) -> int:
-        return new.n_cells if request.target_nodes is None else new.n_points
+        return new.n_cells if request.options["nodes"] is None else new.n_points
 
-    found = meet_target(request, sizes, make, count, lambda factor: request.next(mesh, factor))
-    return found.sizes, NewMesh(found.mesh, found.n_meshes, boundary_distance(mesh, found.mesh))
+    def again(factor: float) -> NextSizes:
+        return request.next(mesh, factor)
+
+    best = meet_target(request, first.sizes, make, count, again)
+    distance = boundary_distance(mesh, best.mesh)
+    return NewMesh(best.mesh, best.sizes, first.backend, best.n_meshes, distance)
 
 
 @dataclass(frozen=True)
@@ -85,15 +98,13 @@ def meet_target(
     again : callable
         Return sizes, given how many cells the generator makes per predicted cell.
     """
-    elements, nodes = request.target_elements, request.target_nodes
+    elements, nodes = request.options["elements"], request.options["nodes"]
     target = elements if nodes is None else nodes
     new = make(sizes)
     best, n_meshes = (sizes, new), 1
     requested: list[float] = []
     actual: list[float] = []
-    while (
-        target is not None and elements is not None and sizes.in_reach and n_meshes < _MOST_MESHES
-    ):
+    while target is not None and elements is not None and sizes.in_reach and n_meshes < 3:
         requested.append(math.log(sizes.simplices))
         actual.append(math.log(count(new)))
         if abs(math.expm1(actual[-1] - math.log(target))) <= BUDGET_TOLERANCE:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe, refuse_where
+from adaptsize._checks import describe, refuse_where
+from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
-from adaptsize.adaptation.next_sizes import REACHED, BoundLike, NextSizes, as_bound
+from adaptsize.adaptation.next_sizes import REACHED, BoundLike, NextSizes, Request, as_bound
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
 from adaptsize.metrics import (
@@ -26,38 +27,21 @@ from adaptsize.metrics import (
     predicted_simplices,
 )
 from adaptsize.metrics.limit import as_gradient_limit
+from adaptsize.options import AdaptOptions
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.typing import FloatArray
 
-#: The scale of a metric is corrected at most so often to meet the number of elements; each time
-#: the metric is limited anew.
-_MOST_SCALES = 5
-#: ... and not if the number is this close to the requested one.
-_CLOSE = 0.03
-#: Where the tolerance bounds edges around a cylinder, those along it are at most so much longer.
-_ALONG = 10.0
-
 
 @dataclass(frozen=True)
-class MetricRequest:
-    """The arguments of ``adapt`` that define an anisotropic request, checked."""
+class MetricRequest(Request):
+    """A request of sizes that depend on the direction.  The present error is not estimated."""
 
     fields: tuple[FloatArray, ...]
     """Nodal fields that linear elements shall interpolate well."""
     bound: Metric | None
-    target_elements: float | None
-    interpolation_error: float | None
-    norm: float
-    max_aspect: float
     g: float | None
-    hmin: float | None
-    hmax: float | None
-    target_nodes: float | None = None
     chords: Metric | None = None
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
-    #: The error of the present mesh is not estimated.
-    error: None = None
-    tolerance: None = None
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the metric for a generator that makes ``factor`` cells per predicted cell."""
@@ -87,44 +71,27 @@ def as_metric_bound(h0: Any, mesh: SimplexMesh) -> Metric | None:
 
 def metric_request(
     mesh: SimplexMesh,
-    anisotropic: bool | list[str],
     h0: BoundLike | Metric | MetricFunction | None,
     fields: Mapping[str, npt.NDArray[Any]],
-    **options: Any,
+    options: AdaptOptions,
 ) -> MetricRequest:
-    """Return the checked request.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-    anisotropic : bool or list of str
-        As returned by `as_anisotropic`.  The fields: all with one real number per node, or those
-        of these names; False none.
-    h0 : metric or sizes or None
-    fields : mapping of str to ndarray
-        Checked nodal fields.
-    options : the other attributes of `MetricRequest`
-    """
+    """Return the checked request, with the nodal ``fields`` named by ``anisotropic``."""
     bound = as_metric_bound(h0, mesh)
     if bound is None and h0 is not None:
         sizes = as_bound(h0, mesh)  # type: ignore[arg-type]
         assert sizes is not None
         bound = isotropic_metric(sizes, mesh.dim)
+    anisotropic = as_anisotropic(options["anisotropic"])
     chosen = tuple(fields[name] for name in _names(anisotropic, fields))
-    accuracy, target = options["interpolation_error"], options["target_elements"]
+    accuracy = options["tolerance"]
     if not chosen and bound is None:
         raise ValueError("anisotropic needs a field in fields, or a Metric as h0, got neither")
-    if chosen and accuracy is None and target is None:
-        raise ValueError("fields need tolerance or target_elements, got neither")
+    if chosen and accuracy is None and options["elements"] is None:
+        raise ValueError("fields need tolerance or elements, got neither")
     if not chosen and accuracy is not None:
         raise ValueError("tolerance needs fields whose error it limits, got none")
-    if accuracy is not None:
-        as_number("tolerance", accuracy, lower=0.0, strict=True)
-    if target is not None:
-        as_number("target_elements", target, lower=1.0)
-    if options["g"] is not None:
-        options["g"] = as_gradient_limit(options["g"])
-    return MetricRequest(chosen, bound, **options)
+    g = METRIC_GRADIENT_LIMIT if isinstance(options["g"], str) else options["g"]
+    return MetricRequest(options, chosen, bound, None if g is None else as_gradient_limit(g))
 
 
 def as_anisotropic(value: Any) -> bool | list[str]:
@@ -161,7 +128,7 @@ def _names(anisotropic: bool | list[str], fields: Mapping[str, npt.NDArray[Any]]
 def metric_by_tolerance(mesh: SimplexMesh, tolerance: float) -> Metric | None:
     """Return the largest metric that leaves curved boundaries within a share of the diagonal.
 
-    Edges along a cylinder may be `_ALONG` times as long as those around it.  See
+    Edges along a cylinder may be 10 times as long as those around it.  See
     `bound_by_tolerance` for sizes.
     """
     if mesh.dim < 3:
@@ -179,7 +146,7 @@ def metric_by_tolerance(mesh: SimplexMesh, tolerance: float) -> Metric | None:
 
 def _radii(mesh: SimplexMesh) -> Metric:
     """Return the radii of curvature as a metric."""
-    return metric_from_curvature(mesh, elements_per_radian=1.0, max_aspect=_ALONG**2)
+    return metric_from_curvature(mesh, elements_per_radian=1.0, max_aspect=100.0)
 
 
 def next_metric(mesh: SimplexMesh, request: MetricRequest, factor: float) -> NextSizes:
@@ -190,9 +157,10 @@ def next_metric(mesh: SimplexMesh, request: MetricRequest, factor: float) -> Nex
     ValueError
         If a size is not finite where there are cells, or an option is out of range.
     """
-    target, capped = request.target_elements, False
+    options, capped = request.options, False
+    target = options["elements"]
     metric: Metric | None = None
-    if request.interpolation_error is not None or target is None:
+    if options["tolerance"] is not None or target is None:
         metric = _finished(mesh, request, _wanted(mesh, request, None))
         capped = target is not None and factor * predicted_simplices(mesh, metric) > target
     if target is not None and (metric is None or capped):
@@ -211,8 +179,8 @@ def _wanted(mesh: SimplexMesh, request: MetricRequest, number: float | None) -> 
     """Return the metric before limits, for a tolerance or about a number of elements."""
     parts = [
         metric_from_hessian(
-            mesh, values, norm=request.norm, max_aspect=request.max_aspect,
-            tolerance=None if number is not None else request.interpolation_error,
+            mesh, values, norm=request.options["norm"], max_aspect=request.options["max_aspect"],
+            tolerance=None if number is not None else request.options["tolerance"],
             target_elements=number,
         )
         for values in request.fields
@@ -229,21 +197,24 @@ def _finished(mesh: SimplexMesh, request: MetricRequest, metric: Metric) -> Metr
         metric = metric.intersect(request.bound)
     if request.chords is not None:
         metric = metric.intersect(request.chords)
-    metric = metric.clip(request.hmin, request.hmax)
+    metric = metric.clip(request.options["hmin"], request.options["hmax"])
     return metric if request.g is None else limit_metric(mesh, metric, request.g)
 
 
 def _of_number(mesh: SimplexMesh, request: MetricRequest, number: float) -> Metric:
-    """Return the metric scaled such that the number of simplices is as requested."""
+    """Return the metric scaled such that the number of simplices is as requested, within 3 %.
+
+    Each time the scale is corrected, the metric is limited anew.
+    """
     wanted = _wanted(mesh, request, number)
     scale = 1.0
     best, best_miss = wanted, math.inf
-    for _ in range(_MOST_SCALES):
+    for _ in range(5):
         metric = _finished(mesh, request, wanted.scaled(scale))
         miss = math.log(max(predicted_simplices(mesh, metric), 1e-3) / number)
         if abs(miss) < best_miss:
             best, best_miss = metric, abs(miss)
-        if abs(miss) <= _CLOSE:
+        if abs(miss) <= 0.03:
             break
         scale *= math.exp(miss / mesh.cell_dim)
     return best

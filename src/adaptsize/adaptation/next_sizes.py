@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,17 +14,19 @@ from adaptsize._checks import (
     FARTHEST,
     NEAREST,
     as_float_array,
+    as_limits,
     as_number,
     as_plain_array,
     describe,
     refuse_where,
 )
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
-from adaptsize.options import ErrorOptions
+from adaptsize.options import AdaptOptions, ErrorOptions
 from adaptsize.sizes.budget import count_elements, scale_to
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
@@ -34,38 +36,63 @@ from adaptsize.typing import FloatArray, GradientLimit
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
-#: Sizes aim at this share of the tolerance, because meshes miss sizes by a few per cent.
-_AIM = 0.95
 #: An edge is in band if neither halving nor doubling it brings it nearer to its size.
 _BAND = 0.5 * math.log(2.0)
-#: A mesh with an edge this many times too long is always remeshed.
-_MUCH_TOO_LONG = 3.0
-#: If the error is too large, remesh if there will be this many times more elements.
-_MORE = 1.02
 #: The limits allow a requested number if the prediction is this close to it.
 REACHED = 0.05
 
 
 @dataclass(frozen=True)
-class SizeRequest:
-    """The arguments of ``adapt`` that define the request, checked."""
+class Request:
+    """A checked request for the next mesh: of sizes, or of a metric."""
+
+    options: AdaptOptions
+    """Complete.  With ``nodes``, ``elements`` is the number expected with it."""
+
+    @property
+    def error(self) -> float | None:
+        """Estimated error on the present mesh; None if it is not known."""
+        return None
+
+    @property
+    def tolerance(self) -> float | None:
+        """Target for this error."""
+        return None
+
+    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
+        """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
+        raise NotImplementedError
+
+    def within(self, mesh: SimplexMesh, tolerance: float) -> Request:
+        """Return the request with a bound that leaves curved boundaries within a tolerance."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class SizeRequest(Request):
+    """A request of sizes that do not depend on the direction."""
 
     indicator: FloatArray | None
     h0: FloatArray | None
-    order: float
-    target_elements: float | None
-    tolerance: float | None
-    g: GradientLimit | None
-    hmin: float | None
-    hmax: float | None
-    max_refine: float
-    max_coarsen: float
-    error: float | None
-    """Estimated error on the present mesh."""
-    target_nodes: float | None = None
-    """Number of nodes instead of ``target_elements``, which is then the one expected with it."""
+    total_error: float | None
     chords: FloatArray | None = None
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
+
+    @property
+    def error(self) -> float | None:
+        """Estimated error on the present mesh."""
+        return self.total_error
+
+    @property
+    def tolerance(self) -> float | None:
+        """Target for this error."""
+        return self.options["tolerance"]
+
+    @property
+    def g(self) -> GradientLimit | None:
+        """Gradient limit."""
+        g = self.options["g"]
+        return GRADIENT_LIMIT if isinstance(g, str) else g
 
     def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
@@ -108,38 +135,6 @@ class NextSizes(NamedTuple):
     def stretched(self) -> bool:
         """Whether cells are divided along some directions only."""
         return self.metric is not None
-
-
-class Request(Protocol):
-    """A request: of sizes, or of a metric."""
-
-    @property
-    def error(self) -> float | None:
-        """Estimated error on the present mesh."""
-        ...
-
-    @property
-    def tolerance(self) -> float | None:
-        """Target for this error."""
-        ...
-
-    @property
-    def target_elements(self) -> float | None:
-        """Target for the number of elements."""
-        ...
-
-    @property
-    def target_nodes(self) -> float | None:
-        """Target for the number of nodes; ``target_elements`` is then the one expected with it."""
-        ...
-
-    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
-        """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
-        ...
-
-    def within(self, mesh: SimplexMesh, tolerance: float) -> Request:
-        """Return the request with a bound that leaves curved boundaries within a tolerance."""
-        ...
 
 
 class Present(NamedTuple):
@@ -196,41 +191,26 @@ def bound_by_tolerance(mesh: SimplexMesh, tolerance: float) -> FloatArray | None
     return size_of_chords(radius, tolerance * mesh.diagonal)
 
 
-def refuse_two_targets(target_elements: float | None) -> None:
+def refuse_two_numbers(options: AdaptOptions) -> None:
     """Raise a ValueError if a number of elements is given besides one of nodes."""
-    if target_elements is not None:
-        raise ValueError("target_elements and target_nodes exclude each other: omit one")
+    if options["elements"] is not None and options["nodes"] is not None:
+        raise ValueError("elements and nodes exclude each other: omit one")
 
 
 def check_goal(request: SizeRequest) -> None:
     """Raise a ValueError if the request is incomplete or contradictory."""
+    options, tolerance = request.options, request.tolerance
     if request.indicator is None and request.h0 is None:
         raise ValueError("indicator or h0 must be given, got neither")
-    if request.indicator is None and request.tolerance is not None:
+    if request.indicator is None and tolerance is not None:
         raise ValueError("tolerance needs an indicator, got None")
-    if (
-        request.indicator is not None
-        and request.tolerance is None
-        and request.target_elements is None
-    ):
-        raise ValueError("an indicator needs tolerance or target_elements, got neither")
-    if request.tolerance is not None:
-        as_number("tolerance", request.tolerance, lower=0.0, strict=True)
-    if request.target_elements is not None:
-        as_number("target_elements", request.target_elements, lower=1.0)
-    minimum(1.0, hmin=request.hmin, hmax=request.hmax)
-    check_factors(request.order, request.max_refine, request.max_coarsen)
-    if isinstance(request.g, str) or (
-        isinstance(request.g, int | float) and not 0.0 <= request.g < math.inf
-    ):
-        raise ValueError(f"g must be finite and >= 0, or None, got {describe(request.g)}")
-
-
-def check_factors(order: float, max_refine: float, max_coarsen: float) -> None:
-    """Raise a ValueError if an option of the change of sizes is out of range."""
-    as_number("order", order, lower=0.0, strict=True)
-    as_number("max_refine", max_refine, lower=1.0)
-    as_number("max_coarsen", max_coarsen, lower=1.0, allow_inf=True)
+    goals = (tolerance, options["elements"], options["nodes"])
+    if request.indicator is not None and goals == (None, None, None):
+        raise ValueError("an indicator needs tolerance or elements, got neither")
+    as_limits(options["hmin"], options["hmax"], allow_inf=True)
+    g = request.g
+    if isinstance(g, int | float) and not 0.0 <= g < math.inf:
+        raise ValueError(f"g must be finite and >= 0, or None, got {describe(g)}")
 
 
 def next_sizes(
@@ -248,11 +228,12 @@ def next_sizes(
     ValueError
         If the sizes are not finite where there are cells, or an option is out of range.
     """
+    options = request.options
 
     def finished(h: FloatArray) -> FloatArray:
         further = [None if request.indicator is None else request.h0, request.chords]
         bounds = [bound for bound in further if bound is not None]
-        held = minimum(h, *bounds, hmin=request.hmin, hmax=request.hmax)
+        held = minimum(h, *bounds, hmin=options["hmin"], hmax=options["hmax"])
         return held if request.g is None else limit(held, request.g)
 
     def count(h: FloatArray) -> float:
@@ -261,10 +242,10 @@ def next_sizes(
     def from_error(tolerance: float | None, target: float | None) -> FloatArray:
         assert request.indicator is not None
         given: ErrorOptions = {
-            "tolerance": tolerance, "elements": target, "max_refine": request.max_refine,
-            "max_coarsen": request.max_coarsen, "backend": None,
+            "tolerance": tolerance, "elements": target, "max_refine": options["max_refine"],
+            "max_coarsen": options["max_coarsen"], "backend": None,
         }  # fmt: skip
-        return scaled_by_error(mesh, request.indicator, request.order, given, finished)
+        return scaled_by_error(mesh, request.indicator, options["order"], given, finished)
 
     def from_bound(goal: float) -> FloatArray:
         bound = request.h0
@@ -273,10 +254,11 @@ def next_sizes(
         first = (start / goal) ** (1.0 / mesh.cell_dim) if start > 0.0 else 1.0
         return finished(scale_to(goal, lambda s: count(finished(s * bound)), first) * bound)
 
-    target, capped = request.target_elements, False
+    target, capped = options["elements"], False
     h: FloatArray | None = None
     if request.tolerance is not None:
-        h = from_error(_AIM * request.tolerance, None)
+        # Meshes miss sizes by a few per cent.
+        h = from_error(0.95 * request.tolerance, None)
         capped = target is not None and factor * count(h) > target
     if target is not None and (h is None or capped):
         goal = max(target / factor, 1.0)
@@ -301,35 +283,27 @@ def _refuse_free(mesh: AnyMesh, h: FloatArray) -> None:
     )  # fmt: skip
 
 
-def decide_remeshing(
-    mesh: SimplexMesh,
-    found: NextSizes,
-    request: Request,
-    enough: float,
-    coarsen_converged: bool,
-) -> Decision:
+def decide_remeshing(mesh: SimplexMesh, found: NextSizes, request: Request) -> Decision:
     """Return whether to remesh, and why."""
     pieces = found.pieces(mesh)
     weights = edge_weights(pieces, 1 if found.stretched else mesh.cell_dim)
     present = Present(mesh.n_cells, weights, float(pieces.max()))
-    return decide(present, found, request, enough, coarsen_converged)
+    return decide(present, found, request)
 
 
-def decide(
-    present: Present, found: NextSizes, request: Request, enough: float, coarsen_converged: bool
-) -> Decision:
+def decide(present: Present, found: NextSizes, request: Request) -> Decision:
     """Return whether to remesh, and why, given how the present mesh compares with the sizes."""
     shares = present.shares
     error, tolerance = request.error, request.tolerance
     within = tolerance is not None and error is not None and error <= tolerance
-    if within and not coarsen_converged:
+    if within and not request.options["coarsen_converged"]:
         reason = f"estimated error {error:.3g} is within the tolerance {tolerance:.3g}"
         return Decision(False, True, reason, *shares)
     ratio = found.predicted / present.n_cells
-    same = shares[0] >= enough and abs(ratio - 1.0) <= BUDGET_TOLERANCE
+    same = shares[0] >= request.options["enough"] and abs(ratio - 1.0) <= BUDGET_TOLERANCE
     # A region that is much too coarse counts, however few cells it has.
-    same = same and present.longest <= _MUCH_TOO_LONG
-    finer = tolerance is not None and not within and ratio > _MORE
+    same = same and present.longest <= 3.0
+    finer = tolerance is not None and not within and ratio > 1.02
     if not same or finer:
         reason = (
             f"remeshed: {shares[1]:.0%} of the next mesh is too coarse in the old one, "
@@ -343,12 +317,13 @@ def decide(
             f"above the tolerance {tolerance:.3g}"
         )
         return Decision(False, False, reason, *shares)
-    target = None if tolerance is not None else request.target_elements
+    target = None if tolerance is not None else request.options["elements"]
     met = target is None or abs(present.n_cells / target - 1.0) <= BUDGET_TOLERANCE
     if not met:
         goal = f"{target:.0f} elements"
-        if request.target_nodes is not None:
-            goal = f"{request.target_nodes:.0f} nodes"
+        nodes = request.options["nodes"]
+        if nodes is not None:
+            goal = f"{nodes:.0f} nodes"
         reason += (
             f"; the limits do not allow {goal} (see hmin, hmax, g, max_refine, max_coarsen and "
             "boundary_tolerance)"

@@ -24,8 +24,8 @@ class CycleReport:
     n_cells_before: int
     n_cells_after: int
     n_meshes: int
-    target_elements: float | None
-    target_nodes: float | None
+    elements: float | None
+    nodes: float | None
     tolerance: float | None
     predicted_elements: float
     error: float | None
@@ -46,10 +46,10 @@ class CycleReport:
     @property
     def _ratio(self) -> float | None:
         """Number of cells or nodes over the requested one."""
-        if self.target_nodes is not None:
-            return self.n_points_after / self.target_nodes
-        if self.target_elements is not None:
-            return self.n_cells_after / self.target_elements
+        if self.nodes is not None:
+            return self.n_points_after / self.nodes
+        if self.elements is not None:
+            return self.n_cells_after / self.elements
         return None
 
     def _request(self) -> list[str]:
@@ -61,11 +61,11 @@ class CycleReport:
         return lines
 
     def _target(self) -> str:
-        if self.target_elements is None:
+        if self.elements is None:
             return ""
-        text = f", requested {self.target_elements:.0f}"
-        if self.target_nodes is not None:
-            text = f", requested {self.target_nodes:.0f} nodes"
+        text = f", requested {self.elements:.0f}"
+        if self.nodes is not None:
+            text = f", requested {self.nodes:.0f} nodes"
         if not self.n_meshes:
             return text
         met = "budget met" if self.budget_met else "budget missed"
@@ -92,8 +92,8 @@ class AdaptReport(CycleReport):
         The mesh generator.
     n_meshes : int
         Number of meshes made: more than one if the first missed the number of elements.
-    target_elements, target_nodes, tolerance : float or None
-        The request.  With ``target_nodes``, ``target_elements`` is the number expected with it.
+    elements, nodes, tolerance : float or None
+        The request.  With ``nodes``, ``elements`` is the number expected with it.
     predicted_elements : float
         Predicted number of elements for the sizes and this generator, within all limits.
     error : float or None

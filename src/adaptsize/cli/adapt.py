@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from adaptsize.adaptation.result import AdaptResult
+    from adaptsize.adaptation.cycle import AdaptResult
     from adaptsize.background import SimplexMesh
 
 #: The sizes that a mesh was made for.  Those of the next mesh replace them.
@@ -47,7 +47,6 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> No
     check_files([file], output, "mesh", plot=plot)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
         raise ValueError("adapt needs --elements, --nodes or --tolerance, got none of them")
-    given = {f"target_{k}" if k in ("elements", "nodes") else k: v for k, v in given.items()}
     with console.steps(4) as steps:
         steps.begin("reading")
         mesh = read(file)

@@ -1,0 +1,320 @@
+"""`adapt`: one adaptation cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import check_type, describe, one_of, warn_caller
+from adaptsize._progress import reporting
+from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation._fields import as_fields
+from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
+from adaptsize.adaptation.in_parts import adapt_in_parts
+from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
+from adaptsize.adaptation.next_metric import as_anisotropic, as_metric_bound, metric_request
+from adaptsize.adaptation.next_sizes import (
+    BoundLike,
+    Decision,
+    Request,
+    SizeRequest,
+    as_bound,
+    check_goal,
+    decide_remeshing,
+    refuse_two_numbers,
+)
+from adaptsize.adaptation.report import AdaptReport, lost_tags
+from adaptsize.adaptation.transfer import FieldTransfer
+from adaptsize.background import AnyMesh, SimplexMesh
+from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.errors import ResolutionWarning
+from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.options import AdaptOptions, checked, with_options
+from adaptsize.quality import size_conformity
+from adaptsize.remeshing.protocol import Task
+from adaptsize.remeshing.registry import choose_backend
+from adaptsize.sizes.budget import calibration, elements_with_nodes
+from adaptsize.sizes.error import as_indicator
+from adaptsize.typing import ProgressCallback
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+Fields: TypeAlias = Mapping[str, npt.ArrayLike]
+Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class AdaptResult:
+    """What `adapt` returns.
+
+    Attributes
+    ----------
+    mesh : SimplexMesh
+        The next mesh, with the transferred fields as its point and cell data.  It is the old
+        mesh itself if ``remeshed`` is False.
+    size : SizeFunction
+        The requested sizes, on the old mesh; the smallest ones if they depend on the direction.
+    fields, cell_fields : dict of str to ndarray
+        The fields on ``mesh``; unchanged if it is the old mesh.
+    remeshed : bool
+        Whether ``mesh`` is a new mesh.  False ends a loop.
+    converged : bool
+        Whether the old mesh meets the request: its error is within the tolerance, or its
+        sizes and the number of its elements are as requested.
+    reason : str
+        Why the mesh was remeshed, or why not.
+    report : AdaptReport
+        ``print(result.report)`` prints a few lines.
+    metric : MetricFunction or None
+        The requested metric on the old mesh, if sizes depend on the direction.
+    """
+
+    mesh: SimplexMesh
+    size: SizeFunction
+    fields: Arrays
+    cell_fields: Arrays
+    remeshed: bool
+    converged: bool
+    reason: str
+    report: AdaptReport
+    metric: MetricFunction | None = None
+
+    def __str__(self) -> str:
+        """Return the reason and the report."""
+        return f"{self.reason}\n{self.report}"
+
+
+@with_options(AdaptOptions)
+def adapt(
+    mesh: AnyMesh,
+    indicator: npt.ArrayLike | None = None,
+    *,
+    h0: BoundLike | Metric | MetricFunction | None = None,
+    fields: Fields | None = None,
+    cell_fields: Fields | None = None,
+    project: ProjectionLike | None = None,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[AdaptOptions],
+) -> Any:
+    """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
+
+    This is one adaptation cycle.  Sizes come from error indicators, upper bounds on the size, or
+    both, and their gradient is limited.  The domain is remeshed with these sizes.  Fields are
+    transferred and tags are kept.  A mesh that already has the sizes is returned unchanged.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh or PartitionedMesh
+        Triangles in the plane, tetrahedra, or triangles in space.
+    indicator : array_like of float, shape (n_cells,), optional
+        Error of each cell, >= 0.  The total error is ``sqrt(sum(indicator**2))``.  Requires
+        ``tolerance``, ``elements`` (or ``nodes``) or both.
+    h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
+        Upper bounds on the size, evaluated at the nodes of ``mesh``; inf where there is none.
+        With ``indicator`` they are additional bounds.  Without it they are the requested sizes.
+        A `Metric` at the nodes, a `MetricFunction` or a callable that returns a Metric gives bounds
+        that depend on the direction (Mmg only).
+    fields : mapping of str to array_like, optional
+        Nodal fields, shape (n_points, ...), interpolated; see `FieldTransfer.nodal`.
+    cell_fields : mapping of str to array_like, optional
+        Cell fields, shape (n_cells, ...); see `FieldTransfer.cells`.
+    project : callable, or mapping of int to callable, optional
+        Takes nodes near the boundary, float64[n, dim], and returns their projections onto the true
+        boundary.  A mapping has one callable for the facets of each tag, including tagged
+        facets inside.  It is called with the new boundary nodes except corners, ridges and nodes
+        between two projections.  Moves that would degrade a cell are shortened.
+    progress : callable, bool or None
+        Called with a text and the fraction completed or None.  True shows a progress bar.  An
+        exception in it, or Ctrl-C, stops the work.
+    **options
+
+    Returns
+    -------
+    AdaptResult
+        ``mesh``, ``size``, ``fields``, ``cell_fields``, ``remeshed``, ``converged``, ``reason``
+        and ``report``.  An `AdaptedParts` with the same attributes for a mesh in parts.
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid (checked first), or sizes are inf after limiting.
+    TooManyElementsError
+        If the sizes require more than ``max_elements`` elements.
+    BackendUnavailableError
+        If no generator for this mesh is installed.  Triangles need Mmg.
+    BackendError
+        If the generator failed.  BackendTimeoutError if it was stopped.
+
+    Warns
+    -----
+    ResolutionWarning
+        If the new mesh has lost a tag, or if, without ``project``, the new boundary is farther
+        from the old one than ``boundary_tolerance``.
+
+    Notes
+    -----
+    The number of cells (or nodes) is predicted from measurements with the generator.  If the mesh
+    misses the number by more than 15 % although the limits allow it, the prediction is corrected
+    and another mesh is made.  Of up to three meshes the closest is returned.
+
+    Boundary nodes stay on the boundary of the old mesh: on straight boundaries to rounding, on
+    curved ones within a few times ``boundary_tolerance``.  The report has the distance.
+
+    Examples
+    --------
+    A mesh that is refined at the origin (with Mmg installed):
+
+    >>> import numpy as np
+    >>> x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9))
+    >>> from scipy.spatial import Delaunay
+    >>> points = np.column_stack([x.ravel(), y.ravel()])
+    >>> mesh = SimplexMesh(points, Delaunay(points).simplices)
+    >>> eta = np.exp(-9.0 * np.linalg.norm(points[mesh.cells].mean(axis=1), axis=1))
+    >>> result = adapt(mesh, eta, elements=500, fields={"x": points[:, 0]})
+    >>> result.remeshed, bool(result.report.budget_met)
+    (True, True)
+    >>> bool(np.abs(result.fields["x"] - result.mesh.points[:, 0]).max() < 1e-12)
+    True
+
+    An adaptive loop with a tolerance::
+
+        for cycle in range(20):
+            u, eta = solve(mesh)
+            result = ads.adapt(mesh, eta, tolerance=1e-3, fields={"u": u})
+            print(result)
+            if not result.remeshed:
+                break
+            mesh = result.mesh
+    """
+    if isinstance(mesh, PartitionedMesh):
+        if project is not None:
+            raise ValueError("project is not available for meshes in parts")
+        return adapt_in_parts(
+            mesh, indicator, h0=cast("BoundLike | None", h0), fields=fields,
+            cell_fields=cell_fields, progress=progress, **options,
+        )  # fmt: skip
+    task = _task(mesh)
+    given = checked(AdaptOptions, options)
+    check_projection(project)
+    nodal = as_fields("fields", fields, mesh.n_points)
+    by_cell = as_fields("cell_fields", cell_fields, mesh.n_cells)
+    if isinstance(given["g"], str):
+        one_of("g", given["g"], ("auto",))
+    is_metric = as_anisotropic(given["anisotropic"]) is not False
+    is_metric = is_metric or as_metric_bound(h0, mesh) is not None
+    refuse_two_numbers(given)
+    if given["nodes"] is not None:
+        given = {**given, "elements": elements_with_nodes(mesh, given["nodes"])}
+    request: Request
+    if is_metric:
+        if indicator is not None:
+            raise ValueError("indicator must be None with a metric: its sizes have no direction")
+        request = metric_request(mesh, h0, nodal, given)
+    else:
+        eta = None if indicator is None else as_indicator(indicator, mesh)
+        error = None if eta is None else float(np.linalg.norm(eta))
+        request = SizeRequest(given, eta, as_bound(cast("BoundLike | None", h0), mesh), error)
+        check_goal(request)
+    if by_cell and given["conservative"]:
+        FieldTransfer(mesh, mesh).refuse_surfaces()
+    generator = choose_backend(given["backend"], task, keep_facets=False, metric=is_metric).name
+    tolerance = given["boundary_tolerance"]
+    with reporting(progress) as report:
+        report("sizes", None)
+        if generator != "gmsh":  # it has no tolerance
+            request = request.within(mesh, tolerance)
+        sizes = request.next(mesh, calibration(generator, mesh.cell_dim))
+        decision = decide_remeshing(mesh, sizes, request)
+        made = NewMesh(mesh, sizes, generator)
+        if decision.remesh:
+            made = make_mesh(mesh, made, request, report)
+            if project is not None:
+                made = made.projected(project, given["corner_angle"])
+            elif made.boundary_distance > tolerance * mesh.diagonal:
+                # The text is constant, so that Python shows the warning once.
+                warn_caller(
+                    "the boundary of the new mesh is farther from the old one than "
+                    "boundary_tolerance (see report.boundary_distance), which adds "
+                    "up in a loop; pass project= for a curved boundary, or lower "
+                    "boundary_tolerance",
+                    ResolutionWarning,
+                )
+        return _result(mesh, request, decision, made, (nodal, by_cell), report)
+
+
+def _task(mesh: SimplexMesh) -> Task:
+    """Return the meshing task."""
+    check_type("mesh", mesh, SimplexMesh)
+    tasks: dict[tuple[int, int], Task] = {
+        (3, 3): "tetrahedra", (2, 2): "plane triangles", (2, 3): "surface"
+    }  # fmt: skip
+    kind = (mesh.cell_dim, mesh.dim)
+    if kind not in tasks:
+        raise ValueError(
+            f"mesh must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
+        )
+    return tasks[kind]
+
+
+def _result(
+    old: SimplexMesh,
+    request: Request,
+    decision: Decision,
+    made: NewMesh,
+    fields: tuple[Arrays, Arrays],
+    progress: ProgressCallback,
+) -> AdaptResult:
+    """Return fields on the new mesh, and the report."""
+    sizes, new, (nodal, by_cell) = made.sizes, made.mesh, fields
+    requested = sizes.requested(old)
+    before = after = size_conformity(old, requested)
+    how: dict[str, str] = {}
+    integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
+    if decision.remesh:
+        conservative = request.options["conservative"]
+        keep = request.options["keep_integral"]
+        transfer = FieldTransfer(old, new, progress=progress)
+        moved = {name: transfer.nodal(values) for name, values in nodal.items()}
+        moved_by_cell = {
+            name: transfer.cells(values, conservative=conservative, keep_integral=keep)
+            for name, values in by_cell.items()
+        }
+        for name, values in nodal.items():
+            how[name] = "nearest node" if values.dtype.kind in "biu" else "interpolated"
+        for name, values in by_cell.items():
+            how[name] = "value at the centroid"
+            if values.dtype.kind not in "biu":
+                how[name] = "conservative" if conservative else how[name]
+                integrals[name] = transfer.integrals(values, moved_by_cell[name])
+        nodal, by_cell = moved, moved_by_cell
+        new = new.with_data(point_data=nodal, cell_data=by_cell)
+        after = size_conformity(new, requested)
+    lost = lost_tags(old, new)
+    if lost:
+        warn_caller(
+            f"the new mesh has lost {', '.join(lost)}: parts smaller than the sizes vanish",
+            ResolutionWarning,
+        )
+    report = AdaptReport(
+        n_points_before=old.n_points, n_points_after=new.n_points,
+        n_cells_before=old.n_cells, n_cells_after=new.n_cells,
+        backend=made.backend, n_meshes=made.n_meshes,
+        elements=request.options["elements"], nodes=request.options["nodes"],
+        tolerance=request.tolerance,
+        predicted_elements=sizes.predicted, error=request.error,
+        share_in_band=decision.in_band, share_too_long=decision.too_long,
+        share_too_short=decision.too_short, before=before, after=after,
+        measure_before=float(old.measures.sum()), measure_after=float(new.measures.sum()),
+        boundary_distance=made.boundary_distance, moves=made.moves,
+        lost_tags=lost, kept_tags=old.cell_tags is not None or old.facet_tags is not None,
+        transferred=how, integrals=integrals,
+    )  # fmt: skip
+    return AdaptResult(
+        new, SizeFunction(old, sizes.h), nodal, by_cell, decision.remesh, decision.converged,
+        decision.reason, report, requested if isinstance(requested, MetricFunction) else None,
+    )  # fmt: skip
