@@ -7,6 +7,7 @@ an option, declare it here and use it in the function.
 """
 
 import inspect
+import os
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -789,6 +790,53 @@ class FeatureOptions(ClipOptions, total=False):
             text="Nodes up to this distance outside ``boundary`` get a size too.",
             details="On a background of lower dimension, only nodes within this distance of "
             "``boundary`` get one.  Only for rays, with ``boundary``.",
+        ),
+    ]
+
+
+class PictureOptions(TypedDict, total=False):
+    """Picture."""
+
+    path: Annotated[
+        str | os.PathLike[str] | None,
+        Option(
+            default=None,
+            type_text="str or path",
+            text="File to write (.png, .jpg, .tif or .bmp), completely or not at all.",
+        ),
+    ]
+    clip: Annotated[
+        Literal["auto", "x", "y", "z"] | None,
+        Option(
+            default="auto",
+            text="Axis normal to the plane through the middle at which the mesh is cut.",
+            details='The whole cells behind the plane are shown.  "auto" cuts tetrahedra and boxes '
+            "in space, such that the section is long.  None shows the whole.",
+        ),
+    ]
+    width: Annotated[
+        int,
+        Option(
+            default=1600,
+            lower=64.0,
+            upper=10_000.0,
+            text="Width of the picture in pixels.",
+            details="The height follows from the mesh.",
+        ),
+    ]
+
+
+class ScaledPictureOptions(PictureOptions, total=False):
+    """Picture with a colour bar."""
+
+    limits: Annotated[
+        tuple[float, float] | None,
+        Option(
+            default=None,
+            chosen="those of the values",
+            type_text="tuple of float",
+            text="Lowest and highest value of the colour bar, for pictures to be compared; not "
+            "for regions.",
         ),
     ]
 

@@ -12,7 +12,7 @@ from shapes import block
 from adaptsize import SimplexMesh, __version__, read, size_function, write
 from adaptsize.cli import files
 from adaptsize.cli import steps as steps_module
-from adaptsize.cli.steps import Steps
+from adaptsize.cli.steps import NORMAL, QUIET, Steps
 
 DATA = Path(__file__).parents[2] / "data"
 CUBE = block(2)
@@ -144,7 +144,7 @@ def clock(monkeypatch):
 
 def test_each_step_is_a_line_once_a_command_takes_long(clock):
     lines, times = [], []
-    with Steps(3, lines.append, times, shown=True, verbose=False) as steps:
+    with Steps(3, lines.append, times, NORMAL) as steps:
         steps.begin("reading")
         clock.now += 1.0
         steps.begin("sizes")
@@ -166,7 +166,7 @@ def test_each_step_is_a_line_once_a_command_takes_long(clock):
 
 def test_texts_of_a_generator_are_parts_of_one_step(clock):
     lines, times = [], []
-    with Steps(3, lines.append, times, shown=True, verbose=False) as steps:
+    with Steps(3, lines.append, times, NORMAL) as steps:
         steps._talk()
         steps.begin("sizes")
         report = steps.following(lambda text: None if text == "detail" else text)
@@ -187,7 +187,7 @@ def test_a_step_that_fails_is_no_step(clock):
     times = []
 
     def fail():
-        with Steps(1, print, times, shown=False, verbose=False) as steps:
+        with Steps(1, print, times, QUIET) as steps:
             steps.begin("reading")
             raise ValueError("no")
 
@@ -199,7 +199,7 @@ def test_a_step_that_fails_is_no_step(clock):
 def test_the_timer_prints_the_present_step(monkeypatch):
     monkeypatch.setattr(steps_module, "PATIENCE", 0.01)
     lines = []
-    with Steps(2, lines.append, [], shown=True, verbose=False) as steps:
+    with Steps(2, lines.append, [], NORMAL) as steps:
         steps.begin("reading")
         until = time.monotonic() + 30.0
         while not lines and time.monotonic() < until:

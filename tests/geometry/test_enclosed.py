@@ -32,9 +32,8 @@ def test_a_box_encloses_the_product_of_its_sides(dim, measure):
 def test_no_change_of_volume_is_reported_if_the_given_surface_is_not_oriented():
     box, skin = cuboid(3)
     size = size_function(box, hmax=1.0)
-    found = size.report
     outcomes = (
-        outcome_of_remeshing(box, surface, size, found, 1e-3)
+        outcome_of_remeshing(box, surface, size, 1e-3)
         for surface in (skin, with_a_flipped_cell(skin))
     )
     assert [outcome.change for outcome in outcomes] == [pytest.approx(0.0, abs=1e-14), None]

@@ -23,17 +23,16 @@ def square():
     mesh = jittered_square(12, 1, half_width=0.5)
     source = PointSource([0.1, 0.1], 0.02)
     size = size_function(mesh, sources=source, hmax=0.2)
-    found = size.report
-    return mesh, size, found
+    return mesh, size
 
 
 def test_the_page_has_the_findings_and_nothing_to_fetch(square, tmp_path):
-    mesh, size, found = square
+    mesh, size = square
     path = tmp_path / "square.html"
-    report(path, mesh, size, original=mesh, size_report=found, times=[("sizes", 1.5)])
+    report(path, mesh, size, original=mesh, times=[("sizes", 1.5)])
     text = path.read_text(encoding="utf-8")
     assert "<title>square: triangles</title>" in text
-    assert f"{mesh.n_cells} triangles, {found.n_elements:.0f} predicted" in text
+    assert f"{mesh.n_cells} triangles, {size.report.n_elements:.0f} predicted" in text
     assert "1.5 s: sizes 1.5" in text
     assert "Plotly.newPlot" in text
     fetched = re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=[^>]*>", text)
@@ -71,7 +70,7 @@ def _without_library(path):
 def test_tetrahedra_are_shown_whole_and_cut_open():
     mesh = CUBE
     size = SizeFunction(mesh, np.full(mesh.n_points, 0.25))
-    views = scenes_of_mesh(mesh, size, None)
+    views = scenes_of_mesh(mesh, size)
     whole, cut = views["size h"], views["size h, cut open"]
     assert len(whole.cells) == len(mesh.boundary().mesh.cells)
     assert np.ptp(cut.points[np.unique(cut.cells)], axis=0).min() == pytest.approx(0.5)
@@ -80,8 +79,8 @@ def test_tetrahedra_are_shown_whole_and_cut_open():
 
 
 def test_one_view_at_a_time_is_visible(square):
-    mesh, size, found = square
-    views = scenes_of_mesh(mesh, size, found)
+    mesh, size = square
+    views = scenes_of_mesh(mesh, size)
     assert list(views)[-1] == "what controls the size"
     figure = figure_of(views)
     assert [trace.visible for trace in figure.data] == [True, True] + [False] * 2 * (len(views) - 1)
@@ -94,7 +93,7 @@ def test_one_view_at_a_time_is_visible(square):
 def test_colour_bars_have_the_round_numbers_of_pictures(square, largest):
     mesh, *_ = square
     size = SizeFunction(mesh, np.linspace(0.07, largest, mesh.n_points))
-    scene = scenes_of_mesh(mesh, size, None)["size h"]
+    scene = scenes_of_mesh(mesh, size)["size h"]
     bar = figure_of({"size h": scene}).data[0].colorbar
     np.testing.assert_allclose([float(text) for text in bar.ticktext], scene.ticks)
     places = 10.0 ** np.array(bar.tickvals) if largest > 1.0 else bar.tickvals
@@ -102,10 +101,10 @@ def test_colour_bars_have_the_round_numbers_of_pictures(square, largest):
 
 
 def test_causes_keep_their_names(square):
-    mesh, _, found = square
-    *_, scene = scenes_of_mesh(mesh, None, found).values()
+    mesh, size = square
+    *_, scene = scenes_of_mesh(mesh, size).values()
     names = set(figure_of({"causes": scene}).data[0].colorbar.ticktext)
-    assert names <= set(found.causes)
+    assert names <= set(size.report.causes)
     assert "sources" in names or any("point" in name for name in names)
 
 
@@ -138,8 +137,8 @@ def test_the_command_refuses_another_suffix_before_the_work(tmp_path, capsys):
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 def test_a_browser_without_network_draws_the_page(square, tmp_path):
-    mesh, size, found = square
-    report(tmp_path / "square.html", mesh, size, size_report=found)
+    mesh, size = square
+    report(tmp_path / "square.html", mesh, size)
     picture = tmp_path / "square.png"
     words = "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader"
     words += " --disable-background-networking --no-first-run --virtual-time-budget=15000"

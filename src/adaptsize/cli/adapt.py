@@ -32,7 +32,7 @@ _SIZES = "h"
     AdaptOptions,
     options_of(SizeOptions)["g"],
     PLOT,
-    without="conservative corner_angle anisotropic norm max_aspect",
+    without="conservative corner_angle anisotropic norm max_aspect how rounds",
 )
 def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> None:
     """Make the next mesh of an adaptive loop.

@@ -19,12 +19,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from adaptsize.cli.options import as_typed
-from adaptsize.cli.steps import Steps
+from adaptsize.cli.steps import NORMAL, QUIET, VERBOSE, Steps
 
 if TYPE_CHECKING:
     from adaptsize.ranks import Communicator
 
-QUIET, NORMAL, VERBOSE = 0, 1, 2
 #: A rank that has failed waits so many seconds for the others.
 _PATIENCE = 5.0
 
@@ -132,18 +131,17 @@ class Console:
         self.times: list[tuple[str, float]] = []
         self._began = time.monotonic()
 
-    def configure(
-        self, command: str, flags: Mapping[str, str], *, json: bool, quiet: bool, verbose: bool
-    ) -> None:
+    def configure(self, command: str, flags: Mapping[str, str], general: Mapping[str, Any]) -> None:
         """Set what is printed, and how the options that messages name are typed."""
         self._command, self._flags = command, flags
         if self.world is not None and command not in ("limit", "remesh"):
             raise ValueError(
                 f"{command} runs in one process; on several ranks run limit and remesh"
             )
+        quiet, verbose = general["quiet"], general["verbose"]
         if quiet and verbose:
             raise ValueError("--quiet and --verbose exclude each other")
-        self.as_json = bool(json) and not self._is_silent
+        self.as_json = bool(general["json"]) and not self._is_silent
         self.level = QUIET if quiet or self._is_silent else VERBOSE if verbose else NORMAL
 
     def print(self, text: object) -> None:
@@ -211,8 +209,7 @@ class Console:
 
     def steps(self, count: int) -> Steps:
         """Return the context in which a command runs in ``count`` steps."""
-        shown, verbose = self.level > QUIET, self.level == VERBOSE
-        return Steps(count, self.say, self.times, shown=shown, verbose=verbose)
+        return Steps(count, self.say, self.times, self.level)
 
     def finish(self) -> None:
         """Print the JSON object, if it is requested."""

@@ -153,8 +153,8 @@ def command(
         def run(*, context: typer.Context, **values: Any) -> None:
             console: Console = context.obj
             shared = {option.name: values.pop(option.name) for option in general}
-            file = shared.pop("options", None)
-            console.configure(str(context.info_name), flags, **shared)
+            file = shared.get("options")
+            console.configure(str(context.info_name), flags, shared)
             if options:
                 typed = {name: values.pop(name) for name in options}
                 given = {} if file is None else _read_options(file, options)

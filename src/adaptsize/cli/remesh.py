@@ -46,7 +46,6 @@ from adaptsize.options import (
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
-    from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
     from adaptsize.cli.steps import Steps
     from adaptsize.reporting.outcome import Outcome
@@ -63,8 +62,8 @@ _PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
 
 
 @command(
-    BudgetOptions,
     RemeshToElementsOptions,
+    BudgetOptions,
     SOURCE,
     FIELD,
     replace(METRIC, text=f"{METRIC.text}  -g is then 1 by default."),
@@ -101,7 +100,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> N
 def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> None:
     """Make a mesh in this process, with sizes that do not depend on the direction."""
     from adaptsize._checks import as_tolerance
-    from adaptsize.domain_size.elements import tolerance_of
+    from adaptsize.domain_size.elements import report_of, tolerance_of
     from adaptsize.domain_size.request import largest_number
     from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
@@ -121,19 +120,17 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
     with console.steps(5) as steps:
         steps.begin("reading")
         mesh = _read(console, file, output, given)
-        new, size, found = _made(console, steps, mesh, given)
+        new, size = _made(console, steps, mesh, given)
+        found = report_of(size)
         allowed = tolerance_of(found, given.get("tolerance"))
         new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
         written = write_mesh(output, new)
         steps.begin("checks")
-        outcome = outcome_of_remeshing(new, mesh, size, found, allowed, elements)
+        outcome = outcome_of_remeshing(new, mesh, size, allowed, elements)
         draw(console, "size", plot, new)
         if page is not None:
-            report(
-                page, new, size, original=mesh, size_report=found, tolerance=allowed,
-                times=console.times,
-            )  # fmt: skip
+            report(page, new, size, original=mesh, tolerance=allowed, times=console.times)
             console.say(f"report: {page}")
     console.record(input=str(file), size=as_dict(found), mesh=outcome.as_dict())
     _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
@@ -156,8 +153,8 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
 
 def _made(
     console: Console, steps: Steps, mesh: SimplexMesh, given: Given
-) -> tuple[SimplexMesh, SizeFunction, SizeReport]:
-    """Return the new mesh, and the sizes that it was made for with their report."""
+) -> tuple[SimplexMesh, SizeFunction]:
+    """Return the new mesh, and the sizes that it was made for."""
     from adaptsize import remeshing
     from adaptsize.domain_size.elements import reach_number, report_of, tolerance_of
     from adaptsize.errors import OpenSurfaceWarning
@@ -189,10 +186,8 @@ def _made(
         warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
         if elements is None and nodes is None:
             size = sized()
-            new = meshed(mesh, size)
-        else:
-            new, size = reach_number(mesh, elements, nodes, sized, meshed)
-        return new, size, report_of(size)
+            return meshed(mesh, size), size
+        return reach_number(mesh, elements, nodes, sized, meshed)
 
 
 def _names_of_parts(backend: str) -> Callable[[str], str]:

@@ -12,6 +12,8 @@ from types import TracebackType
 from adaptsize._progress import remaining, reporting
 from adaptsize.typing import ProgressCallback
 
+#: How much is printed.
+QUIET, NORMAL, VERBOSE = 0, 1, 2
 #: Steps are printed as lines only from this many seconds on: quick commands print none.
 PATIENCE = 3.0
 #: Seconds between lines about the same step.
@@ -29,10 +31,9 @@ class Steps:
         Prints a line.
     times : list
         Names and seconds of the steps are appended to it.
-    shown : bool
-        Whether to show a bar on a terminal, and lines elsewhere.
-    verbose : bool
-        Whether to print the time of each step as it ends.
+    level : int
+        Unless ``QUIET``, a bar is shown on a terminal, and lines elsewhere.  ``VERBOSE`` also
+        prints the time of each step as it ends.
     """
 
     def __init__(
@@ -40,15 +41,13 @@ class Steps:
         count: int,
         say: Callable[[str], None],
         times: list[tuple[str, float]],
-        *,
-        shown: bool,
-        verbose: bool,
+        level: int,
     ) -> None:
         self._count, self._say, self._times = count, say, times
         on_terminal = sys.stderr.isatty()
-        self._with_bar = shown and on_terminal
-        self._with_lines = shown and not on_terminal
-        self._verbose = verbose
+        self._with_bar = level > QUIET and on_terminal
+        self._with_lines = level > QUIET and not on_terminal
+        self._verbose = level == VERBOSE
         self._bar: ProgressCallback | None = None
         self._open = ExitStack()
         self._lock = threading.Lock()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,25 +19,27 @@ from adaptsize._size_report import SizeReport
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import PlotError
 from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.options import PictureOptions, ScaledPictureOptions, checked, with_options
 from adaptsize.plot import with_matplotlib, with_vtk
 from adaptsize.plot.ellipsoids import scene_of_metric
 from adaptsize.plot.scene import Scene, printable, scene_of_grid, scene_of_mesh, scene_of_octree
 from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Image = npt.NDArray[np.uint8]
 #: Formats of pictures.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 
+@with_options(ScaledPictureOptions)
 def plot_size(
     mesh: SimplexMesh | CartesianGrid | Octree | SizeFunction,
     size: Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike | None = None,
     *,
-    path: str | os.PathLike[str] | None = None,
-    clip: str | None = "auto",
     label: str = "mesh size h",
-    limits: tuple[float, float] | None = None,
-    width: int = 1600,
+    **options: Unpack[ScaledPictureOptions],
 ) -> Image:
     """Draw nodal sizes on a mesh, grid or octree, off-screen.
 
@@ -53,19 +55,9 @@ def plot_size(
     size : array_like of float, of the nodal shape, SizeFunction or callable, optional
         Sizes at the nodes, or a function of points.  By default the nodal field
         ``h`` of a mesh.
-    path : str or path, optional
-        File to write (.png, .jpg, .tif or .bmp), completely or not at all.
-    clip : {"auto", "x", "y", "z"} or None
-        Axis normal to the plane through the middle at which the mesh is cut.  The whole cells
-        behind the plane are shown.  ``"auto"`` cuts tetrahedra and boxes in space, such that
-        the section is long.
     label : str
         Title of the colour bar.
-    limits : tuple of float, optional
-        Lowest and highest value of the colour bar, for pictures to be compared.  By default those
-        of the sizes.
-    width : int
-        Width of the picture in pixels, 64 to 10000.  The height follows from the mesh.
+    **options
 
     Returns
     -------
@@ -96,25 +88,17 @@ def plot_size(
     >>> plot_size(mesh, [0.1, 0.3, 0.5, 0.3], width=320).shape  # doctest: +SKIP
     (243, 320, 3)
     """
-    _check_output(path, width)
+    picture = _checked(ScaledPictureOptions, options)
     check_type("label", label, str)
     background: object = mesh
     if isinstance(mesh, SizeFunction):
         background, size = mesh.background, mesh if size is None else size
-    scene = replace(
-        _scene_of_sizes(background, size, label, clip), color_range=_color_range(limits)
-    )
-    return _draw(scene, path, width)
+    return _draw(_scene_of_sizes(background, size, label, picture["clip"]), picture)
 
 
+@with_options(ScaledPictureOptions)
 def plot_mesh(
-    mesh: SimplexMesh,
-    *,
-    color: str = "quality",
-    path: str | os.PathLike[str] | None = None,
-    clip: str | None = "auto",
-    limits: tuple[float, float] | None = None,
-    width: int = 1600,
+    mesh: SimplexMesh, *, color: str = "quality", **options: Unpack[ScaledPictureOptions]
 ) -> Image:
     """Draw a mesh coloured by the quality or the region of its cells, off-screen.
 
@@ -125,8 +109,7 @@ def plot_mesh(
         ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
         cell tags, labelled by their names in ``mesh.tag_names``.  Otherwise the
         name of a field of ``mesh`` with one number per node or cell.
-    path, clip, limits, width
-        As for `plot_size`; regions have no ``limits``.
+    **options
 
     Returns
     -------
@@ -147,23 +130,16 @@ def plot_mesh(
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> plot_mesh(mesh, path="square.png")  # doctest: +SKIP
     """
-    _check_output(path, width)
+    picture = _checked(ScaledPictureOptions, options)
     check_type("mesh", mesh, SimplexMesh)
     values, on_nodes = _values_to_show(mesh, color)
     label, classes = "radius ratio" if color == "quality" else printable(color), color == "region"
-    scene = scene_of_mesh(mesh, values, clip, on_nodes=on_nodes, label=label, classes=classes)
-    if limits is not None and not scene.classes:
-        scene = replace(scene, color_range=_color_range(limits))
-    return _draw(scene, path, width)
+    look: Any = {"on_nodes": on_nodes, "label": label, "classes": classes}
+    return _draw(scene_of_mesh(mesh, values, picture["clip"], **look), picture)
 
 
-def plot_causes(
-    report: SizeReport,
-    *,
-    path: str | os.PathLike[str] | None = None,
-    clip: str | None = "auto",
-    width: int = 1600,
-) -> Image:
+@with_options(PictureOptions)
+def plot_causes(report: SizeReport, **options: Unpack[PictureOptions]) -> Image:
     """Draw which cause controls the size where, off-screen.
 
     A cell has the colour of the majority of its nodes.  The exterior of the domain is
@@ -173,8 +149,7 @@ def plot_causes(
     ----------
     report : SizeReport
         Of `size_function`.
-    path, clip, width
-        As for `plot_size`.
+    **options
 
     Returns
     -------
@@ -196,19 +171,17 @@ def plot_causes(
     >>> plot_causes(size.report, path="causes.png")  # doctest: +SKIP
     """
     check_type("report", report, SizeReport)
-    _check_output(path, width)
-    return _draw(scene_of_causes(report, clip), path, width)
+    picture = _checked(PictureOptions, options)
+    return _draw(scene_of_causes(report, picture["clip"]), picture)
 
 
+@with_options(ScaledPictureOptions)
 def plot_metric(
     mesh: SimplexMesh | MetricFunction,
     metric: Metric | None = None,
     *,
-    path: str | os.PathLike[str] | None = None,
     n_glyphs: int = 400,
-    clip: str | None = "auto",
-    limits: tuple[float, float] | None = None,
-    width: int = 1600,
+    **options: Unpack[ScaledPictureOptions],
 ) -> Image:
     """Draw a metric as ellipses (in space: ellipsoids), off-screen.
 
@@ -220,10 +193,10 @@ def plot_metric(
     mesh : SimplexMesh or MetricFunction
     metric : Metric, optional
         At the nodes of the mesh; not with a MetricFunction.
-    path, clip, limits, width
-        As for `plot_size`.  Of tetrahedra, the nodes near the plane through the middle are shown.
     n_glyphs : int
-        About this number of glyphs, at nodes that are about evenly distributed.
+        About this number of glyphs, at nodes that are about evenly distributed.  Of tetrahedra,
+        the nodes near the plane of the cut are shown.
+    **options
 
     Returns
     -------
@@ -253,10 +226,9 @@ def plot_metric(
     metric.check_mesh(mesh)
     if mesh.dim == 1:
         raise ValueError(f"mesh must be in 2-D or 3-D, got {mesh!r}")
-    _check_output(path, width)
+    picture = _checked(ScaledPictureOptions, options)
     number = as_number("n_glyphs", n_glyphs, lower=1.0)
-    scene = scene_of_metric(mesh, metric, int(number), clip)
-    return _draw(replace(scene, color_range=_color_range(limits)), path, width)
+    return _draw(scene_of_metric(mesh, metric, int(number), picture["clip"]), picture)
 
 
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:
@@ -276,14 +248,22 @@ def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bo
     return values, on_nodes
 
 
-def _color_range(limits: tuple[float, float] | None) -> tuple[float, float] | None:
-    """Return checked ends of the colour bar."""
-    if limits is None:
-        return None
-    low, high = as_float_array("limits", limits, (2,)).tolist()
-    if not (np.isfinite([low, high]).all() and low < high):
-        raise ValueError(f"limits must be finite and in ascending order, got {describe(limits)}")
-    return low, high
+def _checked(record: type, options: Any) -> dict[str, Any]:
+    """Return the checked options of a picture."""
+    given: dict[str, Any] = checked(record, options)
+    path, limits = given["path"], given.get("limits")
+    if path is not None and as_path("path", path).suffix.lower() not in SUFFIXES:
+        raise ValueError(f"path must end in {', '.join(SUFFIXES)}, got {os.fspath(path)!r}")
+    if limits is not None:
+        low, high = as_float_array("limits", limits, (2,)).tolist()
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise ValueError(
+                f"limits must be finite and in ascending order, got {describe(limits)}"
+            )
+        given["limits"] = low, high
+    if find_spec("pyvista") is None:
+        raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
+    return given
 
 
 def _scene_of_sizes(
@@ -340,18 +320,10 @@ def _field_h(background: SimplexMesh | CartesianGrid | Octree) -> npt.NDArray[An
     return background.point_data["h"]
 
 
-def _check_output(path: str | os.PathLike[str] | None, width: int) -> None:
-    if path is not None and as_path("path", path).suffix.lower() not in SUFFIXES:
-        raise ValueError(f"path must end in {', '.join(SUFFIXES)}, got {os.fspath(path)!r}")
-    number = as_number("width", width, lower=-np.inf)
-    if not 64 <= number <= 10_000 or number != int(number):
-        raise ValueError(f"width must be 64 to 10000 whole pixels, got {width}")
-    if find_spec("pyvista") is None:
-        raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
-
-
-def _draw(scene: Scene, path: str | os.PathLike[str] | None, width: int) -> Image:
-    width = int(width)
+def _draw(scene: Scene, picture: dict[str, Any]) -> Image:
+    width, path = picture["width"], picture["path"]
+    if not scene.classes:
+        scene = replace(scene, color_range=picture["limits"])
     low, high = scene.frame
     across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
     height = int(np.clip(width * 0.76 * up / across, 0.4 * width, 0.9 * width))

@@ -10,7 +10,6 @@ import numpy.typing as npt
 import plotly.graph_objects as go
 
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.plot.pictures import scene_of_causes
 from adaptsize.plot.scene import CLASS_COLORS, Scene, scene_of_mesh
@@ -19,9 +18,7 @@ from adaptsize.quality.conformity import edge_ratios
 from adaptsize.typing import FloatArray
 
 
-def scenes_of_mesh(
-    mesh: SimplexMesh, size: SizeFunction | None, report: SizeReport | None
-) -> dict[str, Scene]:
+def scenes_of_mesh(mesh: SimplexMesh, size: SizeFunction | None) -> dict[str, Scene]:
     """Return the scenes by their names; of tetrahedra cut open and whole."""
     shown: dict[str, tuple[npt.NDArray[Any], bool]] = {}
     if size is not None:
@@ -38,6 +35,7 @@ def scenes_of_mesh(
         for label, (values, on_nodes) in shown.items()
         for suffix, clip in clips.items()
     }
+    report = None if size is None else size.report
     background = None if report is None else report.background
     if report is not None and isinstance(background, SimplexMesh) and background.cell_dim > 1:
         scenes["what controls the size"] = scene_of_causes(report, None)

@@ -9,7 +9,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
-    from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
     from adaptsize.quality import Conformity
 
@@ -117,7 +116,6 @@ def outcome_of_remeshing(
     new: SimplexMesh,
     old: SimplexMesh,
     size: SizeFunction,
-    report: SizeReport,
     tolerance: float,
     elements: float | None = None,
 ) -> Outcome:
@@ -128,7 +126,7 @@ def outcome_of_remeshing(
     return Outcome(
         kind_of(new),
         size_conformity(new, size, surface=surface),
-        _predicted(new, size, report) if elements is None else elements,
+        _predicted(new, size) if elements is None else elements,
         elements is not None,
         tolerance,
         _change(new, old),
@@ -142,7 +140,7 @@ def outcome_of_mesh(mesh: SimplexMesh) -> Outcome:
     return Outcome(kind_of(mesh), size_conformity(mesh, mesh.point_data["h"]))
 
 
-def _predicted(new: SimplexMesh, size: SizeFunction, report: SizeReport) -> float:
+def _predicted(new: SimplexMesh, size: SizeFunction) -> float:
     """Return the predicted number of cells of the kind that was made."""
     from adaptsize.background import SimplexMesh
     from adaptsize.sizes import predicted_elements
@@ -150,7 +148,8 @@ def _predicted(new: SimplexMesh, size: SizeFunction, report: SizeReport) -> floa
     background = size.background
     if new.cell_dim < new.dim and isinstance(background, SimplexMesh):  # a surface, not a volume
         return predicted_elements(background, size.values)
-    return report.n_elements
+    assert size.report is not None
+    return size.report.n_elements
 
 
 def _change(new: SimplexMesh, old: SimplexMesh) -> float | None:

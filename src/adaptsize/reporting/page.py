@@ -43,7 +43,6 @@ def report(
     size: SizeFunction | None = None,
     *,
     original: SimplexMesh | None = None,
-    size_report: SizeReport | None = None,
     tolerance: float = 1e-3,
     title: str | None = None,
     times: Sequence[tuple[str, float]] = (),
@@ -62,11 +61,10 @@ def report(
     mesh : SimplexMesh
         Triangles or tetrahedra.
     size : SizeFunction, optional
-        The requested sizes.  By default the nodal field ``h`` of the mesh, if there is one.
+        The requested sizes.  By default the nodal field ``h`` of the mesh, if there is one.  Its
+        ``report``, if any, adds the causes and the predicted number of elements.
     original : SimplexMesh, optional
         The mesh or surface from which ``mesh`` was made, to compare the boundaries.
-    size_report : SizeReport, optional
-        The ``report`` of `size_function`, to show causes and predicted elements.
     tolerance : float
         Allowed distance of the boundaries, over the diagonal of ``original``; at most 1.
     title : str, optional
@@ -99,7 +97,6 @@ def report(
     for name, value, kind in (
         ("size", size, SizeFunction),
         ("original", original, SimplexMesh),
-        ("size_report", size_report, SizeReport),
         ("title", title, str),
     ):
         if value is not None:
@@ -111,8 +108,8 @@ def report(
     if size is None and "h" in mesh.point_data:
         size = SizeFunction(mesh, mesh.point_data["h"])
     outcome = None
-    if size is not None and original is not None and size_report is not None:
-        outcome = outcome_of_remeshing(mesh, original, size, size_report, tolerance)
+    if size is not None and original is not None and size.report is not None:
+        outcome = outcome_of_remeshing(mesh, original, size, tolerance)
     elif size is not None:
         outcome = Outcome(kind_of(mesh), size_conformity(mesh, size))
     warnings = [] if outcome is None else outcome.warnings()
@@ -122,7 +119,7 @@ def report(
     scene, *bars = (
         figure.to_html(full_html=False, include_plotlyjs=number == 0, config=config)
         for number, figure in enumerate(
-            [figures.figure_of(figures.scenes_of_mesh(mesh, size, size_report)), *charts]
+            [figures.figure_of(figures.scenes_of_mesh(mesh, size)), *charts]
         )
     )
     heading = f"{escape(title or target.stem)}: {kind_of(mesh)}"
@@ -136,7 +133,7 @@ def report(
         "<h2>Mesh</h2><p>Choose what to show from the list; drag to turn, scroll to zoom.</p>",
         f'<div class="scene">{scene}</div>',
         "<h2>Summary</h2>",
-        _table(_rows(mesh, outcome, size_report, times)),
+        _table(_rows(mesh, outcome, None if size is None else size.report, times)),
         '<h2>Edge lengths and angles</h2><div class="charts">',
         *bars,
         "</div><h2>Demands</h2>",
@@ -160,7 +157,7 @@ def check_plotly() -> None:
 def _rows(
     mesh: SimplexMesh,
     outcome: Outcome | None,
-    size_report: SizeReport | None,
+    sizes: SizeReport | None,
     times: Sequence[tuple[str, float]],
 ) -> list[tuple[str, str]]:
     """Return the rows of the table: topic and finding."""
@@ -170,8 +167,8 @@ def _rows(
         ("extents", " x ".join(f"{x:.4g}" for x in np.asarray(high - low))),
     ]
     rows += outcome.rows if outcome else [("cells", f"{mesh.n_cells} {kind_of(mesh)}")]
-    if size_report is not None:
-        rows.append(("sizes", size_report.choices))
+    if sizes is not None:
+        rows.append(("sizes", sizes.choices))
     if times:
         parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in times)
         rows.append(("time", f"{sum(seconds for _, seconds in times):.1f} s: {parts}"))
