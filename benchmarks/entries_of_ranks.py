@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from adaptsize.limiting.exact.waves import node_wave
+from adaptsize.limiting.exact.field import node_wave
 from adaptsize.limiting.in_parts.entries import entries_in_reach
 
 G, LARGEST = 0.3, 1.0

@@ -4,7 +4,7 @@ import numpy as np
 
 from adaptsize._kernels.exact_plane import COLUMNS, CORNER
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact.waves import node_wave
+from adaptsize.limiting.exact.field import node_wave
 from adaptsize.limiting.in_parts.entries import entries_in_reach, of_this_rank, reach_of
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact.waves import wave_at
+from adaptsize.limiting.exact.field import wave_at
 from adaptsize.limiting.in_parts.entries import entries_in_reach, reach_of
 
 

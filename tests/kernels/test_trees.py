@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from adaptsize._kernels.trees import BITS, LEAF, distance_to_box, fill_tiles
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact.work import boxes_over
+from adaptsize.limiting.exact.field import boxes_over
 
 
 def interleaved(numbers):

@@ -100,7 +100,7 @@ def test_isotropic_metrics_are_limited_as_sizes(dim):
     mesh, rng = random_mesh(29, 300, dim)
     h = np.where(rng.random(mesh.n_points) < 0.5, 10.0 ** rng.uniform(-2, 0, mesh.n_points), np.inf)
     limited = limit_metric(mesh, isotropic_metric(h, dim), G)
-    expected = ads.limit_gradient(mesh, h, G, method="exact", face_sources=False)
+    expected = ads.limit_gradient(mesh, h, G, method=ads.limiting.Exact(face_sources=False))
     assert_allclose(limited.sizes, np.repeat(expected[:, None], dim, axis=1), rtol=1e-13)
 
 

@@ -59,7 +59,7 @@ def test_isotropic_metrics_are_limited_as_sizes(domain):
     h = np.where(
         rng.random(mesh.n_points) < 0.05, 10.0 ** rng.uniform(-1, 1, mesh.n_points), np.inf
     )
-    expected = ads.limit_gradient(mesh, h, G, method="exact", face_sources=False)
+    expected = ads.limit_gradient(mesh, h, G, method=ads.limiting.Exact(face_sources=False))
     limited = limit_metric(mesh, isotropic_metric(h, 2), G)
     assert_allclose(limited.sizes, np.repeat(expected[:, None], 2, axis=1), rtol=1e-12)
 

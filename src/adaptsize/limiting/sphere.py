@@ -13,13 +13,10 @@ from adaptsize._checks import (
     as_slope,
     refuse_where,
 )
-from adaptsize._progress import silent
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.limiting.exact import Exact
-from adaptsize.limiting.exact.field import ExactField, Points
-from adaptsize.limiting.exact.waves import node_wave
-from adaptsize.limiting.exact.work import number_of_threads
+from adaptsize.limiting.exact.field import ExactField, Points, Workers, node_wave
 from adaptsize.typing import FloatArray
 
 #: Mean radius of the Earth in metres (IUGG).
@@ -106,16 +103,19 @@ def limit_on_sphere(
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     slope = as_slope("g", g)
     r = as_number("radius", radius, lower=0.0, strict=True)
-    n_threads = number_of_threads(Exact(threads=threads).threads)
+    workers = Workers.of(Exact(threads=threads).threads)
     sizes = bound.reshape(-1)
     places = to_sphere(where, r)
     nodes = np.flatnonzero(np.isfinite(sizes)).astype(np.int32)
     wave = node_wave(places[nodes], sizes[nodes], nodes)
-    wave = wave.only(~_is_lowered(ExactField(slope, None, False, [wave], radius=r), n_threads))
+    field = ExactField(slope, None, False, [wave], radius=r)
+    order = np.arange(len(wave.nodes), dtype=np.int32)
+    own = Points(wave.table[:, :3].copy(), order, np.empty(0, np.int32))
+    wave = wave.only(~field.lowers(own, wave.sizes[:, 0].copy(), workers))
     field = ExactField(slope, None, False, [wave], radius=r)
     h, source = sizes.copy(), np.full(len(sizes), -1, np.int32)
     points = Points(places, along_curve(places), np.empty(0, np.int32))
-    field.lower_by_last(points, h, source, n_threads, silent)
+    field.lower_by_last(points, h, source, workers)
     h = h.reshape(shape)
     if active is not None:
         h[~active] = np.inf
@@ -127,16 +127,6 @@ def to_sphere(lon_lat: FloatArray, radius: float) -> FloatArray:
     lon, lat = np.deg2rad(lon_lat).T
     around = np.cos(lat)
     return radius * np.column_stack([around * np.cos(lon), around * np.sin(lon), np.sin(lat)])
-
-
-def _is_lowered(field: ExactField, threads: int) -> npt.NDArray[np.bool_]:
-    """Return which of its own entries a field lowers."""
-    (wave,) = field.waves
-    by = np.full(len(wave.nodes), -1, np.int32)
-    order = np.arange(len(wave.nodes), dtype=np.int32)
-    points = Points(wave.table[:, :3].copy(), order, np.empty(0, np.int32))
-    field.lower_by_last(points, wave.sizes[:, 0].copy(), by, threads, silent, once=True)
-    return by >= 0
 
 
 def _nodes(

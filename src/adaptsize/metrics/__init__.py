@@ -12,10 +12,9 @@ if TYPE_CHECKING:
     from adaptsize.metrics.function import MetricFunction
     from adaptsize.metrics.hessian import metric_from_hessian, predicted_simplices
     from adaptsize.metrics.implied import implied_metric
-    from adaptsize.metrics.isotropic import isotropic_metric
     from adaptsize.metrics.layers import metric_from_layers
     from adaptsize.metrics.limit import MetricLimitingInfo, limit_metric
-    from adaptsize.metrics.metric import Metric
+    from adaptsize.metrics.metric import Metric, isotropic_metric
 
 _HOMES = {
     "metric_from_curvature": "curvature",
@@ -23,7 +22,7 @@ _HOMES = {
     "metric_from_hessian": "hessian",
     "predicted_simplices": "hessian",
     "implied_metric": "implied",
-    "isotropic_metric": "isotropic",
+    "isotropic_metric": "metric",
     "metric_from_layers": "layers",
     "MetricLimitingInfo": "limit",
     "limit_metric": "limit",

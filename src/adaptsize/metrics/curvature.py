@@ -10,9 +10,8 @@ from adaptsize.background import SimplexMesh
 from adaptsize.geometry.curvature import polyline_curvature
 from adaptsize.geometry.faces import crease_edges
 from adaptsize.geometry.principal_curvatures import sector_curvatures
-from adaptsize.metrics.isotropic import isotropic_metric
 from adaptsize.metrics.layers import frames
-from adaptsize.metrics.metric import Metric
+from adaptsize.metrics.metric import Metric, isotropic_metric
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.typing import FloatArray, IntArray
 

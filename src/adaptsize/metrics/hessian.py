@@ -10,9 +10,8 @@ import numpy.typing as npt
 from adaptsize._checks import NEAREST, as_aspect, as_number, as_values, check_type, refuse_where
 from adaptsize.background import SimplexMesh
 from adaptsize.metrics.metric import Metric
-from adaptsize.metrics.surface import in_frames, surface_hessian, tangents
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration, scale_to
-from adaptsize.sizes.recovery import recovered_hessian
+from adaptsize.sizes.recovery import recovered_hessian, second_derivatives_of_fits
 from adaptsize.typing import FloatArray
 
 # Second derivatives below this share of the largest one are rounding.
@@ -113,7 +112,7 @@ def metric_from_hessian(
     array([0.1, 1. ])
     """
     check_type("mesh", mesh, SimplexMesh)
-    frames = tangents(mesh) if (mesh.cell_dim, mesh.dim) == (2, 3) else None
+    frames = _tangents(mesh) if (mesh.cell_dim, mesh.dim) == (2, 3) else None
     second = _second_derivatives(mesh, values, hessian, frames)
     q = as_number("norm", norm, lower=1.0, allow_inf=True)
     aspect = as_aspect("max_aspect", max_aspect)
@@ -190,14 +189,15 @@ def _second_derivatives(
         if frames is None:
             found = recovered_hessian(mesh, values)
         else:
-            found = surface_hessian(mesh, values, frames)
+            nodal = as_values("values", values, (mesh.n_points,))
+            found = second_derivatives_of_fits(mesh, nodal, frames)
         return as_values("second derivatives", found)
     assert hessian is not None
     second = as_values("hessian", hessian, (mesh.n_points, mesh.dim, mesh.dim))
     skew = np.abs(second - second.swapaxes(1, 2)).max(axis=(1, 2))
     largest = np.abs(second).max(axis=(1, 2))
     refuse_where("hessian", skew > _SKEW * largest, second, "must be symmetric")
-    return second if frames is None else in_frames(second, frames)
+    return second if frames is None else _in_frames(second, frames)
 
 
 def _eigen(second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
@@ -219,3 +219,31 @@ def _in_space(
     along = frames @ directions
     normals = np.cross(along[:, :, 0], along[:, :, 1])
     return np.hstack([steepness[:, :1], steepness]), np.dstack([normals, along])
+
+
+def _tangents(surface: SimplexMesh) -> FloatArray:
+    """Return two orthonormal tangents at the nodes, in any orientation of the triangles.
+
+    The normal is the direction with the largest sum of squared cosines to the normals around the
+    node, weighted by area.
+
+    Returns
+    -------
+    float64[n_points, 3, 2]
+    """
+    a, b, c = (surface.points[v] for v in surface.cells.T)
+    twice = np.cross(b - a, c - a)
+    area = np.linalg.norm(twice, axis=1)
+    unit = twice / np.where(area > 0.0, area, 1.0)[:, None]
+    outer = (area[:, None, None] * unit[:, :, None] * unit[:, None, :]).reshape(-1, 9)
+    total = np.zeros((surface.n_points, 9))
+    for nodes in surface.cells.T:
+        for k in range(9):
+            total[:, k] += np.bincount(nodes, outer[:, k], surface.n_points)
+    return np.asarray(np.linalg.eigh(total.reshape(-1, 3, 3))[1][:, :, :2])
+
+
+def _in_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:
+    """Return the symmetric part of matrices in the tangent planes, float64[n, 2, 2]."""
+    inside = frames.swapaxes(1, 2) @ matrices @ frames
+    return np.asarray(0.5 * (inside + inside.swapaxes(1, 2)))

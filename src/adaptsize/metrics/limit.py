@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -14,12 +14,17 @@ from adaptsize._checks import (
     check_type,
     describe,
 )
+from adaptsize._kernels import metric_limit as kernels
+from adaptsize._kernels.metric_sources import Sources, fill_tree, new_scratch
 from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.limiting.exact.work import number_of_threads
+from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.limiting.exact.field import Workers, boxes_over
+from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.metrics.metric import Metric
-from adaptsize.metrics.physical import limit_in_space
+from adaptsize.metrics.plane import Walls, around_corners, walls_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Sizes up to this much larger than the bound count as equal to it.
@@ -148,19 +153,13 @@ def limit_metric(
     if not np.isfinite(sizes).any():
         raise ValueError("metric must have a finite size at one node at least, got inf everywhere")
     with reporting(progress) as report:
-        found = limit_in_space(
-            points,
-            sizes,
-            metric.directions,
-            slope,
-            number_of_threads(threads),
-            report,
-            background if _is_plane(background) else None,
-        )
+        field = _Field(points, sizes, metric.directions)
+        mesh = background if _is_plane(background) else None
+        found, active, n_sources = _limited(field, slope, Workers.of(threads, report), mesh)
     h = _on_active(background, found.h)
     limited = Metric.of(h, found.r)
     kept = (limited.density <= metric.density * (1.0 + _KEPT)) & np.isfinite(sizes).any(axis=1)
-    return limited, MetricLimitingInfo(found.active, kept, found.n_sources)
+    return limited, MetricLimitingInfo(active, kept, n_sources)
 
 
 def as_gradient_limit(g: Any) -> float:
@@ -182,3 +181,91 @@ def _on_active(background: SimplexMesh | CartesianGrid | Octree, sizes: FloatArr
     if not isinstance(background, CartesianGrid) or background.active is None:
         return sizes
     return np.where(background.active.ravel()[:, None], sizes, np.inf)
+
+
+class _Field(NamedTuple):
+    """Metrics at points."""
+
+    points: FloatArray
+    """float64[n, dim]"""
+    h: FloatArray
+    """float64[n, dim]: sizes."""
+    r: FloatArray
+    """float64[n, dim, dim]: directions."""
+
+
+def _sources_of(field: _Field, nodes: IntArray) -> Sources:
+    """Return the metrics of some nodes as sources."""
+    points, h, r = field
+    nodes = nodes[along_curve(points[nodes])]
+    x = points[nodes]
+    boxes = boxes_over(x, x, h[nodes].min(axis=1))
+    dim = x.shape[1]
+    box_h = np.full((len(boxes), dim), np.finfo(float).max ** 0.25)
+    box_r = np.broadcast_to(np.eye(dim), (len(boxes), dim, dim)).copy()
+    powers = [np.empty((len(stack), dim * (dim + 1))) for stack in (x, boxes)]
+    sources = Sources(x, h[nodes], r[nodes], powers[0], nodes, boxes, box_h, box_r, powers[1])
+    fill_tree((0,) * dim, sources, *np.empty((2, dim, dim)))
+    return sources
+
+
+def _survivors_of(
+    field: _Field, nodes: IntArray, g: float, workers: Workers, walls: Walls | None
+) -> Sources:
+    """Return the sources among the nodes that no single other one dominates."""
+    sources = _sources_of(field, nodes)
+    dim = field.points.shape[1]
+    by = np.empty(len(sources.number), np.int32)
+
+    def task(first: int, last: int) -> None:
+        view = None if walls is None else walls.view()
+        kernels.find_dominating((0,) * dim, first, last, sources, g, by, new_scratch(dim), view)
+
+    workers.part(0.0, 0.1).in_chunks(task, len(by))
+    return _sources_of(field, np.sort(sources.number[by < 0]))
+
+
+def _with_corners(sources: Sources, points: FloatArray, g: float, walls: Walls) -> Sources:
+    """Return sources together with the metrics that come to corners."""
+    around = around_corners(points, sources, g, walls)
+    h, r = np.concatenate([sources.h, around.h]), np.concatenate([sources.r, around.r])
+    nodes = np.concatenate([sources.number, around.nodes])
+    which = np.arange(len(nodes), dtype=np.int32)
+    found = _sources_of(_Field(points[nodes], h, r), which)
+    return found._replace(number=nodes[found.number].astype(np.int32))
+
+
+def _limited(
+    field: _Field, g: float, workers: Workers, mesh: SimplexMesh | None
+) -> tuple[_Field, IntArray, int]:
+    """Return the limited metrics, and the numbers of active sources of each node and of sources.
+
+    Along straight lines, or along paths in a mesh of triangles in the plane with these points.
+    """
+    points, h, r = field
+    bounded = np.flatnonzero(np.isfinite(h).any(axis=1)).astype(np.int32)
+    scale = power_of_two(h)
+    finite, found = np.where(np.isfinite(h), h / scale, UNBOUNDED), np.array(r, order="C")
+    active = np.zeros(len(h), np.int32)
+    places = points / scale
+    walls = None if mesh is None else walls_of(SimplexMesh(places, mesh.cells))
+    scaled = _Field(places, finite, found)
+    sources = _survivors_of(scaled, bounded, g, workers, walls)
+    dominated = np.ones(len(h), np.bool_)
+    dominated[sources.number] = False
+    finite[dominated] = UNBOUNDED  # these bounds have no effect
+    n_sources = len(sources.number)
+    if walls is not None:
+        sources = _with_corners(sources, places, g, walls)
+    axes = (0,) * points.shape[1]
+    order, places = read_only(along_curve(places)), read_only(places)
+
+    def task(first: int, last: int) -> None:
+        scratch, view = new_scratch(len(axes)), None if walls is None else walls.view()
+        kernels.limit_metrics(
+            axes, places, order, first, last, sources, g, finite, found, active, scratch, view
+        )
+
+    workers.part(0.1, 1.0).in_chunks(task, len(order))
+    h = np.where(finite >= AS_UNBOUNDED, np.inf, finite * scale)
+    return _Field(points, h, found), active, n_sources

@@ -15,6 +15,7 @@ from adaptsize._checks import (
     as_points,
     as_sizes,
     as_values,
+    as_whole_number,
     check_type,
     refuse_where,
 )
@@ -396,3 +397,29 @@ class Metric(ReadOnlyState):
         w = as_float_array("weights", weights, nodes.shape)
         refuse_where("weights", ~np.isfinite(w), w, "must be finite")
         return Metric.of(*algebra.log_mean(self.sizes, self.directions, nodes, w))
+
+
+def isotropic_metric(h: npt.ArrayLike, dim: int) -> Metric:
+    """Return the metric with the same size in all directions.
+
+    Parameters
+    ----------
+    h : array_like of float, shape (n,)
+        Sizes, positive; inf where there is no bound.
+    dim : int
+        1, 2 or 3.
+
+    Returns
+    -------
+    Metric
+
+    Examples
+    --------
+    >>> isotropic_metric([0.5, 2.0], 3)
+    Metric(2 nodes in 3-D, sizes 0.5 to 2, aspect ratio up to 1)
+    """
+    size = as_float_array("h", h).ravel()
+    size = as_sizes("h", size, size.shape)
+    dim = as_whole_number("dim", dim, lower=1, upper=3)
+    shape = (len(size), dim, dim)
+    return Metric.of(np.repeat(size[:, None], dim, axis=1), np.broadcast_to(np.eye(dim), shape))

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 
 from adaptsize import SimplexMesh
-from adaptsize.limiting.exact.waves import node_wave, wave_at
+from adaptsize.limiting.exact.field import node_wave, wave_at
 
 M = 1 << 15
 TABLE = 12 * 8  # bytes of an entry in space

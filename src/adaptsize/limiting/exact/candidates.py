@@ -1,6 +1,9 @@
-"""Candidate sources: nodes, edges and faces, without those that another source dominates."""
+"""The input of the exact method, and its candidate sources: nodes, edges and faces."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -10,73 +13,149 @@ from adaptsize._kernels.exact import new_block
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
-from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.limiting.exact.field import ExactField, Points
-from adaptsize.limiting.exact.plane import Plane, along_walls
-from adaptsize.limiting.exact.problem import Kinks, Problem
-from adaptsize.limiting.exact.waves import Wave, wave_at
-from adaptsize.limiting.exact.work import part_of
+from adaptsize.limiting.exact.field import ExactField, Points, Wave, Workers, wave_at
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
+if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
 
-def candidates_of(problem: Problem) -> tuple[IntArray, BoolArray | None]:
+# Share of the largest size by which a source must be better to make another one unnecessary.
+_MARGIN = 1e-9
+
+
+class Extra(NamedTuple):
+    """Sources between the nodes."""
+
+    points: FloatArray
+    """float64[k, dim]"""
+    sizes: FloatArray
+    """float64[k]"""
+    numbers: IntArray
+    """int32[k]: numbers that follow those of the nodes."""
+
+
+class Kinks(NamedTuple):
+    """Edges and faces at which bounds have a kink, once for each of their cells."""
+
+    edges: IntArray
+    """int32[r, 5], as from `kinks.list_edges`."""
+    faces: IntArray
+    """int32[s, 5], as from `kinks.list_faces`."""
+    points: FloatArray
+    """float64[n, dim]: the nodes of all these cells."""
+    h0: FloatArray
+
+
+#: Returns the rows of other processes, too, with their nodes added at the end.
+MergeRows: TypeAlias = Callable[[Kinks], Kinks]
+
+
+class Component(NamedTuple):
+    """A component of the domain with bounds."""
+
+    mesh: SimplexMesh
+    h0: FloatArray
+    g: float
+    face_sources: bool
+    workers: Workers
+    extra: Extra | None = None
+    linear: IntArray | None = None
+    """int32[m, dim + 1]: simplices on which h0 is linear, if not the cells."""
+
+    order: IntArray | None = None
+    """int32[n_points]: the nodes along a Morton curve, if known."""
+    meet: bool | None = None
+    """Whether two nodes of any simplex have bounds, if known."""
+    margin: float = 0.0
+    """Source i makes source j unnecessary if it allows less than the bound of j by more than this.
+
+    This is well above rounding, and above the tolerances of lines of sight.  Hence no size depends
+    on which sources are found to be unnecessary, bit for bit, and neither does it depend on
+    whether all other sources are known, as they are not on one of many processes.
+    """
+    merge: MergeRows | None = None
+    """Adds what other processes know about edges and faces; None on a single one."""
+
+    @property
+    def cells(self) -> IntArray:
+        """Simplices on which h0 is linear."""
+        return self.mesh.cells if self.linear is None else self.linear
+
+    def with_margin(self) -> Component:
+        """Return the problem with the margin for a domain with these nodes and bounds."""
+        least = float(self.h0.min())
+        if self.extra is not None:
+            least = min(least, float(self.extra.sizes.min(initial=np.inf)))
+        return self._replace(margin=margin_for(least, self.g, self.mesh.diagonal))
+
+
+def margin_for(least: float, g: float, diagonal: float) -> float:
+    """Return the margin of a problem with a least bound in a domain of a given diagonal."""
+    return _MARGIN * (least + g * diagonal)
+
+
+def candidates_of(component: Component) -> tuple[IntArray, BoolArray | None]:
     """Return the nodes that may be sources, and the steep cells if bounds meet in any cell."""
-    mesh, cells, h0 = problem.mesh, problem.cells, problem.h0
-    if not (kernels.have_neighbours(cells, h0) if problem.meet is None else problem.meet):
+    mesh, cells, h0 = component.mesh, component.cells, component.h0
+    if not (kernels.have_neighbours(cells, h0) if component.meet is None else component.meet):
         return np.flatnonzero(np.isfinite(h0)).astype(np.int32), None
     found = steep, candidate = np.empty(len(cells), np.bool_), np.empty(mesh.n_points, np.bool_)
     axes = (0,) * mesh.dim
     kernels.mark_steep(
-        mesh.points, axes, cells, h0, problem.g, problem.face_sources, problem.margin, *found
+        mesh.points, axes, cells, h0, component.g, component.face_sources, component.margin, *found
     )
     return np.flatnonzero(candidate).astype(np.int32), steep
 
 
 def sources_on_cells(
-    problem: Problem,
+    component: Component,
     steep: BoolArray,
     h: FloatArray,
-    source: IntArray,
-    field: ExactField,
-    plane: Plane | None,
-    boundary: FlatBoundary,
-    *,
-    in_space: bool = False,
+    found: tuple[IntArray, ExactField] | None = None,
 ) -> Wave | None:
-    """Return the edges and faces of steep cells that may be sources."""
-    mesh, h0 = problem.mesh, problem.h0
-    given = (mesh.points, (0,) * mesh.dim, problem.cells, steep, h0, h + problem.margin, problem.g)
+    """Return the edges and faces of steep cells that may be sources.
+
+    ``found``: the sources of the sizes h, and their field, in a convex domain.  There the edges and
+    faces that these dominate are left out.
+    """
+    mesh, h0 = component.mesh, component.h0
+    given = (
+        mesh.points,
+        (0,) * mesh.dim,
+        component.cells,
+        steep,
+        h0,
+        h + component.margin,
+        component.g,
+    )
     rows = Kinks(_listed(kinks.list_edges, given), np.empty((0, 5), np.int32), mesh.points, h0)
     if mesh.dim == 3:
         rows = rows._replace(faces=_listed(kinks.list_faces, given))
-    if problem.merge is not None:
-        rows = problem.merge(rows)
-    parts = [_chosen(rows.edges, 2, rows, problem.g)]
+    if component.merge is not None:
+        rows = component.merge(rows)
+    parts = [_chosen(rows.edges, 2, rows, component.g)]
     if mesh.dim == 3:
-        parts.append(_chosen(rows.faces, 3, rows, problem.g))
+        parts.append(_chosen(rows.faces, 3, rows, component.g))
     named = np.full((sum(map(len, parts)), mesh.dim), -1, np.int32)
     named[: len(parts[0]), :2] = parts[0]
     if mesh.dim == 3:
         named[len(parts[0]) :] = parts[1]
-    if plane is None and not in_space:
-        named = _undominated(problem, named, h, source, field)
-    if len(named) == 0:
-        return None
-    wave = wave_at(mesh.points, h0, named)
-    return wave if plane is None else along_walls(wave, mesh.points, boundary.facets)
+    if found is not None:
+        named = _undominated(component, named, h, *found)
+    return wave_at(mesh.points, h0, named) if len(named) else None
 
 
 def _undominated(
-    problem: Problem, named: IntArray, h: FloatArray, source: IntArray, field: ExactField
+    component: Component, named: IntArray, h: FloatArray, source: IntArray, field: ExactField
 ) -> IntArray:
     """Return edges and faces without those that a source of one of their nodes dominates.
 
     First the nodes are tested as such sources.  Then the remaining edges and faces with a node
     that keeps its bound are tested: where h0 has just become too steep, they dominate most others.
     """
-    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    mesh, h0, g = component.mesh, component.h0, component.g
     axes = (0,) * mesh.dim
-    below = h0 - problem.margin
+    below = h0 - component.margin
 
     def kept(rows: IntArray, source: IntArray, wave: Wave) -> BoolArray:
         keep = np.empty(len(rows), np.bool_)
@@ -99,7 +178,7 @@ def _undominated(
     own = ExactField(g, None, True, [wave])
     places = np.ascontiguousarray(mesh.points[nodes])
     points = Points(mesh.points, nodes[along_curve(places)], local)
-    own.lower_by_last(points, sizes, found, problem.threads, part_of(problem.report, 0.5, 0.5))
+    own.lower_by_last(points, sizes, found, component.workers.part(0.5, 0.5))
     others = others[kept(others, found, wave)]
     return np.concatenate([named[leads], others])
 

@@ -1,25 +1,176 @@
-"""The limited size as a function: sources, corners and walls determine it at any point."""
+"""Entries of the exact method, with a tree over them, and the sizes that they allow at points."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
+import numba
 import numpy as np
 
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
+from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.sight import Sight
+from adaptsize._kernels.trees import LEAF
 from adaptsize._progress import silent
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
-from adaptsize.limiting.exact.waves import Wave, wave_at
-from adaptsize.limiting.exact.work import in_chunks
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
-    from adaptsize.limiting.exact.network import Network
+    from adaptsize.limiting.exact.space import Network
+
+# Points per chunk, some milliseconds; Ctrl-C takes effect between chunks.
+_CHUNK = 512 * BLOCK
+
+
+def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> FloatArray:
+    """Return the boxes of a tree over sorted items (see trees.py)."""
+    m, dim = lower.shape
+    n_leaves = 1
+    while n_leaves * LEAF < m:
+        n_leaves *= 2
+    boxes = np.empty((2 * n_leaves, 2 * dim + 1))
+    boxes[0] = 0.0
+    boxes[0, -1] = np.inf
+    for column in range(2 * dim + 1):
+        items = [*lower.T, *upper.T, value][column]
+        is_upper = dim <= column < 2 * dim
+        merge = np.maximum if is_upper else np.minimum
+        level = np.full(n_leaves * LEAF, -np.inf if is_upper else np.inf)
+        level[:m] = items
+        while len(level) > 1:
+            level = merge(level[::2], level[1::2])
+            if len(level) <= n_leaves:
+                boxes[len(level) : 2 * len(level), column] = level
+    return boxes
+
+
+class Workers(NamedTuple):
+    """Threads that process points in chunks, and the report of their progress."""
+
+    threads: int
+    report: ProgressCallback = silent
+
+    @classmethod
+    def of(cls, threads: int | None, report: ProgressCallback = silent) -> Workers:
+        """Return a number of threads, by default that of numba."""
+        return cls(int(numba.get_num_threads()) if threads is None else threads, report)
+
+    def part(self, first: float, last: float) -> Workers:
+        """Return workers for a part of the work, between two fractions of the whole."""
+
+        def report_part(text: str, share: float | None) -> None:
+            self.report(text, None if share is None else first + (last - first) * share)
+
+        return Workers(self.threads, report_part)
+
+    def in_chunks(self, task: Callable[[int, int], object], n: int) -> None:
+        """Run ``task(first, last)`` on chunks of 0..n - 1.
+
+        Tasks release the interpreter lock and write to disjoint memory.  An exception, also one in
+        the report, stops the work after the chunks that have begun.
+        """
+        chunks = [(first, min(first + _CHUNK, n)) for first in range(0, n, _CHUNK)]
+        text = "limiting the gradient"
+        if self.threads == 1 or len(chunks) < 2:
+            for first, last in chunks:
+                task(first, last)
+                self.report(text, last / n)
+            return
+        with ThreadPoolExecutor(min(self.threads, len(chunks))) as pool:
+            try:
+                waiting = [pool.submit(task, *chunk) for chunk in chunks]
+                for count, done in enumerate(as_completed(waiting), 1):
+                    done.result()
+                    self.report(text, count / len(chunks))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+class Wave(NamedTuple):
+    """Entries that are processed together, along a Morton curve."""
+
+    table: FloatArray
+    """float64[m, dim * (dim + 1)], or more columns in the plane (see exact.py, exact_plane.py)."""
+    boxes: FloatArray
+    """The tree over them (see trees.py)."""
+    nodes: IntArray
+    """int32[m, dim]: nodes of each entry, padded with -1."""
+
+    @property
+    def places(self) -> FloatArray:
+        """float64[m, dim, dim]: vertices, the first one repeated where there are fewer."""
+        dim = self.nodes.shape[1]
+        return self.table[:, : dim * dim].reshape(-1, dim, dim)
+
+    @property
+    def sizes(self) -> FloatArray:
+        """float64[m, dim]: bounds at the vertices, padded with inf."""
+        dim = self.nodes.shape[1]
+        return self.table[:, dim * dim : dim * (dim + 1)]
+
+    def only(self, which: BoolArray) -> Wave:
+        """Return a wave of some of the entries."""
+        return _with_tree(self.table[which], self.nodes[which])
+
+
+def _with_tree(table: FloatArray, nodes: IntArray) -> Wave:
+    wave = Wave(table, np.empty(0), nodes)
+    lower, upper, value = wave.places[:, 0], wave.places[:, 0], wave.sizes[:, 0]
+    for v in range(1, nodes.shape[1]):
+        lower, upper = np.minimum(lower, wave.places[:, v]), np.maximum(upper, wave.places[:, v])
+        value = np.minimum(value, wave.sizes[:, v])
+    return wave._replace(boxes=boxes_over(lower, upper, value))
+
+
+def sorted_wave(table: FloatArray, nodes: IntArray) -> Wave:
+    """Return entries in any order as a wave."""
+    order = along_curve(table[:, : nodes.shape[1]])
+    return _with_tree(table[order], nodes[order])
+
+
+def node_table(places: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return the table of nodes."""
+    m, dim = places.shape
+    table = np.full((m, dim * (dim + 1)), np.inf)
+    for v in range(dim):
+        table[:, v * dim : (v + 1) * dim] = places
+    table[:, dim * dim] = sizes
+    return table
+
+
+# The tables are the largest arrays of the exact method.  They are made in their final order: there
+# is never a second one.
+
+
+def node_wave(places: FloatArray, sizes: FloatArray, names: IntArray) -> Wave:
+    """Return nodes as a wave."""
+    order = along_curve(places)
+    nodes = np.full(places.shape, -1, np.int32)
+    nodes[:, 0] = names[order]
+    return _with_tree(node_table(places[order], sizes[order]), nodes)
+
+
+def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
+    """Return nodes, edges or triangles, given by their nodes padded with -1, as a wave.
+
+    Edges and triangles represent their interior only.  Their nodes, and the edges of triangles,
+    are separate entries.
+    """
+    m, dim = named.shape
+    named = named[along_curve(points[named[:, 0]])]
+    table = np.empty((m, dim * (dim + 1)))
+    for v in range(dim):
+        used = np.where(named[:, v] >= 0, named[:, v], named[:, 0])
+        table[:, v * dim : (v + 1) * dim] = points[used]
+        table[:, dim * dim + v] = np.where(named[:, v] >= 0, sizes[used], np.inf)
+    return _with_tree(table, named)
 
 
 class Points(NamedTuple):
@@ -67,37 +218,21 @@ class ExactField:
         return True if self.linear else None
 
     def lower_by_last(
-        self,
-        points: Points,
-        sizes: FloatArray,
-        source: IntArray,
-        threads: int,
-        report: ProgressCallback,
-        *,
-        once: bool = False,
+        self, points: Points, sizes: FloatArray, source: IntArray, workers: Workers
     ) -> None:
-        """Lower sizes (In/Out, with ``source``) by the entries of the last wave.
+        """Lower sizes (In/Out, with ``source``) by the entries of the last wave."""
+        offset = self.n_entries - len(self.waves[-1].nodes)
+        found = np.full(len(points.places), -1, np.int32) if offset else source
+        self._lower(points, sizes, found, workers)
+        if offset:
+            new: BoolArray = found >= 0
+            source[new] = found[new] + offset
 
-        ``once``: whether to find out only which sizes are lowered, not by how much.
-        """
-        number = len(self.waves) - 1
-        self._lower(number, points, sizes, source, threads, report, once=once)
-
-    def lower_by_some(
-        self,
-        which: BoolArray,
-        points: Points,
-        sizes: FloatArray,
-        source: IntArray,
-        threads: int,
-        report: ProgressCallback,
-    ) -> None:
-        """Lower sizes like `lower_by_last`, by some of the entries of a single wave."""
-        numbers = np.flatnonzero(which).astype(np.int32)
-        found = np.full(len(source), -1, np.int32)
-        part = ExactField(self.g, self.sight, self.linear, [self.waves[-1].only(which)])
-        part.lower_by_last(points, sizes, found, threads, report)
-        source[found >= 0] = numbers[found[found >= 0]]
+    def lowers(self, points: Points, sizes: FloatArray, workers: Workers) -> BoolArray:
+        """Return which sizes (overwritten) the entries of the last wave lower."""
+        found = np.full(len(sizes), -1, np.int32)
+        self._lower(points, sizes, found, workers, once=True)
+        return found >= 0
 
     def evaluate(self, places: FloatArray, bound: FloatArray) -> FloatArray:
         """Return the minimum of ``bound`` and the allowed sizes at points of the domain."""
@@ -106,28 +241,24 @@ class ExactField:
             return sizes
         places = np.ascontiguousarray(places)
         points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
-        source = np.empty(len(places), np.int32)
-        for number in range(len(self.waves)):
-            self._lower(number, points, sizes, source, 1, silent)
+        for wave in self.waves:
+            by_wave = replace(self, waves=[wave])
+            by_wave._lower(points, sizes, np.empty(len(places), np.int32), Workers(1))
         return sizes
 
     def _lower(
         self,
-        number: int,
         points: Points,
         sizes: FloatArray,
-        source: IntArray,
-        threads: int,
-        report: ProgressCallback,
+        found: IntArray,
+        workers: Workers,
         *,
         once: bool = False,
     ) -> None:
-        wave, sight = self.waves[number], self.sight
-        offset = sum(len(wave.nodes) for wave in self.waves[:number])
+        """Lower sizes (In/Out, with the numbers of entries); ``once``: by any entry."""
+        wave, sight, edges = self.waves[-1], self.sight, True if self.linear else None
         dim = points.places.shape[1]
         places, order, on_wall = (read_only(array) for array in points)
-        found = np.full(len(places), -1, np.int32) if offset else source
-        edges = self.edges
 
         def task(first: int, last: int) -> None:
             block = kernels.new_block(dim)
@@ -140,10 +271,7 @@ class ExactField:
                 rays = plane.new_rays()
                 plane.lower_seen(*given, edges, on_wall, sight, block, rays)
 
-        in_chunks(task, len(order), threads, report)
-        if offset:
-            new: BoolArray = found >= 0
-            source[new] = found[new] + offset
+        workers.in_chunks(task, len(order))
 
 
 def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: float) -> ExactField:

@@ -14,9 +14,15 @@ from adaptsize._kernels.sight import ANY, NARROW, Sight
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import PlaneBoundary
-from adaptsize.limiting.exact.field import ExactField, Points
-from adaptsize.limiting.exact.waves import Wave, node_table, sorted_wave
-from adaptsize.limiting.exact.work import boxes_over
+from adaptsize.limiting.exact.field import (
+    ExactField,
+    Points,
+    Wave,
+    Workers,
+    boxes_over,
+    node_table,
+    sorted_wave,
+)
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
@@ -122,11 +128,11 @@ def with_corners(
     order = np.arange(n, dtype=np.int32)
     places, rows = plane.table[:, :2].copy(), plane.table[:, ROW].astype(np.int32)
     field = ExactField(g, plane.sight, linear=linear, waves=[wave])
-    field.lower_by_last(Points(places, order, rows), plane.sizes, source, 1, report)
+    field.lower_by_last(Points(places, order, rows), plane.sizes, source, Workers(1, report))
     lowered = source >= 0
     arrivals = np.zeros((n, 2))
     entries = wave.table[source[lowered]]
-    arrivals[lowered] = places[lowered] - _feet(entries, places[lowered], g)
+    arrivals[lowered] = places[lowered] - _start_points(entries, places[lowered], g)
     if plane.merge is not None:
         plane.merge(plane.sizes, arrivals, lowered)
     table, serves = plane.table.copy(), np.zeros(n, np.bool_)
@@ -141,7 +147,7 @@ def with_corners(
         lowered,
         serves,
         g,
-        field.edges,
+        True if linear else None,
         plane.sight,
         new_block(2),
         new_rays(),
@@ -156,7 +162,7 @@ def with_corners(
     return sorted_wave(np.concatenate(tables), np.concatenate(nodes))
 
 
-def _feet(table: FloatArray, x: FloatArray, g: float) -> FloatArray:
+def _start_points(table: FloatArray, x: FloatArray, g: float) -> FloatArray:
     """Return the points of entries, one for each x, whose bounds allow the least size there."""
     start, edge = table[:, :2], table[:, 2:4] - table[:, :2]
     length2 = np.einsum("ij,ij->i", edge, edge)
@@ -166,5 +172,5 @@ def _feet(table: FloatArray, x: FloatArray, g: float) -> FloatArray:
         height = np.linalg.norm(x - start - t[:, None] * edge, axis=1)
         t -= rise * height / np.sqrt(length2 * (g * g * length2 - rise * rise))
     is_edge = np.isfinite(table[:, 5])
-    feet: FloatArray = start + np.where(is_edge, t, 0.0)[:, None] * edge
-    return feet
+    points: FloatArray = start + np.where(is_edge, t, 0.0)[:, None] * edge
+    return points

@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
-import numba
 import numpy as np
 
 from adaptsize._checks import as_flag
@@ -21,13 +20,21 @@ from adaptsize.background.splitting_grid import both_ways
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
-from adaptsize.limiting.exact.again import solve_again
-from adaptsize.limiting.exact.field import ExactField, Points
-from adaptsize.limiting.exact.problem import Extra, margin_for
-from adaptsize.limiting.exact.problem import Problem as Component
-from adaptsize.limiting.exact.solve import Found, solve_on_mesh, survivors_of
-from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
-from adaptsize.limiting.exact.work import part_of
+from adaptsize.limiting.exact.candidates import Component, Extra, margin_for
+from adaptsize.limiting.exact.field import (
+    ExactField,
+    Points,
+    Wave,
+    Workers,
+    node_wave,
+    sorted_wave,
+)
+from adaptsize.limiting.exact.solve import (
+    ComponentSolution,
+    solve_again,
+    solve_on_mesh,
+    survivors_of,
+)
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
@@ -53,7 +60,7 @@ class Part(NamedTuple):
 
     nodes: IntArray | None
     """Its nodes in the background; None for all nodes."""
-    found: Found
+    found: ComponentSolution
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,11 +147,9 @@ class Exact(Scheme):
 
     def _component(self, problem: Problem, domain: Any, extra: Extra | None = None) -> Component:
         """Return the problem on a mesh, or a grid, as one component."""
-        threads = int(numba.get_num_threads()) if self.threads is None else self.threads
+        workers = Workers.of(self.threads, problem.report)
         g = problem.slope.number(self.name)
-        return Component(
-            domain, problem.h0.ravel(), g, self.face_sources, threads, problem.report, extra
-        )
+        return Component(domain, problem.h0.ravel(), g, self.face_sources, workers, extra)
 
     def _solve(self, problem: Problem) -> ExactSolution:
         """Solve on a domain without images."""
@@ -207,9 +212,9 @@ def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
         order = beside.submit(along_curve, mesh.points)
         meet = beside.submit(have_neighbours, mesh.cells, component.h0)
         used = beside.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
-        if component.threads == 1:
+        if component.workers.threads == 1:
             wait([order, meet, used])
-        boundary = flat_boundary(mesh, component.threads)
+        boundary = flat_boundary(mesh, component.workers.threads)
         component = component._replace(order=order.result(), meet=meet.result())
         return component, boundary, used.result() == mesh.n_points
 
@@ -256,7 +261,7 @@ def _by_components(
         if mesh.dim == 1:  # an interval; folds change nothing
             found = _on_convex_nodes(domain, component.with_margin())
         else:
-            boundary = flat_boundary(domain, whole.threads)
+            boundary = flat_boundary(domain, whole.workers.threads)
             convex = is_convex(domain.points, boundary)
             found = solve_on_mesh(component, boundary, convex)
         parts.append(Part(nodes, found))
@@ -319,10 +324,11 @@ def _components(
         yield nodes, SimplexMesh(mesh.points[nodes], cells)
 
 
-def _on_convex_nodes(domain: SimplexMesh | CartesianGrid, component: Component) -> Found:
+def _on_convex_nodes(
+    domain: SimplexMesh | CartesianGrid, component: Component
+) -> ComponentSolution:
     """Solve for bounds at the nodes of a convex domain."""
     h0, g, extra = component.h0, component.g, component.extra
-    threads, report = component.threads, component.report
     nodes = np.flatnonzero(np.isfinite(h0)).astype(np.int32)
     if isinstance(domain, CartesianGrid):
         index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
@@ -334,14 +340,14 @@ def _on_convex_nodes(domain: SimplexMesh | CartesianGrid, component: Component) 
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
     wave = node_wave(places, sizes, nodes)
-    wave = survivors_of(wave, g, False, threads, report, component.margin)
+    wave = survivors_of(wave, component)
     exact = ExactField(g, None, False, [wave])
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
     for first, points in _slabs_of(domain):
         last = first + len(points.places)
-        part = part_of(report, 0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
-        exact.lower_by_last(points, h[first:last], source[first:last], threads, part)
-    return Found(h, source, exact)
+        part = component.workers.part(0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
+        exact.lower_by_last(points, h[first:last], source[first:last], part)
+    return ComponentSolution(h, source, exact)
 
 
 def _slabs_of(domain: SimplexMesh | CartesianGrid) -> Iterator[tuple[int, Points]]:
@@ -406,12 +412,12 @@ def _with_images(
     h, source = found.h.copy(), found.source.copy()
     for first, points in _slabs_of(periodicity.domain):
         span = slice(first, first + len(points.places))
-        field.lower_by_last(points, h[span], source[span], component.threads, component.report)
+        field.lower_by_last(points, h[span], source[span], component.workers)
     h = periodicity.least(h)  # rounding may differ between paired nodes
-    return as_solution(solution.h, [Part(None, Found(h, source, field))])
+    return as_solution(solution.h, [Part(None, ComponentSolution(h, source, field))])
 
 
-def _images(found: Found, periodicity: Periodicity) -> Wave | None:
+def _images(found: ComponentSolution, periodicity: Periodicity) -> Wave | None:
     """Return the images of sources that may lower a size in the cell."""
     nodes = np.concatenate([wave.nodes for wave in found.field.waves])
     places = np.concatenate([wave.places for wave in found.field.waves])
@@ -462,11 +468,13 @@ def limit_points(
         -1 where no bound reaches.
     """
     margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
-    threads = int(numba.get_num_threads())
+    workers = Workers.of(None, report)
     nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
     wave = node_wave(points[nodes], bounds[nodes], nodes)
-    field = ExactField(g, None, False, [survivors_of(wave, g, False, threads, report, margin)])
+    no_mesh: Any = None  # only nodes matter
+    component = Component(no_mesh, bounds, g, False, workers, margin=margin)
+    field = ExactField(g, None, False, [survivors_of(wave, component)])
     wanted = Points(points[:n], along_curve(points[:n]), np.empty(0, np.int32))
     h, source = bounds[:n].copy(), np.full(n, -1, np.int32)
-    field.lower_by_last(wanted, h, source, threads, report)
-    return h, Found(h, source, field).named()[:, 0]
+    field.lower_by_last(wanted, h, source, workers)
+    return h, ComponentSolution(h, source, field).named()[:, 0]

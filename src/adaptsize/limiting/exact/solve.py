@@ -1,31 +1,30 @@
-"""Exact limiting on meshes: sources at nodes, edges, faces and corners, and allowed sizes."""
+"""Exact limiting on one component: sources at nodes, edges, faces and corners, allowed sizes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER, ROW
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
-from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
-from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
+from adaptsize.limiting.exact.field import ExactField, Points, Wave, node_wave
 from adaptsize.limiting.exact.origins import Alone, Paths, complete
-from adaptsize.limiting.exact.plane import Plane, at_nodes, plane_of, with_corners
-from adaptsize.limiting.exact.problem import Problem
-from adaptsize.limiting.exact.waves import Wave, node_wave
-from adaptsize.limiting.exact.work import part_of
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.limiting.exact.plane import Plane, along_walls, at_nodes, plane_of, with_corners
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Sizes that differ by less than this share are equal.
 _EQUAL = 1e-12
 
 
 @dataclass(eq=False)
-class Found:
+class ComponentSolution:
     """Sizes and their sources."""
 
     h: FloatArray
@@ -75,121 +74,171 @@ class Found:
         return bend
 
 
-def solve_on_mesh(problem: Problem, boundary: FlatBoundary, convex: bool) -> Found:
+def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) -> ComponentSolution:
     """Solve on one component of triangles in the plane or of tetrahedra."""
-    mesh, problem = problem.mesh, problem.with_margin()
+    mesh, component = component.mesh, component.with_margin()
     if len(boundary.facets) == 0:
-        return _along_edges(problem)
+        return _along_edges(component)
     if convex:
-        return solve_by_sight(problem, None, boundary)
+        return solve_by_sight(component, None, boundary)
     if mesh.dim == 3:
-        return _solve_in_space(problem, boundary)
+        return _solve_in_space(component, boundary)
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
-    found = solve_by_sight(problem, plane, boundary)
-    if rises_too_fast(problem, found.h):
-        _keep_edges(problem, found)
+    found = solve_by_sight(component, plane, boundary)
+    if rises_too_fast(component, found.h):
+        _keep_edges(component, found)
     return found
 
 
-def rises_too_fast(problem: Problem, h: FloatArray) -> bool:
+def rises_too_fast(component: Component, h: FloatArray) -> bool:
     """Return whether sizes grow faster than g along any edge, as they may if cells overlap."""
-    mesh = problem.mesh
+    mesh = component.mesh
     axes = (0,) * mesh.dim
-    return bool(candidates.any_edge_exceeds(mesh.points, axes, mesh.cells, h, problem.g))
+    return bool(candidates.any_edge_exceeds(mesh.points, axes, mesh.cells, h, component.g))
 
 
-def solve_by_sight(problem: Problem, plane: Plane | None, boundary: FlatBoundary) -> Found:
+def solve_by_sight(
+    component: Component, plane: Plane | None, boundary: FlatBoundary
+) -> ComponentSolution:
     """Solve in a convex domain (no ``plane``) or in the plane."""
-    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    mesh, h0, g = component.mesh, component.h0, component.g
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
-    order = along_curve(mesh.points) if problem.order is None else problem.order
+    order = along_curve(mesh.points) if component.order is None else component.order
     points = Points(mesh.points, order, on_wall)
-    nodes, steep = candidates_of(problem)
-    linear = steep is not None and problem.face_sources
+    nodes, steep = candidates_of(component)
+    linear = steep is not None and component.face_sources
     field = ExactField(g, None if plane is None else plane.sight, linear)
-    field.add(_node_sources(problem, nodes, steep is not None, plane, linear))
+    field.add(_node_sources(component, nodes, steep is not None, plane, linear))
     h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
-    report = part_of(problem.report, 0.1, 0.5 if linear else 1.0)
-    field.lower_by_last(points, h, source, problem.threads, report)
+    workers = component.workers
+    field.lower_by_last(points, h, source, workers.part(0.1, 0.5 if linear else 1.0))
     if not linear or steep is None:
-        return Found(h, source, field, plane=plane, points=points)
-    wave = sources_on_cells(problem, steep, h, source, field, plane, boundary)
+        return ComponentSolution(h, source, field, plane=plane, points=points)
+    wave = sources_on_cells(component, steep, h, (source, field) if plane is None else None)
+    if plane is not None and wave is not None:
+        wave = along_walls(wave, mesh.points, boundary.facets)
     if wave is None and plane is not None and plane.merge is not None:
         wave = field.waves[0].only(np.zeros(len(field.waves[0].nodes), np.bool_))
     if wave is not None:
         if plane is not None:
-            wave = with_corners(wave, g, plane, linear, problem.report)
+            wave = with_corners(wave, g, plane, linear, workers.report)
         field.add(wave)
-        report = part_of(problem.report, 0.5, 1.0)
-        field.lower_by_last(points, h, source, problem.threads, report)
-    problem.report("limiting the gradient", 1.0)
-    return Found(h, source, field)
+        field.lower_by_last(points, h, source, workers.part(0.5, 1.0))
+    workers.report("limiting the gradient", 1.0)
+    return ComponentSolution(h, source, field)
 
 
-def sources_at_nodes(problem: Problem, plane: Plane | None) -> Wave | None:
-    """Return nodes and corners as sources; None if edges may be sources, too."""
-    problem = problem.with_margin()
-    nodes, steep = candidates_of(problem)
-    if steep is not None and problem.face_sources:
+def solve_again(component: Component, before: ComponentSolution) -> ComponentSolution | None:
+    """Solve a component that differs from an earlier one by its bounds.
+
+    A size remains the minimum over the entries that existed before; only new entries need to be
+    tested.  Nodes whose own bound changed, or whose source was removed, are recomputed.  The
+    result is the minimum of the same numbers as in `solve_on_mesh`, and equal bit for bit.
+
+    Returns
+    -------
+    ComponentSolution or None
+        None if bounds meet in cells, in solids that are not convex, and around folds.  These
+        cases are solved from scratch.
+    """
+    if before.points is None or len(before.field.waves) != 1 or before.proved is not None:
         return None
-    return _node_sources(problem, nodes, steep is not None, plane, linear=False)
+    plane = None if before.plane is None else before.plane.without_sizes()
+    wave = sources_at_nodes(component, plane)
+    if wave is None:
+        return None
+    old = before.field.waves[0]
+    now = _matches(old, wave)
+    h0, earlier = component.h0, before.source
+    own = earlier < 0
+    now = np.append(now, np.int32(-1))  # for nodes that kept their bound
+    anew: BoolArray = np.where(own, h0 != before.h, now[earlier] < 0) | (h0 < before.h)
+    h = np.where(anew, h0, before.h)
+    source = np.where(anew, np.int32(-1), now[earlier]).astype(np.int32)
+    field = ExactField(component.g, before.field.sight, linear=False, waves=[wave])
+    points = before.points
+    some = points._replace(order=points.order[anew[points.order]])
+    field.lower_by_last(some, h, source, component.workers)
+    fresh = np.ones(len(wave.nodes), np.bool_)
+    fresh[now[now >= 0]] = False
+    if fresh.any():
+        rest = points._replace(order=points.order[~anew[points.order]])
+        numbers, found = np.flatnonzero(fresh), np.full(len(source), -1, np.int32)
+        by_fresh = replace(field, waves=[wave.only(fresh)])
+        by_fresh.lower_by_last(rest, h, found, component.workers)
+        source[found >= 0] = numbers[found[found >= 0]]
+    if plane is not None and rises_too_fast(component, h):
+        return None
+    return ComponentSolution(h, source, field, plane=plane, points=points)
+
+
+def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:
+    """Return the number of each entry of a wave in another wave, -1 if it is not there."""
+    rows = [_rows(old), _rows(new)]
+    _, number = np.unique(np.concatenate(rows), return_inverse=True)
+    number = number.ravel()
+    at = np.full(number.max(initial=-1) + 1, -1, np.int32)
+    at[number[len(rows[0]) :]] = np.arange(len(rows[1]))
+    now: npt.NDArray[np.int32] = at[number[: len(rows[0])]]
+    return now
+
+
+def _rows(wave: Wave) -> npt.NDArray[np.void]:
+    """Return one value for each entry that identifies it."""
+    flat = np.column_stack([wave.nodes.astype(np.float64), wave.table]) + 0.0
+    return np.ascontiguousarray(flat).view(np.dtype((np.void, flat.shape[1] * 8))).ravel()
+
+
+def sources_at_nodes(component: Component, plane: Plane | None) -> Wave | None:
+    """Return nodes and corners as sources; None if edges may be sources, too."""
+    component = component.with_margin()
+    nodes, steep = candidates_of(component)
+    if steep is not None and component.face_sources:
+        return None
+    return _node_sources(component, nodes, steep is not None, plane, linear=False)
 
 
 def _node_sources(
-    problem: Problem, nodes: IntArray, meet: bool, plane: Plane | None, linear: bool
+    component: Component, nodes: IntArray, meet: bool, plane: Plane | None, linear: bool
 ) -> Wave:
     """Return the survivors among nodes, and corners; in the plane all nodes if no bounds meet."""
-    wave = wave_of_nodes(problem, nodes)
-    given = (problem.g, linear, problem.threads, problem.report, problem.margin)
+    wave = wave_of_nodes(component, nodes)
     if plane is None:
-        return survivors_of(wave, *given)
+        return survivors_of(wave, component, linear)
     wave = at_nodes(wave, plane)
     if meet:
-        wave = survivors_of(wave, *given, plane)
-    return with_corners(wave, problem.g, plane, linear, problem.report)
+        wave = survivors_of(wave, component, linear, plane)
+    return with_corners(wave, component.g, plane, linear, component.workers.report)
 
 
-def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
+def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSolution:
     """Solve in a solid that is not convex."""
-    from adaptsize.limiting.exact.space import (
-        Entries,
-        solid_of,
-        solve_in_space,
-        spread_along_edges,
-    )
+    from adaptsize.limiting.exact.space import Bounds, Entries, solid_of, solve_in_space
 
-    mesh, h0, g = problem.mesh, problem.h0, problem.g
-    nodes, steep = candidates_of(problem)
+    mesh, h0, g = component.mesh, component.h0, component.g
+    nodes, steep = candidates_of(component)
     solid = solid_of(mesh, boundary)
-    linear = steep is not None and problem.face_sources
-    field = ExactField(g, None, linear, [wave_of_nodes(problem, nodes)])
+    linear = steep is not None and component.face_sources
+    field = ExactField(g, None, linear, [wave_of_nodes(component, nodes)])
     lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, solid.nodes, np.empty(0, np.int32))
-    field.lower_by_last(points, lower, source, problem.threads, problem.report)
+    field.lower_by_last(points, lower, source, component.workers)
     if linear and steep is not None:
-        wave = sources_on_cells(problem, steep, lower, source, field, None, boundary, in_space=True)
+        wave = sources_on_cells(component, steep, lower)
         if wave is not None:
             field.add(wave)
-            field.lower_by_last(points, lower, source, problem.threads, problem.report)
+            field.lower_by_last(points, lower, source, component.workers)
     named = np.concatenate([wave.nodes for wave in field.waves])
     order = np.lexsort(named.T[::-1]).astype(np.int32)
     place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
     place[order], place[-1] = np.arange(len(order)), -1
     named[named >= mesh.n_points] = -1  # a point source is not a node and has no cells
     table = np.concatenate([wave.table for wave in field.waves])[order]
-    result = solve_in_space(
-        solid,
-        h0,
-        g,
-        Entries(table, named[order]),
-        lower,
-        place[source],
-        spread_along_edges(mesh, g, problem.report),
-        problem.report,
-        threads=problem.threads,
-    )
+    spread = partial(limit_along_edges, mesh, g=g, report=component.workers.report)
+    bounds = Bounds(h0, lower, place[source], spread)
+    result = solve_in_space(solid, Entries(table, named[order]), bounds, g, component.workers)
     field.network = result.network
-    found = Found(
+    found = ComponentSolution(
         result.h,
         np.append(order, np.int32(-1))[result.entry],
         field,
@@ -198,91 +247,79 @@ def _solve_in_space(problem: Problem, boundary: FlatBoundary) -> Found:
         result.lower,
         finished=result.finished,
     )
-    _name_all(problem, found, result.start)
+    _name_all(component, found, result.start)
     return found
 
 
-def _name_all(problem: Problem, found: Found, start: IntArray) -> None:
+def _name_all(component: Component, found: ComponentSolution, start: IntArray) -> None:
     """Name the sources of sizes that come along edges (In/Out: found)."""
-    mesh, h = problem.mesh, found.h
+    mesh, h = component.mesh, found.h
     named, bend = found.named(), found.bends()
     if len(bend) == 0:
         bend = np.full(mesh.points.shape, np.nan)
-    known: BoolArray = (found.source >= 0) | (h >= problem.h0)
+    known: BoolArray = (found.source >= 0) | (h >= component.h0)
     if known.all():
         return
     rows = np.column_stack([named, np.where(np.isnan(bend), np.inf, bend)])
     ids = np.arange(mesh.n_points)
-    complete(Paths(mesh.points, ids, mesh.edges, h, problem.g, start), rows, known, Alone())
+    complete(Paths(mesh.points, ids, mesh.edges, h, component.g, start), rows, known, Alone())
     found.nodes, bend = rows[:, : mesh.dim].astype(np.int32), rows[:, mesh.dim :]
     found.bend = np.where(np.isinf(bend), np.nan, bend)
 
 
-def _along_edges(problem: Problem) -> Found:
+def _along_edges(component: Component) -> ComponentSolution:
     """Solve if no cell has a measure: sizes propagate along edges, and nothing is proved."""
-    mesh, h0, g = problem.mesh, problem.h0, problem.g
+    mesh, h0, g = component.mesh, component.h0, component.g
     nowhere = np.empty((0, mesh.dim))
     none = node_wave(nowhere, np.empty(0), np.empty(0, np.int32))
     field = ExactField(g, None, False, [none])
-    found = Found(h0.copy(), np.full(mesh.n_points, -1, np.int32), field, nowhere)
-    _keep_edges(problem, found)
+    found = ComponentSolution(h0.copy(), np.full(mesh.n_points, -1, np.int32), field, nowhere)
+    _keep_edges(component, found)
     return found
 
 
-def _keep_edges(problem: Problem, found: Found) -> None:
+def _keep_edges(component: Component, found: ComponentSolution) -> None:
     """Lower sizes that exceed a neighbour by more than g allows (In/Out: found).
 
     Around folds, lines of sight end where paths along edges continue.  There, a size is proved
     exact only if it equals the size that would result if all sources were visible.
     """
-    mesh, g = problem.mesh, problem.g
-    along = limit_along_edges(mesh, found.h, g, problem.report)
+    mesh, g = component.mesh, component.g
+    along = limit_along_edges(mesh, found.h, g, component.workers.report)
     with np.errstate(invalid="ignore"):
         lowered = along < found.h * (1.0 - _EQUAL)
     if len(found.field.waves[0].nodes) and not lowered.any():
         return
     found.h[lowered] = along[lowered]
     found.source[lowered] = -1
-    _name_all(problem, found, np.full(mesh.n_points, -1, np.int32))
-    lower, source = problem.h0.copy(), np.full(mesh.n_points, -1, np.int32)
+    _name_all(component, found, np.full(mesh.n_points, -1, np.int32))
+    lower, source = component.h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
     unhidden = ExactField(g, None, found.field.linear)
     for wave in found.field.waves:
         unhidden.add(wave)
-        unhidden.lower_by_last(points, lower, source, problem.threads, problem.report)
+        unhidden.lower_by_last(points, lower, source, component.workers)
     found.lower, found.proved = lower, found.h <= lower * (1.0 + _EQUAL)
 
 
 def survivors_of(
-    wave: Wave,
-    g: float,
-    linear: bool,
-    threads: int,
-    report: ProgressCallback,
-    margin: float = 0.0,
-    plane: Plane | None = None,
+    wave: Wave, component: Component, linear: bool = False, plane: Plane | None = None
 ) -> Wave:
-    """Return the nodes whose bound no other one that is visible from there undercuts by more.
-
-    ``margin`` is that of `Problem`.
-    """
+    """Return the nodes whose bound no visible other one undercuts by the margin."""
     if len(wave.nodes) == 0:
         return wave
     dim = wave.nodes.shape[1]
     rows = np.empty(0, np.int32) if plane is None else wave.table[:, ROW].astype(np.int32)
     order = np.arange(len(wave.nodes), dtype=np.int32)
     points = Points(wave.table[:, :dim].copy(), order, rows)
-    field = ExactField(g, None if plane is None else plane.sight, linear, [wave])
-    by = np.full(len(order), -1, np.int32)
-    sizes = wave.sizes[:, 0] - margin
-    field.lower_by_last(points, sizes, by, threads, part_of(report, 0.0, 0.1), once=True)
-    survives: BoolArray = by < 0
-    return wave.only(survives)
+    field = ExactField(component.g, None if plane is None else plane.sight, linear, [wave])
+    sizes = wave.sizes[:, 0] - component.margin
+    return wave.only(~field.lowers(points, sizes, component.workers.part(0.0, 0.1)))
 
 
-def wave_of_nodes(problem: Problem, nodes: IntArray) -> Wave:
+def wave_of_nodes(component: Component, nodes: IntArray) -> Wave:
     """Return nodes, and sources between nodes, as a wave."""
-    places, sizes, extra = problem.mesh.points[nodes], problem.h0[nodes], problem.extra
+    places, sizes, extra = component.mesh.points[nodes], component.h0[nodes], component.extra
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])

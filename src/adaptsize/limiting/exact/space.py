@@ -1,25 +1,31 @@
-"""Exact limiting in a solid that is not convex: see `adaptsize._kernels.exact_space`."""
+"""Exact limiting in a solid that is not convex: see `adaptsize._kernels.exact_space`.
+
+Paths over reflex edges are extended by one edge at a time.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypedDict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from adaptsize._kernels.space_paths import Field
+from adaptsize._kernels import exact_space as kernels
+from adaptsize._kernels.exact import BLOCK
+from adaptsize._kernels.space_bends import LONGEST
+from adaptsize._kernels.space_paths import Bases, Choice, Field, Ways, new_block
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.edge_based import limit_along_edges
-from adaptsize.limiting.exact.network import Network, key_of, network_of
-from adaptsize.limiting.exact.reflex_edges import Knots, find_knots
-from adaptsize.limiting.exact.space_sight import build_sight
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.limiting.exact.field import Workers, boxes_over, node_table
+from adaptsize.limiting.exact.solid import GRAZING, Knots, build_sight, find_knots
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.geometry.boundary import FlatBoundary
-
 
 # Sizes that differ by less than this share are equal.
 _EQUAL = 1e-12
@@ -31,12 +37,236 @@ _TIE = 1e-10
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
 
+# Points that are processed together where no path to try first is known.
+_SIZE = 32
 
-class _Options(TypedDict):
-    """Options for running kernels."""
 
-    threads: int
-    report: ProgressCallback
+@dataclass(eq=False)
+class Network:
+    """Sources, nodes of reflex edges, and paths over these edges."""
+
+    g: float
+    sight: Sight
+    knots: Knots
+    ways: Ways
+    n_sources: int
+    depth: IntArray
+    """int32[w]: number of edges of each path."""
+    used: Choice | None = None
+    """All paths in use at the end, except the straight paths from sources."""
+
+    @property
+    def faces(self) -> bool | None:
+        """None if all sources are nodes, True otherwise."""
+        return True if bool((self.ways.bases.counts > 1).any()) else None
+
+    def choice(self, which: IntArray) -> Choice:
+        """Return some of the paths, with a tree over them."""
+        ways, edges, bases = self.ways, self.ways.edges, self.ways.bases
+        base, edge = ways.base[which], ways.edge[which]
+        bent = edge >= 0
+        places = bases.table[base, :9].reshape(-1, 3, 3)
+        lower, upper = places.min(axis=1), places.max(axis=1)
+        value = bases.table[base, 9:].min(axis=1)
+        e, w = edge[bent], which[bent]
+        ends = np.stack([edges.start[e], edges.start[e] + edges.length[e, None] * edges.along[e]])
+        lower[bent], upper[bent] = ends.min(axis=0), ends.max(axis=0)
+        beyond = ways.image[w, 0] - np.clip(ways.image[w, 0], 0.0, edges.length[e])
+        value[bent] = ways.offset[w] + self.g * np.hypot(beyond, ways.image[w, 1])
+        order = along_curve(0.5 * (lower + upper))
+        boxes = boxes_over(lower[order], upper[order], value[order])
+        return Choice(which[order].astype(np.int32), boxes, len(boxes) // 2)
+
+    def sources(self) -> Choice:
+        """Return the straight paths from the sources."""
+        return self.choice(np.arange(self.n_sources, dtype=np.int32))
+
+    def lower(
+        self,
+        order: IntArray,
+        choice: Choice,
+        field: Field,
+        workers: Workers,
+        hints: IntArray | None = None,
+    ) -> None:
+        """Lower sizes (In/Out: field) at the nodes ``order`` by a choice of paths."""
+        points = self.sight.stars.points
+        nodes = np.arange(len(points), dtype=np.int32)
+        tried = np.full(len(points), -1, np.int32) if hints is None else hints
+        faces, size = self.faces, _SIZE if hints is None else BLOCK
+        places, along = read_only(points), read_only(order)
+
+        def task(first: int, last: int) -> None:
+            span = (first, last, size)
+            given = (places, nodes, along, span, self.ways, choice, tried)
+            kernels.lower_by_ways(*given, self.sight, self.g, field, faces, new_block())
+
+        workers.in_chunks(task, len(order))
+
+    def set_knots(self, sizes: FloatArray) -> None:
+        """Set the sizes at the nodes of reflex edges."""
+        m = self.n_sources
+        self.ways.bases.table[m:, 9] = sizes
+        moves = self.ways.base >= m
+        self.ways.offset[moves] = self.ways.bases.table[self.ways.base[moves], 9]
+
+    def extend(self, changed: IntArray, field: Field) -> IntArray:
+        """Extend the paths to nodes of reflex edges over these edges and adjacent ones.
+
+        Returns the paths that are new or start from a node that may have been lowered.
+        """
+        ways = self.ways
+        edge, parent, source, node = self.candidates(changed, field)
+        ok = (parent >= 0) & (self.depth[parent] < LONGEST) & (ways.edge[parent] != edge)
+        key, at = np.unique(_key_of(edge[ok], parent[ok]), return_index=True)
+        old = np.flatnonzero(ways.edge >= 0)
+        old_key = _key_of(ways.edge[old], ways.parent[old])
+        again = old[np.isin(old_key, key) & (ways.base[old] >= self.n_sources)]
+        at = np.flatnonzero(ok)[at[~np.isin(key, old_key)]]
+        self._append(edge[at], parent[at], source[at], node[at], field)
+        return np.concatenate([again, np.arange(len(ways.base), len(self.ways.base))])
+
+    def candidates(
+        self, changed: IntArray, field: Field
+    ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Return edges, the paths to extend, the nodes where these end, and the next nodes."""
+        knots = self.knots
+        marked = np.zeros(len(knots.nodes), bool)
+        marked[changed] = True
+        here = np.flatnonzero(marked[knots.knot])
+        node, edge = knots.nodes[knots.knot[here]], knots.edge[here]
+        beside = knots.beside[edge]
+        near = beside.tocoo()
+        node = np.concatenate([node, node[near.row]])
+        source = node
+        edge = np.concatenate([edge, near.col])
+        goal = np.concatenate([node[: len(here)], knots.nodes[near.data - 1]])
+        return edge, field.way[source], source, goal
+
+    def _append(
+        self,
+        edge: IntArray,
+        parent: IntArray,
+        source: IntArray,
+        node: IntArray,
+        field: Field,
+    ) -> None:
+        """Add paths to ``source`` that continue over edges at ``node``, if they may be shortest."""
+        ways, edges, points = self.ways, self.knots.edges, self.sight.stars.points
+        straight = ways.edge[parent] < 0
+        away = np.linalg.norm(points[source] - field.last[source], axis=1)
+        away += 2.0 * self._extent(ways.base[parent], field.last[source])
+        offset = np.where(straight, field.sizes[source] - self.g * away, ways.offset[parent])
+        along, normals = edges.along[edge], edges.normals[edge]
+        volume = np.einsum(
+            "ra,ra->r",
+            np.cross(edges.along[ways.edge[parent]], along),
+            edges.start[edge] - edges.start[ways.edge[parent]],
+        )
+        skew = ways.skew[parent] | (~straight & (np.abs(volume) > self.sight.walls.slack))
+
+        origin = np.where(straight[:, None], field.last[source], self._turned(parent, points[node]))
+        piece = points[node] - origin
+        rise = np.einsum("ra,ra->r", piece, along)
+        place = np.einsum("ra,ra->r", points[node] - edges.start[edge], along)
+        away = np.linalg.norm(piece - rise[:, None] * along, axis=1)
+        image = np.column_stack([place - rise, away])
+        # The previous piece starts at one point, or at any point between the ends of an edge.
+        before = edges.start[ways.edge[parent]]
+        after = before + (edges.length[:, None] * edges.along)[ways.edge[parent]]
+        ends = np.where(straight[:, None], field.last[source], np.stack([before, after]))
+        ahead = edges.start[edge] - ends
+        ahead -= np.einsum("sra,ra->sr", ahead, along)[:, :, None] * along
+        size = np.linalg.norm(ahead, axis=2)
+        ahead /= np.maximum(size, 1e-300)[:, :, None]
+        nil = size <= 10.0 * self.sight.walls.slack
+        ahead = np.where(nil[:, :, None], ahead[::-1], ahead)
+        over = np.einsum("rfa,sra->srf", normals, ahead)
+        # If the outside lies straight ahead, a path that bends here is not shortest.
+        ok = (over.min(axis=2) <= GRAZING).any(axis=0) & ~nil.all(axis=0)
+        side = over.argmin(axis=2)
+        shade = np.empty((len(node), 9))
+        shade[:, :3] = np.where(
+            (side[0] == side[1])[:, None], normals[np.arange(len(node)), side[0]], 0.0
+        )
+        for end in range(2):
+            beside = np.cross(ahead[end], along)
+            turned = np.einsum("ra,ra->r", beside, self.knots.obstacles[edge]) < 0.0
+            shade[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -beside, beside)
+        self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
+        self.ways = Ways(
+            ways.bases,
+            ways.edges,
+            np.concatenate([ways.base, ways.base[parent[ok]]]),
+            np.concatenate([ways.parent, parent[ok]]),
+            np.concatenate([ways.edge, edge[ok]]),
+            np.concatenate([ways.image, image[ok]]),
+            np.concatenate([ways.offset, offset[ok]]),
+            np.concatenate([ways.shade, shade[ok]]),
+            np.concatenate([ways.skew, skew[ok]]),
+        )
+
+    def _extent(self, base: IntArray, foot: FloatArray) -> FloatArray:
+        """Return the largest distance of a point in each base, where a path starts, to a vertex.
+
+        On an edge or face, other points of the path start elsewhere.  By the triangle inequality,
+        sizes are above those from ``foot`` less g times twice this distance.
+        """
+        bases = self.ways.bases
+        away = bases.table[base, :9].reshape(-1, 3, 3) - foot[:, None]
+        extent: FloatArray = np.linalg.norm(away, axis=2).max(axis=1)
+        return np.where(bases.counts[base] > 1, extent, 0.0)
+
+    def _turned(self, way: IntArray, x: FloatArray) -> FloatArray:
+        """Return the bases of paths, rotated about their last edges to opposite points x."""
+        e = self.ways.edge[way]
+        start, along = self.ways.edges.start[e], self.ways.edges.along[e]
+        across = x - start
+        across -= np.einsum("ra,ra->r", across, along)[:, None] * along
+        across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+        f, r = self.ways.image[way].T
+        turned: FloatArray = start + f[:, None] * along - r[:, None] * across
+        return turned
+
+
+def _key_of(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
+    """Return one number for an edge and a path that is extended over it."""
+    return edge.astype(np.int64) << 32 | parent
+
+
+def _network_of(
+    table: FloatArray, nodes: IntArray, g: float, sight: Sight, knots: Knots
+) -> Network:
+    """Return a network of straight paths; the sizes at the nodes of reflex edges are inf.
+
+    Parameters
+    ----------
+    table : float64[m, 12]
+        Entries (see exact.py).
+    nodes : int32[m, 3]
+        Their nodes, padded with -1.
+    g, sight, knots
+    """
+    m, k = len(table), len(knots.nodes)
+    ends = node_table(sight.stars.points[knots.nodes], np.full(k, np.inf))
+    all_nodes = np.full((m + k, 3), -1, np.int32)
+    all_nodes[:m] = nodes
+    all_nodes[m:, 0] = knots.nodes
+    table = np.concatenate([table, ends])
+    counts = np.concatenate([np.isfinite(table[:m, 9:]).sum(axis=1), np.ones(k)]).astype(np.int8)
+    none = np.full(m + k, -1, np.int32)
+    ways = Ways(
+        Bases(table, counts, all_nodes),
+        knots.edges,
+        np.arange(m + k, dtype=np.int32),
+        none,
+        none.copy(),
+        np.zeros((m + k, 2)),
+        table[:, 9:].min(axis=1),
+        np.zeros((m + k, 9)),
+        np.zeros(m + k, np.bool_),
+    )
+    return Network(g, sight, knots, ways, m, np.zeros(m + k, np.int32))
 
 
 class Solid(NamedTuple):
@@ -88,6 +318,18 @@ class SpaceResult(NamedTuple):
 Spread: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
+class Bounds(NamedTuple):
+    """Bounds at the nodes of a solid."""
+
+    h0: FloatArray
+    """float64[n]"""
+    lower: FloatArray
+    """float64[n]: the smallest size that the entries allow, without regard to visibility."""
+    nearest: IntArray
+    """int32[n]: the entry that allows it."""
+    spread: Spread
+
+
 def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None = None) -> Solid:
     """Return a solid with all nodes of a mesh, or some of them, to solve.
 
@@ -108,36 +350,10 @@ def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None =
     return Solid(mesh.points, nodes[order], sight, knots)
 
 
-def spread_along_edges(mesh: SimplexMesh, g: float, report: ProgressCallback) -> Spread:
-    """Return the function that lowers sizes along the edges of a mesh."""
-    return lambda h: limit_along_edges(mesh, h, g, report)
-
-
 def solve_in_space(
-    solid: Solid,
-    h0: FloatArray,
-    g: float,
-    entries: Entries,
-    lower: FloatArray,
-    nearest: IntArray,
-    spread: Spread,
-    report: ProgressCallback,
-    *,
-    threads: int = 1,
+    solid: Solid, entries: Entries, bounds: Bounds, g: float, workers: Workers
 ) -> SpaceResult:
     """Return the limited sizes in a solid that is not convex.
-
-    Parameters
-    ----------
-    solid : Solid
-    h0 : float64[n]
-    g : float
-    entries : Entries
-    lower, nearest : float64[n], int32[n]
-        The smallest size that the entries allow, without regard to visibility, and the entry.
-    spread : callable
-    report : callable
-    threads : int, optional
 
     Notes
     -----
@@ -146,18 +362,17 @@ def solve_in_space(
     the size is ``lower`` whichever is found first.  At nodes of reflex edges it matters which
     source it is, and the first one counts.
     """
+    h0, lower, nearest, spread = bounds
     n, nodes, knots = len(solid.points), solid.nodes, solid.knots.nodes
-    network = network_of(*entries, g, solid.sight, solid.knots)
-    everyone = np.arange(n, dtype=np.int32)
-    with_: _Options = {"threads": threads, "report": report}
+    network = _network_of(*entries, g, solid.sight, solid.knots)
     nearly = lower + _EQUAL * np.abs(lower)
     field = Field(nearly.copy(), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
     none = network.choice(np.empty(0, np.int32))
     is_knot = np.isin(nodes, knots)
     others = nodes[~is_knot]
-    network.lower(solid.points, everyone, others, none, field, hints=nearest, **with_)
+    network.lower(others, none, field, workers, nearest)
     hidden = nodes[is_knot | ((field.way < 0) & (h0 > lower))[nodes]]
-    network.lower(solid.points, everyone, hidden, network.sources(), field, **with_)
+    network.lower(hidden, network.sources(), field, workers)
     proved = (field.way >= 0) | (h0 <= lower)
     upper = spread(np.where(proved, lower, h0))
     proved |= np.isinf(upper)  # not reached by any source
@@ -166,21 +381,21 @@ def solve_in_space(
     hidden = nodes[~proved[nodes]]
     finished = True
     if len(hidden):
-        finished = _solve_hidden(network, field, hidden, everyone, with_)
+        finished = _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = spread(np.where(sizes <= nearly, lower, sizes))
-    return _result(network, field, sizes, h, lower, finished)
+    entry, start, bend = _origins(network, field, sizes, h)
+    proved = h <= lower + _EQUAL * np.abs(lower)
+    return SpaceResult(h, entry, start, bend, proved, lower, network, finished)
 
 
-def _solve_hidden(
-    network: Network, field: Field, hidden: IntArray, everyone: IntArray, with_: _Options
-) -> bool:
+def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Workers) -> bool:
     """Lower nodes (In/Out: field) from which their smallest source is not visible.
 
     Returns whether the iteration converged within _ROUNDS iterations.
     """
-    points, knots = network.sight.stars.points, network.knots.nodes
-    network.lower(points, everyone, hidden, network.sources(), field, **with_)
+    knots = network.knots.nodes
+    network.lower(hidden, network.sources(), field, workers)
     waiting = np.isin(knots, hidden)
     order = knots[waiting]
     changed = np.flatnonzero(field.way[knots] >= 0).astype(np.int32)
@@ -193,13 +408,13 @@ def _solve_hidden(
             changed = order
             break
         before = field.sizes[knots]
-        network.lower(points, everyone, order, network.choice(fresh), field, **with_)
+        network.lower(order, network.choice(fresh), field, workers)
         fallen = before - field.sizes[knots]
         changed = np.flatnonzero(fallen > _EQUAL * np.abs(before)).astype(np.int32)
     network.set_knots(field.sizes[knots])
     network.used = network.choice(_in_use(network, field))
     rest = hidden[~np.isin(hidden, knots)]
-    network.lower(points, everyone, rest, network.used, field, **with_)
+    network.lower(rest, network.used, field, workers)
     return len(changed) == 0
 
 
@@ -208,20 +423,15 @@ def _in_use(network: Network, field: Field) -> IntArray:
     ways, knots = network.ways, network.knots
     bent = np.flatnonzero(ways.edge >= 0)
     edge, way, _, _ = network.candidates(np.arange(len(knots.nodes), dtype=np.int32), field)
-    used = np.isin(key_of(ways.edge[bent], ways.parent[bent]), key_of(edge, way))
+    used = np.isin(_key_of(ways.edge[bent], ways.parent[bent]), _key_of(edge, way))
     straight = network.n_sources + np.arange(len(knots.nodes))
     return np.concatenate([straight, bent[used]])
 
 
-def _result(
-    network: Network,
-    field: Field,
-    sizes: FloatArray,
-    h: FloatArray,
-    lower: FloatArray,
-    finished: bool,
-) -> SpaceResult:
-    """Return sizes h, which satisfy the limit g along all edges, and the sources of ``sizes``."""
+def _origins(
+    network: Network, field: Field, sizes: FloatArray, h: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return entry, start and bend of `SpaceResult`, for the paths of ``sizes``."""
     ways = network.ways
     m = network.n_sources
     reached = np.flatnonzero(field.way >= 0)  # none if the bounds satisfy the limit
@@ -233,5 +443,4 @@ def _result(
     entry = np.where(base < m, base, -1).astype(np.int32)
     knots = np.append(network.knots.nodes, np.int32(-1))
     start = knots[np.where(base < m, -1, base - m)].astype(np.int32)
-    proved = h <= lower + _EQUAL * np.abs(lower)
-    return SpaceResult(h, entry, start, bend, proved, lower, network, finished)
+    return entry, start, bend

@@ -16,18 +16,17 @@ from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background._curve import along_curve
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import plane_boundary
-from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.candidates import Component, Extra, Kinks, margin_for
+from adaptsize.limiting.exact.field import ExactField, Points, Workers
 from adaptsize.limiting.exact.plane import Plane, plane_of
-from adaptsize.limiting.exact.problem import Extra, Kinks, Problem, margin_for
 from adaptsize.limiting.exact.scheme import OUTSIDE
 from adaptsize.limiting.exact.solve import (
-    Found,
+    ComponentSolution,
     rises_too_fast,
     solve_by_sight,
     survivors_of,
     wave_of_nodes,
 )
-from adaptsize.limiting.exact.work import number_of_threads
 from adaptsize.limiting.in_parts.domain import (
     Piece,
     Skeleton,
@@ -102,37 +101,36 @@ def _solve_piece(
     extra: Extra | None,
 ) -> Solved | None:
     """Return the sizes in one component; None if its cells overlap."""
-    threads = number_of_threads(settings.threads)
-    skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, threads))
+    workers = Workers.of(settings.threads, settings.report)
+    skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, workers.threads))
     if skeleton is None:
         return None
     mesh, comm, bound = piece.mesh, piece.ranks, piece.bounds(h0)
     least = _least(bound, extra)
     facts = comm.allgather((least, bool(have_neighbours(mesh.cells, bound))))
-    problem = Problem(
+    component = Component(
         mesh,
         bound,
         settings.g,
         settings.face_sources,
-        threads,
-        settings.report,
+        workers,
         extra,
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
         margin=margin_for(min(least for least, _ in facts), settings.g, skeleton.diagonal),
         merge=lambda rows: merge_kinks(piece, rows),
     )
-    ids = numbers_of(piece, problem, part.n_global_points)
+    ids = numbers_of(piece, component, part.n_global_points)
     if skeleton.convex:
         numbers = Numbers(ids, piece.ids[:0]) if settings.trace else None
-        return _with_others(piece, problem, None, skeleton, numbers)
+        return _with_others(piece, component, None, skeleton, numbers)
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
-        return solve_body(part, piece, body, problem, ids, tracing=settings.trace)
+        return solve_body(part, piece, body, component, ids, tracing=settings.trace)
     plane, corners = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     numbers = Numbers(ids, corners) if settings.trace else None
-    found = _with_others(piece, problem, plane.without_sizes(), skeleton, numbers)
-    folded = not piece.is_empty and rises_too_fast(problem, found.h)
+    found = _with_others(piece, component, plane.without_sizes(), skeleton, numbers)
+    folded = not piece.is_empty and rises_too_fast(component, found.h)
     return None if comm.allreduce(int(folded), "max") else found
 
 
@@ -151,24 +149,25 @@ def _solve_interval(
     extra: Extra | None,
 ) -> Solved:
     """Return the sizes in one component of segments on a line; one exchange."""
-    g, threads = settings.g, number_of_threads(settings.threads)
+    g, workers = settings.g, Workers.of(settings.threads, settings.report)
     mesh, bound = piece.mesh, piece.bounds(h0)
     places = mesh.points
     order = along_curve(places)[: len(piece.ids)]
     ends = part.once(f"_ends_{number}", lambda: _ends(piece))
     least = piece.ranks.allreduce(_least(bound, extra), "min")
     nodes = np.flatnonzero(np.isfinite(bound)).astype(np.int32)
-    problem = Problem(mesh, bound, g, False, threads, settings.report, extra)
-    wave = wave_of_nodes(problem, nodes)
-    margin = margin_for(least, g, ends[1] - ends[0])
-    wave = survivors_of(wave, g, False, threads, settings.report, margin)
+    component = Component(
+        mesh, bound, g, False, workers, extra, margin=margin_for(least, g, ends[1] - ends[0])
+    )
+    wave = wave_of_nodes(component, nodes)
+    wave = survivors_of(wave, component)
     h, source = bound.copy(), np.full(len(bound), -1, np.int32)
     points = Points(places, order, np.empty(0, np.int32))
-    found = Found(h, source, ExactField(g, None, False, [wave]))
-    found.field.lower_by_last(points, h, source, threads, settings.report)
-    ids = numbers_of(piece, problem, part.n_global_points)
+    found = ComponentSolution(h, source, ExactField(g, None, False, [wave]))
+    found.field.lower_by_last(points, h, source, workers)
+    ids = numbers_of(piece, component, part.n_global_points)
     numbers = Numbers(ids, piece.ids[:0]) if settings.trace else None
-    return _exchanged(piece, problem, found, points, numbers)
+    return _exchanged(piece, component, found, points, numbers)
 
 
 def _ends(piece: Piece) -> tuple[float, float]:
@@ -181,37 +180,41 @@ def _ends(piece: Piece) -> tuple[float, float]:
 
 def _with_others(
     piece: Piece,
-    problem: Problem,
+    component: Component,
     plane: Plane | None,
     skeleton: Skeleton,
     numbers: Numbers | None,
 ) -> Solved:
     """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
-    mesh, boundary = problem.mesh, skeleton.boundary
+    mesh, boundary = component.mesh, skeleton.boundary
     if plane is not None:  # its facets are named by local nodes, others do not matter
         boundary = boundary._replace(facets=_local_facets(piece, skeleton))
-    found = solve_by_sight(problem, plane, boundary)
-    assert problem.order is not None
-    order = problem.order[:0] if piece.is_empty else problem.order
+    found = solve_by_sight(component, plane, boundary)
+    assert component.order is not None
+    order = component.order[:0] if piece.is_empty else component.order
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
-    return _exchanged(piece, problem, found, Points(mesh.points, order, on_wall), numbers)
+    return _exchanged(piece, component, found, Points(mesh.points, order, on_wall), numbers)
 
 
 def _exchanged(
-    piece: Piece, problem: Problem, found: Found, points: Points, numbers: Numbers | None
+    piece: Piece,
+    component: Component,
+    found: ComponentSolution,
+    points: Points,
+    numbers: Numbers | None,
 ) -> Solved:
     """Return the sizes of one rank (In/Out: found) lowered by sources of others; one exchange.
 
     Sources are traced if the numbers of their nodes are given.
     """
     field = found.field
-    sent = [of_this_rank(wave, problem.mesh.n_points) for wave in field.waves]
+    sent = [of_this_rank(wave, component.mesh.n_points) for wave in field.waves]
     reach = reach_of(points.places, points.order, found.h)
     named = None if numbers is None else [numbers.of(wave) for wave in sent]
-    received, ids = exchange_entries(piece.ranks, sent, reach, problem.g, named)
+    received, ids = exchange_entries(piece.ranks, sent, reach, component.g, named)
     own = field.waves.copy()
     field.add(received)
-    field.lower_by_last(points, found.h, found.source, problem.threads, problem.report)
+    field.lower_by_last(points, found.h, found.source, component.workers)
     solved = Solved(found.h, field.n_entries)
     if numbers is None:
         return solved

@@ -11,8 +11,8 @@ import numpy as np
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.limiting import LimitingInfo
-from adaptsize.limiting.exact.problem import Problem
-from adaptsize.limiting.exact.waves import Wave
+from adaptsize.limiting.exact.candidates import Component
+from adaptsize.limiting.exact.field import Wave
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts.domain import Piece
 from adaptsize.limiting.info import QUANTILES, slopes_on_mesh
@@ -256,9 +256,9 @@ class Numbers(NamedTuple):
         return named
 
 
-def numbers_of(piece: Piece, problem: Problem, n_global: int) -> Ids:
+def numbers_of(piece: Piece, component: Component, n_global: int) -> Ids:
     """Return the global numbers of nodes, then those of sources between the nodes, then -1."""
-    n, extra = problem.mesh.n_points, problem.extra
+    n, extra = component.mesh.n_points, component.extra
     last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
     ids = np.arange(last + 1) - n + n_global
     ids[:n], ids[-1] = -1, -1

@@ -15,12 +15,12 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import limit_along_edges
-from adaptsize.limiting.exact.candidates import candidates_of, sources_on_cells
-from adaptsize.limiting.exact.field import ExactField, Points
+from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
+from adaptsize.limiting.exact.field import ExactField, Points, Wave, node_wave, sorted_wave
 from adaptsize.limiting.exact.origins import Alone, Paths, complete
-from adaptsize.limiting.exact.problem import Problem
 from adaptsize.limiting.exact.solve import wave_of_nodes
 from adaptsize.limiting.exact.space import (
+    Bounds,
     Entries,
     Solid,
     SpaceResult,
@@ -28,7 +28,6 @@ from adaptsize.limiting.exact.space import (
     solid_of,
     solve_in_space,
 )
-from adaptsize.limiting.exact.waves import Wave, node_wave, sorted_wave
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts.domain import Piece, Skeleton
 from adaptsize.limiting.in_parts.entries import exchange_rows, of_this_rank, reach_of
@@ -83,7 +82,7 @@ def solve_body(
     part: PartitionedMesh,
     piece: Piece,
     body: Body,
-    problem: Problem,
+    component: Component,
     numbers: Ids,
     *,
     tracing: bool,
@@ -92,12 +91,12 @@ def solve_body(
 
     ``numbers``: global numbers of nodes, of sources between the nodes, and -1.
     """
-    g, solid = problem.g, body.solid
-    h0, reach = _bounds(piece, body, problem)
+    g, solid = component.g, body.solid
+    h0, reach = _bounds(piece, body, component)
     lower, source = h0.copy(), np.full(len(h0), -1, np.int32)
     points = Points(solid.points, solid.nodes, np.empty(0, np.int32))
-    nodes, steep = _candidates(part, piece, problem)
-    linear = steep is not None and problem.face_sources
+    nodes, steep = _candidates(part, piece, component)
+    linear = steep is not None and component.face_sources
     field = ExactField(g, None, linear)
 
     def lower_by(wave: Wave) -> FloatArray:
@@ -108,35 +107,26 @@ def solve_body(
         added = sorted_wave(rows[:, :_COLUMNS], places)
         found = np.full(len(source), -1, np.int32)
         by_last = ExactField(g, None, linear, [added])
-        by_last.lower_by_last(points, lower, found, problem.threads, problem.report)
+        by_last.lower_by_last(points, lower, found, component.workers)
         lowered = found >= 0
         source[lowered] = added.nodes[found[lowered], 0] + field.n_entries
         field.add(added)
         return rows
 
-    rows = lower_by(wave_of_nodes(problem, nodes))
+    rows = lower_by(wave_of_nodes(component, nodes))
     if linear and steep is not None:
-        h = lower[body.own] if len(body.own) else problem.h0
-        on_cells = sources_on_cells(
-            problem, steep, h, source, field, None, body.boundary, in_space=True
-        )
+        h = lower[body.own] if len(body.own) else component.h0
+        on_cells = sources_on_cells(component, steep, h)
         if on_cells is None:
             on_cells = node_wave(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
         rows = np.concatenate([rows, lower_by(on_cells)])
     order, place = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
     named = rows[:, _COLUMNS:].astype(np.int64)
-    found = solve_in_space(
-        solid,
-        h0,
-        g,
-        Entries(rows[:, :_COLUMNS].copy(), body.rows(named)),
-        lower,
-        np.append(place, np.int32(-1))[source],
-        _spread(part, piece, body, problem),
-        problem.report,
-        threads=problem.threads,
-    )
+    entries = Entries(rows[:, :_COLUMNS].copy(), body.rows(named))
+    nearest = np.append(place, np.int32(-1))[source]
+    bounds = Bounds(h0, lower, nearest, _spread(part, piece, body, component))
+    found = solve_in_space(solid, entries, bounds, g, component.workers)
     h, least = found.h[body.own], found.lower[body.own]
     hidden = ~found.proved[body.own]
     traced = None
@@ -199,7 +189,7 @@ def _traced(
     )
 
 
-def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, FloatArray]:
+def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray, FloatArray]:
     """Return the bounds at the nodes of the body, and what sources must undercut to matter.
 
     The latter are sizes that grow along the edges of the own cells, at the own nodes and at the
@@ -209,10 +199,10 @@ def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Flo
     both = np.full((2, len(body.ids)), np.inf)
     order = np.empty(0, np.int32)
     if not piece.is_empty:
-        alone = limit_along_edges(mesh, problem.h0, problem.g, problem.report)
-        both[0, body.own], both[1, body.own] = problem.h0, alone
-        assert problem.order is not None
-        order = problem.order
+        alone = limit_along_edges(mesh, component.h0, component.g, component.workers.report)
+        both[0, body.own], both[1, body.own] = component.h0, alone
+        assert component.order is not None
+        order = component.order
     both[:, knots] = piece.ranks.allreduce(both[:, knots], "min")
     largest = _ABOVE * both[1]
     along = np.arange(len(knots), dtype=np.int32)
@@ -221,17 +211,17 @@ def _bounds(piece: Piece, body: Body, problem: Problem) -> tuple[FloatArray, Flo
 
 
 def _candidates(
-    part: PartitionedMesh, piece: Piece, problem: Problem
+    part: PartitionedMesh, piece: Piece, component: Component
 ) -> tuple[IntArray, BoolArray | None]:
     """Return the nodes that may be sources as `candidates_of` on the whole mesh; one exchange."""
     mesh = piece.mesh
-    nodes, steep = candidates_of(problem)
+    nodes, steep = candidates_of(component)
     if steep is None:
         return nodes, None
     # A node counts if it does in the cells of some rank, and is not dominated in those of any.
     state = np.zeros(mesh.n_points, np.int8)
     state[mesh.cells[steep]] = 2
-    state[~np.isfinite(problem.h0)] = 0
+    state[~np.isfinite(component.h0)] = 0
     state[nodes] = 1
     in_part = np.zeros(part.n_points, np.int8)
     in_part[piece.nodes] = state[: len(piece.nodes)]
@@ -265,15 +255,15 @@ def _in_order(ids: FloatArray) -> tuple[IntArray, IntArray]:
     return order, place
 
 
-def _spread(part: PartitionedMesh, piece: Piece, body: Body, problem: Problem) -> Spread:
+def _spread(part: PartitionedMesh, piece: Piece, body: Body, component: Component) -> Spread:
     """Return the collective function that lowers sizes along the edges of the whole mesh."""
-    knots, slope = body.solid.knots.nodes, Slope(np.array([problem.g]))
+    knots, slope = body.solid.knots.nodes, Slope(np.array([component.g]))
 
     def spread(h: FloatArray) -> FloatArray:
         in_part = np.full(part.n_points, np.inf)
         in_part[piece.nodes] = h[body.own]
         lowered = h.copy()
-        spread_out = solve_along_edges(part, in_part, slope, problem.report).h
+        spread_out = solve_along_edges(part, in_part, slope, component.workers.report).h
         lowered[body.own] = spread_out[piece.nodes]
         lowered[knots] = piece.ranks.allreduce(lowered[knots], "min")
         return lowered
