@@ -18,10 +18,8 @@ def plate(x):  # a rectangle with a hole, negative inside
 lower, upper = np.array([-1.0, -0.55]), np.array([1.0, 0.55])
 grid = ads.CartesianGrid.around([lower, upper], 0.01)
 domain = grid, ads.signed_distance(grid, plate)
-size, report = ads.size_function(
-    domain, elements_per_radian=6, elements_across=4, g=0.3, full_output=True
-)
-print(report)
+size = ads.size_function(domain, elements_per_radian=6, elements_across=4, g=0.3)
+print(size.report)
 mesh = ads.mesh_from_distance(plate, size, lower, upper)
 ads.plot.plot_size(mesh, size, path="feature_and_curvature.png")
 ```

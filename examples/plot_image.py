@@ -7,9 +7,9 @@ curvature and the medial axis, and these give the sizes.  Distance and sizes giv
 import adaptsize as ads
 
 image = ads.read_image("data/objects.png")
-size, report = ads.size_function(image, elements_across=4, full_output=True)
+size = ads.size_function(image, elements_across=4)
 mesh = ads.mesh_image(image, size=size)
-print(report)
+print(size.report)
 ads.plot.plot_size(mesh, label="mesh size h, pixels", path="image.png")
 ```
 """
@@ -25,6 +25,7 @@ from _gallery import CURVES, DATA, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
+from adaptsize.options import ImageOptions, checked
 from adaptsize.quality import minimum_angles, size_conformity
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def main(
     """Draw the four stages for data/objects.png; ``every`` takes each n-th pixel only."""
     picture = ads.read_image(DATA / "objects.png")
     image = ads.background.Image(picture.values[::every, ::every], spacing=float(every))
-    mask = mask_of(image)
+    mask = mask_of(image, checked(ImageOptions, {}))
     phi = distance_to_edge(mask)
     size = ads.size_function(image, elements_across=elements_across)
     report = size.report

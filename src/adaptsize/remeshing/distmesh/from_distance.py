@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
-    as_flag,
     as_float_array,
     as_near_points,
     as_number,
@@ -20,6 +19,7 @@ from adaptsize._checks import (
 from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
+from adaptsize.options import DistanceOptions, checked, with_options
 from adaptsize.remeshing.distmesh.finish import finish
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
 from adaptsize.remeshing.distmesh.nodes import far_from
@@ -34,11 +34,15 @@ from adaptsize.remeshing.distmesh.relaxation import relax
 from adaptsize.remeshing.distmesh.report import SmoothingReport, describe, warn_of_faults
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 #: A function of points, float64[n, dim], with one value per point.
 Field: TypeAlias = Callable[[FloatArray], Any]
 
 
 @with_info
+@with_options(DistanceOptions)
 def mesh_from_distance(
     distance: Field,
     size: Field | float,
@@ -46,11 +50,8 @@ def mesh_from_distance(
     upper: npt.ArrayLike,
     *,
     fixed_points: npt.ArrayLike | None = None,
-    clip: bool = False,
-    seed: int | np.random.Generator = 2004,
-    max_iter: int = 150,
-    max_elements: float = 5_000_000,
     progress: ProgressCallback | bool | None = None,
+    **options: Unpack[DistanceOptions],
 ) -> tuple[SimplexMesh, SmoothingReport]:
     """Return a mesh of the domain in which a distance function is negative.
 
@@ -68,16 +69,9 @@ def mesh_from_distance(
     fixed_points : array_like of float, shape (n, dim), optional
         Fixed nodes inside or on the boundary: corners, and in space
         points along edges.  They are the first nodes of the mesh.
-    clip : bool
-        Whether the domain may extend beyond the box.  It is then cut off there.
-    seed : int or numpy.random.Generator
-        Seed of the random initial points.  The same seed gives the same mesh on the same machine.
-    max_iter : int
-        Maximum number of smoothing steps, 1 or more.
-    max_elements : float
-        If the sizes require more elements than this, no mesh is made.
     progress : callable, bool or None
         Called with a text and the fraction completed.  True shows a progress bar.
+    **options
 
     Returns
     -------
@@ -163,13 +157,12 @@ def mesh_from_distance(
     adaptsize.errors.TooManyElementsError: the sizes require at least ... elements, ...
     """
     domain = with_sizes(_as_domain(distance, lower, upper), _as_function(size))
-    max_iter = int(as_number("max_iter", max_iter, lower=1.0))
-    clip = as_flag("clip", clip)
-    limit = as_number("max_elements", max_elements, lower=1.0, allow_inf=True)
-    rng = _as_generator(seed)
+    given = checked(DistanceOptions, options)
+    limit = given["max_elements"]
+    rng = _as_generator(given["seed"])
     with reporting(progress) as report:
         report("placing nodes", None)
-        if not clip:
+        if not given["clip"]:
             _refuse_cut(domain)
         fixed = _as_fixed(fixed_points, domain)
         sampling = sample(domain, rng, max_elements=limit)
@@ -179,7 +172,7 @@ def mesh_from_distance(
             np.concatenate([fixed, far_from(domain, fixed, sampling.points)]),
             sampling.probes,
             n_fixed=len(fixed),
-            max_iter=max_iter,
+            max_iter=given["max_iter"],
             max_nodes=1.5 * limit / ELEMENTS_PER_NODE[domain.dim],
             report=report,
         )
