@@ -138,7 +138,7 @@ class Option:
 
     def as_parameter(self) -> inspect.Parameter:
         """Return the parameter of a function."""
-        kind = self.type | None if self.optional else self.type
+        kind = self.type_text or (self.type | None if self.optional else self.type)
         return inspect.Parameter(
             self.name, inspect.Parameter.KEYWORD_ONLY, default=self.default, annotation=kind
         )
@@ -331,7 +331,7 @@ class GeneratorOptions(TypedDict, total=False):
         Option(
             default="auto",
             text="Mesh generator: auto, tetwild, mmg or gmsh.",
-            details='"auto" selects Mmg if it is installed, otherwise fTetWild, and never Gmsh.',
+            details='"auto" is Mmg or fTetWild.',
         ),
     ]
     timeout: Annotated[
@@ -388,10 +388,8 @@ class PartsOptions(TypedDict, total=False):
         Literal["parts", "gather"],
         Option(
             default="parts",
-            text="How a mesh in parts is remeshed.",
-            details='"parts": each rank remeshes its part by Mmg, with the facets between parts '
-            "frozen; then parts move, so that these facets lie inside, and the next round begins.  "
-            '"gather": rank 0 remeshes the whole mesh and distributes it again.',
+            text="How a mesh in parts is remeshed: each rank its part in rounds, by Mmg, or rank 0 "
+            "the whole mesh.",
         ),
     ]
     rounds: Annotated[
@@ -486,7 +484,6 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
             default=None,
             above=True,
             text="Target for the total error, the root of the sum of the squares.",
-            details="The sizes are computed for 0.95 of it.",
         ),
     ]
     order: Annotated[
@@ -505,8 +502,8 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
             unusual=10.0,
             type_text='float, array_like, callable, tuple, "auto" or None',
             short="-g",
-            text="Gradient limit, as in `limit_gradient`; None disables it.",
-            details=f'"auto" is {GRADIENT_LIMIT:g}, and {METRIC_GRADIENT_LIMIT:g} for metrics.',
+            text="Gradient limit as in `limit_gradient`; None disables it.",
+            details=f'"auto" is {GRADIENT_LIMIT:g}, or {METRIC_GRADIENT_LIMIT:g} of metrics.',
         ),
     ]
     hmin: Annotated[
@@ -540,10 +537,8 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
             default=TOLERANCE,
             above=True,
             upper=1.0,
-            text="Allowed distance of the new boundary from the old one, over the diagonal; see "
-            "`remesh`.",
-            details="In space, unless Gmsh makes the mesh, it bounds the sizes at curved "
-            "boundaries as in `size_function`.",
+            text="Allowed distance of the new boundary from the old one, over the diagonal.",
+            details="In space it bounds the sizes at curved boundaries.",
         ),
     ]
     enough: Annotated[
@@ -551,18 +546,14 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
         Option(
             default=0.85,
             text="The mesh is kept if it already has this share of the next mesh.",
-            details="The share is that of edges within sqrt 2 of the new sizes, each weighted by "
-            "the cells that replace it.  Besides, no edge may be 3 times too long, the number of "
-            "cells would change by less than 15 %, and the tolerance does not need more cells.  A "
-            "value above 1 always makes a new mesh.",
+            details="A value above 1 always makes a new mesh.",
         ),
     ]
     coarsen_converged: Annotated[
         bool,
         Option(
             default=False,
-            text="Whether to remesh, and coarsen where possible, if the error is within the "
-            "tolerance.",
+            text="Whether to coarsen where possible if the error is within the tolerance.",
         ),
     ]
     corner_angle: Annotated[
@@ -570,8 +561,7 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
         Option(
             default=CORNER_ANGLE,
             unit="degrees",
-            text="Angle between two boundary facets from which on ``project`` does not move their "
-            "common nodes.",
+            text="Angle of boundary facets from which on ``project`` keeps their common nodes.",
         ),
     ]
     conservative: Annotated[
@@ -579,7 +569,6 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
         Option(
             default=True,
             text="How cell fields are transferred, see `FieldTransfer.cells`.",
-            details="False for triangles in space.",
         ),
     ]
     keep_integral: Annotated[
@@ -591,10 +580,8 @@ class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, 
         Option(
             default=False,
             type_text="bool, str or sequence of str",
-            text="Whether sizes depend on the direction (Mmg only), such that linear elements "
-            "interpolate these nodal ``fields`` best: all, or those named.",
-            details="See `metric_from_hessian`.  Requires ``elements``, ``nodes``, or "
-            "``tolerance`` for the error of interpolation.",
+            text="Whether sizes depend on the direction, such that linear elements interpolate "
+            "these nodal ``fields`` best: all, or those named; see `metric_from_hessian`.",
         ),
     ]
     norm: Annotated[

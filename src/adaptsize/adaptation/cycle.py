@@ -100,37 +100,33 @@ def adapt(
     project: ProjectionLike | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
-) -> Any:
+) -> AdaptResult | Any:
     """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
 
-    This is one adaptation cycle.  Sizes come from error indicators, upper bounds on the size, or
-    both, and their gradient is limited.  The domain is remeshed with these sizes.  Fields are
-    transferred and tags are kept.  A mesh that already has the sizes is returned unchanged.
+    Sizes come from error indicators, upper bounds, or both, and their gradient is limited.  The
+    domain is remeshed, fields are transferred and tags are kept.  Of up to three meshes, that with
+    the nearest number of elements is returned; the given one if it already has the sizes.
 
     Parameters
     ----------
     mesh : SimplexMesh or PartitionedMesh
         Triangles in the plane, tetrahedra, or triangles in space.
     indicator : array_like of float, shape (n_cells,), optional
-        Error of each cell, >= 0.  The total error is ``sqrt(sum(indicator**2))``.  Requires
-        ``tolerance``, ``elements`` (or ``nodes``) or both.
+        Error of each cell, >= 0.  Requires ``tolerance``, ``elements`` or ``nodes``.
     h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
         Upper bounds on the size, evaluated at the nodes of ``mesh``; inf where there is none.
-        With ``indicator`` they are additional bounds.  Without it they are the requested sizes.
-        A `Metric` at the nodes, a `MetricFunction` or a callable that returns a Metric gives bounds
-        that depend on the direction (Mmg only).
+        Without ``indicator`` they are the requested sizes.  A `Metric` at the nodes, a
+        `MetricFunction` or a callable that returns a Metric depends on the direction (Mmg only).
     fields : mapping of str to array_like, optional
         Nodal fields, shape (n_points, ...), interpolated; see `FieldTransfer.nodal`.
     cell_fields : mapping of str to array_like, optional
         Cell fields, shape (n_cells, ...); see `FieldTransfer.cells`.
     project : callable, or mapping of int to callable, optional
-        Takes nodes near the boundary, float64[n, dim], and returns their projections onto the true
-        boundary.  A mapping has one callable for the facets of each tag, including tagged
-        facets inside.  It is called with the new boundary nodes except corners, ridges and nodes
-        between two projections.  Moves that would degrade a cell are shortened.
+        Takes new nodes of the boundary, float64[n, dim], and returns their projections onto the
+        true one; a mapping has one callable for the facets of each tag.  Corners, ridges and nodes
+        between two projections are kept.  Moves that would degrade a cell are shortened.
     progress : callable, bool or None
-        Called with a text and the fraction completed or None.  True shows a progress bar.  An
-        exception in it, or Ctrl-C, stops the work.
+        Called with a text and the fraction completed or None.  True shows a progress bar.
     **options
 
     Returns
@@ -145,25 +141,14 @@ def adapt(
         If an argument is invalid (checked first), or sizes are inf after limiting.
     TooManyElementsError
         If the sizes require more than ``max_elements`` elements.
-    BackendUnavailableError
-        If no generator for this mesh is installed.  Triangles need Mmg.
-    BackendError
-        If the generator failed.  BackendTimeoutError if it was stopped.
+    BackendUnavailableError, BackendError, BackendTimeoutError
+        If no generator for this mesh is installed, it failed, or was stopped.
 
     Warns
     -----
     ResolutionWarning
         If the new mesh has lost a tag, or if, without ``project``, the new boundary is farther
         from the old one than ``boundary_tolerance``.
-
-    Notes
-    -----
-    The number of cells (or nodes) is predicted from measurements with the generator.  If the mesh
-    misses the number by more than 15 % although the limits allow it, the prediction is corrected
-    and another mesh is made.  Of up to three meshes the closest is returned.
-
-    Boundary nodes stay on the boundary of the old mesh: on straight boundaries to rounding, on
-    curved ones within a few times ``boundary_tolerance``.  The report has the distance.
 
     Examples
     --------
@@ -178,18 +163,6 @@ def adapt(
     >>> result = adapt(mesh, eta, elements=500, fields={"x": points[:, 0]})
     >>> result.remeshed, bool(result.report.budget_met)
     (True, True)
-    >>> bool(np.abs(result.fields["x"] - result.mesh.points[:, 0]).max() < 1e-12)
-    True
-
-    An adaptive loop with a tolerance::
-
-        for cycle in range(20):
-            u, eta = solve(mesh)
-            result = ads.adapt(mesh, eta, tolerance=1e-3, fields={"u": u})
-            print(result)
-            if not result.remeshed:
-                break
-            mesh = result.mesh
     """
     if isinstance(mesh, PartitionedMesh):
         if project is not None:
