@@ -915,6 +915,7 @@ def with_options(record: type) -> Callable[[F], F]:
                 indent = line[: len(line) - len(line.lstrip())]
                 lines[number] = "\n".join(option.as_doc(indent) for option in options.values())
         function.__doc__ = "\n".join(lines)
+        function.__options__ = record  # type: ignore[attr-defined]
         return function
 
     return decorate
