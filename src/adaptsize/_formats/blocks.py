@@ -54,7 +54,7 @@ _FACES = {
 
 @dataclass
 class RawMesh:
-    """The content of a file: points, blocks of cells of one type each, fields.
+    """The content of a file, read or to be written: points, blocks of cells of one type, fields.
 
     ``cell_data[name]`` has one array per block.
     """

@@ -114,7 +114,7 @@ def to_meshio(mesh: SimplexMesh, *, tag_name: str = "cell_tags") -> Any:
     names: Mapping[tuple[int, int], str] = mesh.tag_names
     if tag_name == "gmsh:physical":
         groups, names = writers.gmsh_groups(mesh, content)
-        content.cell_data.update(groups)
+        content.cell_data = {**content.cell_data, **groups}
     field_data = {name: np.array([tag, dim]) for (dim, tag), name in names.items()}
     if len(field_data) < len(names):
         held = list(names.values())

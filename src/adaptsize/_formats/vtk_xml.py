@@ -245,24 +245,18 @@ _CELL_TYPE = {name.lower(): cell_type for cell_type, name in _TOPOLOGY.items()}
 _TYPE_CODE = {"line": 2, "triangle": 4, "tetra": 6}
 
 
-def write_xdmf(
-    path: Path,
-    points: npt.NDArray[Any],
-    blocks: Sequence[tuple[str, npt.NDArray[Any]]],
-    point_data: dict[str, npt.NDArray[Any]],
-    cell_data: dict[str, list[npt.NDArray[Any]]],
-) -> None:
-    """Write simplices and fields as XDMF 3; ``cell_data[name]`` has one array per block."""
+def write_xdmf(path: Path, mesh: RawMesh) -> None:
+    """Write simplices and fields as XDMF 3."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
     grid = ElementTree.SubElement(domain, "Grid", Name="Grid", GridType="Uniform")
-    kind = "XY" if points.shape[1] == 2 else "XYZ"
+    kind = "XY" if mesh.points.shape[1] == 2 else "XYZ"
     geometry = ElementTree.SubElement(grid, "Geometry", GeometryType=kind)
-    _add_array(geometry, points)
-    _add_topology(grid, blocks)
-    for name, values in point_data.items():
+    _add_array(geometry, mesh.points)
+    _add_topology(grid, mesh.blocks)
+    for name, values in mesh.point_data.items():
         _add_field(grid, name, "Node", values)
-    for name, parts in cell_data.items():
+    for name, parts in mesh.cell_data.items():
         _add_field(grid, name, "Cell", np.concatenate(parts))
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, check_type, describe, refuse_where
 from adaptsize._formats import fort14, sizes
-from adaptsize._formats.blocks import UNTAGGED
+from adaptsize._formats.blocks import UNTAGGED, RawMesh
 from adaptsize._formats.gmsh import add_names
 from adaptsize._formats.guards import FOREIGN_FAILURES, quiet, reason
 from adaptsize._formats.sizes import METRIC, as_tensors
@@ -50,18 +50,11 @@ class Format:
     """Whether the cells must be triangles in the plane or tetrahedra."""
 
 
-@dataclass(frozen=True)
-class Content:
-    """A mesh as arrays for a file.  Tagged facets are a second block of cells."""
+def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
+    """Return the data to write, tagged facets as a second block of cells.
 
-    points: FloatArray
-    blocks: list[tuple[str, npt.NDArray[np.int32]]]
-    point_data: dict[str, npt.NDArray[Any]]
-    cell_data: dict[str, list[npt.NDArray[Any]]]
-
-
-def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> Content:
-    """Return the data to write.  ``pad`` makes points and vectors of 2-D meshes 3-D."""
+    ``pad`` makes points of 2-D meshes 3-D.
+    """
     points = mesh.points
     if pad and mesh.dim < 3:
         points = np.pad(points, ((0, 0), (0, 3 - mesh.dim)))
@@ -83,7 +76,7 @@ def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> Content:
         if facet_tags is not None and n_facets:
             cell_data[tag_name].append(facet_tags)
     point_data = {name: _plain(name, values) for name, values in mesh.point_data.items()}
-    return Content(points, blocks, point_data, cell_data)
+    return RawMesh(points, blocks, point_data, cell_data)
 
 
 def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
@@ -126,7 +119,7 @@ def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.ascontiguousarray(values if values.ndim <= 2 else values.reshape(len(values), -1))
 
 
-def _write_with_meshio(path: Path, content: Content, file_format: str, **options: Any) -> None:
+def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options: Any) -> None:
     import meshio
 
     with quiet() as printed:
@@ -145,8 +138,7 @@ def _write_vtk(path: Path, mesh: SimplexMesh, file_format: str) -> None:
 
 
 def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
-    content = content_of(mesh, "cell_tags", pad=mesh.dim == 1)
-    write_xdmf(path, content.points, content.blocks, content.point_data, content.cell_data)
+    write_xdmf(path, content_of(mesh, "cell_tags", pad=mesh.dim == 1))
 
 
 def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
@@ -155,14 +147,14 @@ def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     content = content_of(mesh, "gmsh:physical", pad=True)
     tags, names = gmsh_groups(mesh, content)
     nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
-    slim = Content(content.points, content.blocks, nodal, tags)
+    slim = RawMesh(content.points, content.blocks, nodal, tags)
     _write_with_meshio(path, slim, "gmsh22")
     add_names(path, names)
 
 
 def gmsh_groups(
-    mesh: SimplexMesh, content: Content
-) -> tuple[dict[str, list[npt.NDArray[Any]]], dict[tuple[int, int], str]]:
+    mesh: SimplexMesh, content: RawMesh
+) -> tuple[dict[str, Sequence[npt.NDArray[Any]]], dict[tuple[int, int], str]]:
     """Return the cell data that Gmsh needs, and the names of the physical groups.
 
     Group 0 means no group.  In a file with groups Gmsh ignores cells in no group, so untagged
@@ -205,7 +197,7 @@ def _write_medit(path: Path, mesh: SimplexMesh) -> None:
     no_tags = [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
     tags = content.cell_data.get("medit:ref", no_tags)
     refs = content.point_data.get("medit:ref", np.zeros(mesh.n_points, np.int32))
-    slim = Content(content.points, content.blocks, {"medit:ref": refs}, {"medit:ref": tags})
+    slim = RawMesh(content.points, content.blocks, {"medit:ref": refs}, {"medit:ref": tags})
     _write_with_meshio(path, slim, "medit")
 
 
@@ -214,7 +206,7 @@ def _write_surface(path: Path, mesh: SimplexMesh, file_format: str) -> None:
     content = content_of(surface_of(mesh), "cell_tags", pad=True)
     scalars = {name: v for name, v in content.point_data.items() if v.ndim == 1}
     nodal = scalars if file_format == "ply" else {}
-    _write_with_meshio(path, Content(content.points, content.blocks[:1], nodal, {}), file_format)
+    _write_with_meshio(path, RawMesh(content.points, content.blocks[:1], nodal, {}), file_format)
 
 
 def _write_stl(path: Path, mesh: SimplexMesh) -> None:
