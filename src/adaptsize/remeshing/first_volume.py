@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import BackendError
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.mmg import GOOD_SHARE, RIDGE_ANGLE, band_and_median, run_adapt
+from adaptsize.remeshing.mmg import GOOD_SHARE, band_and_median, job_of, run_adapt
 from adaptsize.remeshing.preparation import number_regions
-from adaptsize.remeshing.protocol import Problem, RawMesh, Runner
+from adaptsize.remeshing.protocol import Facets, Problem, RawMesh, Runner
 from adaptsize.remeshing.registry import backend_named
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
@@ -104,24 +102,11 @@ def adapt_surface(
         If Mmg fails.
     """
     regions, tags = number_regions(surface)
-    made: dict[str, npt.NDArray[Any]] = {
-        "points": surface.points,
-        "cells": surface.cells,
-        "regions": regions,
-        "facets": np.empty((0, 2), np.int32),
-        "facet_groups": np.empty(0, np.int32),
-        "ridges": ridges,
-    }
-    # ``hausd`` over the tolerance, if the volume is adapted afterwards.
-    options = {
-        "class": "MmgMeshS",
-        "hausd": 0.8 * tolerance,
-        "ridge_angle": RIDGE_ANGLE["MmgMeshS"],
-        "n_regions": len(tags),
-        "n_groups": 0,
-        "required_groups": [],
-        "open_boundaries": False,
-    }
+    none = np.empty(0, np.int32)
+    facets = Facets(none.reshape(0, 2), none, none.astype(bool), none.astype(np.int64), False)
+    # The tolerance is lower, since the volume is adapted afterwards.
+    problem = Problem("surface", surface, 0.8 * tolerance, facets, regions, tags, ridges=ridges)
+    made, options = job_of(problem)
     factor = 1.0
     # The first run, on triangles of all shapes, makes far too many.  The second one corrects that.
     # Both take a tenth of the time that the volume takes.

@@ -79,26 +79,7 @@ class MmgBackend(Backend):
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the adapted mesh with its regions and groups of facets."""
         assert problem.size is not None
-        n_regions = int(problem.regions.max()) + 1
-        kind = _CLASSES[problem.task]
-        options = {
-            "class": kind,
-            "hausd": _TOLERANCE_FACTOR[kind] * problem.tolerance,
-            "ridge_angle": RIDGE_ANGLE[kind],
-            "n_regions": n_regions,
-            "n_groups": int(problem.facets.groups.max(initial=-1)) + 1,
-            "required_groups": np.unique(problem.facets.groups[problem.facets.required]).tolist(),
-            "open_boundaries": problem.facets.has_free,
-            "seconds": problem.seconds,
-        }
-        made: dict[str, npt.NDArray[Any]] = {
-            "points": problem.mesh.points,
-            "cells": problem.mesh.cells,
-            "regions": problem.regions,
-            "facets": problem.facets.nodes,
-            "facet_groups": problem.facets.groups,
-            "ridges": problem.ridges,
-        }
+        made, options = job_of(problem)
         best, best_share = made, -1.0
         # From a first volume with a surface of the requested sizes, edges come out shorter by this
         # factor.
@@ -129,6 +110,30 @@ class MmgBackend(Backend):
             if median > 0.0:  # Mmg may return coincident nodes
                 factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
         return _raw(best)
+
+
+def job_of(problem: Problem) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
+    """Return the arrays and options of `adapt`, except for the sizes."""
+    kind = _CLASSES[problem.task]
+    options = {
+        "class": kind,
+        "hausd": _TOLERANCE_FACTOR[kind] * problem.tolerance,
+        "ridge_angle": RIDGE_ANGLE[kind],
+        "n_regions": int(problem.regions.max()) + 1,
+        "n_groups": int(problem.facets.groups.max(initial=-1)) + 1,
+        "required_groups": np.unique(problem.facets.groups[problem.facets.required]).tolist(),
+        "open_boundaries": problem.facets.has_free,
+        "seconds": problem.seconds,
+    }
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "points": problem.mesh.points,
+        "cells": problem.mesh.cells,
+        "regions": problem.regions,
+        "facets": problem.facets.nodes,
+        "facet_groups": problem.facets.groups,
+        "ridges": problem.ridges,
+    }
+    return arrays, options
 
 
 def run_adapt(
@@ -226,7 +231,7 @@ def adapt(
     """
     import mmgpy
 
-    if np.isfinite(options.get("seconds", np.inf)):
+    if np.isfinite(options["seconds"]):
         limit_processor_time(options["seconds"])
     cell_name, facet_name = _ENTITIES[options["class"]]
     groups = arrays["facet_groups"]
