@@ -55,7 +55,7 @@ def _sweep(axes, x, edges, h, r, g, law, grown, before, k, n):
                 continue
             _grow(axes, x, p, q, h, r, g, law, grown)
             before[:] = h[q]
-            intersect_into(axes, h[q], r[q], grown, r[p], k, n)
+            intersect_into(axes, (h[q], r[q]), (grown, r[p]), k, n)
             for j in range(len(axes)):
                 largest = max(largest, before[j] / h[q, j] - 1.0)
     return largest
@@ -79,7 +79,7 @@ def _two_by_two(axes, x, sources, h, r, g, law, h_all, r_all, grown, k, n):
     for v in range(x.shape[0]):
         for y in sources:
             _grow(axes, x, y, v, h, r, g, law, grown)
-            intersect_into(axes, h_all[v], r_all[v], grown, r[y], k, n)
+            intersect_into(axes, (h_all[v], r_all[v]), (grown, r[y]), k, n)
 
 
 def two_by_two(mesh, metric, g, law, backwards=False):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from adaptsize import SimplexMesh, read
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.topology import are_among, pairs_of_cells
-from adaptsize.geometry.folds import folds_of
+from adaptsize.geometry.faces import folds_of
 from adaptsize.quality import minimum_angles
 
 DATA = Path(__file__).parents[2] / "data"

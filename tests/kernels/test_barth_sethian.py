@@ -16,8 +16,8 @@ def _move(mesh, u, time):
     residual, weight, upstream = np.empty((3, mesh.n_points))
     u = u.copy()
     for _ in range(n_steps):
-        zero = np.zeros(1)
-        fill_residuals(mesh.cells, measures, gradients, u, zero, 0, residual, weight, upstream)
+        hats, out = (mesh.cells, measures, gradients), (residual, weight, upstream)
+        fill_residuals(hats, u, (np.zeros(1), 0), out)
         u -= time / n_steps * residual / np.where(weight > 0.0, weight, 1.0)
     return u
 

@@ -100,13 +100,6 @@ def test_an_inner_function_may_raise():
         _divided_by(6.0, 0.0)
 
 
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
-def test_an_inner_function_has_no_machine_code_of_its_own():
-    numba.njit(_divided_by.py_func)(6.0, 3.0)  # the kernel may come from the cache
-    (compiled,) = _quotient.overloads.values()
-    assert compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name) == 0
-
-
 @inner
 def _untyped(a):
     return a.nothing
@@ -154,20 +147,3 @@ def test_garbage_is_not_collected_while_a_kernel_is_compiled(monkeypatch):
     finally:
         (gc.enable if was else gc.disable)()
     assert seen == [True, True, False, False, False, True]
-
-
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
-def test_with_a_later_numba_everything_is_compiled_as_usual(tmp_path):
-    code = (
-        "import numba; numba.version_info = (99, 0, 0)\n"
-        "from adaptsize._kernels import compiling\n"
-        "assert not {'pipeline_class', 'cache'} & {*compiling._LEAN, *compiling._INNER}\n"
-        "from adaptsize import SimplexMesh, limit_gradient\n"
-        "mesh = SimplexMesh([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[0, 1, 2]])\n"
-        "print(limit_gradient(mesh, [0.1, 5.0, 5.0], 0.3).round(6).tolist())"
-    )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True
-    )
-    assert done.stdout.strip() == "[0.1, 0.4, 0.4]"

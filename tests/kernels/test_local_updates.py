@@ -52,7 +52,7 @@ def local_problems(draw, k):
 def test_edge_update_is_the_minimum_over_the_edge(problem):
     points, sizes, g = problem
     axes = (0,) * points.shape[1]
-    value, t = minimum_on_edge(points, axes, 0, 1, 2, *sizes, g)
+    value, t = minimum_on_edge(points, axes, 0, (1, 2), tuple(sizes), g)
     assert value == pytest.approx(_least_over_edge(points[0], points[1:], sizes, g), rel=1e-9)
     foot = (1.0 - t) * points[1] + t * points[2]
     there = (1.0 - t) * sizes[0] + t * sizes[1] + g * np.linalg.norm(points[0] - foot)
@@ -63,7 +63,7 @@ def test_edge_update_is_the_minimum_over_the_edge(problem):
 @settings(max_examples=25)
 def test_triangle_update_is_the_minimum_over_the_triangle(problem):
     points, sizes, g = problem
-    value, l1, l2 = minimum_on_triangle(points, (0, 0, 0), 0, 1, 2, 3, *sizes, g, True)
+    value, l1, l2 = minimum_on_triangle(points, (0, 0, 0), 0, (1, 2, 3), tuple(sizes), g, True)
     assert value == pytest.approx(_least_over_triangle(points[0], points[1:], sizes, g), rel=1e-7)
     weights = np.array([1.0 - l1 - l2, l1, l2])
     there = weights @ sizes + g * np.linalg.norm(points[0] - weights @ points[1:])
@@ -75,18 +75,18 @@ def test_without_an_edge_the_triangle_update_is_the_rest(problem):
     # The edge (2, 3) is left out: what remains, with that edge, is the whole minimum.
     points, sizes, g = problem
     axes = (0, 0, 0)
-    whole = minimum_on_triangle(points, axes, 0, 1, 2, 3, *sizes, g, True)[0]
-    rest = minimum_on_triangle(points, axes, 0, 1, 2, 3, *sizes, g, False)[0]
-    edge = minimum_on_edge(points, axes, 0, 2, 3, sizes[1], sizes[2], g)[0]
+    whole = minimum_on_triangle(points, axes, 0, (1, 2, 3), tuple(sizes), g, True)[0]
+    rest = minimum_on_triangle(points, axes, 0, (1, 2, 3), tuple(sizes), g, False)[0]
+    edge = minimum_on_edge(points, axes, 0, (2, 3), tuple(sizes[1:]), g)[0]
     assert min(rest, edge) == whole
 
 
 def test_value_is_exact_for_a_plane_wave():
     # h = 1 on the face x = 0: a node at distance 2 gets 1 + 2 g, straight from its foot.
     points = np.array([[2.0, 0.3, 0.3], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    found = minimum_on_triangle(points, (0,) * 3, 0, 1, 2, 3, 1.0, 1.0, 1.0, 0.3, True)
+    found = minimum_on_triangle(points, (0,) * 3, 0, (1, 2, 3), (1.0, 1.0, 1.0), 0.3, True)
     assert found == pytest.approx((1.6, 0.3, 0.3), rel=1e-15)
-    found = minimum_on_edge(points, (0,) * 3, 0, 1, 2, 1.0, 1.0, 0.3)
+    found = minimum_on_edge(points, (0,) * 3, 0, (1, 2), (1.0, 1.0), 0.3)
     assert found == pytest.approx((1.0 + 0.3 * np.hypot(2.0, 0.3), 0.3), rel=1e-15)
 
 
@@ -94,19 +94,21 @@ def test_value_is_exact_for_a_plane_wave():
 def test_coinciding_points_give_point_updates(g):
     points = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     axes = (0, 0, 0)
-    assert minimum_on_edge(points, axes, 0, 1, 2, 2.0, 1.0, g)[0] == 1.0 + g
-    assert minimum_on_triangle(points, axes, 0, 1, 2, 3, 2.0, 3.0, 1.0, g, True)[0] == 1.0 + g
+    assert minimum_on_edge(points, axes, 0, (1, 2), (2.0, 1.0), g)[0] == 1.0 + g
+    corners, sizes = (1, 2, 3), (2.0, 3.0, 1.0)
+    assert minimum_on_triangle(points, axes, 0, corners, sizes, g, True)[0] == 1.0 + g
 
 
 @pytest.mark.parametrize("sizes", [(1.0, 1e155), (1e155, 1.0)])
 def test_a_rise_whose_square_overflows_on_an_edge_without_length(sizes):
     points = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
-    assert minimum_on_edge(points, (0, 0), 0, 1, 2, *sizes, 0.3)[0] == 1.3
+    assert minimum_on_edge(points, (0, 0), 0, (1, 2), sizes, 0.3)[0] == 1.3
 
 
 @pytest.mark.parametrize("with_bc", [True, False])
 def test_equal_sizes_on_a_triangle_are_the_value_for_g_zero(with_bc):
     points = np.vstack([np.ones(3), np.eye(3)])
-    value, l1, l2 = minimum_on_triangle(points, (0,) * 3, 0, 1, 2, 3, 0.2, 0.2, 0.2, 0.0, with_bc)
+    given = ((1, 2, 3), (0.2, 0.2, 0.2), 0.0, with_bc)
+    value, l1, l2 = minimum_on_triangle(points, (0,) * 3, 0, *given)
     assert value == 0.2
     assert min(l1, l2, 1.0 - l1 - l2) >= 0.0

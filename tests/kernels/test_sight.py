@@ -1,5 +1,7 @@
 """What walls hide, against exact arithmetic of whole numbers."""
 
+from typing import NamedTuple
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,19 +17,28 @@ coordinate = st.integers(0, 6)
 point = st.tuples(coordinate, coordinate)
 
 
-@njit
-def hides(ends, w, ax, ay, bx, by, side, slack):
-    return sight.hides(ends, w, ax, ay, bx, by, side, slack)
+class Rays(NamedTuple):
+    feet: np.ndarray
+    sides: np.ndarray
+    which: np.ndarray
+    stack: np.ndarray
+    shaft: np.ndarray
+    cached: np.ndarray
 
 
 @njit
-def without_hidden(sight_, x, feet, sides, which, m, stack, shaft, cached):
-    return sight.without_hidden(sight_, x, feet, sides, which, m, stack, shaft, cached)
+def hides(wall, a, b, side, slack):
+    return sight.hides(wall, a, b, side, slack)
 
 
 @njit
-def side_in_cone(sx, sy, ex, ey, kind, dx, dy, slack):
-    return sight.side_in_cone(sx, sy, ex, ey, kind, dx, dy, slack)
+def without_hidden(sight_, x, rays, m):
+    return sight.without_hidden(sight_, x, rays, m)
+
+
+@njit
+def side_in_cone(cone, way, slack):
+    return sight.side_in_cone(cone, way, slack)
 
 
 def turn(a, b, c):
@@ -53,25 +64,28 @@ def visible(walls, x, feet, cached=None):
     which, sides = np.arange(n), np.full(n, LEFT + RIGHT)
     cached = np.full(CACHED, -1) if cached is None else cached
     places = [np.array(rows, float).reshape(n, 2).T.copy() for rows in (x, feet)]
-    stack, shaft = np.empty(DEPTH, np.int64), np.empty(8)
-    m = without_hidden(walls, *places, sides, which, n, stack, shaft, cached)
+    rays = Rays(places[1], sides, which, np.empty(DEPTH, np.int64), np.empty(8), cached)
+    m = without_hidden(walls, places[0], rays, n)
     return which[:m].tolist()
+
+
+def is_hidden(p, q, a, b, side):
+    a, b = (tuple(map(float, x)) for x in (a, b))
+    return hides(np.array([*p, *q], float), a, b, side, SLACK)
 
 
 @given(point, point, point, point)
 def test_a_wall_hides_what_is_strictly_on_either_side_of_it(p, q, a, b):
-    ends = np.array([[*p, *q]], float)
-    assert hides(ends, 0, *map(float, a + b), LEFT + RIGHT, SLACK) == separates(p, q, a, b)
+    assert is_hidden(p, q, a, b, LEFT + RIGHT) == separates(p, q, a, b)
 
 
 @given(point, point, point, point)
 def test_a_wall_that_touches_from_the_other_side_hides_nothing(p, q, a, b):
-    ends = np.array([[*p, *q]], float)
     expected = separates(p, q, a, b)
     left = expected and max(turn(a, b, p), turn(a, b, q)) > 0
     right = expected and min(turn(a, b, p), turn(a, b, q)) < 0
-    assert hides(ends, 0, *map(float, a + b), LEFT, SLACK) == left
-    assert hides(ends, 0, *map(float, a + b), RIGHT, SLACK) == right
+    assert is_hidden(p, q, a, b, LEFT) == left
+    assert is_hidden(p, q, a, b, RIGHT) == right
 
 
 @given(
@@ -101,4 +115,4 @@ def test_directions_in_cones(start, opening, direction):
         expected = LEFT
     if angle == opening:
         expected = RIGHT
-    assert side_in_cone(*cone, kind, dx, dy, SLACK) == expected
+    assert side_in_cone((*cone, kind), (dx, dy), SLACK) == expected

@@ -23,7 +23,7 @@ def test_groups_are_the_sorted_distinct_rows_and_first_is_met_first(problem):
     rows = np.sort(rows, axis=1)
     first, group = np.full((2, len(rows)), -7, np.int32)
     start, free = np.zeros((2, n_points + 1), np.int64)
-    count = group_rows(rows, start, free, np.empty(len(rows), np.int32), first, group)
+    count = group_rows(rows, (start, free, np.empty(len(rows), np.int32)), first, group)
     distinct = sorted(set(map(tuple, rows.tolist())))
     assert count == len(distinct)
     for number, row in enumerate(distinct):

@@ -67,7 +67,8 @@ def test_smoothing_makes_no_worst_cell_worse_and_respects_normals(dim):
     normals[nodes[::2], 0] = 1.0
     before, old = volume_length(points, cells), points.copy()
     ring_ptr, ring_of = topology.rings(cells, len(points))
-    smooth_nodes(points, cells, ring_ptr, ring_of, nodes, normals, np.full(len(points), 0.1))
+    moves = (nodes, normals, np.full(len(points), 0.1))
+    smooth_nodes(points, cells, (ring_ptr, ring_of), moves)
     after = volume_length(points, cells)
     worst = [
         q[ring_of[ring_ptr[i] : ring_ptr[i + 1]]].min() for q in (before, after) for i in nodes

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, size_from_curvature, size_function
 from adaptsize.geometry import tag_faces
-from adaptsize.geometry.folds import folds_of
+from adaptsize.geometry.faces import folds_of
 
 
 def disk(n, seed, *, radius=1.0):

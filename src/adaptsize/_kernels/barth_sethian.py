@@ -50,7 +50,7 @@ def smallest_altitude(measures, gradients):
 
 
 @kernel
-def fill_residuals(cells, measures, gradients, u, g, g_step, residual, weight, upstream):
+def fill_residuals(hats, u, limit, out):
     r"""Gather the nodal residuals of :math:`u_t + \max(|\nabla u| - g, 0) = 0`.
 
     In each cell T with gradient p of u, q = |p|, and K_i = |T| p . grad N_i / q:
@@ -63,25 +63,21 @@ def fill_residuals(cells, measures, gradients, u, g, g_step, residual, weight, u
 
     Parameters
     ----------
-    cells : int32[m, k + 1]
-    measures, gradients
-        From `fill_hat_gradients`.
+    hats : tuple of int32[m, k + 1], float64[m], float64[m, k + 1, dim]
+        The cells, and what `fill_hat_gradients` fills.
     u : float64[n]
         Finite.
-    g : float64[m] or float64[1]
-        Gradient limit per cell; cell c has ``g[c * g_step]``.
-    g_step : int
-        1 or 0.
-    residual, weight : float64[n]
-        Out: R and W.
-    upstream : float64[n]
-        Out: the least u_in of the cells that act on the node, inf if none does.
+    limit : tuple of float64[m] or float64[1], int
+        Gradient limit g per cell, and g_step, 1 or 0: cell c has ``g[c * g_step]``.
+    out : tuple of three float64[n]
+        Out: R and W, and the least u_in of the cells that act on the node, inf if none does.
 
     References
     ----------
     .. [1] T. J. Barth, J. A. Sethian, "Numerical schemes for the Hamilton-Jacobi
        and level set equations on triangulated domains", J. Comput. Phys. 145 (1998) 1-40.
     """
+    (cells, measures, gradients), (g, g_step), (residual, weight, upstream) = hats, limit, out
     residual[:] = 0.0
     weight[:] = 0.0
     upstream[:] = math.inf

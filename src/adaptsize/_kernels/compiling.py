@@ -1,12 +1,7 @@
 """Compilation of kernels, and invalidation of the compilation cache.
 
-numba makes two wrappers of a function, for calls from Python and through pointers, which are
-compiled and optimised with all that the function calls: a quarter of the time of compiling.
-Kernels that only other kernels call do without.  numba also optimises each function and translates
-it to machine code before it becomes part of its callers, where that is done again.  Functions that
-only kernels call do without this, too, which saves an eighth of the time.
-
-All that is done here is for the time of the first call.  Results do not depend on it.
+numba makes two wrappers of a function, for calls from Python and through pointers.  Functions that
+only other kernels call do without.
 
 numba compiles a cached function again when its own file changes, but not when the file of a
 function changes that it calls, whose code it contains.  So the cached functions of this package
@@ -25,104 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
-from numba import version_info as numba_version
 from numba.core import event
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import PassManager
 
 _njit: Any = njit  # numba's annotations leave out its options about wrappers
-
-
-class _NoEnvironment:
-    """Takes the place of numba's code generator, of which nothing else is used after compiling."""
-
-    def set_env(self, name: str, environment: Any) -> None:
-        """Ignore the environment; only wrappers use it."""
-
-
-class _PartOfCallers(JITCodeLibrary):
-    """The code of a function, linked but neither optimised nor translated to machine code."""
-
-    codegen = _NoEnvironment()
-
-    def _optimize_functions(self, module: Any) -> None:
-        module.data_layout = self._codegen._data_layout
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
-
-    def get_pointer_to_function(self, name: str) -> int:
-        self._ensure_finalized()
-        return 0  # there is none
-
-
-class _InnerCompiler(CompilerBase):
-    """numba's compiler for functions that only kernels call."""
-
-    def define_pipelines(self) -> list[Any]:
-        state = self.state
-        state.library = _PartOfCallers(state.targetctx.codegen(), state.func_id.func_qualname)
-        return [DefaultPassBuilder.define_nopython_pipeline(state)]
-
-
-#: Passes for what lean kernels do not have: closures, containers, contexts, array expressions.
-_UNUSED_PASSES = {
-    "DumpParforDiagnostics",
-    "FindLiterallyCalls",
-    "InlineClosureLikes",
-    "InlineInlinables",
-    "InlineOverloads",
-    "LiteralPropagationSubPipelinePass",
-    "LiteralUnroll",
-    "MakeFunctionToJitFunction",
-    "NopythonRewrites",
-    "RewriteDynamicRaises",
-    "WithLifting",
-}
-
-
-def _few_of(full: Any) -> Any:
-    """Return the passes that lean kernels need."""
-    few = PassManager("lean")
-    used = dict(pair for pair in full.passes if pair[0].__name__ not in _UNUSED_PASSES)
-    for step, description in used.items():  # repeated ones at their first place
-        few.add_pass(step, description)
-    few.finalize()
-    return few
-
-
-class _OptimisedOnce(JITCodeLibrary):
-    """The code of a lean kernel; numba optimises twice, to remove the counting of references."""
-
-    def _optimize_final_module(self) -> None:
-        try:
-            manager, builder = self._codegen._module_pass_manager()
-        except (AttributeError, TypeError):  # not public: other versions have it otherwise
-            super()._optimize_final_module()
-        else:
-            manager.run(self._final_module, builder)
-
-
-class _LeanCompiler(Compiler):
-    """numba's compiler for lean kernels."""
-
-    def define_pipelines(self) -> list[Any]:
-        state = self.state
-        state.library = _OptimisedOnce(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
-        return [_few_of(full) for full in super().define_pipelines()]
-
-
-class _LeanInnerCompiler(_InnerCompiler):
-    """numba's compiler for what lean kernels call."""
-
-    def define_pipelines(self) -> list[Any]:
-        return [_few_of(full) for full in super().define_pipelines()]
 
 
 class _WithoutGarbageCollection(event.Listener):
@@ -213,29 +113,21 @@ def _cached(**options: Any) -> Callable[[Any], Any]:
     return decorate
 
 
-# What follows is not public in numba: without it, and with versions later than the last one that
-# was tried, functions are compiled as usual, which takes longer.
-_LAST_TRIED = (0, 68)
-_PRIVATE = ["_optimize_functions", "_optimize_final_module", "_finalize_final_module"]
-_PRIVATE += ["_finalize_dynamic_globals", "_ensure_finalized"]
-_INNER: dict[str, Any] = {"no_cpython_wrapper": True}
-_LEAN: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}
-_LEAN_INNER = {**_LEAN, **_INNER}
-_is_known = numba_version[:2] <= _LAST_TRIED
-if _is_known and all(hasattr(JITCodeLibrary, name) for name in _PRIVATE):
-    _LEAN["pipeline_class"] = _LeanCompiler
-    _INNER.update(cache=False, pipeline_class=_InnerCompiler)
-    _LEAN_INNER.update(cache=False, pipeline_class=_LeanInnerCompiler)
-
 #: For functions called from Python.
 kernel = _cached()
 
 #: For functions called from kernels only; Python cannot call them.
-inner = _cached(**_INNER)
+inner = _cached(no_cpython_wrapper=True)
 
 #: For kernels that allocate no arrays, and do not count references, and what they call.
-lean_kernel = _cached(**_LEAN)
-lean = _cached(**_LEAN_INNER)
+lean_kernel = _cached(_nrt=False, error_model="numpy")
+lean = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True)
 
-#: For small parts of one kernel that has no time for a call with many arrays.
-part = _njit(inline="always", no_cfunc_wrapper=True, no_cpython_wrapper=True)
+#: For functions with others as free variables, which become part of cached kernels.
+generated = _njit(
+    nogil=True,
+    _nrt=False,
+    error_model="numpy",
+    no_cfunc_wrapper=True,
+    no_cpython_wrapper=True,
+)

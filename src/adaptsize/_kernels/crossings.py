@@ -13,20 +13,52 @@ References
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
 
-#: Rows of scratch: the normals of two triangles, the distances of the corners of each from the
-#: plane of the other, the ends of the two segments, the place, and positions along the common line.
-WORK = 10
+
+class Crossings(NamedTuple):
+    """The deepest crossing of each triangle, and scratch.
+
+    Parameters
+    ----------
+    depth : float64[m], In/Out
+        0 where there is none.
+    partner : int32[m], Out
+        The other triangle, in the order of the tree.
+    place : float64[m, 3], Out
+        Where that is.
+    stack : int64[DEPTH]
+    work : float64[10, 4]
+        The normals of two triangles, the distances of the corners of each from the plane of
+        the other, the ends of the two segments, the place, and positions along the line
+        that both planes have in common.
+    """
+
+    depth: np.ndarray
+    partner: np.ndarray
+    place: np.ndarray
+    stack: np.ndarray
+    work: np.ndarray
+
+
+def new_crossings(n: int) -> Crossings:
+    """Return no crossings of n triangles."""
+    return Crossings(
+        np.zeros(n), np.zeros(n, np.int32), np.zeros((n, 3)),
+        np.empty(DEPTH, np.int64), np.empty((10, 4)),
+    )  # fmt: skip
 
 
 @lean
-def _set_normal(points, cells, t, row, work):
+def _set_normal(tree, t, row, work):
     """Set a row of scratch to the unit normal of a triangle, and return whether it has one."""
-    a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+    points = tree.points
+    a, b, c = tree.cells[t, 0], tree.cells[t, 1], tree.cells[t, 2]
     length2 = 0.0
     for d in range(3):
         e, f = (d + 1) % 3, (d + 2) % 3
@@ -42,19 +74,20 @@ def _set_normal(points, cells, t, row, work):
 
 
 @lean
-def _penetration(points, cells, one, plane, other, slack, row, work):
+def _penetration(tree, one, other, slack, row, work):
     """Return how far triangle ``one`` reaches to both sides of the plane of ``other``.
 
     ``row`` of the scratch is set to the distances of its corners from that plane, 0 within the
-    slack.
+    slack; the normal of the plane is two rows before.
     """
+    points = tree.points
     low, high = 0.0, 0.0
-    a = cells[other, 0]
+    a = tree.cells[other, 0]
     for v in range(3):
-        i = cells[one, v]
+        i = tree.cells[one, v]
         away = 0.0
         for d in range(3):
-            away += work[plane, d] * (points[i, d] - points[a, d])
+            away += work[row - 2, d] * (points[i, d] - points[a, d])
         if abs(away) <= slack:
             away = 0.0
         work[row, v] = away
@@ -64,15 +97,16 @@ def _penetration(points, cells, one, plane, other, slack, row, work):
 
 
 @lean
-def _set_segment(points, cells, t, row, ends, work):
-    """Set two rows of scratch, from ``ends`` on, to the segment of a triangle in a plane.
+def _set_segment(tree, t, row, work):
+    """Set two rows of scratch, from ``2 * row`` on, to the segment of a triangle in a plane.
 
     The distances of its corners from the plane, in ``row``, have both signs.
     """
+    points = tree.points
     count = 0
     for v in range(3):
         w = (v + 1) % 3
-        i, j = cells[t, v], cells[t, w]
+        i, j = tree.cells[t, v], tree.cells[t, w]
         from_i, from_j = work[row, v], work[row, w]
         if from_i == 0.0:
             share = 0.0
@@ -82,25 +116,25 @@ def _set_segment(points, cells, t, row, ends, work):
             continue
         if count < 2:
             for d in range(3):
-                work[ends + count, d] = points[i, d] + share * (points[j, d] - points[i, d])
+                work[2 * row + count, d] = points[i, d] + share * (points[j, d] - points[i, d])
             count += 1
 
 
 @lean
-def _depth(points, cells, s, t, slack, work):
+def _depth(tree, s, t, slack, work):
     """Return how deeply two triangles cross, 0 if they do not; row 8 of the scratch is the place.
 
     The depth is the least distance that a corner reaches beyond the other plane, and at most the
     length of the common segment.
     """
-    depth = _penetration(points, cells, t, np.int64(0), s, slack, np.int64(2), work)
-    if depth == 0.0 or not _set_normal(points, cells, t, np.int64(1), work):
+    depth = _penetration(tree, t, s, slack, np.int64(2), work)
+    if depth == 0.0 or not _set_normal(tree, t, np.int64(1), work):
         return 0.0
-    depth = min(depth, _penetration(points, cells, s, np.int64(1), t, slack, np.int64(3), work))
+    depth = min(depth, _penetration(tree, s, t, slack, np.int64(3), work))
     if depth == 0.0:
         return 0.0
-    _set_segment(points, cells, t, np.int64(2), np.int64(4), work)
-    _set_segment(points, cells, s, np.int64(3), np.int64(6), work)
+    _set_segment(tree, t, np.int64(2), work)
+    _set_segment(tree, s, np.int64(3), work)
     # The line that both planes have in common.
     l0 = work[0, 1] * work[1, 2] - work[0, 2] * work[1, 1]
     l1 = work[0, 2] * work[1, 0] - work[0, 0] * work[1, 2]
@@ -135,68 +169,54 @@ def _common_nodes(cells, s, t):
     return count
 
 
+@lean
+def _overlaps(boxes, node, given):
+    """Return whether the box of a node meets that of a triangle; ``given``: the tree, the row."""
+    tree, s = given
+    apart = False
+    for d in range(3):
+        low = high = tree.points[tree.cells[s, 0], d]
+        for v in range(1, 3):
+            low = min(low, tree.points[tree.cells[s, v], d])
+            high = max(high, tree.points[tree.cells[s, v], d])
+        apart = apart or boxes[node, d] > high or boxes[node, 3 + d] < low
+    return not apart
+
+
+_overlapping_leaf = descent(_overlaps)
+
+
 @lean_kernel
-def find_crossings(
-    points, cells, boxes, slack, first, last, depths, partners, places, stack, work
-):  # fmt: skip
+def find_crossings(tree, slack, first, last, found):
     """Find the triangles that cross others, and for each the deepest crossing.
 
     Parameters
     ----------
-    points : float64[n, 3]
-        Different numbers are different points.
-    cells : int32[m, 3]
-        In the order of a tree of boxes.
-    boxes : float64[2 * n_leaves, 6]
-        From `adaptsize._kernels.interpolate.fill_boxes`.
+    tree : Tree
+        Of triangles.  Different numbers are different points.
     slack : float64
         Crossings that are less deep count as contacts.
     first, last : int
         Only pairs of which the first triangle is one of ``first:last`` are examined.
-    depths : float64[m]
-        In/Out: depth of the deepest crossing, 0 where there is none.
-    partners : int32[m]
-        Out: triangle of that crossing; in the order of the tree.
-    places : float64[m, 3]
-        Out: where that is.
-    stack : int64[64]
-        Scratch.
-    work : float64[WORK, 4]
-        Scratch.
+    found : Crossings
+        In/Out.
     """
-    m = cells.shape[0]
-    n_leaves = boxes.shape[0] // 2
+    stack, work = found.stack, found.work
     for s in range(first, last):
-        if not _set_normal(points, cells, s, np.int64(0), work):
+        if not _set_normal(tree, s, np.int64(0), work):
             continue
-        a, b, c = cells[s, 0], cells[s, 1], cells[s, 2]
-        stack[0] = 1
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            apart = False
-            for d in range(3):
-                low = min(points[a, d], points[b, d], points[c, d])
-                high = max(points[a, d], points[b, d], points[c, d])
-                apart = apart or boxes[node, d] > high or boxes[node, 3 + d] < low
-            if apart:
-                continue
-            if node < n_leaves:
-                stack[top] = 2 * node
-                stack[top + 1] = 2 * node + 1
-                top += 2
-                continue
-            begin = (node - n_leaves) * m // n_leaves
-            end = (node - n_leaves + 1) * m // n_leaves
+        stack[0], height = 1, np.int64(1)
+        while height > 0:
+            leaf, height = _overlapping_leaf(tree.boxes, stack, height, (tree, s))
+            begin, end = cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])
             for t in range(max(begin, s + 1), end):
-                if _common_nodes(cells, s, t) > 1:
+                if _common_nodes(tree.cells, s, t) > 1:
                     continue
-                depth = _depth(points, cells, s, t, slack, work)
+                depth = _depth(tree, s, t, slack, work)
                 for k in range(2):
                     own, other = (s, t) if k == 0 else (t, s)
-                    if depth > depths[own]:
-                        depths[own] = depth
-                        partners[own] = other
+                    if depth > found.depth[own]:
+                        found.depth[own] = depth
+                        found.partner[own] = other
                         for d in range(3):
-                            places[own, d] = work[8, d]
+                            found.place[own, d] = work[8, d]

@@ -1,16 +1,200 @@
-"""Curvature tensors at the sectors of triangulated surfaces in space."""
+"""Normals and curvature tensors at the sectors of triangulated surfaces in space."""
 
 import math
 
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.normals import is_known
 from adaptsize._kernels.sectors import cross, dot, normalise
 
 
+@kernel
+def fill_sector_normals(surface, sectors, normals):
+    """Fill the normal of each sector with the weights of Max (1999).
+
+    The weights, sin(angle) / (|a| |b|) for the two edges of a corner, make the
+    normal exact at closed fans on a sphere and at fans on a cylinder cut into strips.
+
+    Parameters
+    ----------
+    surface : Surface
+    sectors : Sectors
+    normals : float64[n_sectors, 3]
+        Out: unit vectors; zero where all triangles of the sector are degenerate.
+    """
+    points, cells, areas, face_normals = (
+        surface.points, surface.cells, surface.areas, surface.normals,
+    )  # fmt: skip
+    sign, fan, fan_ptr = sectors.sign, sectors.fan, sectors.fan_ptr
+    for s in range(normals.shape[0]):
+        for d in range(3):
+            normals[s, d] = 0.0
+        for k in range(fan_ptr[s], fan_ptr[s + 1]):
+            c, v = fan[k] // 3, fan[k] % 3
+            if areas[c] == 0.0:
+                continue
+            squares = 1.0
+            for turn in range(1, 3):
+                squared = 0.0
+                for d in range(3):
+                    gap = points[cells[c, (v + turn) % 3], d] - points[cells[c, v], d]
+                    squared += gap * gap
+                squares *= squared
+            for d in range(3):
+                normals[s, d] += sign[fan[k]] * areas[c] * face_normals[c, d] / squares
+        normalise(normals[s])
+
+
+@kernel
+def drop_conical_normals(surface, sectors, limit, normals):
+    """Set to zero the normal of each sector that has a triangle too oblique to it.
+
+    Such a sector is the tip of a cone, whose triangles meet at small angles: it has
+    no normal and no curvature.  ``limit``: smallest cosine of the angle between the normals.
+    """
+    for s in range(normals.shape[0]):
+        least = 1.0
+        for k in range(sectors.fan_ptr[s], sectors.fan_ptr[s + 1]):
+            corner = sectors.fan[k]
+            c = corner // 3
+            if surface.areas[c] > 0.0:
+                least = min(least, sectors.sign[corner] * dot(normals[s], surface.normals[c]))
+        if least < limit:
+            for d in range(3):
+                normals[s, d] = 0.0
+
+
+@kernel
+def fill_fan_angles(surface, sectors, angles):
+    """Fill the sum of the corner angles of each sector, in radians (Out: float64[n_sectors])."""
+    points, cells = surface.points, surface.cells
+    a, b, normal = np.empty(3), np.empty(3), np.empty(3)
+    for s in range(angles.shape[0]):
+        angles[s] = 0.0
+        for k in range(sectors.fan_ptr[s], sectors.fan_ptr[s + 1]):
+            c, v = sectors.fan[k] // 3, sectors.fan[k] % 3
+            for d in range(3):
+                a[d] = points[cells[c, (v + 1) % 3], d] - points[cells[c, v], d]
+                b[d] = points[cells[c, (v + 2) % 3], d] - points[cells[c, v], d]
+            cross(a, b, normal)
+            angles[s] += math.atan2(math.sqrt(dot(normal, normal)), dot(a, b))
+
+
 @inner
-def _face_tensor(x, n, normal, u, v, shape):
+def _open_frame(points, i, ends, normal, frame):
+    """Fill tangents u, v at node i: v across the line between the ends of its fan, u along it.
+
+    ``ends``: the far nodes of the feature edges that bound the fan.
+    """
+    u, v = frame
+    for d in range(3):
+        u[d] = points[ends[0], d] - points[i, d]
+        v[d] = points[ends[1], d] - points[i, d]
+    normalise(u)
+    normalise(v)
+    for d in range(3):
+        u[d] -= v[d]
+    cross(normal, u, v)
+    normalise(v)
+    cross(v, normal, u)
+
+
+@inner
+def is_known(normals, s):
+    """Return whether sector s has a normal."""
+    return normals[s, 0] != 0.0 or normals[s, 1] != 0.0 or normals[s, 2] != 0.0
+
+
+@inner
+def _chord_sums(surface, sectors, s, normals, frame):
+    """Return the normal equations of the chord condition over the edges of the fan of a sector.
+
+    The chord between two points of a sphere or a cylinder is at right angles to the
+    sum of the normals there, on other surfaces up to the cube of its length.  The
+    normal n + s u + t v is to meet this in the sense of least squares, with weights
+    1 / length^4 so that the misfits are curvatures.
+
+    The result are the sums uu, uv, vv, and the right-hand sides of u and v.
+    """
+    (u, v), points, cells, sector = frame, surface.points, surface.cells, sectors.sector
+    uu, uv, vv, right_u, right_v = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(sectors.fan_ptr[s], sectors.fan_ptr[s + 1]):
+        corner = sectors.fan[k]
+        c, w = corner // 3, corner % 3
+        for turn in range(1, 3):
+            there = 3 * c + (w + turn) % 3
+            agree = sectors.sign[corner] * sectors.sign[there]
+            squared, along_u, along_v, off = 0.0, 0.0, 0.0, 0.0
+            for d in range(3):
+                gap = points[cells[c, (w + turn) % 3], d] - points[cells[c, w], d]
+                squared += gap * gap
+                along_u += gap * u[d]
+                along_v += gap * v[d]
+                off += gap * (normals[s, d] + agree * normals[sector[there], d])
+            if squared == 0.0 or not is_known(normals, np.int64(sector[there])):
+                continue
+            weight = 1.0 / (squared * squared)
+            uu += weight * along_u * along_u
+            uv += weight * along_u * along_v
+            vv += weight * along_v * along_v
+            right_u -= weight * along_u * off
+            right_v -= weight * along_v * off
+    return uu, uv, vv, right_u, right_v
+
+
+@kernel
+def correct_open_normals(surface, sectors, angles, choice, normals, corrected):
+    """Correct the normals of open fans, which lean towards the side where the faces are.
+
+    A fan at a feature edge contains the surface on one side only.  Its mean normal is that of a
+    point half an edge away, so that the curvature across the feature edge would have half its
+    value.  The chord condition with the neighbours corrects the normal.
+    Fans of less than 150 degrees are one-sided in both directions, others across
+    the feature edge only.
+
+    Parameters
+    ----------
+    surface : Surface
+    sectors : Sectors
+    angles : float64[n_sectors]
+        Of the fans, in radians.
+    choice : tuple of bool, float
+        Whether to correct the fans of less than 150 degrees, or else the others; and the largest
+        tangent of the tilt.
+    normals : float64[n_sectors, 3]
+    corrected : float64[n_sectors, 3]
+        In/Out: the same normals; those of the chosen fans are corrected.
+    """
+    (corners, limit), ends = choice, sectors.ends
+    u, v = np.empty(3), np.empty(3)
+    for s in range(normals.shape[0]):
+        is_corner = angles[s] < 150.0 / 180.0 * math.pi
+        if ends[s, 0] < 0 or ends[s, 0] == ends[s, 1] or is_corner != corners:
+            continue
+        if not is_known(normals, s):
+            continue
+        corner = sectors.fan[sectors.fan_ptr[s]]
+        i = surface.cells[corner // 3, corner % 3]
+        _open_frame(surface.points, i, ends[s], normals[s], (u, v))
+        uu, uv, vv, right_u, right_v = _chord_sums(surface, sectors, s, normals, (u, v))
+        # Negligible for regular fans; avoids a division by zero for a fan of needles.
+        damp = 1e-6 * (uu + vv)
+        if damp == 0.0:
+            continue
+        uu, vv = uu + damp, vv + damp
+        tilt_u, tilt_v = 0.0, right_v / vv
+        if is_corner:
+            det = uu * vv - uv * uv
+            tilt_u = (vv * right_u - uv * right_v) / det
+            tilt_v = (uu * right_v - uv * right_u) / det
+        shrink = min(1.0, limit / max(math.hypot(tilt_u, tilt_v), 1e-300))
+        for d in range(3):
+            corrected[s, d] += shrink * (tilt_u * u[d] + tilt_v * v[d])
+        normalise(corrected[s])
+
+
+@inner
+def _face_tensor(x, n, normal, tensor):
     """Fill the shape operator of one triangle from the normals at its corners.
 
     Least squares (Rusinkiewicz 2004): the symmetric [[a, b], [b, c]] that takes
@@ -23,11 +207,10 @@ def _face_tensor(x, n, normal, u, v, shape):
         Corners and the normals there.
     normal : float64[3]
         Unit normal of the triangle.
-    u, v : float64[3]
-        Out: the frame.
-    shape : float64[3]
-        Out: a, b, c.
+    tensor : tuple of 3 float64[3]
+        Out: the frame u, v, and a, b, c.
     """
+    u, v, shape = tensor
     longest, best = 0, -1.0
     for k in range(3):
         for d in range(3):
@@ -78,21 +261,20 @@ def _turn_into(a, b, w, out):
 
 
 @inner
-def _add_turned(normal, u, v, shape, weight, target, sum_tensor):
+def _add_turned(normal, tensor, weight, target, sum_tensor):
     """Add the tensor a uu + b (uv + vu) + c vv, turned from one normal to another.
 
     Parameters
     ----------
     normal, target : float64[3]
         Unit normals from and to.
-    u, v : float64[3]
-        Frame of the tensor.
-    shape : float64[3]
-        a, b, c.
+    tensor : tuple of 3 float64[3]
+        u, v, and a, b, c.
     weight : float
     sum_tensor : float64[6]
         In/Out: xx, yy, zz, yz, xz, xy.
     """
+    u, v, shape = tensor
     tu = np.empty(3)
     tv = np.empty(3)
     _turn_into(normal, target, u, tu)
@@ -107,25 +289,24 @@ def _add_turned(normal, u, v, shape, weight, target, sum_tensor):
 
 
 @kernel
-def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tensors):
+def fill_tensors(surface, sectors, normals, tensors):
     """Fill the curvature tensor of each sector: mean over its triangles, by area.
 
     Parameters
     ----------
-    points : float64[n, 3]
-    cells : int32[m, 3]
-    areas : float64[m]
-    face_normals : float64[m, 3]
-    sector : int32[3 m]
-    sign : float64[3 m]
+    surface : Surface
+    sectors : Sectors
     normals : float64[n_sectors, 3]
     tensors : float64[n_sectors, 6]
         In/Out: zeros on entry; xx, yy, zz, yz, xz, xy, positive where the surface bends
         away from the normal.
     """
-    x = np.empty((3, 3))
-    n = np.empty((3, 3))
-    u, v, shape = np.empty(3), np.empty(3), np.empty(3)
+    points, cells, areas, face_normals = (
+        surface.points, surface.cells, surface.areas, surface.normals,
+    )  # fmt: skip
+    sector, sign = sectors.sector, sectors.sign
+    x, n = np.empty((3, 3)), np.empty((3, 3))
+    tensor = (np.empty(3), np.empty(3), np.empty(3))
     weights = np.zeros(tensors.shape[0])
     for c in range(cells.shape[0]):
         if areas[c] == 0.0:
@@ -139,14 +320,14 @@ def fill_tensors(points, cells, areas, face_normals, sector, sign, normals, tens
                 # The tip of a cone is as flat as the face.
                 for d in range(3):
                     n[k, d] = face_normals[c, d]
-        _face_tensor(x, n, face_normals[c], u, v, shape)
+        _face_tensor(x, n, face_normals[c], tensor)
         for k in range(3):
             corner = 3 * c + k
             s = np.int64(sector[corner])
             if not is_known(normals, s):
                 continue
             # The tensor changes sign with the normal, the sum is in the sector's orientation.
-            _add_turned(face_normals[c], u, v, shape, sign[corner] * areas[c], n[k], tensors[s])
+            _add_turned(face_normals[c], tensor, sign[corner] * areas[c], n[k], tensors[s])
             weights[s] += areas[c]
     for s in range(tensors.shape[0]):
         for d in range(6):
@@ -181,21 +362,19 @@ def _restrict(tensor, u, v, shape):
 
 
 @kernel
-def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed):
+def smooth_tensors(surface, sectors, normals, tensors, smoothed):
     """Fill the mean, by area, of the tensors at all corners of the triangles of each sector.
 
     Parameters
     ----------
-    areas : float64[m]
-    fan : int32[3 m]
-    fan_ptr : int32[n_sectors + 1]
-    sector : int32[3 m]
-    sign : float64[3 m]
+    surface : Surface
+    sectors : Sectors
     normals : float64[n_sectors, 3]
     tensors : float64[n_sectors, 6]
     smoothed : float64[n_sectors, 6]
         Out.
     """
+    areas, sign, fan, fan_ptr = surface.areas, sectors.sign, sectors.fan, sectors.fan_ptr
     u, v, shape, source = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for s in range(tensors.shape[0]):
         for d in range(6):
@@ -205,7 +384,7 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
             c = fan[k] // 3
             for w in range(3):
                 corner = 3 * c + w
-                t = np.int64(sector[corner])
+                t = np.int64(sectors.sector[corner])
                 if not is_known(normals, t):
                     continue
                 turn = sign[fan[k]] * sign[corner]
@@ -213,7 +392,8 @@ def smooth_tensors(areas, fan, fan_ptr, sector, sign, normals, tensors, smoothed
                     source[d] = turn * normals[t, d]
                 _frame(normals[t], u, v)
                 _restrict(tensors[t], u, v, shape)
-                _add_turned(source, u, v, shape, turn * areas[c], normals[s], smoothed[s])
+                tensor = (u, v, shape)
+                _add_turned(source, tensor, turn * areas[c], normals[s], smoothed[s])
                 total += areas[c]
         for d in range(6):
             smoothed[s, d] /= max(total, 1e-300)

@@ -189,13 +189,13 @@ def closest_on_triangle(points, a, b, c, x):
 
 
 @inner
-def tetrahedron_weights(points, a, b, c, d, x):
+def tetrahedron_weights(points, corners, x):
     """Return the barycentric coordinates of x in a tetrahedron (Cramer's rule, refined).
 
     Parameters
     ----------
     points : float64[n, 3]
-    a, b, c, d : int
+    corners : tuple of 4 int
     x : tuple of 3 float64
 
     Returns
@@ -205,6 +205,7 @@ def tetrahedron_weights(points, a, b, c, d, x):
     float64, float64, float64, float64
         Weights, any sign, of sum 1.
     """
+    a, b, c, d = corners
     e1 = _vector(points, a, b)
     e2 = _vector(points, a, c)
     e3 = _vector(points, a, d)
@@ -231,7 +232,7 @@ def tetrahedron_weights(points, a, b, c, d, x):
 
 
 @inner
-def closest_on_tetrahedron(points, a, b, c, d, x):
+def closest_on_tetrahedron(points, corners, x):
     """Return the squared distance of x to a tetrahedron, and the weights there.
 
     Outside, the closest point lies on a face whose opposite weight is negative.
@@ -239,8 +240,8 @@ def closest_on_tetrahedron(points, a, b, c, d, x):
     Parameters
     ----------
     points : float64[n, 3]
-    a, b, c, d : int
-        Corners; they may coincide or lie in a plane.
+    corners : tuple of 4 int
+        They may coincide or lie in a plane.
     x : tuple of 3 float64
 
     Returns
@@ -250,11 +251,10 @@ def closest_on_tetrahedron(points, a, b, c, d, x):
     float64, float64, float64, float64
         Weights.
     """
-    accuracy, w_a, w_b, w_c, w_d = tetrahedron_weights(points, a, b, c, d, x)
+    accuracy, w_a, w_b, w_c, w_d = tetrahedron_weights(points, corners, x)
     if accuracy != NO_WEIGHTS and min(w_a, w_b, w_c, w_d) >= 0.0:
         return 0.0, w_a, w_b, w_c, w_d
     best = math.inf
-    corners = (a, b, c, d)
     signs = (w_a, w_b, w_c, w_d)
     at = signs
     for k in range(4):
@@ -300,9 +300,8 @@ def closest_on_cell(points, cells, c, x):
     if width == 3:
         d2, s, t, u = closest_on_triangle(points, cells[c, 0], cells[c, 1], cells[c, 2], x)
         return d2, (s, t, u, 0.0)
-    d2, s, t, u, v = closest_on_tetrahedron(
-        points, cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3], x
-    )
+    corners = (cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3])
+    d2, s, t, u, v = closest_on_tetrahedron(points, corners, x)
     return d2, (s, t, u, v)
 
 
@@ -328,9 +327,8 @@ def find_inside(points, cells, c, x):
         accuracy, s, t, u, _ = triangle_weights(points, cells[c, 0], cells[c, 1], cells[c, 2], x)
         v = 0.0
     else:
-        accuracy, s, t, u, v = tetrahedron_weights(
-            points, cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3], x
-        )
+        corners = (cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3])
+        accuracy, s, t, u, v = tetrahedron_weights(points, corners, x)
     inside = accuracy != NO_WEIGHTS and min(s, t, u, v) >= 0.0
     return inside, (s, t, u, v)
 

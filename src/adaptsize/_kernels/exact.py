@@ -29,8 +29,14 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.linear_data import fill_edge, fill_face
-from adaptsize._kernels.trees import DEPTH, LEAF, distance_to_box
+from adaptsize._kernels.trees import (
+    LEAF,
+    Stack,
+    descent_by_bound,
+    distance_to_box,
+    items_of_leaf,
+    new_stack,
+)
 
 #: Points of a block.
 BLOCK = 32
@@ -39,25 +45,39 @@ BLOCK = 32
 SLACK = 1.0 - 1e-13
 
 
+#: Cells and faces flatter than this (determinant of the Gram matrix over the product of squared
+#: lengths) are treated as steep, since their gradients are dominated by rounding.
+FLAT = 1e-14
+
+
 class Block(NamedTuple):
-    """Scratch for the points of a block and the descent of a tree."""
+    """Scratch for the points of a block and the descent of a tree.
+
+    Parameters
+    ----------
+    x : float64[dim, BLOCK]
+        The points.
+    box : float64[2 * dim]
+        Their bounding box.
+    h : float64[BLOCK]
+        Sizes; -inf where nothing is to be lowered.
+    by : int64[BLOCK]
+        The entry that lowered each point, -1 if none.
+    values : float64[BLOCK]
+        Sizes that one entry allows.
+    share : float64[BLOCK]
+        Weight of the second vertex of an edge at its minimising point.
+    stack : Stack
+        Boxes of the tree, with lower bounds of what they allow in the block.
+    """
 
     x: np.ndarray
-    """float64[dim, BLOCK]: the points."""
     box: np.ndarray
-    """float64[2 * dim]: their bounding box."""
     h: np.ndarray
-    """float64[BLOCK]: sizes; -inf where nothing is to be lowered."""
     by: np.ndarray
-    """int64[BLOCK]: the entry that lowered each point, -1 if none."""
     values: np.ndarray
-    """float64[BLOCK]: sizes that one entry allows."""
     share: np.ndarray
-    """float64[BLOCK]: weight of the second vertex of an edge at its minimising point."""
-    stack: np.ndarray
-    """int64[DEPTH]: boxes of the tree."""
-    bound: np.ndarray
-    """float64[DEPTH]: lower bounds of what they allow in the block."""
+    stack: Stack
 
 
 def new_block(dim: int) -> Block:
@@ -69,19 +89,18 @@ def new_block(dim: int) -> Block:
         np.empty(BLOCK, np.int64),
         np.empty(BLOCK),
         np.empty(BLOCK),
-        np.empty(DEPTH, np.int64),
-        np.empty(DEPTH),
+        new_stack(),
     )
 
 
 @lean
-def gather(points, axes, order, start, count, x, box):
-    """Copy the points order[start : start + count] to x, and bound them by ``box``."""
-    dim = len(axes)
+def gather(points, axes, which, x, box):
+    """Copy some points to x, and bound them by ``box``."""
+    dim, count = len(axes), which.shape[0]
     for d in range(dim):
         low, high = math.inf, -math.inf
         for i in range(count):
-            value = points[order[start + i], d]
+            value = points[which[i], d]
             x[d, i] = value
             low, high = min(low, value), max(high, value)
         box[d], box[dim + d] = low, high
@@ -97,33 +116,27 @@ def largest(h, count):
 
 
 @lean
-def push_children(boxes, axes, b, box, g, worst, stack, bound, size):
-    """Push the halves of box b that may lower a size, the more promising one last.
+def _least_in_box(boxes, b, given):
+    """Return a lower bound of what the entries in box b allow in the box of a block."""
+    axes, box, g = given
+    return SLACK * (boxes[b, 2 * len(axes)] + g * distance_to_box(boxes, b, axes, box))
 
-    Returns the new size of the stack.
-    """
-    value = 2 * len(axes)
-    near, far = 2 * b, 2 * b + 1
-    at_near = SLACK * (boxes[near, value] + g * distance_to_box(boxes, near, axes, box))
-    at_far = SLACK * (boxes[far, value] + g * distance_to_box(boxes, far, axes, box))
-    if at_far < at_near:
-        near, far, at_near, at_far = far, near, at_far, at_near
-    if at_far < worst:
-        stack[size], bound[size] = far, at_far
-        size += 1
-    if at_near < worst:
-        stack[size], bound[size] = near, at_near
-        size += 1
-    return size
+
+#: Descends to the leaves of entries that allow least in the box of a block.
+least_leaf = descent_by_bound(_least_in_box)
 
 
 @lean
-def _reaches(boxes, b, axes, x, h, count, g):
-    """Return whether box b may lower any of the points x[:, :count] of a block, of sizes h.
+def _least_at_points(boxes, b, given):
+    """Return the same bound; inf if the box can lower no point of the block.
 
-    The test pays near the leaves, where it avoids testing all entries of a box on all points.
+    The test of all points pays near the leaves, where it avoids that of all entries of a box.
     """
+    axes, box, g, x, h, count = given
     dim = len(axes)
+    least = _least_in_box(boxes, b, (axes, box, g))
+    if 8 * b < boxes.shape[0]:
+        return least
     for i in range(count):
         square = 0.0
         for d in range(dim):
@@ -131,8 +144,11 @@ def _reaches(boxes, b, axes, x, h, count, g):
             if gap > 0.0:
                 square += gap * gap
         if SLACK * (boxes[b, 2 * dim] + g * math.sqrt(square)) < h[i]:
-            return True
-    return False
+            return least
+    return math.inf
+
+
+_leaf_for_points = descent_by_bound(_least_at_points)
 
 
 @lean
@@ -154,6 +170,64 @@ def least_allowed(table, k, axes, box, g, edges):
 
 
 @lean
+def _fill_edge(table, k, axes, x, count, g, values, share):
+    """Fill the sizes that edge k allows at points, inf where the minimum is at an end.
+
+    An end is a separate entry, or dominated.  ``share`` gets the weights of the second end.
+    """
+    dim = len(axes)
+    base = table[k, dim * dim]
+    rise = table[k, dim * dim + 1] - base
+    length2 = 0.0
+    for d in range(dim):
+        length2 += (table[k, dim + d] - table[k, d]) ** 2
+    slack2 = g * g * length2 - rise * rise
+    scale2 = length2 * slack2
+    for i in range(count):
+        dot = height2 = 0.0
+        for d in range(dim):
+            dot += (table[k, dim + d] - table[k, d]) * (x[d, i] - table[k, d])
+        foot = dot / length2
+        for d in range(dim):
+            e = table[k, dim + d] - table[k, d]
+            height2 += (x[d, i] - table[k, d] - foot * e) ** 2
+        ratio = math.sqrt(height2 / scale2) if scale2 > 0.0 else math.inf
+        t = foot - rise * ratio
+        share[i] = t
+        values[i] = base + foot * rise + ratio * slack2 if 0.0 < t < 1.0 else math.inf
+
+
+@lean
+def _fill_face(table, k, x, count, g, values):
+    """Fill the sizes that triangle k allows at points, inf where the minimum is not inside."""
+    ax, ay, az = table[k, 0], table[k, 1], table[k, 2]
+    ux, uy, uz = table[k, 3] - ax, table[k, 4] - ay, table[k, 5] - az
+    vx, vy, vz = table[k, 6] - ax, table[k, 7] - ay, table[k, 8] - az
+    base = table[k, 9]
+    r1, r2 = table[k, 10] - base, table[k, 11] - base
+    a11 = ux * ux + uy * uy + uz * uz
+    a12 = ux * vx + uy * vy + uz * vz
+    a22 = vx * vx + vy * vy + vz * vz
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    det = nx * nx + ny * ny + nz * nz
+    q1 = q2 = scale = 0.0
+    slack2 = -1.0
+    if det > FLAT * a11 * a22:
+        q1, q2 = (a22 * r1 - a12 * r2) / det, (a11 * r2 - a12 * r1) / det
+        slack2 = g * g - (q1 * r1 + q2 * r2)
+    if slack2 > 0.0:
+        scale = 1.0 / math.sqrt(det * slack2)
+    for i in range(count):
+        wx, wy, wz = x[0, i] - ax, x[1, i] - ay, x[2, i] - az
+        w1, w2 = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
+        p1, p2 = (a22 * w1 - a12 * w2) / det, (a11 * w2 - a12 * w1) / det
+        ratio = abs(nx * wx + ny * wy + nz * wz) * scale
+        l1, l2 = p1 - ratio * q1, p2 - ratio * q2
+        inside = scale > 0.0 and min(l1, l2) >= 0.0 and l1 + l2 <= 1.0
+        values[i] = base + p1 * r1 + p2 * r2 + ratio * slack2 if inside else math.inf
+
+
+@lean
 def fill_values(table, k, axes, x, count, g, values, share, edges, faces):
     """Fill the sizes that entry k allows at points, inf where the minimum is at an end of an edge.
 
@@ -161,10 +235,10 @@ def fill_values(table, k, axes, x, count, g, values, share, edges, faces):
     """
     dim = len(axes)
     if faces is not None and table[k, dim * dim + dim - 1] < math.inf:
-        fill_face(table, k, x, count, g, values)
+        _fill_face(table, k, x, count, g, values)
         return
     if edges is not None and table[k, dim * dim + 1] < math.inf:
-        fill_edge(table, k, axes, x, count, g, values, share)
+        _fill_edge(table, k, axes, x, count, g, values, share)
         return
     base = table[k, dim * dim]
     for i in range(count):
@@ -236,26 +310,18 @@ def lower_sizes(
     block : Block
     """
     x, box, h, by, values = block.x, block.box, block.h, block.by, block.values
-    share, stack, bound = block.share, block.stack, block.bound
-    m, n_leaves = table.shape[0], boxes.shape[0] // 2
+    share, stack, m = block.share, block.stack, table.shape[0]
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
-        gather(points, axes, order, start, count, x, box)
+        gather(points, axes, order[start : start + count], x, box)
         for i in range(count):
             h[i], by[i] = sizes[order[start + i]], -1
         worst = largest(h, count)
-        stack[0], bound[0], size = 1, -math.inf, 1
-        while size > 0:
-            size -= 1
-            b = stack[size]
-            if bound[size] >= worst:
-                continue
-            if 4 * b >= n_leaves and not _reaches(boxes, b, axes, x, h, count, g):
-                continue
-            if b < n_leaves:
-                size = push_children(boxes, axes, b, box, g, worst, stack, bound, size)
-                continue
-            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
+        stack.box[0], stack.bound[0], height = 1, -math.inf, np.int64(1)
+        while height > 0:
+            given = (axes, box, g, x, h, count)
+            leaf, height = _leaf_for_points(boxes, stack, height, worst, given)
+            for k in range(*items_of_leaf(leaf, m)):
                 if least_allowed(table, k, axes, box, g, edges) >= worst:
                     continue
                 if radius is not None:
@@ -270,3 +336,69 @@ def lower_sizes(
             if by[i] >= 0:
                 sizes[order[start + i]] = h[i]
                 source[order[start + i]] = by[i]
+
+
+@lean_kernel
+def list_entries_in_reach(table, boxes, axes, g, around, order, stack, found):
+    """List the entries that may allow less than the largest size in one of several boxes.
+
+    The tree over the entries is descended as long as one of the boxes is in reach.  A box out of
+    reach of a part of the tree is not tested again in this part.  So the time is that for the
+    entries in reach, and a few tests for boxes that none reaches.
+
+    Parameters
+    ----------
+    table : float64[m, dim * (dim + 1) or more]
+        Entries (see exact.py).
+    boxes : float64[2 * n_leaves, 2 * dim + 1]
+        The tree over them (see trees.py).
+    axes : tuple of length dim
+    g : float64
+    around : float64[k, 2 * dim + 1]
+        The lower and the upper corner of each box, and the largest size in it.
+    order : int32[k]
+        Scratch: the boxes, those that may be in reach first.
+    stack : int32[DEPTH, 2]
+        Scratch: boxes of the tree, and how many of ``order`` may be in their reach.
+    found : int32[m]
+        Out: the entries, in ascending order.
+
+    Returns
+    -------
+    int
+        The number of entries found.
+    """
+    dim = len(axes)
+    m, n_leaves = table.shape[0], boxes.shape[0] // 2
+    for i in range(around.shape[0]):
+        order[i] = i
+    stack[0, 0], stack[0, 1], size = 1, around.shape[0], 1
+    count = 0
+    while size > 0:
+        size -= 1
+        b, left = stack[size, 0], stack[size, 1]
+        while left > 0:  # until the first of the boxes is in reach
+            box = around[order[0]]
+            least = boxes[b, 2 * dim] + g * distance_to_box(boxes, b, axes, box)
+            if SLACK * least < box[2 * dim]:
+                break
+            left -= 1
+            order[0], order[left] = order[left], order[0]
+        if left == 0:
+            continue
+        if b < n_leaves:
+            for half in range(2):  # the lower one is processed first
+                stack[size, 0], stack[size, 1] = 2 * b + 1 - half, left
+                size += 1
+            continue
+        for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
+            rest = left
+            while rest > 0:
+                box = around[order[0]]
+                if least_allowed(table, k, axes, box, g, True) < box[2 * dim]:
+                    found[count] = k
+                    count += 1
+                    break
+                rest -= 1
+                order[0], order[rest] = order[rest], order[0]
+    return count

@@ -12,16 +12,11 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.exact import fill_values
-from adaptsize._kernels.linear_data import FLAT
-from adaptsize._kernels.local_updates import distance
+from adaptsize._kernels.exact import FLAT, fill_values
+from adaptsize._kernels.local_updates import SPACE, distance
 
 # Gradients below g by less than this are treated as steep, so that rounding loses no source.
 _NEARLY = 1.0 - 1e-9
-
-
-# What is left of a size when rounding is taken off.
-_LESS = 1.0 - 1e-11
 
 
 @lean
@@ -76,7 +71,8 @@ def any_edge_exceeds(points, axes, cells, h, g):
             for w in range(v):
                 i, j = cells[c, v], cells[c, w]
                 high, low = max(h[i], h[j]), min(h[i], h[j])
-                rise = high * _LESS - low
+                # What is left of a size when rounding is taken off.
+                rise = high * (1.0 - 1e-11) - low
                 square = 0.0
                 for d in range(len(axes)):
                     square += (points[i, d] - points[j, d]) ** 2
@@ -186,3 +182,267 @@ def keep_undominated(points, axes, rows, h0, source, table, g, edges, faces, blo
             for w in range(count):
                 if not values[w] < h0[rows[r, w]]:
                     keep[r] = True
+
+
+# Slopes, as shares of g, and angles that may be off by so much.
+_ROUNDING = 1e-9
+
+
+@lean
+def _rise_from_edge(points, axes, i, j, k, h0):
+    """Return how h0 changes, per length, from the line ij across to node k in their plane."""
+    length2 = dot = square = 0.0
+    for d in range(len(axes)):
+        e = points[j, d] - points[i, d]
+        length2 += e * e
+        dot += e * (points[k, d] - points[i, d])
+    t = dot / length2
+    for d in range(len(axes)):
+        square += (points[k, d] - points[i, d] - t * (points[j, d] - points[i, d])) ** 2
+    if square <= FLAT * length2:
+        return math.inf
+    return (h0[k] - h0[i] - t * (h0[j] - h0[i])) / math.sqrt(square)
+
+
+@lean
+def _angle_between_faces(points, i, j, p, q):
+    """Return the angle between the half planes from the edge ij to the nodes p and q, in space."""
+    length2 = at_p = at_q = 0.0
+    for d in range(3):
+        e = points[j, d] - points[i, d]
+        length2 += e * e
+        at_p += e * (points[p, d] - points[i, d])
+        at_q += e * (points[q, d] - points[i, d])
+    pp = qq = pq = 0.0
+    for d in range(3):
+        e = points[j, d] - points[i, d]
+        to_p = points[p, d] - points[i, d] - at_p / length2 * e
+        to_q = points[q, d] - points[i, d] - at_q / length2 * e
+        pp += to_p * to_p
+        qq += to_q * to_q
+        pq += to_p * to_q
+    if pp * qq == 0.0:
+        return math.pi
+    return math.acos(min(1.0, max(-1.0, pq / math.sqrt(pp * qq))))
+
+
+@lean
+def _angle_to(slope, across):
+    """Return the smallest angle to a face at which a path may leave an edge; inf if never."""
+    if slope >= across:
+        return 0.0
+    return math.inf if slope < -across else math.acos(slope / across)
+
+
+@lean_kernel
+def list_edges(points, axes, cells, steep, h0, h, g, edges):
+    """List the edges of steep cells that may be sources, once for each such cell.
+
+    An edge is out if h0 is as steep as g along it, or if what grows from its ends at their sizes
+    h is below h0 all along it: the two cones form a tent with its top where they meet, and h0
+    is linear, so that this point decides.  Such paths run along the edge, hence visibly.
+
+    A size that grows from inside an edge leaves it at an angle whose cosine is the slope of h0
+    along it over g, and across the edge at the rate r = sqrt(g^2 - slope^2).  It cannot be least if
+    h0 falls faster than r into some cell; nor if h0 rises more slowly than r in the cell
+    into which it goes.  ``allows`` is 1 if it does not fall so, plus 2 if it rises so.
+
+    Parameters
+    ----------
+    points, axes, cells, steep, h0, g
+        As in `mark_steep`.
+    h : float64[n]
+        Sizes that are reached, at most h0.
+    edges : int32[e, 5]
+        Out: i < j, ``allows``, a sum of 1 and 2, and the other nodes of the cell; as many as there
+        is room for.
+
+    Returns
+    -------
+    int
+        Their number.
+    """
+    dim = len(axes)
+    count = 0
+    for c in range(cells.shape[0]):
+        if not steep[c]:
+            continue
+        for v in range(dim + 1):
+            for w in range(v):
+                i, j = np.int64(cells[c, v]), np.int64(cells[c, w])
+                i, j = min(i, j), max(i, j)
+                if not (h0[i] < math.inf and h0[j] < math.inf):
+                    continue
+                length = distance(points, axes, i, j)
+                rise = h0[j] - h0[i]
+                if abs(rise) >= g * length:
+                    continue
+                t = 0.5 + 0.5 * min(1.0, max(-1.0, (h[j] - h[i]) / (g * length)))
+                if 0.5 * (h[i] + h[j] + g * length) <= h0[i] + t * rise:
+                    continue
+                across = math.sqrt(g * g - (rise / length) ** 2)
+                p = q = 0
+                while p in (v, w):
+                    p += 1
+                if dim == 3:
+                    q = 6 - v - w - p
+                slope_p = _rise_from_edge(points, axes, i, j, cells[c, p], h0) + _ROUNDING * g
+                allows = 1 if slope_p >= -across else 0
+                if dim == 2:
+                    allows += 2 if slope_p >= across else 0
+                else:
+                    slope_q = _rise_from_edge(points, axes, i, j, cells[c, q], h0) + _ROUNDING * g
+                    allows = allows if slope_q >= -across else 0
+                    width = _angle_between_faces(points, i, j, cells[c, p], cells[c, q])
+                    taken = _angle_to(slope_p, across) + _angle_to(slope_q, across)
+                    allows += 2 if taken <= width + _ROUNDING else 0
+                if count < edges.shape[0]:
+                    edges[count, 0], edges[count, 1], edges[count, 2] = i, j, allows
+                    edges[count, 3], edges[count, 4] = cells[c, p], cells[c, q]
+                count += 1
+    return count
+
+
+@lean_kernel
+def mark_blocked(points, rows, first, h0, g, angle, limit, blocked):
+    """Mark edges in space that h0 leaves in no direction at the rate g.
+
+    A size that grows from an edge leaves it in a direction w across the edge, |w| = 1, at the
+    rate r (see `list_edges`).  In a face at the edge, in direction f, h0 must not fall below it:
+
+        r w.f <= slope of h0 along f.
+
+    Each face so excludes an arc of directions around f.  If any direction is left, so is an end of
+    an arc.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    rows : int32[r, 5]
+        As from `list_edges`, those of one edge together.
+    first : int64[e + 1]
+        The rows of edge k are ``first[k]`` to ``first[k + 1] - 1``.
+    h0 : float64[n]
+    g : float64
+    angle, limit : float64[k]
+        Scratch; k is twice the largest number of rows of an edge.
+    blocked : bool[e]
+        Out.
+    """
+    axes = SPACE
+    for k in range(blocked.shape[0]):
+        i, j = np.int64(rows[first[k], 0]), np.int64(rows[first[k], 1])
+        length = distance(points, axes, i, j)
+        across = math.sqrt(max(0.0, g * g - ((h0[j] - h0[i]) / length) ** 2))
+        blocked[k] = False
+        if across == 0.0:
+            continue
+        n = 0
+        start = rows[first[k], 3]
+        for r in range(first[k], first[k + 1]):
+            for side in range(2):
+                other = rows[r, 3 + side]
+                slope = _rise_from_edge(points, axes, i, j, other, h0) / across
+                if slope < 1.0:
+                    angle[n], limit[n] = _turn_about(points, i, j, start, other), slope
+                    n += 1
+        blocked[k] = n > 0
+        for a in range(n):
+            if limit[a] < -1.0:
+                break
+            half = math.acos(limit[a])
+            for sign in (-1.0, 1.0):
+                at = angle[a] + sign * half
+                free = True
+                for b in range(n):
+                    if math.cos(at - angle[b]) > limit[b] + _ROUNDING:
+                        free = False
+                        break
+                if free:
+                    blocked[k] = False
+
+
+@lean
+def _turn_about(points, i, j, p, q):
+    """Return the angle from the half plane of the edge ij and p to that of q."""
+    ex, ey, ez = (
+        points[j, 0] - points[i, 0],
+        points[j, 1] - points[i, 1],
+        points[j, 2] - points[i, 2],
+    )
+    px, py, pz = (
+        points[p, 0] - points[i, 0],
+        points[p, 1] - points[i, 1],
+        points[p, 2] - points[i, 2],
+    )
+    qx, qy, qz = (
+        points[q, 0] - points[i, 0],
+        points[q, 1] - points[i, 1],
+        points[q, 2] - points[i, 2],
+    )
+    nx, ny, nz = ey * pz - ez * py, ez * px - ex * pz, ex * py - ey * px
+    mx, my, mz = ey * qz - ez * qy, ez * qx - ex * qz, ex * qy - ey * qx
+    along = nx * mx + ny * my + nz * mz
+    triple = nx * qx + ny * qy + nz * qz
+    length = math.sqrt(ex * ex + ey * ey + ez * ez)
+    return math.atan2(triple * length, along)
+
+
+@lean_kernel
+def list_faces(points, axes, cells, steep, h0, h, g, faces):
+    """List the faces of steep tetrahedra that may be sources, once for each such cell.
+
+    As `list_edges` in space, but a face is out if every point of it has a vertex from which a size
+    below all its bounds grows: no point is farther from all vertices than the longest edge over
+    sqrt(3).  ``faces`` is int32[f, 5], three nodes in ascending order, ``allows``
+    and the other node of the cell.
+    """
+    count = 0
+    for c in range(cells.shape[0]):
+        if not steep[c]:
+            continue
+        for v in range(4):
+            i, j, k = cells[c, (v + 1) % 4], cells[c, (v + 2) % 4], cells[c, (v + 3) % 4]
+            if i > j:
+                i, j = j, i
+            if j > k:
+                j, k = k, j
+            if i > j:
+                i, j = j, i
+            if not (h0[i] < math.inf and h0[j] < math.inf and h0[k] < math.inf):
+                continue
+            a11 = a12 = a22 = w1 = w2 = 0.0
+            o = cells[c, v]
+            for d in range(3):
+                e1, e2 = points[j, d] - points[i, d], points[k, d] - points[i, d]
+                a11 += e1 * e1
+                a12 += e1 * e2
+                a22 += e2 * e2
+                w1 += e1 * (points[o, d] - points[i, d])
+                w2 += e2 * (points[o, d] - points[i, d])
+            r1, r2 = h0[j] - h0[i], h0[k] - h0[i]
+            det = a11 * a22 - a12 * a12
+            if det <= FLAT * a11 * a22:
+                continue  # its edges are listed
+            across2 = g * g - (a22 * r1 * r1 - 2.0 * a12 * r1 * r2 + a11 * r2 * r2) / det
+            if across2 <= 0.0:
+                continue
+            longest = math.sqrt(max(a11, a22, a11 + a22 - 2.0 * a12))
+            grown = max(h[i], h[j], h[k]) + g * longest / math.sqrt(3.0)
+            if grown <= min(h0[i], h0[j], h0[k]):
+                continue
+            p1, p2 = (a22 * w1 - a12 * w2) / det, (a11 * w2 - a12 * w1) / det
+            height2 = 0.0
+            for d in range(3):
+                foot = p1 * (points[j, d] - points[i, d]) + p2 * (points[k, d] - points[i, d])
+                height2 += (points[o, d] - points[i, d] - foot) ** 2
+            slope = math.inf
+            if height2 > FLAT * (a11 + a22):
+                slope = (h0[o] - h0[i] - p1 * r1 - p2 * r2) / math.sqrt(height2) + _ROUNDING * g
+            across = math.sqrt(across2)
+            allows = (1 if slope >= -across else 0) + (2 if slope >= across else 0)
+            if count < faces.shape[0]:
+                faces[count, 0], faces[count, 1], faces[count, 2] = i, j, k
+                faces[count, 3], faces[count, 4] = allows, o
+            count += 1
+    return count

@@ -30,7 +30,7 @@ from adaptsize._kernels.exact import (
     gather,
     largest,
     least_allowed,
-    push_children,
+    least_leaf,
 )
 from adaptsize._kernels.sight import (
     ANY,
@@ -44,7 +44,7 @@ from adaptsize._kernels.sight import (
     turned,
     without_hidden,
 )
-from adaptsize._kernels.trees import DEPTH, LEAF
+from adaptsize._kernels.trees import DEPTH, items_of_leaf
 
 #: Columns of a table.
 CONE, KIND, ROW, CORNER, COLUMNS = 6, 10, 11, 12, 13
@@ -57,24 +57,34 @@ _RECENT = 8
 
 
 class Rays(NamedTuple):
-    """Scratch for lines of sight."""
+    """Scratch for lines of sight.
+
+    Parameters
+    ----------
+    feet : float64[2, BLOCK]
+        From where each point is to be seen.
+    rows : int64[BLOCK]
+        Rows of the points in the sectors, -1 inside.
+    sides : int64[BLOCK]
+        Sides of the lines on which the domain is.
+    which : int64[BLOCK]
+        Numbers of points.
+    stack : int64[DEPTH]
+    shaft : float64[8]
+    cached : int64[CACHED]
+        Walls that hid points recently.
+    recent : int64[_RECENT]
+        Entries that lowered sizes in the last block, -1 for none.
+    """
 
     feet: np.ndarray
-    """float64[2, BLOCK]: from where each point is to be seen."""
     rows: np.ndarray
-    """int64[BLOCK]: rows of the points in the sectors, -1 inside."""
     sides: np.ndarray
-    """int64[BLOCK]: sides of the lines on which the domain is."""
     which: np.ndarray
-    """int64[BLOCK]: numbers of points."""
     stack: np.ndarray
-    """int64[DEPTH]"""
     shaft: np.ndarray
-    """float64[8]"""
     cached: np.ndarray
-    """int64[CACHED]: walls that hid points recently."""
     recent: np.ndarray
-    """int64[_RECENT]: entries that lowered sizes in the last block, -1 for none."""
 
 
 def new_rays() -> Rays:
@@ -116,8 +126,9 @@ def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
     # A corner does not lower itself.
     least = table[k, 4] if table[k, CORNER] > 0.0 else -math.inf
     row, m = int(table[k, ROW]), np.int64(0)  # callees would be compiled for a literal, too
-    sx, sy, ex, ey = table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3]
-    kind = table[k, KIND]
+    cone = (
+        table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3], table[k, KIND],
+    )  # fmt: skip
     for i in range(count):
         if not least < values[i] < h[i]:
             continue
@@ -125,12 +136,12 @@ def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
         if edges is not None and table[k, 5] < math.inf:
             fx += block.share[i] * (table[k, 2] - fx)
             fy += block.share[i] * (table[k, 3] - fy)
-        dx, dy = x[0, i] - fx, x[1, i] - fy
-        side = side_in_cone(sx, sy, ex, ey, kind, dx, dy, sight.slack)
+        way = (x[0, i] - fx, x[1, i] - fy)
+        side = side_in_cone(cone, way, sight.slack)
         if side == 0:
             continue
         if rows[i] >= 0:
-            side = common_sides(sight, row, side, rows[i], dx, dy)
+            side = common_sides(sight, row, side, rows[i], way)
             if side == 0:
                 continue
         else:
@@ -138,7 +149,7 @@ def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
         feet[0, i], feet[1, i], sides[i], which[m] = fx, fy, turned(side), i
         m += 1
     if m > 0:
-        m = without_hidden(sight, x, feet, sides, which, m, rays.stack, rays.shaft, rays.cached)
+        m = without_hidden(sight, x, rays, m)
     for a in range(m):
         i = which[a]
         h[i], block.by[i] = values[i], k
@@ -182,12 +193,12 @@ def lower_seen(
     sight : Sight
     rays : Rays
     """
-    x, box, h, by, stack, bound = block.x, block.box, block.h, block.by, block.stack, block.bound
+    x, box, h, by, stack = block.x, block.box, block.h, block.by, block.stack
     recent, slack = rays.recent, sight.slack
-    m, n_leaves = table.shape[0], boxes.shape[0] // 2
+    m = table.shape[0]
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
-        gather(points, axes, order, start, count, x, box)
+        gather(points, axes, order[start : start + count], x, box)
         for i in range(count):
             h[i], by[i] = sizes[order[start + i]], -1
             rays.rows[i] = on_wall[order[start + i]]
@@ -196,16 +207,10 @@ def lower_seen(
             k = recent[r]
             if k >= 0 and _may_serve(table, k, axes, box, g, worst, slack, edges):
                 worst = _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays)
-        stack[0], bound[0], size = 1, -math.inf, 1
-        while size > 0:
-            size -= 1
-            b = stack[size]
-            if bound[size] >= worst:
-                continue
-            if b < n_leaves:
-                size = push_children(boxes, axes, b, box, g, worst, stack, bound, size)
-                continue
-            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
+        stack.box[0], stack.bound[0], height = 1, -math.inf, np.int64(1)
+        while height > 0:
+            leaf, height = least_leaf(boxes, stack, height, worst, (axes, box, g))
+            for k in range(*items_of_leaf(leaf, m)):
                 if not _is_recent(recent, k) and _may_serve(
                     table, k, axes, box, g, worst, slack, edges
                 ):
@@ -307,7 +312,7 @@ def solve_corners(
             continue
         for start in range(0, n, BLOCK):
             count = min(BLOCK, n - start)
-            gather(places, axes, order, start, count, block.x, block.box)
+            gather(places, axes, order[start : start + count], block.x, block.box)
             for i in range(count):
                 block.h[i], block.by[i] = sizes[start + i], -1
                 rays.rows[i] = int(table[start + i, ROW])

@@ -21,12 +21,9 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.exact import BLOCK, fill_values, gather
 from adaptsize._kernels.local_updates import SPACE, WITH_BC, minimum_on_edge, minimum_on_triangle
-from adaptsize._kernels.space_bends import length_between, length_from, straighten
+from adaptsize._kernels.space_paths import length_between, length_from, straighten
 from adaptsize._kernels.space_sight import AHEAD, without_hidden, without_leaving
 from adaptsize._kernels.trees import LEAF
-
-# A place in an edge or triangle with less weight of a vertex lies opposite to it.
-_IN_ITEM = 1e-9
 
 # Part of the ends of an edge that belongs to its nodes.
 _END = 1e-12
@@ -94,9 +91,10 @@ def _allowed(bases, base, work, g):
     axes, x, a = SPACE, np.int64(0), np.int64(1)
     sa, sb, sc = bases.table[base, 9], bases.table[base, 10], bases.table[base, 11]
     if bases.counts[base] == 2:
-        value, t = minimum_on_edge(work, axes, x, a, a + 1, sa, sb, g)
+        value, t = minimum_on_edge(work, axes, x, (a, a + 1), (sa, sb), g)
         return value, t, 0.0
-    return minimum_on_triangle(work, axes, x, a, a + 1, a + 2, sa, sb, sc, g, WITH_BC)
+    corners = (a, a + 1, a + 2)
+    return minimum_on_triangle(work, axes, x, corners, (sa, sb, sc), g, WITH_BC)
 
 
 @lean
@@ -133,7 +131,8 @@ def _put_base(bases, base, level, m, g, faces, block):
         support[1, i] = support[2, i] = -1
         for v in range(count):
             weight = 1.0 - t - u if v == 0 else (t if v == 1 else u)
-            if weight > _IN_ITEM:
+            # A place in an edge or triangle with less weight of a vertex lies opposite to it.
+            if weight > 1e-9:
                 support[found, i] = bases.nodes[base, v]
                 found += 1
 
@@ -152,7 +151,7 @@ def _lay(ways, w, m, g, faces, stars, block):
     while ways.edge[last] >= 0:
         _put_bends(ways, last, feet, n, active, m)
         if n == 0 and not ways.skew[w]:
-            m = without_leaving(stars, block.nodes, feet, zero, zero + 1, active, m)
+            m = without_leaving(stars, block.nodes, (feet, zero, zero + 1), active, m)
         n += 1
         chain[n] = ways.edge[last]
         last = np.int64(ways.parent[last])
@@ -212,7 +211,7 @@ def _without_unseen(ways, w, n, m, sight, block):
     # Calls stand in loops, since LLVM copies the callee for each of them.
     nodes, first, last, way = block.support, n + 1, n, w
     for _ in range(2):  # at the base, and at the points
-        m = without_leaving(sight.stars, nodes, feet, first, last, active, m)
+        m = without_leaving(sight.stars, nodes, (feet, first, last), active, m)
         nodes, first, last = block.nodes, np.int64(0), np.int64(1)
     for level in range(1, n + 1):
         for step in range(-1, 2, 2):
@@ -221,16 +220,7 @@ def _without_unseen(ways, w, n, m, sight, block):
             )
         way = np.int64(ways.parent[way])
     for level in range(n + 1):
-        m = without_hidden(
-            sight.walls,
-            feet[level],
-            feet[level + 1],
-            active,
-            m,
-            block.cached,
-            block.shaft,
-            block.stack[1],
-        )
+        m = without_hidden(sight.walls, feet[level], feet[level + 1], m, block)
     return m
 
 
@@ -362,7 +352,7 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
     for start in range(span[0], span[1], span[2]):
         stop = min(start + span[2], span[1])
         count = stop - start
-        gather(points, SPACE, order, start, count, block.feet[0], block.box)
+        gather(points, SPACE, order[start:stop], block.feet[0], block.box)
         queued = _first_tries(order, start, count, hints, recent, queue)
         for i in range(count):
             p = order[start + i]

@@ -6,8 +6,18 @@ update, for cells of any shape.  A candidate is accepted only if it is below ``k
 times the current size, where ``keep`` is 1 minus rounding or slightly smaller.
 
 The drivers read the mesh as *stars*: for each node, the other vertices of its
-cells in one contiguous block.  ``axes`` and ``others`` are tuples of which only
-the length counts (embedding dimension; vertices of a star entry), see local_updates.py.
+cells in one contiguous block.
+
+Meshes and limits are passed as tuples:
+
+mesh : points float64[n, dim], axes, cells int32[m, k]
+stars : points, axes, others, star_ptr, star, owner (see `fill_stars`)
+limit : g, g_step
+    The gradient limit of cell c is ``g[c * g_step]``; g is float64[m] or float64[1], and g_step 1
+    or 0.
+
+``axes`` and ``others`` are tuples of which only the length counts (embedding dimension; vertices of
+a star entry), see local_updates.py.
 """
 
 import math
@@ -63,14 +73,12 @@ def fill_stars(cells, star_ptr, star, owner):
 
 
 @lean
-def minimum_in_cell(points, axes, cells, c, k, h, g):
+def minimum_in_cell(mesh, c, k, h, g):
     """Return the size at vertex k of cell c allowed by all its other vertices, and its source.
 
     Parameters
     ----------
-    points : float64[n, dim]
-    axes : tuple of length dim
-    cells : int32[m, 2, 3 or 4]
+    mesh : tuple
     c, k : int
         Cell, and one of its nodes.
     h : float64[n]
@@ -88,6 +96,7 @@ def minimum_in_cell(points, axes, cells, c, k, h, g):
     l1, l2 : float64
         Weights of i1 and i2 there.
     """
+    points, axes, cells = mesh
     a = b = d = np.int64(-1)  # callees would be compiled for a literal, too
     below = False
     for v in range(cells.shape[1]):
@@ -107,32 +116,26 @@ def minimum_in_cell(points, axes, cells, c, k, h, g):
         if b < 0:
             value = h[a] + g * distance(points, axes, k, a)
         elif d < 0:
-            value, l1 = minimum_on_edge(points, axes, k, a, b, h[a], h[b], g)
+            value, l1 = minimum_on_edge(points, axes, k, (a, b), (h[a], h[b]), g)
         else:
-            value, l1, l2 = minimum_on_triangle(
-                points, axes, k, a, b, d, h[a], h[b], h[d], g, WITH_BC
-            )
+            sizes = (h[a], h[b], h[d])
+            value, l1, l2 = minimum_on_triangle(points, axes, k, (a, b, d), sizes, g, WITH_BC)
     return value, a, b, d, l1, l2
 
 
 @lean_kernel
-def sweep_cells(points, axes, cells, h, g, g_step, floor):
+def sweep_cells(mesh, h, limit, floor):
     """Fill the least candidate of every node over its cells, all from the same sizes.
 
     Parameters
     ----------
-    points : float64[n, dim]
-    axes : tuple of length dim
-    cells : int32[m, k]
+    mesh, limit : tuple
     h : float64[n]
         Sizes, inf allowed.
-    g : float64[m] or float64[1]
-        Gradient limit per cell; cell c has ``g[c * g_step]``.
-    g_step : int
-        1 or 0.
     floor : float64[n]
         Out: inf where no neighbour is below.
     """
+    cells, (g, g_step) = mesh[2], limit
     floor[:] = math.inf
     for c in range(cells.shape[0]):
         least = math.inf
@@ -143,31 +146,28 @@ def sweep_cells(points, axes, cells, h, g, g_step, floor):
         for v in range(cells.shape[1]):
             k = np.int64(cells[c, v])
             if h[k] > least:
-                value = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])[0]
+                value = minimum_in_cell(mesh, c, k, h, g[c * g_step])[0]
                 floor[k] = min(floor[k], value)
 
 
 @lean_kernel
-def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, cost):
+def fill_policy(mesh, sizes, limit, value, policy):
     """Fill each node's best local update as a linear equation in the sizes it uses.
 
     Node k then has  value_k = sum_s weight[k, s] h[source[k, s]] + cost_k.
 
     Parameters
     ----------
-    points, axes, cells, g, g_step
-        As in `sweep_cells`.
-    h, h0 : float64[n]
-        Sizes and their upper bounds.
+    mesh, limit : tuple
+    sizes : tuple of two float64[n]
+        Sizes h and their upper bounds h0.
     value : float64[n]
         Out: the least of h0 and all local updates.
-    source : int32[n, 3]
-        Out: nodes used; 0 where the weight is 0.
-    weight : float64[n, 3]
-        Out: zeros for nodes that keep h0.
-    cost : float64[n]
-        Out: g times the distance to the minimum, or h0.
+    policy : tuple of int32[n, 3], float64[n, 3], float64[n]
+        Out: the nodes used, 0 where the weight is 0; the weights, zeros for nodes that keep h0;
+        and the costs, g times the distance to the minimum, or h0.
     """
+    cells, (h, h0), (g, g_step), (source, weight, cost) = mesh[2], sizes, limit, policy
     for k in range(value.shape[0]):  # array to array would need a copy, for overlaps
         value[k] = cost[k] = h0[k]
     source[:] = 0
@@ -175,7 +175,7 @@ def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, co
     for c in range(cells.shape[0]):
         for v in range(cells.shape[1]):
             k = np.int64(cells[c, v])
-            found, a, b, d, l1, l2 = minimum_in_cell(points, axes, cells, c, k, h, g[c * g_step])
+            found, a, b, d, l1, l2 = minimum_in_cell(mesh, c, k, h, g[c * g_step])
             if found < value[k]:
                 value[k] = found
                 used = (1.0 - l1 - l2) * h[a]
@@ -195,7 +195,7 @@ def fill_policy(points, axes, cells, h, h0, g, g_step, value, source, weight, co
 
 
 @lean_kernel
-def queue_lowered(h, candidate, keep, key, node, place, size):
+def queue_lowered(h, candidate, keep, heap):
     """Lower each node to its candidate and put those that change into the heap.
 
     Parameters
@@ -204,13 +204,13 @@ def queue_lowered(h, candidate, keep, key, node, place, size):
         In/Out.
     candidate : float64[n]
     keep : float
-    key, node, place, size
-        In/Out: the heap (see heap.py).
+    heap : Heap
+        In/Out.
     """
     for k in range(h.shape[0]):
         if candidate[k] < h[k] * keep:
             h[k] = candidate[k]
-            push_or_decrease(key, node, place, size, k, h[k])
+            push_or_decrease(heap, k, h[k])
 
 
 @lean
@@ -223,53 +223,32 @@ def _is_acute(points, axes, k, j, m):
 
 
 @lean_kernel
-def march(
-    points,
-    axes,
-    others,
-    star_ptr,
-    star,
-    owner,
-    h,
-    g,
-    g_step,
-    key,
-    node,
-    place,
-    size,
-    keep,
-    until,
-    max_pops,
-):
-    """Accept nodes in order of size and lower their neighbours; at most ``max_pops`` nodes.
+def march(stars, h, limit, heap, stop):
+    """Accept nodes in order of size and lower their neighbours.
 
     Parameters
     ----------
-    points : float64[n, dim]
-    axes, others : tuples of length dim, k - 1
-    star_ptr, star, owner
-        Stars of the nodes (see `fill_stars`); ``owner`` may be empty if ``g_step`` is 0.
+    stars, limit : tuple
+        The owner of the stars may be empty if g does not vary.
     h : float64[n]
         In/Out.
-    g, g_step
-        Gradient limit per cell, as in `sweep_cells`.
-    key, node, place, size
-        In/Out: the heap (see heap.py).
-    keep : float
-    until : float
-        Nodes of larger size are left in the heap.
-    max_pops : int
-        Return after that many, so that the caller can report and be interrupted.
+    heap : Heap
+        In/Out.
+    stop : tuple of float, float, int
+        The share of the size below which a candidate is accepted; nodes of larger size than the
+        second number are left in the heap; return after so many nodes, so that the caller can
+        report and be interrupted.
 
     Returns
     -------
     int
-        Number of nodes accepted; less than ``max_pops`` if the heap is empty
-        up to ``until``.
+        Number of nodes accepted; less than the largest number if the heap is empty.
     """
+    (points, axes, others, star_ptr, star, owner), (g, g_step) = stars, limit
+    (keep, until, max_pops), place = stop, heap.place
     pops = 0
-    while size[0] > 0 and key[0] <= until and pops < max_pops:
-        j = pop(key, node, place, size)
+    while heap.size[0] > 0 and heap.key[0] <= until and pops < max_pops:
+        j = pop(heap)
         h_j = h[j]
         pops += 1
         for entry in range(star_ptr[j], star_ptr[j + 1]):
@@ -302,12 +281,68 @@ def march(
                         ):
                             continue
                     if b < 0:
-                        value = minimum_on_edge(points, axes, k, j, a, h_j, h[a], g_here)[0]
+                        value = minimum_on_edge(points, axes, k, (j, a), (h_j, h[a]), g_here)[0]
                     else:
                         value = minimum_on_triangle(
-                            points, axes, k, j, a, b, h_j, h[a], h[b], g_here, WITHOUT_BC
+                            points, axes, k, (j, a, b), (h_j, h[a], h[b]), g_here, WITHOUT_BC
                         )[0]
                 if value < h_k * keep:
                     h[k] = value
-                    push_or_decrease(key, node, place, size, k, value)
+                    push_or_decrease(heap, k, value)
     return pops
+
+
+@lean_kernel
+def march_edges(stars, h, limit, heap, stop):
+    """Do as `march`, but along edges only: shortest paths in the graph of the mesh."""
+    (points, axes, others, star_ptr, star, owner), (g, g_step) = stars, limit
+    keep, until, max_pops = stop
+    pops = 0
+    while heap.size[0] > 0 and heap.key[0] <= until and pops < max_pops:
+        j = pop(heap)
+        pops += 1
+        for entry in range(star_ptr[j], star_ptr[j + 1]):
+            g_here = g[owner[entry]] if g_step else g[0]
+            for v in range(len(others)):
+                k = np.int64(star[entry, v])
+                if h[k] > h[j]:
+                    value = h[j] + g_here * distance(points, axes, k, j)
+                    if value < h[k] * keep:
+                        h[k] = value
+                        push_or_decrease(heap, k, value)
+    return pops
+
+
+@lean_kernel
+def sweep_edges(mesh, h, limit, floor):
+    """Do as `sweep_cells`, but along edges only."""
+    (points, axes, cells), (g, g_step) = mesh, limit
+    floor[:] = math.inf
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            k = np.int64(cells[c, v])
+            for w in range(cells.shape[1]):
+                j = np.int64(cells[c, w])
+                if h[j] < h[k]:
+                    value = h[j] + g[c * g_step] * distance(points, axes, k, j)
+                    floor[k] = min(floor[k], value)
+
+
+@lean_kernel
+def largest_edge_slope(mesh, h, limit):
+    """Return the largest (h_i - h_j) / (g |x_i - x_j|) over the edges of all cells.
+
+    0 counts for 0/0 and for edges without two finite ends.
+    """
+    (points, axes, cells), (g, g_step) = mesh, limit
+    largest = 0.0
+    for c in range(cells.shape[0]):
+        for v in range(cells.shape[1]):
+            for w in range(v):
+                i = np.int64(cells[c, v])
+                j = np.int64(cells[c, w])
+                rise = abs(h[i] - h[j])
+                if rise > 0.0 and math.isfinite(rise):
+                    run = g[c * g_step] * distance(points, axes, i, j)
+                    largest = max(largest, rise / run if run > 0.0 else math.inf)
+    return largest

@@ -2,8 +2,10 @@
 
 The grid comes as a *padded* flat array: one more layer of nodes on every side, which
 hold NaN, as inactive nodes do.  Every comparison with NaN is False, so that no loop tests
-for the border or the mask.  ``strides`` (steps in the flat array) and ``weights``
-(1 / spacing^2) are tuples with one entry per axis, which unrolls the loops over axes.
+for the border or the mask.  The ``grid`` is a tuple: ``strides`` (steps in the flat array) and
+``weights`` (1 / spacing^2) are tuples with one entry per axis, which unrolls the loops over axes;
+the gradient limit of node k is ``g[k * g_step]``, with g float64[n] or float64[1], and g_step 1 or
+0.
 
 Nodes are accepted bucket by bucket: each bucket holds the nodes whose sizes lie within
 half a rise over one cell, and is emptied in any order.  A node that is lowered after it
@@ -11,21 +13,24 @@ was accepted is inserted again.  The result is that of a heap, in a quarter of t
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 
 
 @lean
-def upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g):
+def upwind_value(f, v, c, g):
     """Return the root h of  sum_a c_a (h - f_a)^2 = g^2  over the axes upwind of it.
 
     Parameters
     ----------
-    v0, v1, v2 : float
-        Smaller neighbour along each axis; inf: none.  Axes count only while h > v_a.
-    f0, f1, f2 : float
+    f : tuple of 3 float
         ``v`` at first order; extrapolated through two nodes at second.
-    c0, c1, c2 : float
+    v : tuple of 3 float
+        Smaller neighbour along each axis; inf: none.  Axes count only while h > v_a.
+    c : tuple of 3 float
         1 / spacing^2 at first order, 9/4 of that at second.
     g : float
 
@@ -34,6 +39,7 @@ def upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g):
     float
         inf if there is no neighbour.
     """
+    (f0, f1, f2), (v0, v1, v2), (c0, c1, c2) = f, v, c
     if v1 < v0:
         f0, v0, c0, f1, v1, c1 = f1, v1, c1, f0, v0, c0
     if v2 < v1:
@@ -76,23 +82,20 @@ def _smaller_neighbour(u, k, step, u_k):
 
 
 @lean_kernel
-def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
+def sweep_grid(u, grid, edges, candidate):
     """Fill the first-order update of every node from its neighbours, all from the same sizes.
 
     Parameters
     ----------
     u : float64[n]
         Padded sizes; inf allowed, NaN where no node is.
-    strides, weights : tuples of length dim
-    g : float64[n] or float64[1]
-        Gradient limit; node k has ``g[k * g_step]``.
-    g_step : int
-        1 or 0.
+    grid : tuple
     edges : bool
         Along edges only, each axis by itself.
     candidate : float64[n]
         Out: inf where no neighbour is below; the border is left inf.
     """
+    strides, weights, g, g_step = grid
     candidate[:] = math.inf
     for k in range(strides[0], u.shape[0] - strides[0]):
         u_k = u[k]
@@ -101,97 +104,106 @@ def sweep_grid(u, strides, weights, g, g_step, edges, candidate):
         v0 = v1 = v2 = math.inf
         c0 = c1 = c2 = 1.0
         for a in range(len(strides)):
-            v = _smaller_neighbour(u, k, strides[a], u_k)
-            if v < u_k:
+            below = _smaller_neighbour(u, k, strides[a], u_k)
+            if below < u_k:
                 if a == 0:
-                    v0 = v
+                    v0 = below
                     c0 = weights[a]
                 elif a == 1:
-                    v1 = v
+                    v1 = below
                     c1 = weights[a]
                 else:
-                    v2 = v
+                    v2 = below
                     c2 = weights[a]
         g_k = g[k * g_step]
         if edges:
             along = min(v0 + g_k / math.sqrt(c0), v1 + g_k / math.sqrt(c1))
             candidate[k] = min(along, v2 + g_k / math.sqrt(c2))
         else:
-            candidate[k] = upwind_value(v0, v0, c0, v1, v1, c1, v2, v2, c2, g_k)
+            v = (v0, v1, v2)
+            candidate[k] = upwind_value(v, v, (c0, c1, c2), g_k)
+
+
+class Buckets(NamedTuple):
+    """Nodes that wait, sorted into buckets by their sizes.
+
+    Parameters
+    ----------
+    seeds : int32[s]
+        Nodes to begin with, by increasing size.
+    origin : float
+    width : float
+        Bucket b holds sizes from ``origin + b width``; no update may rise by more than
+        ``width (n_buckets - 2)``.
+    first : int32[n_buckets]
+        First node of each bucket (a power of two, used in a circle), or -1.
+    following : int32[n]
+        The next node in the bucket of each node.
+    previous : int32[n]
+        The one before.
+    bucket : int32[n]
+        Where a node waits, -1 if it does not.
+    state : int64[3]
+        Present bucket, number of waiting nodes, number of seeds taken.
+    """
+
+    seeds: np.ndarray
+    origin: float
+    width: float
+    first: np.ndarray
+    following: np.ndarray
+    previous: np.ndarray
+    bucket: np.ndarray
+    state: np.ndarray
 
 
 @lean
-def _put(first, following, previous, bucket, k, slot):
+def _put(queue, k, slot):
     """Put node k into a bucket."""
-    bucket[k] = slot
+    first, previous = queue.first, queue.previous
+    queue.bucket[k] = slot
     previous[k] = -1
-    following[k] = first[slot]
+    queue.following[k] = first[slot]
     if first[slot] >= 0:
         previous[first[slot]] = k
     first[slot] = k
 
 
 @lean
-def _take_out(first, following, previous, k, slot):
+def _take_out(queue, k, slot):
     """Take node k out of its bucket, which ``bucket`` still names."""
+    following, previous = queue.following, queue.previous
     if previous[k] >= 0:
         following[previous[k]] = following[k]
     else:
-        first[slot] = following[k]
+        queue.first[slot] = following[k]
     if following[k] >= 0:
         previous[following[k]] = previous[k]
 
 
 @lean_kernel
-def march_grid(
-    u,
-    strides,
-    weights,
-    g,
-    g_step,
-    edges,
-    keep,
-    seeds,
-    origin,
-    width,
-    first,
-    following,
-    previous,
-    bucket,
-    state,
-    max_accepted,
-):
+def march_grid(u, grid, edges, queue, stop):
     """Accept nodes bucket by bucket and lower their neighbours.
 
     Parameters
     ----------
     u : float64[n]
         In/Out: padded sizes, those of the seeds lowered already.
-    strides, weights, g, g_step, edges
+    grid, edges
         As in `sweep_grid`.
-    keep : float
-        A candidate counts if it is below ``keep`` times the present size.
-    seeds : int32[s]
-        Nodes to begin with, by increasing size.
-    origin, width : float
-        Bucket b holds sizes from ``origin + b width``; no update may rise by more than
-        ``width (n_buckets - 2)``.
-    first : int32[n_buckets]
-        In/Out: first node of each bucket (a power of two, used in a circle), -1 if none.
-    following, previous : int32[n]
-        In/Out: neighbours of a node within its bucket.
-    bucket : int32[n]
-        In/Out: where a node waits, -1 if it does not.
-    state : int64[3]
-        In/Out: present bucket, number of waiting nodes, number of seeds taken.
-    max_accepted : int
-        Return after that many, so that the caller can report and be interrupted.
+    queue : Buckets
+        In/Out.
+    stop : tuple of float, int
+        A candidate counts if it is below this share of the present size; return after so many
+        nodes, so that the caller can report and be interrupted.
 
     Returns
     -------
     int
-        Number of nodes accepted; less than ``max_accepted`` at the end.
+        Number of nodes accepted; less than the largest number at the end.
     """
+    (strides, weights, g, g_step), (keep, max_accepted) = grid, stop
+    seeds, origin, width, first, following, previous, bucket, state = queue
     here, waiting, taken = state
     ring = first.shape[0] - 1
     per_width = 1.0 / width
@@ -206,7 +218,7 @@ def march_grid(
                 if int((u[k] - origin) * per_width) > here:
                     break
                 slot = here & ring
-                _put(first, following, previous, bucket, k, slot)
+                _put(queue, k, slot)
                 waiting += 1
             taken += 1
         if waiting == 0:
@@ -237,15 +249,16 @@ def march_grid(
                 if not edges:
                     for b in range(len(strides)):
                         if b != a:
-                            v = _smaller_neighbour(u, k, strides[b], u_k)
-                            if v < u_k:
+                            below = _smaller_neighbour(u, k, strides[b], u_k)
+                            if below < u_k:
                                 if math.isinf(v1):
-                                    v1 = v
+                                    v1 = below
                                     c1 = weights[b]
                                 else:
-                                    v2 = v
+                                    v2 = below
                                     c2 = weights[b]
-                value = upwind_value(u_j, u_j, weights[a], v1, v1, c1, v2, v2, c2, g_k)
+                v = (u_j, v1, v2)
+                value = upwind_value(v, v, (weights[a], c1, c2), g_k)
                 if value < u_k * keep:
                     u[k] = value
                     slot = max(int((value - origin) * per_width), here) & ring
@@ -253,10 +266,10 @@ def march_grid(
                     if old == slot:
                         continue
                     if old >= 0:
-                        _take_out(first, following, previous, k, old)
+                        _take_out(queue, k, old)
                     else:
                         waiting += 1
-                    _put(first, following, previous, bucket, k, slot)
+                    _put(queue, k, slot)
     state[0] = here
     state[1] = waiting
     state[2] = taken
@@ -264,14 +277,14 @@ def march_grid(
 
 
 @lean_kernel
-def order_by_size(u, u0, lowest, highest, start, order):
+def order_by_size(u, u0, extent, start, order):
     """List the nodes that were lowered, by increasing size.
 
     Parameters
     ----------
     u, u0 : float64[n]
         Padded sizes, and their bounds.
-    lowest, highest : float
+    extent : tuple of 2 float
         Range of the finite entries of ``u``.
     start : int32[n_bins + 1]
         Scratch.
@@ -283,6 +296,7 @@ def order_by_size(u, u0, lowest, highest, start, order):
     int
         Number of nodes; -1 if the sizes crowd in few bins and another sort is better.
     """
+    lowest, highest = extent
     n_bins = start.shape[0] - 1
     per_bin = n_bins / (highest - lowest) if highest > lowest else 0.0
     if per_bin == math.inf:  # numbers of bins would be out of range
@@ -312,20 +326,17 @@ def order_by_size(u, u0, lowest, highest, start, order):
 
 
 @lean_kernel
-def refine_in_order(order, u1, u0, strides, weights, spacing, g, g_step, u):
+def refine_in_order(order, sizes, grid, spacing, u):
     """Recompute sizes with one-sided second differences, upwind ones first.
 
     Parameters
     ----------
     order : int32[m]
         Nodes by increasing first-order size.
-    u1 : float64[n]
-        First-order sizes, which define the upwind neighbours of a node.
-    u0 : float64[n]
-        Upper bounds.
-    strides, weights, spacing : tuples of length dim
-    g, g_step
-        As in `sweep_grid`.
+    sizes : tuple of two float64[n]
+        First-order sizes, which define the upwind neighbours of a node, and upper bounds.
+    grid : tuple
+    spacing : tuple of length dim
     u : float64[n]
         In/Out: ``u0``, lowered in the end.
 
@@ -334,6 +345,7 @@ def refine_in_order(order, u1, u0, strides, weights, spacing, g, g_step, u):
     The second difference reaches through a neighbour only if that one was lowered
     itself: behind a node that keeps its bound the field has a kink.
     """
+    (u1, u0), (strides, weights, g, g_step) = sizes, grid
     for here in range(order.shape[0]):
         k = order[here]
         own = u1[k]
@@ -365,5 +377,5 @@ def refine_in_order(order, u1, u0, strides, weights, spacing, g, g_step, u):
                 f1, v1, c1 = f, v, c
             else:
                 f2, v2, c2 = f, v, c
-        value = upwind_value(f0, v0, c0, f1, v1, c1, f2, v2, c2, g_k)
+        value = upwind_value((f0, f1, f2), (v0, v1, v2), (c0, c1, c2), g_k)
         u[k] = min(u0[k], value, most)

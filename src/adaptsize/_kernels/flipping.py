@@ -15,9 +15,6 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 
-#: The opposite angles must exceed 180 degrees by more than rounding (sine of the excess).
-_EXCESS = 1e-9
-
 
 @lean
 def _angle(points, a, b, c):
@@ -74,7 +71,8 @@ def _should_flip(points, c, p, d, q):
     """
     cosine_c, sine_c = _angle(points, c, p, q)
     cosine_d, sine_d = _angle(points, d, p, q)
-    if -(cosine_c * sine_d + sine_c * cosine_d) <= _EXCESS:
+    # The opposite angles must exceed 180 degrees by more than rounding (sine of the excess).
+    if -(cosine_c * sine_d + sine_c * cosine_d) <= 1e-9:
         return False
     before = min(_smallest_sine(points, c, p, q), _smallest_sine(points, d, p, q))
     after = min(_smallest_sine(points, c, p, d), _smallest_sine(points, c, d, q))
@@ -121,8 +119,9 @@ def _exists(edges, i, j, head, link):
 
 
 @lean
-def _set_corner(cells, cell_edges, corners, new, node, e, old):
+def _set_corner(mesh, new, node, e, old):
     """Put a node and the edge opposite to it into a corner; the edge was opposite to ``old``."""
+    cells, _, cell_edges, corners, _, _ = mesh
     cells[new // 3, new % 3] = node
     cell_edges[new // 3, new % 3] = e
     for side in range(2):
@@ -146,17 +145,17 @@ def _flip_edge(mesh, e):
     _remove(edges, e, head, link)
     edges[e, 0], edges[e, 1] = c, d
     _add(edges, e, head, link)
-    _set_corner(cells, cell_edges, corners, 3 * one, c, pd, beyond_q)
-    _set_corner(cells, cell_edges, corners, 3 * one + 2, d, cp, at_q)
-    _set_corner(cells, cell_edges, corners, 3 * other, c, dq, beyond_p)
-    _set_corner(cells, cell_edges, corners, 3 * other + 1, d, qc, at_p)
+    _set_corner(mesh, 3 * one, c, pd, beyond_q)
+    _set_corner(mesh, 3 * one + 2, d, cp, at_q)
+    _set_corner(mesh, 3 * other, c, dq, beyond_p)
+    _set_corner(mesh, 3 * other + 1, d, qc, at_p)
     cells[one, 1], cell_edges[one, 1] = p, e
     cells[other, 2], cell_edges[other, 2] = q, e
     corners[e, 0], corners[e, 1] = 3 * one + 1, 3 * other + 2
 
 
 @lean_kernel
-def flip(points, mesh, tags, is_free, queue, is_queued):
+def flip(points, mesh, tags, is_free, scratch):
     """Flip edges until the angles opposite to each free one sum up to at most 180 degrees.
 
     Edges between triangles of different tags or orientations stay, and so do those whose flip would
@@ -172,15 +171,14 @@ def flip(points, mesh, tags, is_free, queue, is_queued):
     tags : int32[m]
     is_free : bool[k]
         Edges of two cells that may be flipped.
-    queue, is_queued : int32[k], bool[k]
-        Scratch.
+    scratch : tuple of int32[k], bool[k]
 
     Returns
     -------
     int
         Number of flips.
     """
-    cells, edges, cell_edges, corners, head, link = mesh
+    (cells, edges, cell_edges, corners, head, link), (queue, is_queued) = mesh, scratch
     n_edges = edges.shape[0]
     for place in range(head.shape[0]):
         head[place] = -1
@@ -216,7 +214,7 @@ def flip(points, mesh, tags, is_free, queue, is_queued):
             if _exists(edges, c, d, head, link):
                 n_refused += 1
                 continue
-            _flip_edge((cells, edges, cell_edges, corners, head, link), e)
+            _flip_edge(mesh, e)
             n_flips += 1
             for side in range(2):
                 t = corners[e, side] // 3

@@ -1,25 +1,42 @@
-"""Indexed min-heap with four children per entry and back pointers.
+"""Indexed min-heap with four children per entry and back pointers."""
 
-The heap is four plain objects, so that it can be kept between calls:
-
-key : float64[n]
-    Keys in heap order; ``key[:size]`` is in use.
-node : int32[n]
-    The node of each entry.
-place : int32[n]
-    Where a node stands in the heap; -1 if it is not in it.
-size : int64[1]
-    Number of entries.
-"""
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 
 
+class Heap(NamedTuple):
+    """A heap of up to n nodes, which can be kept between calls.
+
+    Parameters
+    ----------
+    key : float64[n]
+        Keys in heap order; ``key[:size]`` is in use.
+    node : int32[n]
+        The node of each entry.
+    place : int32[n]
+        Where a node stands in the heap; -1 if it is not in it.
+    size : int64[1]
+        Number of entries.
+    """
+
+    key: np.ndarray
+    node: np.ndarray
+    place: np.ndarray
+    size: np.ndarray
+
+
+def new_heap(n: int) -> Heap:
+    """Return an empty heap."""
+    return Heap(np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64))
+
+
 @lean
-def _rise(key, node, place, here, value, i):
+def _rise(heap, here, value, i):
     """Put node i with its key at ``here`` or above."""
+    key, node, place, _ = heap
     while here > 0:
         parent = (here - 1) >> 2
         if key[parent] <= value:
@@ -34,18 +51,19 @@ def _rise(key, node, place, here, value, i):
 
 
 @lean_kernel
-def push_or_decrease(key, node, place, size, i, value):
+def push_or_decrease(heap, i, value):
     """Insert node i, or lower its key if it is in the heap already."""
-    here = place[i]
+    here = heap.place[i]
     if here < 0:
-        here = size[0]
-        size[0] += 1
-    _rise(key, node, place, here, value, i)
+        here = heap.size[0]
+        heap.size[0] += 1
+    _rise(heap, here, value, i)
 
 
 @lean_kernel
-def pop(key, node, place, size):
+def pop(heap):
     """Take out the entry of smallest key and return its node; the heap must not be empty."""
+    key, node, place, size = heap
     top = np.int64(node[0])
     place[top] = -1
     size[0] -= 1

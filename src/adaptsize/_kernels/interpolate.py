@@ -1,179 +1,59 @@
-"""Location of points in a mesh by a tree of boxes, and linear interpolation.
-
-The tree is a complete binary tree in heap order: node 1 is the root, the children of
-node i are 2 i and 2 i + 1, and the last ``n_leaves`` nodes are leaves.  The cells are
-put in an order in which leaf number l holds those from ``l * n_cells // n_leaves`` to
-``(l + 1) * n_cells // n_leaves``, so no array but that of the boxes is needed.
-"""
+"""Location of points in a mesh by a tree of boxes, and interpolation on meshes and grids."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.distance import closest_on_cell, find_inside
-
-# A path from the root to a leaf leaves one node behind per level.
-_STACK = 64
-
-
-@kernel
-def fill_centroids(points, cells, centroids):
-    """Fill the mean of the corners of each cell.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells : int32[m, k]
-    centroids : float64[m, 3]
-        Out.
-    """
-    k = cells.shape[1]
-    for c in range(cells.shape[0]):
-        for d in range(3):
-            total = 0.0
-            for v in range(k):
-                total += points[cells[c, v], d]
-            centroids[c, d] = total / k
+from adaptsize._kernels.trees import (
+    DEPTH,
+    Stack,
+    cells_of_leaf,
+    descent,
+    descent_by_bound,
+    distance2_to_box,
+    nearest_leaf,
+)
 
 
-@inner
-def _select(keys, axis, order, first, last, middle):
-    """Move the cells of smaller keys before place ``middle``, the others behind (quickselect).
+class Located(NamedTuple):
+    """Where query points are.
 
     Parameters
     ----------
-    keys : float64[m, 3]
-    axis : int
-        Column of the keys.
-    order : int64[m]
-        In/Out: ``order[first:last]`` is rearranged.
-    first, last, middle : int
-        ``first <= middle < last``.
+    cell : int32[n_queries]
+        Row of the cells of the tree.
+    weights : float64[n_queries, k + 1]
+        Barycentric coordinates of the closest point.
+    distance : float64[n_queries]
+        0 inside.
     """
-    low, high = first, last - 1
-    while low < high:
-        pivot = keys[order[(low + high) // 2], axis]
-        i, j = low, high
-        while i <= j:
-            while keys[order[i], axis] < pivot:
-                i += 1
-            while keys[order[j], axis] > pivot:
-                j -= 1
-            if i <= j:
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            high = j
-        elif middle >= i:
-            low = i
-        else:
-            return
 
-
-@kernel
-def sort_for_tree(centroids, n_leaves, order):
-    """Put cells in the order of a tree: each node is halved along the longest side.
-
-    Halving by number keeps the tree complete; unlike runs along a space-filling curve,
-    the halves of a box overlap by no more than the size of a cell.
-
-    Parameters
-    ----------
-    centroids : float64[m, 3]
-    n_leaves : int
-        Power of 2, at most m.
-    order : int64[m]
-        In/Out: numbers of the cells.  Centroids along a space-filling curve are faster.
-    """
-    m = centroids.shape[0]
-    for node in range(1, n_leaves):
-        width = n_leaves  # number of leaves under the node
-        level = node
-        while level > 1:
-            level >>= 1
-            width >>= 1
-        leaf = node * width - n_leaves
-        first, last = leaf * m // n_leaves, (leaf + width) * m // n_leaves
-        axis = np.int64(0)  # callees would be compiled for a literal, too
-        longest = -1.0
-        for d in range(3):
-            lower = math.inf
-            upper = -math.inf
-            for place in range(first, last):
-                lower = min(lower, centroids[order[place], d])
-                upper = max(upper, centroids[order[place], d])
-            if upper - lower > longest:
-                axis = d
-                longest = upper - lower
-        _select(centroids, axis, order, first, last, (leaf + width // 2) * m // n_leaves)
-
-
-@kernel
-def fill_boxes(points, cells, boxes):
-    """Fill the bounding boxes of a tree over sorted cells, leaves first.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells : int32[m, k]
-        In the order of the tree.
-    boxes : float64[2 * n_leaves, 6]
-        Out: lower and upper corner of each node; row 0 is not used.
-    """
-    n_cells = cells.shape[0]
-    n_leaves = boxes.shape[0] // 2
-    for leaf in range(n_leaves):
-        node = n_leaves + leaf
-        for d in range(3):
-            boxes[node, d] = math.inf
-            boxes[node, 3 + d] = -math.inf
-        for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-            for v in range(cells.shape[1]):
-                for d in range(3):
-                    value = points[cells[c, v], d]
-                    boxes[node, d] = min(boxes[node, d], value)
-                    boxes[node, 3 + d] = max(boxes[node, 3 + d], value)
-    for node in range(n_leaves - 1, 0, -1):
-        for d in range(3):
-            boxes[node, d] = min(boxes[2 * node, d], boxes[2 * node + 1, d])
-            boxes[node, 3 + d] = max(boxes[2 * node, 3 + d], boxes[2 * node + 1, 3 + d])
-
-
-@inner
-def _holds(boxes, node, x):
-    """Return whether x lies in the closed box of a node."""
-    return (
-        boxes[node, 0] <= x[0] <= boxes[node, 3]
-        and boxes[node, 1] <= x[1] <= boxes[node, 4]
-        and boxes[node, 2] <= x[2] <= boxes[node, 5]
-    )
+    cell: np.ndarray
+    weights: np.ndarray
+    distance: np.ndarray
 
 
 @inner
 def _distance_to_centre(boxes, node, x):
-    """Return twice the Manhattan distance of x to the centre of the box of a node."""
+    """Return twice the Manhattan distance of x to the centre of a box; inf outside of the box."""
     total = 0.0
     for d in range(3):
+        if not boxes[node, d] <= x[d] <= boxes[node, 3 + d]:
+            return math.inf
         total += abs(boxes[node, d] + boxes[node, 3 + d] - 2.0 * x[d])
     return total
 
 
-@inner
-def distance2_to_box(boxes, node, x):
-    """Return the squared distance of x to the box of a node, 0 inside."""
-    total = 0.0
-    for d in range(3):
-        gap = max(boxes[node, d] - x[d], x[d] - boxes[node, 3 + d])
-        if gap > 0.0:
-            total += gap * gap
-    return total
+_holding_leaf = descent_by_bound(_distance_to_centre)
 
 
 @inner
-def _distance2_to_cell_box(points, cells, c, x):
+def _distance2_to_cell_box(tree, c, x):
     """Return the squared distance of x to the bounding box of cell c, 0 inside."""
+    points, cells = tree.points, tree.cells
     total = 0.0
     for d in range(3):
         low = points[cells[c, 0], d]
@@ -188,171 +68,110 @@ def _distance2_to_cell_box(points, cells, c, x):
 
 
 @inner
-def _find_cell(points, cells, boxes, x, stack):
-    """Return a cell that contains x and its weights, or -1.
-
-    Parameters as in `locate`; ``stack`` is int64[64], scratch.
-    """
-    n_cells = cells.shape[0]
-    n_leaves = boxes.shape[0] // 2
-    stack[0] = 1
-    top = 1 if _holds(boxes, stack[0], x) else 0
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if node < n_leaves:
-            # The child whose centre is nearer is taken first.
-            near, far = 2 * node, 2 * node + 1
-            if _distance_to_centre(boxes, far, x) < _distance_to_centre(boxes, near, x):
-                near, far = far, near
-            for child in (far, near):
-                if _holds(boxes, child, x):
-                    stack[top] = child
-                    top += 1
-            continue
-        leaf = node - n_leaves
-        for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-            if _distance2_to_cell_box(points, cells, c, x) > 0.0:
+def _find_cell(tree, x, stack):
+    """Return a cell that contains x and its weights, or -1; boxes with the nearer centre first."""
+    stack.box[0], stack.bound[0] = 1, _distance_to_centre(tree.boxes, 1, x)
+    height = np.int64(1)
+    while height > 0:
+        leaf, height = _holding_leaf(tree.boxes, stack, height, math.inf, x)
+        for c in range(*cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])):
+            if _distance2_to_cell_box(tree, c, x) > 0.0:
                 continue
-            inside, weights = find_inside(points, cells, c, x)
+            inside, weights = find_inside(tree.points, tree.cells, c, x)
             if inside:
                 return c, weights
     return -1, (0.0, 0.0, 0.0, 0.0)
 
 
 @inner
-def _find_closest(points, cells, boxes, x, stack, bounds):
-    """Return the closest cell, the weights of the closest point, the squared distance.
-
-    Branch and bound, nearer child first: the first descent gives a good bound.
-
-    Parameters as in `locate`; ``stack`` int64[64] and ``bounds`` float64[64] are scratch.
-    """
-    n_cells = cells.shape[0]
-    n_leaves = boxes.shape[0] // 2
-    best = math.inf
-    best_cell = -1
-    best_weights = (1.0, 0.0, 0.0, 0.0)
-    stack[0] = 1
-    bounds[0] = distance2_to_box(boxes, stack[0], x)
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if bounds[top] >= best:
-            continue
-        if node < n_leaves:
-            near, far = 2 * node, 2 * node + 1
-            near2 = distance2_to_box(boxes, near, x)
-            far2 = distance2_to_box(boxes, far, x)
-            if far2 < near2:
-                near, far = far, near
-                near2, far2 = far2, near2
-            stack[top] = far
-            bounds[top] = far2
-            stack[top + 1] = near
-            bounds[top + 1] = near2
-            top += 2
-            continue
-        leaf = node - n_leaves
-        for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-            if _distance2_to_cell_box(points, cells, c, x) >= best:
+def _find_closest(tree, x, stack):
+    """Return the closest cell, the weights of the closest point, the squared distance."""
+    best, best_cell, best_weights = math.inf, -1, (1.0, 0.0, 0.0, 0.0)
+    stack.box[0], stack.bound[0] = 1, distance2_to_box(tree.boxes, 1, x)
+    height = np.int64(1)
+    while height > 0:
+        leaf, height = nearest_leaf(tree.boxes, stack, height, best, x)
+        for c in range(*cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])):
+            if _distance2_to_cell_box(tree, c, x) >= best:
                 continue
-            distance2, weights = closest_on_cell(points, cells, c, x)
+            distance2, weights = closest_on_cell(tree.points, tree.cells, c, x)
             if distance2 < best:
-                best = distance2
-                best_cell = c
-                best_weights = weights
+                best, best_cell, best_weights = distance2, c, weights
     return best_cell, best_weights, best
 
 
 @kernel
-def locate(points, cells, boxes, full, queries, order, first, last, found, weights, distances):
+def locate(tree, full, queries, which, found):
     """Find the cell that contains each query point, or else the closest point of the mesh.
 
     The answer for a point does not depend on the other points.
 
     Parameters
     ----------
-    points : float64[n, 3]
-    cells : int32[m, k + 1]
-        In the order of the tree.
-    boxes : float64[2 * n_leaves, 6]
-        From `fill_boxes`.
+    tree : Tree
     full : bool
         Whether the cells have the dimension of the space, so that they contain points.
     queries : float64[n_queries, 3]
-    order : int64[n_queries]
-        Order of processing; neighbours should be near each other, for the cache.
-    first, last : int
-        Only ``order[first:last]`` is processed.
-    found : int32[n_queries]
-        Out: cell, as numbered in ``cells``.
-    weights : float64[n_queries, k + 1]
-        Out: barycentric coordinates of the closest point.
-    distances : float64[n_queries]
-        Out: 0 inside.
+    which : int64[n]
+        The queries to process.  Neighbours should be near each other, for the cache.
+    found : Located
+        Out.
     """
-    stack = np.empty(_STACK, np.int64)
-    bounds = np.empty(_STACK)
-    for place in range(first, last):
-        q = order[place]
+    stack = Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))
+    for q in which:
         x = (queries[q, 0], queries[q, 1], queries[q, 2])
         cell = -1
         distance2 = 0.0
         w = (0.0, 0.0, 0.0, 0.0)
         if full:
-            cell, w = _find_cell(points, cells, boxes, x, stack)
+            cell, w = _find_cell(tree, x, stack)
         if cell < 0:
-            cell, w, distance2 = _find_closest(points, cells, boxes, x, stack, bounds)
-        found[q] = cell
-        distances[q] = math.sqrt(distance2)
-        for v in range(cells.shape[1]):
-            weights[q, v] = w[v]
+            cell, w, distance2 = _find_closest(tree, x, stack)
+        found.cell[q] = cell
+        found.distance[q] = math.sqrt(distance2)
+        for v in range(tree.cells.shape[1]):
+            found.weights[q, v] = w[v]
+
+
+@inner
+def _is_within(boxes, node, near):
+    """Return whether a box is near a point, ``near``: the point and the squared distance."""
+    return distance2_to_box(boxes, node, near[0]) <= near[1]
+
+
+_leaf_within = descent(_is_within)
 
 
 @kernel
-def list_within(points, cells, boxes, queries, reach, rows):
+def list_within(tree, queries, reach, rows):
     """List the cells that are at most a given distance away from each query point.
 
     Parameters
     ----------
-    points, cells, boxes, queries
+    tree, queries
         As in `locate`.
     reach : float64[n_queries]
         Largest distance, >= 0.
     rows : int32[room, 2]
-        Out: query and cell, as numbered in ``cells``, as far as there is room.
+        Out: query and cell, as numbered in the tree, as far as there is room.
 
     Returns
     -------
     int
         Number of rows, which may exceed the room.
     """
-    n_cells = cells.shape[0]
-    n_leaves = boxes.shape[0] // 2
-    stack = np.empty(_STACK, np.int64)
+    stack = np.empty(DEPTH, np.int64)
     count = 0
     for q in range(queries.shape[0]):
         x = (queries[q, 0], queries[q, 1], queries[q, 2])
         reach2 = reach[q] * reach[q]
-        stack[0] = 1
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if distance2_to_box(boxes, node, x) > reach2:
-                continue
-            if node < n_leaves:
-                stack[top] = 2 * node
-                stack[top + 1] = 2 * node + 1
-                top += 2
-                continue
-            leaf = node - n_leaves
-            for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-                if _distance2_to_cell_box(points, cells, c, x) > reach2:
+        stack[0], height = 1, np.int64(1)
+        while height > 0:
+            leaf, height = _leaf_within(tree.boxes, stack, height, (x, reach2))
+            for c in range(*cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])):
+                if _distance2_to_cell_box(tree, c, x) > reach2:
                     continue
-                if closest_on_cell(points, cells, c, x)[0] <= reach2:
+                if closest_on_cell(tree.points, tree.cells, c, x)[0] <= reach2:
                     if count < rows.shape[0]:
                         rows[count, 0] = q
                         rows[count, 1] = c
@@ -389,3 +208,101 @@ def interpolate(cells, values, found, weights, result):
                 low = min(low, value)
                 high = max(high, value)
         result[q] = min(max(total, low), high)
+
+
+class GridNodes(NamedTuple):
+    """A Cartesian grid of three axes.
+
+    Parameters
+    ----------
+    lower : float64[3]
+        0 of the axes that the grid lacks.
+    spacing : float64[3]
+        1 of these axes.
+    shape : int64[3]
+        Nodes per axis, 1 along these axes.
+    snap : float64[3]
+        Points within this distance of a plane of nodes, in spacings, lie in it.
+    active : bool[n_points]
+        Or bool[0] if all nodes are active.
+    """
+
+    lower: np.ndarray
+    spacing: np.ndarray
+    shape: np.ndarray
+    snap: np.ndarray
+    active: np.ndarray
+
+
+@kernel
+def interpolate_grid(grid, values, queries, result, distances):
+    """Fill the multilinear interpolant at the closest point of the grid's box.
+
+    Corners of weight 0 do not count, so that 0 * inf is no nan, and neither do corners
+    that are not active; the weights of the others are then scaled to the sum 1.  The
+    result is kept between the smallest and the largest value that count: constants are
+    exact.  One query costs the eight corners of its box at most.
+
+    Parameters
+    ----------
+    grid : GridNodes
+    values : float64[n_points]
+        Finite or +inf, the last axis fastest.
+    queries : float64[n_queries, dim]
+    result : float64[n_queries]
+        Out: inf where no active corner counts.
+    distances : float64[n_queries]
+        Out: from the box, 0 inside.
+    """
+    lower, spacing, shape, snap, active = grid
+    dim = queries.shape[1]
+    masked = active.shape[0] > 0
+    corner = np.zeros(3, np.int64)
+    share = np.zeros(3)
+    gap = np.zeros(3)
+    for q in range(queries.shape[0]):
+        for d in range(dim):
+            along = (queries[q, d] - lower[d]) / spacing[d]
+            end = float(shape[d] - 1)
+            gap[d] = 0.0
+            if along < 0.0:
+                gap[d] = lower[d] - queries[q, d]
+                along = 0.0
+            elif along > end:
+                gap[d] = queries[q, d] - (lower[d] + end * spacing[d])
+                along = end
+            i = min(int(along), shape[d] - 2)
+            f = along - i
+            if f <= snap[d]:
+                f = 0.0
+            elif f >= 1.0 - snap[d]:
+                f = 1.0
+            corner[d] = i
+            share[d] = f
+        distances[q] = math.hypot(math.hypot(gap[0], gap[1]), gap[2])
+        total = 0.0
+        weight = 0.0
+        low = math.inf
+        high = -math.inf
+        for a in range(2):
+            w_a = share[0] if a == 1 else 1.0 - share[0]
+            if w_a == 0.0:
+                continue
+            for b in range(2):
+                w_b = w_a * (share[1] if b == 1 else 1.0 - share[1])
+                if w_b == 0.0:
+                    continue
+                row = ((corner[0] + a) * shape[1] + corner[1] + b) * shape[2] + corner[2]
+                for c in range(2):
+                    w = w_b * (share[2] if c == 1 else 1.0 - share[2])
+                    if w == 0.0 or (masked and not active[row + c]):
+                        continue
+                    value = values[row + c]
+                    total += w * value
+                    weight += w
+                    low = min(low, value)
+                    high = max(high, value)
+        if weight == 0.0:
+            result[q] = math.inf
+        else:
+            result[q] = min(max(total / weight, low), high)

@@ -1,33 +1,39 @@
-"""Principal curvatures of the level sets of nodal values on a Cartesian grid."""
+"""Nodal values of a level set function on a grid: principal curvatures, and reinitialization.
+
+Grids have three axes here, of one node where there are fewer, and nodes are numbered row by
+row, the last axis fastest.
+"""
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 
 
 @kernel
-def fill_level_set_curvature(phi, distance, shape, spacing, nodes, tolerance, at_boundary, kappa):
+def fill_level_set_curvature(fields, grid, nodes, choice, kappa):
     """Fill the principal curvatures of the level sets through nodes, by central differences.
 
     Parameters
     ----------
-    phi : float64[n]
-        Values, flat, the last axis fastest; not finite where unknown.
-    distance : float64[n]
-        Signed distance; ``phi`` or what ``phi`` was before it was smoothed.
-    shape, spacing : int64[3], float64[3]
-        Of the grid; in the plane ``shape[2]`` is 1.
+    fields : tuple of two float64[n]
+        Values phi, flat, not finite where unknown; and the signed distance, which is phi or what
+        phi was before it was smoothed.
+    grid : tuple of float64[3], int64[3]
+        Spacing and shape.
     nodes : int64[m]
         Flat indices.
-    tolerance : float64
-        Where ``abs(abs(grad distance) - 1)`` is larger there is no value.
-    at_boundary : bool
-        Whether to divide by ``1 - kappa distance``.
+    choice : tuple of float, bool
+        Where ``abs(abs(grad distance) - 1)`` is larger than the first there is no value.  The
+        second is whether to divide by ``1 - kappa distance``.
     kappa : float64[m, dim - 1]
         Out: positive where {phi <= level} is convex, the larger one first; NaN on the border
-        of the grid, where phi is unknown in the stencil, by ``tolerance``, and at and beyond
+        of the grid, where phi is unknown in the stencil, by the tolerance, and at and beyond
         centres of curvature of the boundary.
     """
+    (phi, distance), (spacing, shape), (tolerance, at_boundary) = fields, grid, choice
     dim = kappa.shape[1] + 1
     ny, nz = shape[1], shape[2]
     sx, sy, sz = ny * nz, nz, 1
@@ -71,7 +77,7 @@ def fill_level_set_curvature(phi, distance, shape, spacing, nodes, tolerance, at
             fyz = ry * rz * (
                 phi[at + sy + sz] - phi[at + sy - sz] - phi[at - sy + sz] + phi[at - sy - sz]
             )  # fmt: skip
-            mean, half = mean_and_half_difference(fx, fy, fz, fxx, fyy, fzz, fxy, fxz, fyz)
+            mean, half = _mean_and_half_difference((fx, fy, fz), (fxx, fyy, fzz, fxy, fxz, fyz))
             larger, smaller = per * (mean + half), per * (mean - half)
         if at_boundary:
             beyond, before = 1.0 - larger * distance[at], 1.0 - smaller * distance[at]
@@ -84,25 +90,16 @@ def fill_level_set_curvature(phi, distance, shape, spacing, nodes, tolerance, at
 
 
 @inner
-def mean_and_half_difference(nx, ny, nz, xx, yy, zz, xy, xz, yz):
+def _mean_and_half_difference(normal, tensor):
     """Return half the sum and half the difference, >= 0, of a tensor's two tangential values.
 
     In a frame u, v of the tangent plane with a = u.A.u, b = u.A.v, c = v.A.v they are
     (a + c) / 2 and hypot((a - c) / 2, b).  With A the second derivatives over the length of the
     gradient these are the mean curvature H and sqrt(H^2 - G), G the Gaussian curvature, the
-    latter without the rounding of two nearly equal numbers.
-
-    Parameters
-    ----------
-    nx, ny, nz : float64
-        Unit normal.
-    xx, yy, zz, xy, xz, yz : float64
-        The symmetric tensor A.
-
-    Returns
-    -------
-    float64, float64
+    latter without the rounding of two nearly equal numbers.  ``normal``: of unit length;
+    ``tensor``: the components xx, yy, zz, xy, xz, yz of A.
     """
+    (nx, ny, nz), (xx, yy, zz, xy, xz, yz) = normal, tensor
     # u is normal to n and to the axis that n is farthest from.
     if abs(nx) <= abs(ny) and abs(nx) <= abs(nz):
         ux, uy, uz = 0.0, nz, -ny
@@ -121,3 +118,124 @@ def mean_and_half_difference(nx, ny, nz, xx, yy, zz, xy, xz, yz):
     c = xx * vx * vx + yy * vy * vy + zz * vz * vz
     c += 2.0 * (xy * vx * vy + xz * vx * vz + yz * vy * vz)
     return 0.5 * (a + c), math.sqrt(0.25 * (a - c) ** 2 + b * b)
+
+
+@inner
+def _minmod(a, b):
+    """Return the smaller in modulus of two numbers of one sign, else 0."""
+    if a * b <= 0.0:
+        return 0.0
+    return a if abs(a) < abs(b) else b
+
+
+@inner
+def _second_difference(phi, node, at, n, stride):
+    """Return phi_{i-1} - 2 phi_i + phi_{i+1} along an axis; 0 at its ends."""
+    if at < 1 or at > n - 2:
+        return 0.0
+    return phi[node - stride] - 2.0 * phi[node] + phi[node + stride]
+
+
+@kernel
+def measure_cuts(values, nodes, shape, cuts):
+    """Measure how far along each axis the zero level of a function is.
+
+    Where the sign changes between nodes i and j, the place is the root of the quadratic whose
+    second derivative is the smaller one of those at i and j.
+
+    Parameters
+    ----------
+    values : float64[n_nodes]
+    nodes : int64[m]
+    shape : int64[3]
+    cuts : float64[m, 6]
+        Out: in spacings, backward and forward along each axis; 1 where no zero is nearer than
+        the next node, 2 where there is no next node.
+    """
+    strides = (shape[1] * shape[2], shape[2], 1)
+    for place in range(nodes.shape[0]):
+        node = nodes[place]
+        at = (node // strides[0], node // strides[1] % shape[1], node % shape[2])
+        f = values[node]
+        for a in range(3):
+            for side in range(2):
+                ahead = at[a] + (1 if side == 1 else -1)
+                if ahead < 0 or ahead >= shape[a]:
+                    cuts[place, 2 * a + side] = 2.0
+                    continue
+                other = node + (strides[a] if side == 1 else -strides[a])
+                g = values[other]
+                cuts[place, 2 * a + side] = 1.0
+                if (f > 0.0) == (g > 0.0):
+                    continue
+                here = _second_difference(values, node, at[a], shape[a], strides[a])
+                there = _second_difference(values, other, ahead, shape[a], strides[a])
+                bend = _minmod(here, there)
+                # f + slope t + bend t^2 / 2 is g at t = 1; the stable form of its root.
+                slope = g - f - 0.5 * bend
+                root = math.sqrt(max(slope * slope - 2.0 * f * bend, 0.0))
+                below = slope + math.copysign(root, slope)
+                t = -2.0 * f / below if below != 0.0 else 0.5
+                cuts[place, 2 * a + side] = min(max(t, 0.0), 1.0)
+
+
+class Band(NamedTuple):
+    """The nodes that are updated.
+
+    Parameters
+    ----------
+    positive : bool[n_nodes]
+        Signs of all nodes.
+    nodes : int64[m]
+    cuts : float64[m, 6]
+        From `measure_cuts`; differences towards the zero level end there.
+    steps : float64[m]
+        Time steps.
+    """
+
+    positive: np.ndarray
+    nodes: np.ndarray
+    cuts: np.ndarray
+    steps: np.ndarray
+
+
+@kernel
+def relax(phi, band, grid, change):
+    """Fill  -dt s (|grad phi| - 1)  with s the sign and one-sided differences of second order.
+
+    Parameters
+    ----------
+    phi : float64[n_nodes]
+    band : Band
+    grid : tuple of float64[3], int64[3]
+        Spacing and shape.
+    change : float64[m]
+        Out.
+    """
+    (positive, nodes, cuts, steps), (spacing, shape) = band, grid
+    strides = (shape[1] * shape[2], shape[2], 1)
+    for place in range(nodes.shape[0]):
+        node = nodes[place]
+        at = (node // strides[0], node // strides[1] % shape[1], node % shape[2])
+        own = phi[node]
+        sign = 1.0 if positive[node] else -1.0
+        squares = 0.0
+        for a in range(3):
+            if shape[a] == 1:
+                continue
+            h = spacing[a]
+            here = _second_difference(phi, node, at[a], shape[a], strides[a])
+            steepest = 0.0
+            for side in range(2):
+                cut = cuts[place, 2 * a + side]
+                if cut > 1.0:
+                    continue
+                stride = strides[a] if side == 1 else -strides[a]
+                ahead = at[a] + (1 if side == 1 else -1)
+                beyond = _second_difference(phi, node + stride, ahead, shape[a], strides[a])
+                end = phi[node + stride] if cut == 1.0 else 0.0
+                # Descent towards that side, of |phi|: phi grows away from the zero level.
+                slope = (own - end) / (cut * h) + 0.5 * cut * _minmod(here, beyond) / h
+                steepest = max(steepest, sign * slope)
+            squares += steepest * steepest
+        change[place] = -steps[place] * sign * (math.sqrt(squares) - 1.0)

@@ -44,7 +44,7 @@ def distance(points, axes, i, j):
 
 
 @lean_kernel
-def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
+def minimum_on_edge(points, axes, k, ends, sizes, g):
     """Return the largest size at node k allowed by linear sizes on the edge (a, b), and where.
 
     With y(t) = x_a + t (x_b - x_a), the minimum over 0 <= t <= 1 of
@@ -60,10 +60,10 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     ----------
     points : float64[n, dim]
     axes : tuple of length dim
-    k, a, b : int
-        Node to update, ends of the opposite edge; coinciding ends are allowed.
-    h_a, h_b : float64
-        Finite sizes at the ends.
+    k : int
+        Node to update.
+    ends, sizes : tuple of 2 int, tuple of 2 float64
+        Ends a and b of the opposite edge, which may coincide, and the finite sizes there.
     g : float64
         Gradient limit, >= 0.
 
@@ -71,6 +71,7 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
     -------
     value, t : float64
     """
+    (a, b), (h_a, h_b) = ends, sizes
     length2 = 0.0
     dot = 0.0
     for d in range(len(axes)):
@@ -101,7 +102,7 @@ def minimum_on_edge(points, axes, k, a, b, h_a, h_b, g):
 
 
 @lean_kernel
-def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
+def minimum_on_triangle(points, axes, k, corners, sizes, g, with_bc):
     """Return the largest size at node k allowed by linear sizes on the triangle (a, b, c).
 
     The point of the triangle's plane with barycentric coordinates
@@ -116,10 +117,10 @@ def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
     ----------
     points : float64[n, dim]
     axes : tuple of length dim
-    k, a, b, c : int
-        Node to update and the opposite triangle, which may be degenerate.
-    h_a, h_b, h_c : float64
-        Finite sizes.
+    k : int
+        Node to update.
+    corners, sizes : tuple of 3 int, tuple of 3 float64
+        The opposite triangle a, b, c, which may be degenerate, and the finite sizes there.
     g : float64
         Gradient limit, >= 0.
     with_bc : bool
@@ -131,11 +132,8 @@ def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
         Size, and weights of b and c at the minimum; the size is inf if the minimum
         is on the edge (b, c) and that is left out.
     """
-    a11 = 0.0
-    a12 = 0.0
-    a22 = 0.0
-    w1 = 0.0
-    w2 = 0.0
+    (a, b, c), (h_a, h_b, h_c) = corners, sizes
+    a11 = a12 = a22 = w1 = w2 = 0.0
     for d in range(len(axes)):
         e1 = points[b, d] - points[a, d]
         e2 = points[c, d] - points[a, d]
@@ -175,13 +173,13 @@ def minimum_on_triangle(points, axes, k, a, b, c, h_a, h_b, h_c, g, with_bc):
     least = math.inf
     least_1 = least_2 = 0.0
     if l2 <= 0.0:
-        least, least_1 = minimum_on_edge(points, axes, k, a, b, h_a, h_b, g)
+        least, least_1 = minimum_on_edge(points, axes, k, (a, b), (h_a, h_b), g)
     if l1 <= 0.0:
-        value, t = minimum_on_edge(points, axes, k, a, c, h_a, h_c, g)
+        value, t = minimum_on_edge(points, axes, k, (a, c), (h_a, h_c), g)
         if value < least:
             least, least_1, least_2 = value, 0.0, t
     if l0 < 0.0 and with_bc:
-        value, t = minimum_on_edge(points, axes, k, b, c, h_b, h_c, g)
+        value, t = minimum_on_edge(points, axes, k, (b, c), (h_b, h_c), g)
         if value < least:
             least, least_1, least_2 = value, 1.0 - t, t
     return least, least_1, least_2

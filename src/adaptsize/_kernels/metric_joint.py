@@ -30,12 +30,16 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metrics import (
     column_norm,
+    factorise,
     fill_factor,
     intersect_into,
+    invert,
+    invert_lower,
     rotate_columns,
+    sandwich,
     sizes_of_factor,
+    solve,
 )
-from adaptsize._kernels.small_matrices import factorise, invert, invert_lower, sandwich, solve
 
 #: Most metrics that are intersected at a time.
 MOST = 16
@@ -51,39 +55,52 @@ _FALL_NEAR = 0.6
 _SHORTER = 0.95
 _SHORT = 0.99
 
-# Metrics with smaller multipliers are not active.
-_ACTIVE = 1e-6
-
 
 class Joint(NamedTuple):
-    """Metrics to intersect, their intersection, and scratch."""
+    """Metrics to intersect, their intersection, and scratch.
+
+    Parameters
+    ----------
+    h : float64[MOST, dim]
+        Sizes of the metrics.
+    r : float64[MOST, dim, dim]
+        Their directions.
+    number : int64[MOST]
+        Their numbers.
+    h_all : float64[dim]
+        Sizes of the intersection.
+    r_all : float64[dim, dim]
+        Its directions.
+    weight : float64[MOST]
+        Multipliers tr(Y_s K_s^T P K_s), which add up to dim.
+    k : float64[MOST, dim, dim]
+        Factors.
+    t : float64[MOST, dim, dim]
+        T_s.
+    y : float64[MOST, dim, dim]
+        Y_s.
+    dt : float64[MOST, dim, dim]
+        Steps of T_s.
+    dy : float64[MOST, dim, dim]
+        Steps of Y_s.
+    small : float64[10, dim, dim]
+    normal : float64[6, 7]
+        Equations for the step of P.
+    """
 
     h: np.ndarray
-    """float64[MOST, dim]: sizes of the metrics."""
     r: np.ndarray
-    """float64[MOST, dim, dim]: their directions."""
     number: np.ndarray
-    """int64[MOST]: their numbers."""
     h_all: np.ndarray
-    """float64[dim]: sizes of the intersection."""
     r_all: np.ndarray
-    """float64[dim, dim]: its directions."""
     weight: np.ndarray
-    """float64[MOST]: multipliers tr(Y_s K_s^T P K_s), which add up to dim."""
     k: np.ndarray
-    """float64[MOST, dim, dim]: factors."""
     t: np.ndarray
-    """float64[MOST, dim, dim]: T_s."""
     y: np.ndarray
-    """float64[MOST, dim, dim]: Y_s."""
     dt: np.ndarray
-    """float64[MOST, dim, dim]: steps of T_s."""
     dy: np.ndarray
-    """float64[MOST, dim, dim]: steps of Y_s."""
     small: np.ndarray
-    """float64[10, dim, dim]"""
     normal: np.ndarray
-    """float64[6, 7]: equations for the step of P."""
 
 
 def new_joint(dim: int) -> Joint:
@@ -253,7 +270,8 @@ def _drop_inactive(axes, count, joint):
     _fill_weights(axes, count, joint)
     kept = 0
     for s in range(count):
-        if joint.weight[s] <= _ACTIVE:
+        # Metrics with smaller multipliers are not active.
+        if joint.weight[s] <= 1e-6:
             continue
         joint.number[kept] = joint.number[s]
         for j in range(dim):
@@ -308,7 +326,8 @@ def two_by_two(axes, count, joint):
         for i in range(dim):
             r[i, j] = joint.r[0, i, j]
     for s in range(1, count):
-        intersect_into(axes, h, r, joint.h[s], joint.r[s], joint.small[1], joint.small[2])
+        other = (joint.h[s], joint.r[s])
+        intersect_into(axes, (h, r), other, joint.small[1], joint.small[2])
 
 
 @lean
@@ -369,18 +388,19 @@ def intersect_several(axes, count, joint):
 
 
 @lean_kernel
-def intersect_stacks(axes, h, r, h_all, r_all, joint):
+def intersect_stacks(axes, stacks, out, joint):
     """Intersect several metrics, node by node.
 
     Parameters
     ----------
     axes : tuple of length dim
-    h, r : float64[m, n, dim], float64[m, n, dim, dim]
+    stacks : tuple of float64[m, n, dim], float64[m, n, dim, dim]
         From 2 to MOST metrics at each of n nodes.
-    h_all, r_all : float64[n, dim], float64[n, dim, dim]
+    out : tuple of float64[n, dim], float64[n, dim, dim]
         Out.
     joint : Joint
     """
+    (h, r), (h_all, r_all) = stacks, out
     dim, count = len(axes), h.shape[0]
     for v in range(h.shape[1]):
         for s in range(count):

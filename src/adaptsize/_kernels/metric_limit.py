@@ -18,8 +18,6 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metric_joint import MOST, intersect_several, two_by_two
-from adaptsize._kernels.metric_order import extremes, fill_relative, is_above
-from adaptsize._kernels.metric_sight import sees
 from adaptsize._kernels.metric_sources import (
     MANY,
     distance,
@@ -28,59 +26,52 @@ from adaptsize._kernels.metric_sources import (
     most_excessive,
     set_present,
 )
-from adaptsize._kernels.trees import LEAF
+from adaptsize._kernels.metrics import extremes, fill_relative, is_above
+from adaptsize._kernels.sight import sees
+from adaptsize._kernels.trees import descent_by_bound, items_of_leaf
 
 # Excesses up to this are removed by scaling.
 _MET = 1.0 + 1e-10
 
-# The least eigenvalue from which on a metric counts as above another one.
-_ABOVE = 1.0 + 1e-12
 
 # Sources that are added at one node at most.
 _ROUNDS = 100
 
-# The share by which sources are listed.
-_SHARE = 1.03
 
-# Sizes above this count as no bound.
-_UNBOUNDED = 1e20
+@lean
+def _distance_if_above(boxes, b, given):
+    """Return the distance of a box; inf if its metric is not above that of a source."""
+    axes, v, sources, g, scratch = given
+    away = distance_to_box(axes, boxes, b, sources.x, v)
+    if away < math.inf:
+        h, r, n = sources.box_h[b], sources.box_r[b], scratch.n
+        fill_relative(axes, h, r, g * away, scratch.s, n, scratch.row)
+        if is_above(axes, n):
+            return away
+    return math.inf
+
+
+_leaf_above = descent_by_bound(_distance_if_above)
 
 
 @lean
 def _dominating(axes, v, sources, g, scratch, view):
     """Return a source whose grown metric is above that of source v, -1 if there is none."""
-    boxes, stack, x = sources.boxes, scratch.stack, sources.x
-    s, n, row, dim = scratch.s, scratch.n, scratch.row, len(axes)
-    m, n_leaves = x.shape[0], boxes.shape[0] // 2
+    stack, x, s, n, dim = scratch.stack, sources.x, scratch.s, scratch.n, len(axes)
+    given = (axes, v, sources, g, scratch)
     for i in range(dim):
         for j in range(dim):
             s[i, j] = sources.r[v, i, j] * sources.h[v, j]
-    stack[0], size = 1, 1
-    while size > 0:
-        size -= 1
-        b = stack[size]
-        if b >= n_leaves:
-            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
-                more = g * distance(axes, x, v, x, k)
-                if extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > _ABOVE and (
-                    view is None or sees(view, x, k, sources.number[k], x, v, sources.number[v])
-                ):
-                    return k
-            continue
-        near, far = 2 * b, 2 * b + 1
-        to_near = distance_to_box(axes, boxes, near, x, v)
-        to_far = distance_to_box(axes, boxes, far, x, v)
-        if to_far < to_near:
-            near, far, to_near, to_far = far, near, to_far, to_near
-        if to_far < math.inf:
-            fill_relative(axes, sources.box_h[far], sources.box_r[far], g * to_far, s, n, row)
-            if is_above(axes, n):
-                stack[size] = far
-                size += 1
-        fill_relative(axes, sources.box_h[near], sources.box_r[near], g * to_near, s, n, row)
-        if is_above(axes, n):
-            stack[size] = near
-            size += 1
+    stack.box[0], stack.bound[0], height = 1, 0.0, np.int64(1)
+    while height > 0:
+        leaf, height = _leaf_above(sources.boxes, stack, height, math.inf, given)
+        for k in range(*items_of_leaf(leaf, x.shape[0])):
+            more = g * distance(axes, x, v, x, k)
+            # The least eigenvalue from which on a metric counts as above another one.
+            if extremes(axes, sources.h[k], sources.r[k], more, s, n)[0] > (1.0 + 1e-12) and (
+                view is None or sees(view, (x, k, sources.number[k]), (x, v, sources.number[v]))
+            ):
+                return k
     return np.int64(-1)
 
 
@@ -160,7 +151,8 @@ def _limit(axes, x, v, sources, g, count, scratch, view):
     Returns the number of metrics that determine it, and the largest excess that remains.
     """
     dim, joint = len(axes), scratch.joint
-    share, best = _SHARE, 1.0
+    # The share by which sources are listed.
+    share, best = 1.03, 1.0
     for _ in range(_ROUNDS):
         set_present(axes, joint.h_all, joint.r_all, scratch)
         for j in range(dim):
@@ -185,7 +177,7 @@ def _without_hidden(x, v, sources, some, count, view):
     left = 0
     for i in range(count):
         k = some[i]
-        if sees(view, sources.x, k, sources.number[k], x, v, v):
+        if sees(view, (sources.x, k, sources.number[k]), (x, v, v)):
             some[left] = k
             left += 1
     return left
@@ -220,7 +212,8 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
         _add(axes, joint, np.int64(0), h[v], r[v], 0.0, np.int64(-1))
         count = np.int64(1)
         two_by_two(axes, count, joint)
-        if h[v, 0] > _UNBOUNDED:  # nothing to intersect
+        # Sizes above this count as no bound.
+        if h[v, 0] > 1e20:  # nothing to intersect
             count = np.int64(0)
         if view is not None:
             n_recent = _without_hidden(x, v, sources, recent, n_recent, view)

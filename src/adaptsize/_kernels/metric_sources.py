@@ -13,7 +13,7 @@ With L = R diag(h) R^T, and P^-1 the present metric of a node, a grown metric is
 
 is positive semidefinite.  This needs a dozen multiplications for given L and L^2.  Rounding errors
 are relative to the largest sizes, so that the test is done with a margin.  What does not pass is
-compared by its *excess* lambda_max(S^T M S), where P = S S^T (metric_order.py).
+compared by its *excess* lambda_max(S^T M S), where P = S S^T (metrics.py).
 """
 
 import math
@@ -23,66 +23,87 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metric_joint import MOST, Joint, new_joint
-from adaptsize._kernels.metric_order import excess, extremes
-from adaptsize._kernels.metric_sight import sees
-from adaptsize._kernels.metrics import intersect_into
-from adaptsize._kernels.trees import DEPTH, LEAF
+from adaptsize._kernels.metrics import excess, extremes, intersect_into
+from adaptsize._kernels.sight import sees
+from adaptsize._kernels.trees import LEAF, Stack, descent_by_bound, items_of_leaf, new_stack
 
 #: Most sources that `find_above` lists.
 MANY = 1024
 
-# Sizes above this are no bounds, and count as this in L: the others are at most 1 (physical.py).
-_CAP = 2.0
 
 # Rounding errors of L^2 and P, relative to their traces.
 _MARGIN = 1e-14
 
 
 class Sources(NamedTuple):
-    """Sources along a Morton curve, and the tree over them (see trees.py)."""
+    """Sources along a Morton curve, and the tree over them (see trees.py).
+
+    Parameters
+    ----------
+    x : float64[m, dim]
+        Places.
+    h : float64[m, dim]
+        Sizes.
+    r : float64[m, dim, dim]
+        Directions.
+    powers : float64[m, dim * (dim + 1)]
+        Upper triangles of L and of L^2.
+    number : int32[m]
+        Nodes; for what comes around a corner, the corner.
+    boxes : float64[2 * n_leaves, 2 * dim + 1]
+        Boxes, with the least size in each.
+    box_h : float64[2 * n_leaves, dim]
+        Sizes of a metric nowhere below those in the box.
+    box_r : float64[2 * n_leaves, dim, dim]
+        Its directions.
+    box_powers : float64[2 * n_leaves, dim * (dim + 1)]
+        Its L and L^2.
+    """
 
     x: np.ndarray
-    """float64[m, dim]: places."""
     h: np.ndarray
-    """float64[m, dim]: sizes."""
     r: np.ndarray
-    """float64[m, dim, dim]: directions."""
     powers: np.ndarray
-    """float64[m, dim * (dim + 1)]: upper triangles of L and of L^2."""
     number: np.ndarray
-    """int32[m]: nodes; for what comes around a corner, the corner."""
     boxes: np.ndarray
-    """float64[2 * n_leaves, 2 * dim + 1]: boxes, with the least size in each."""
     box_h: np.ndarray
-    """float64[2 * n_leaves, dim]: sizes of a metric nowhere below those in the box."""
     box_r: np.ndarray
-    """float64[2 * n_leaves, dim, dim]: its directions."""
     box_powers: np.ndarray
-    """float64[2 * n_leaves, dim * (dim + 1)]: its L and L^2."""
 
 
 class Scratch(NamedTuple):
-    """Scratch for one thread."""
+    """Scratch for one thread.
+
+    Parameters
+    ----------
+    joint : Joint
+    s : float64[dim, dim]
+        S, with S S^T the inverse of the present metric.
+    p : float64[7]
+        The upper triangle of P, and at the end its trace.
+    n : float64[dim, dim]
+    row : float64[dim]
+    h : float64[dim]
+        Sizes of the metric for which sources were listed.
+    r : float64[dim, dim]
+        Its directions.
+    stack : Stack
+    above : int64[MANY]
+        Listed sources.
+    recent : int64[MOST]
+        Active sources of the point before, which are tried first.
+    """
 
     joint: Joint
     s: np.ndarray
-    """float64[dim, dim]: S, with S S^T the inverse of the present metric."""
     p: np.ndarray
-    """float64[7]: the upper triangle of P, and at the end its trace."""
     n: np.ndarray
-    """float64[dim, dim]"""
     row: np.ndarray
-    """float64[dim]"""
     h: np.ndarray
-    """float64[dim]: sizes of the metric for which sources were listed."""
     r: np.ndarray
-    """float64[dim, dim]: its directions."""
-    stack: np.ndarray
-    """int64[DEPTH]: boxes."""
+    stack: Stack
     above: np.ndarray
-    """int64[MANY]: listed sources."""
     recent: np.ndarray
-    """int64[MOST]: active sources of the point before, which are tried first."""
 
 
 def new_scratch(dim: int) -> Scratch:
@@ -95,7 +116,7 @@ def new_scratch(dim: int) -> Scratch:
         row=np.empty(dim),
         h=np.empty(dim),
         r=np.empty((dim, dim)),
-        stack=np.empty(DEPTH, np.int64),
+        stack=new_stack(),
         above=np.empty(MANY, np.int64),
         recent=np.empty(MOST, np.int64),
     )
@@ -110,7 +131,9 @@ def _fill_powers(axes, h, r, powers):
         for j in range(i, dim):
             first, second = 0.0, 0.0
             for q in range(dim):
-                size = min(h[q], _CAP)
+                # Sizes above this are no bounds, and count as this in L: the others are at most 1
+                # (physical.py).
+                size = min(h[q], 2.0)
                 first += r[i, q] * size * r[j, q]
                 second += r[i, q] * size * size * r[j, q]
             powers[k], powers[k + dim * (dim + 1) // 2] = first, second
@@ -126,14 +149,14 @@ def fill_tree(axes, sources, k, g):
     n_leaves, m = sources.boxes.shape[0] // 2, sources.x.shape[0]
     for s in range(m):
         b = n_leaves + s // LEAF
-        intersect_into(axes, sources.box_h[b], sources.box_r[b], sources.h[s], sources.r[s], k, g)
+        box = (sources.box_h[b], sources.box_r[b])
+        intersect_into(axes, box, (sources.h[s], sources.r[s]), k, g)
         _fill_powers(axes, sources.h[s], sources.r[s], sources.powers[s])
     for b in range(2 * n_leaves - 1, 0, -1):
         up = b // 2
         if up > 0:
-            intersect_into(
-                axes, sources.box_h[up], sources.box_r[up], sources.box_h[b], sources.box_r[b], k, g
-            )
+            box = (sources.box_h[up], sources.box_r[up])
+            intersect_into(axes, box, (sources.box_h[b], sources.box_r[b]), k, g)
         _fill_powers(axes, sources.box_h[b], sources.box_r[b], sources.box_powers[b])
 
 
@@ -179,8 +202,9 @@ def set_present(axes, h, r, scratch):
 
 
 @lean
-def _is_definite(a, b, c, d, e, f):
+def _is_definite(upper):
     """Return whether the matrix with the upper triangle a, b, c; d, e; f is positive definite."""
+    a, b, c, d, e, f = upper
     if not a > 0.0:
         return False
     over = 1.0 / a
@@ -200,10 +224,23 @@ def is_below(axes, powers, i, more, p, share):
     a, b, c = w[6] + t * w[0] + q, w[7] + t * w[1], w[8] + t * w[2]
     d, e, f = w[9] + t * w[3] + q, w[10] + t * w[4], w[11] + t * w[5] + q
     margin = _MARGIN * (a + d + f + share * p[6])
-    return _is_definite(
+    return _is_definite((
         a - share * p[0] - margin, b - share * p[1], c - share * p[2],
         d - share * p[3] - margin, e - share * p[4], f - share * p[5] - margin,
-    )  # fmt: skip
+    ))  # fmt: skip
+
+
+@lean
+def _distance_unless_below(boxes, b, given):
+    """Return the distance of a box; inf if its metric is surely nowhere above (share P)^-1."""
+    axes, sources, x, v, g, p, share = given
+    away = distance_to_box(axes, boxes, b, x, v)
+    if away < math.inf and not is_below(axes, sources.box_powers, b, g * away, p, share):
+        return away
+    return math.inf
+
+
+_leaf_above = descent_by_bound(_distance_unless_below)
 
 
 @lean
@@ -214,40 +251,25 @@ def find_above(axes, x, v, sources, g, share, scratch, above, view):
     than the length of the list if there are more (Out: above).
     """
     boxes, stack, p, most = sources.boxes, scratch.stack, scratch.p, above.shape[0]
-    m, n_leaves = sources.x.shape[0], boxes.shape[0] // 2
-    limit, count = 1.0 / share, 0
-    stack[0], size = 1, 1
-    while size > 0:
-        size -= 1
-        b = stack[size]
-        if b >= n_leaves:
-            for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
-                more = g * distance(axes, x, v, sources.x, k)
-                if is_below(axes, sources.powers, k, more, p, share):
-                    continue
-                value = excess(
-                    axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n, scratch.row, limit
-                )
-                if not value > limit:
-                    continue
-                if view is not None and not sees(view, sources.x, k, sources.number[k], x, v, v):
-                    continue
-                if count == most:
-                    return most + 1
-                above[count] = k
-                count += 1
-            continue
-        near, far = 2 * b, 2 * b + 1
-        to_near = distance_to_box(axes, boxes, near, x, v)
-        to_far = distance_to_box(axes, boxes, far, x, v)
-        if to_far < to_near:
-            near, far, to_near, to_far = far, near, to_far, to_near
-        if to_far < math.inf and not is_below(axes, sources.box_powers, far, g * to_far, p, share):
-            stack[size] = far
-            size += 1
-        if not is_below(axes, sources.box_powers, near, g * to_near, p, share):
-            stack[size] = near
-            size += 1
+    limit, count, given = 1.0 / share, 0, (axes, sources, x, v, g, p, share)
+    stack.box[0], stack.bound[0], height = 1, 0.0, np.int64(1)
+    while height > 0:
+        leaf, height = _leaf_above(boxes, stack, height, math.inf, given)
+        for k in range(*items_of_leaf(leaf, sources.x.shape[0])):
+            more = g * distance(axes, x, v, sources.x, k)
+            if is_below(axes, sources.powers, k, more, p, share):
+                continue
+            value = excess(
+                axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n, scratch.row, limit
+            )
+            if not value > limit:
+                continue
+            if view is not None and not sees(view, (sources.x, k, sources.number[k]), (x, v, v)):
+                continue
+            if count == most:
+                return most + 1
+            above[count] = k
+            count += 1
     return count
 
 
@@ -288,7 +310,7 @@ def fill_entering(axes, x, nodes, sources, g, guesses, counts, entering, scratch
         counts[i] = -1
         for j in range(guesses.shape[1]):
             k = guesses[i, j]
-            if not sees(view, sources.x, k, sources.number[k], x, v, v):
+            if not sees(view, (sources.x, k, sources.number[k]), (x, v, v)):
                 continue
             more = g * distance(axes, x, v, sources.x, k)
             for d in range(len(axes)):

@@ -20,12 +20,6 @@ import math
 
 from adaptsize._kernels.compiling import lean
 
-# Columns whose cosine is below this count as orthogonal.
-_ORTHOGONAL = 4e-16
-
-# Sweeps of rotations; matrices of size 3 need at most 8.
-_SWEEPS = 30
-
 
 @lean
 def rotate_columns(axes, a, b):
@@ -34,7 +28,8 @@ def rotate_columns(axes, a, b):
     The same rotations are applied to b unless that is None.
     """
     dim = len(axes)
-    for _ in range(_SWEEPS):
+    # Sweeps of rotations; matrices of size 3 need at most 8.
+    for _ in range(30):
         rotated = False
         for p in range(dim - 1):
             for q in range(p + 1, dim):
@@ -43,7 +38,8 @@ def rotate_columns(axes, a, b):
                     pp += a[i, p] * a[i, p]
                     pq += a[i, p] * a[i, q]
                     qq += a[i, q] * a[i, q]
-                if not abs(pq) > _ORTHOGONAL * math.sqrt(pp) * math.sqrt(qq):
+                # Columns whose cosine is below this count as orthogonal.
+                if not abs(pq) > 4e-16 * math.sqrt(pp) * math.sqrt(qq):
                     continue
                 rotated = True
                 zeta = (qq - pp) / (2.0 * pq)
@@ -98,9 +94,9 @@ def sizes_of_factor(axes, k, h, r):
 
 
 @lean
-def relative_factor(axes, h_a, r_a, h_b, r_b, g):
+def relative_factor(axes, a, b, g):
     """Fill G with G^T G = S^T B S for S = R_a diag(h_a) (Out: g)."""
-    dim = len(axes)
+    (h_a, r_a), (h_b, r_b), dim = a, b, len(axes)
     for i in range(dim):
         for j in range(dim):
             total = 0.0
@@ -110,21 +106,21 @@ def relative_factor(axes, h_a, r_a, h_b, r_b, g):
 
 
 @lean
-def intersect_into(axes, h_a, r_a, h_b, r_b, k, g):
-    """Replace metric a by its intersection with metric b (In/Out: h_a, r_a).
+def intersect_into(axes, a, b, k, g):
+    """Replace metric a by its intersection with metric b (In/Out: a).
 
     If one of the two lies nowhere above the other, the result is this one, bit for bit.
 
     Parameters
     ----------
     axes : tuple of length dim
-    h_a, h_b : float64[dim]
-    r_a, r_b : float64[dim, dim]
+    a, b : tuple of float64[dim], float64[dim, dim]
+        Sizes and directions.
     k, g : float64[dim, dim]
         Scratch.
     """
-    dim = len(axes)
-    relative_factor(axes, h_a, r_a, h_b, r_b, g)
+    (h_a, r_a), (h_b, r_b), dim = a, b, len(axes)
+    relative_factor(axes, a, b, g)
     fill_factor(axes, h_a, r_a, k)
     rotate_columns(axes, g, k)
     least, largest = math.inf, 0.0
@@ -144,3 +140,201 @@ def intersect_into(axes, h_a, r_a, h_b, r_b, k, g):
         for i in range(dim):
             k[i, j] *= s
     sizes_of_factor(axes, k, h_a, r_a)
+
+
+# The order of metrics: a metric P^-1 = (S S^T)^-1 is compared with another one, M, by the
+# eigenvalues of S^T M S.  Where all are at most 1, M is nowhere above P^-1; where all are at least
+# 1, it is nowhere below.
+
+
+@lean
+def _bound_of_eigenvalues(axes, n, limit):
+    """Return at least the largest eigenvalue of a symmetric matrix; at most ``limit`` if that is.
+
+    n: the upper triangle, In/Out.  In the plane the result is the eigenvalue itself.
+    """
+    dim = len(axes)
+    if dim == 1:
+        return n[0, 0]
+    if dim == 2:
+        half = 0.5 * (n[0, 0] - n[1, 1])
+        return 0.5 * (n[0, 0] + n[1, 1]) + math.sqrt(half * half + n[0, 1] * n[0, 1])
+    # The largest of three numbers is their mean plus one or two times p, or between.
+    mean = (n[0, 0] + n[1, 1] + n[2, 2]) / 3.0
+    square = (n[0, 0] - mean) ** 2 + (n[1, 1] - mean) ** 2 + (n[2, 2] - mean) ** 2
+    square += 2.0 * (n[0, 1] * n[0, 1] + n[0, 2] * n[0, 2] + n[1, 2] * n[1, 2])
+    p = math.sqrt(square / 6.0)
+    if mean + 2.0 * p <= limit or mean + p > limit:
+        return mean + 2.0 * p
+    for i in range(dim):
+        for j in range(i, dim):
+            n[i, j] = -n[i, j]
+        n[i, i] += limit
+    return limit if _is_definite(axes, n) else mean + 2.0 * p
+
+
+@lean
+def _is_definite(axes, n):
+    """Return whether a symmetric matrix is positive definite; n: the upper triangle, In/Out."""
+    dim = len(axes)
+    for j in range(dim):  # Gauss' elimination
+        if not n[j, j] > 0.0:
+            return False
+        for i in range(j + 1, dim):
+            share = n[j, i] / n[j, j]
+            for k in range(i, dim):
+                n[i, k] -= share * n[j, k]
+    return True
+
+
+@lean
+def fill_relative(axes, h, r, more, s, n, row):
+    """Fill S^T M S for a metric M whose sizes are increased by ``more`` (Out: n).
+
+    row: float64[dim], scratch.
+    """
+    dim = len(axes)
+    for i in range(dim):
+        for j in range(dim):
+            n[i, j] = 0.0
+    for q in range(dim):
+        over = 1.0 / (h[q] + more)
+        for i in range(dim):
+            along = 0.0
+            for k in range(dim):
+                along += r[k, q] * s[k, i]
+            row[i] = along * over
+        for i in range(dim):
+            for j in range(i, dim):
+                n[i, j] += row[i] * row[j]
+
+
+@lean
+def excess(axes, h, r, more, s, n, row, limit):
+    """Return at least the largest eigenvalue of S^T M S; at most ``limit`` if that is.
+
+    The sizes of M are those of h increased by ``more``.
+    """
+    fill_relative(axes, h, r, more, s, n, row)
+    return _bound_of_eigenvalues(axes, n, limit)
+
+
+@lean
+def is_above(axes, n):
+    """Return whether all eigenvalues of a symmetric matrix exceed 1; n: In/Out, upper triangle."""
+    for i in range(len(axes)):
+        n[i, i] -= 1.0
+    return _is_definite(axes, n)
+
+
+@lean
+def extremes(axes, h, r, more, s, n):
+    """Return the least and the largest eigenvalue of S^T M S, to rounding."""
+    dim = len(axes)
+    for q in range(dim):
+        for i in range(dim):
+            along = 0.0
+            for k in range(dim):
+                along += r[k, q] * s[k, i]
+            n[q, i] = along / (h[q] + more)
+    rotate_columns(axes, n, None)
+    least, largest = math.inf, 0.0
+    for i in range(dim):
+        norm = column_norm(axes, n, i)
+        least, largest = min(least, norm), max(largest, norm)
+    return least * least, largest * largest
+
+
+# Symmetric positive definite matrices, and systems of up to six equations
+
+
+@lean
+def factorise(axes, a, c):
+    """Fill the lower triangle of the Cholesky factor (Out: c); return whether a is definite."""
+    dim = len(axes)
+    for j in range(dim):
+        for i in range(j, dim):
+            total = a[i, j]
+            for k in range(j):
+                total -= c[i, k] * c[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                c[j, j] = math.sqrt(total)
+            else:
+                c[i, j] = total / c[j, j]
+    return True
+
+
+@lean
+def invert_lower(axes, c, inverse):
+    """Fill the inverse of a lower triangle, zeros above (Out: inverse)."""
+    dim = len(axes)
+    for j in range(dim):
+        for i in range(dim):
+            inverse[i, j] = 0.0
+        inverse[j, j] = 1.0 / c[j, j]
+        for i in range(j + 1, dim):
+            total = 0.0
+            for k in range(j, i):
+                total -= c[i, k] * inverse[k, j]
+            inverse[i, j] = total / c[i, i]
+
+
+@lean
+def invert(axes, a, c, lower, inverse):
+    """Fill the inverse of a positive definite matrix (Out); c, lower: scratch."""
+    dim = len(axes)
+    if not factorise(axes, a, c):
+        return False
+    invert_lower(axes, c, lower)
+    for i in range(dim):
+        for j in range(dim):
+            total = 0.0
+            for k in range(dim):
+                total += lower[k, i] * lower[k, j]
+            inverse[i, j] = total
+    return True
+
+
+@lean
+def sandwich(axes, k, a, transposed, half, out):
+    """Fill K A K^T, or K^T A K if ``transposed`` (Out: out); half: scratch."""
+    dim = len(axes)
+    for i in range(dim):
+        for j in range(dim):
+            total = 0.0
+            for m in range(dim):
+                total += (k[m, i] if transposed else k[i, m]) * a[m, j]
+            half[i, j] = total
+    for i in range(dim):
+        for j in range(dim):
+            total = 0.0
+            for m in range(dim):
+                total += half[i, m] * (k[m, j] if transposed else k[j, m])
+            out[i, j] = total
+
+
+@lean
+def solve(m, a):
+    """Solve m equations with the right-hand side in column 6 (In/Out); lower triangle given."""
+    for j in range(m):
+        for i in range(j, m):
+            total = a[i, j]
+            for k in range(j):
+                total -= a[i, k] * a[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                a[j, j] = math.sqrt(total)
+            else:
+                a[i, j] = total / a[j, j]
+    for i in range(m):
+        for k in range(i):
+            a[i, 6] -= a[i, k] * a[k, 6]
+        a[i, 6] /= a[i, i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            a[i, 6] -= a[k, i] * a[k, 6]
+        a[i, 6] /= a[i, i]
+    return True

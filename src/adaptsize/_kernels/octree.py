@@ -1,4 +1,4 @@
-"""Octrees and quadtrees: places along the Z curve, numbering of nodes, cutting into simplices.
+"""Octrees and quadtrees: places along the Z curve, nodes, cutting into simplices, location.
 
 A place in the tree is a *code*: the number of the root cell, row by row, followed by
 ``dim`` bits per level, axis 0 first.  A node is a *key*: the scalar product of its integer
@@ -9,12 +9,74 @@ addressing, linear probing, -1: free).
 Finest leaves have no hanging node, so every centre that is needed lies on that lattice too.
 """
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 
-# A square leaves three of its quarters behind per level; keys of 64 bits allow 20 in 3-D.
-_STACK = 64
+
+class Leaves(NamedTuple):
+    """Leaves on the lattice of the smallest ones.
+
+    Parameters
+    ----------
+    indices : int64[n_leaves, dim]
+        Lower corners.
+    levels : int8[n_leaves]
+        Counted from the finest: edges are ``1 << levels`` lattice intervals long.
+    strides : int64[dim]
+    """
+
+    indices: np.ndarray
+    levels: np.ndarray
+    strides: np.ndarray
+
+
+class Table(NamedTuple):
+    """A hash table of nodes.
+
+    Parameters
+    ----------
+    keys : int64[2**k]
+        -1 where free.
+    numbers : int32[2**k]
+    """
+
+    keys: np.ndarray
+    numbers: np.ndarray
+
+
+class Nodes(NamedTuple):
+    """The nodes of an octree.
+
+    Parameters
+    ----------
+    leaves : Leaves
+    corners : int32[n_leaves, 2**dim]
+        Corner j lies at the upper end of axis d where bit ``dim - 1 - d`` of j is 1.
+    hanging : bool[n_leaves]
+        Whether a node other than the corners lies on the boundary of the leaf.
+    n_corners : int
+    table : Table
+        Corners.
+    centres : Table
+        In/Out: centres of squares.
+    keys : int64[bound], In/Out
+        Keys of the corners, and behind them those of the centres.
+    leaf_centres : int32[n_leaves], Out
+        Node at the centre of each cube with hanging nodes; others are left.
+    """
+
+    leaves: Leaves
+    corners: np.ndarray
+    hanging: np.ndarray
+    n_corners: int
+    table: Table
+    centres: Table
+    keys: np.ndarray
+    leaf_centres: np.ndarray
 
 
 @kernel
@@ -66,46 +128,44 @@ def decode(codes, level, root_shape, indices):
 
 
 @kernel
-def find_node(keys, numbers, key):
+def find_node(table, key):
     """Return the number of a key in a hash table, -1 if it is not there."""
+    keys = table.keys
     mask = keys.shape[0] - 1
     slot = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & mask
     while keys[slot] != key:
         if keys[slot] < 0:
             return -1
         slot = (slot + 1) & mask
-    return numbers[slot]
+    return table.numbers[slot]
 
 
 @inner
-def _find_or_add(keys, numbers, key, number):
+def _find_or_add(table, key, number):
     """Return the number of a key in a hash table; a new key gets ``number``."""
+    keys = table.keys
     mask = keys.shape[0] - 1
     slot = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & mask
     while keys[slot] != key:
         if keys[slot] < 0:
             keys[slot] = key
-            numbers[slot] = number
+            table.numbers[slot] = number
             return number
         slot = (slot + 1) & mask
-    return numbers[slot]
+    return table.numbers[slot]
 
 
 @kernel
-def number_corners(indices, levels, strides, keys, numbers, corners, node_keys):
+def number_corners(leaves, table, corners, node_keys):
     """Give numbers to the different corners of the leaves, in the order in which they are met.
 
     Parameters
     ----------
-    indices : int64[n_leaves, dim]
-        Lower corners on the lattice of the smallest leaves.
-    levels : int8[n_leaves]
-        Counted from the finest: edges are ``1 << levels`` lattice intervals long.
-    strides : int64[dim]
-    keys, numbers : int64[2**k], int32[2**k]
-        In/Out: empty hash table.
+    leaves : Leaves
+    table : Table
+        In/Out: empty.
     corners : int32[n_leaves, 2**dim]
-        Out: corner j lies at the upper end of axis d where bit ``dim - 1 - d`` of j is 1.
+        Out: see `Nodes`.
     node_keys : int64[bound]
         Out: as many as there are corners.
 
@@ -114,15 +174,16 @@ def number_corners(indices, levels, strides, keys, numbers, corners, node_keys):
     int
         Number of different corners.
     """
+    indices, strides = leaves.indices, leaves.strides
     n_points = np.int64(0)
     dim = indices.shape[1]
     for leaf in range(indices.shape[0]):
-        size = 1 << levels[leaf]
+        size = 1 << leaves.levels[leaf]
         for j in range(corners.shape[1]):
             key = np.int64(0)
             for d in range(dim):
                 key += (indices[leaf, d] + size * ((j >> (dim - 1 - d)) & 1)) * strides[d]
-            node = _find_or_add(keys, numbers, key, n_points)
+            node = _find_or_add(table, key, n_points)
             corners[leaf, j] = node
             if node == n_points:
                 node_keys[n_points] = key
@@ -131,7 +192,7 @@ def number_corners(indices, levels, strides, keys, numbers, corners, node_keys):
 
 
 @kernel
-def mark_hanging(indices, levels, strides, keys, numbers, hanging):
+def mark_hanging(leaves, table, hanging):
     """Mark the leaves that have a node other than their corners on their boundary.
 
     A finer neighbour at a face or an edge has been halved at least once, so the middle of
@@ -139,7 +200,7 @@ def mark_hanging(indices, levels, strides, keys, numbers, hanging):
 
     Parameters
     ----------
-    indices, levels, strides, keys, numbers
+    leaves, table
         As in and from `number_corners`.
     hanging : bool[n_leaves]
         Out.
@@ -149,11 +210,12 @@ def mark_hanging(indices, levels, strides, keys, numbers, hanging):
     int
         Number of leaves marked.
     """
+    indices, strides = leaves.indices, leaves.strides
     dim = indices.shape[1]
     count = 0
     for leaf in range(indices.shape[0]):
         hanging[leaf] = False
-        size = 1 << levels[leaf]
+        size = 1 << leaves.levels[leaf]
         if size == 1:
             continue
         base = 0
@@ -165,16 +227,17 @@ def mark_hanging(indices, levels, strides, keys, numbers, hanging):
                 for d in range(dim):
                     key += size * ((j >> d) & 1) * strides[d]
                 # Corners j above the leaf along the axis would repeat edges of others.
-                if (j >> axis) & 1 == 0 and find_node(keys, numbers, key) >= 0:
+                if (j >> axis) & 1 == 0 and find_node(table, key) >= 0:
                     hanging[leaf] = True
         count += hanging[leaf]
     return count
 
 
 @inner
-def _store(cells, place, p, q, r, apex, flip):
+def _store(cells, place, corners, apex, flip):
     """Write one simplex, if there is an array to write to; return the next place."""
     if cells.shape[0] > 0:
+        p, q, r = corners
         cells[place, 0] = p
         cells[place, 1] = r if flip else q
         cells[place, 2] = q if flip else r
@@ -184,21 +247,23 @@ def _store(cells, place, p, q, r, apex, flip):
 
 
 @inner
-def has_halved_edge(keys, numbers, base, a, b, size):
-    """Return whether the middle of an edge of the square ``base + [0, size]^2`` is a node.
+def has_halved_edge(table, square):
+    """Return whether the middle of an edge of a square is a node.
 
-    ``a`` and ``b`` are the strides of the two axes of the square.
+    ``square``: the key of its lower corner, the strides of its two axes, its edge in lattice
+    intervals.
     """
+    base, a, b, size = square
     for side in range(4):
         key = base + (size >> 1) * (a if side % 2 == 0 else b)
         key += size * (b if side % 2 == 0 else a) * (side >> 1)
-        if size > 1 and find_node(keys, numbers, key) >= 0:
+        if size > 1 and find_node(table, key) >= 0:
             return True
     return False
 
 
 @inner
-def _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place):
+def _fan(table, square, centre, joined, cells, place):
     """Cut a square into triangles between its centre and the pieces of its edges.
 
     Pieces between nodes are dyadic; one that starts at ``at`` is no longer than the lowest
@@ -206,27 +271,25 @@ def _fan(keys, numbers, base, a, b, size, centre, apex, flip, cells, place):
 
     Parameters as in `_cut_square`; ``centre`` is the number of the node there.
     """
-    start = base
-    p = find_node(keys, numbers, start)
+    start, a, b, size = square
+    p = find_node(table, start)
     for side in range(4):
         step = (a if side % 2 == 0 else b) * (1 if side < 2 else -1)
         at = np.int64(0)
         while at < size:
             length = at & -at if at > 0 else size
-            while length > 1 and find_node(keys, numbers, start + (at + length // 2) * step) >= 0:
+            while length > 1 and find_node(table, start + (at + length // 2) * step) >= 0:
                 length //= 2
             at += length
-            q = find_node(keys, numbers, start + at * step)
-            place = _store(cells, place, p, q, centre, apex, flip)
+            q = find_node(table, start + at * step)
+            place = _store(cells, place, (p, q, centre), joined[0], joined[1])
             p = q
         start += size * step
     return place
 
 
 @inner
-def _cut_square(
-    tables, base, a, b, size, odd, apex, flip, n_points, node_keys, stack, cells, place
-):
+def _cut_square(nodes, square, odd, joined, out, counts):
     """Cut a square (a leaf of a quadtree, or a face of a leaf) into triangles.
 
     The result depends on the nodes in the square and on its place alone, so that both
@@ -236,61 +299,55 @@ def _cut_square(
 
     Parameters
     ----------
-    tables : (int64[2**k], int32[2**k], int64[2**l], int32[2**l])
-        Hash tables of the corners, and (In/Out) of the centres of squares.
-    base, a, b, size : int
-        Key of the lower corner, strides of its two axes, edge in lattice intervals.
+    nodes : Nodes
+    square : tuple of 4 int
+        As in `has_halved_edge`.
     odd : int
         1 if the sum of the two indices of the square, on its level, is odd, else 0.
-    apex : int
-        Node that triangles are joined with, to tetrahedra, if ``cells`` has four columns.
-    flip : bool
-        Whether to turn triangles over.
-    n_points : int
-        Number of nodes so far.
-    node_keys : int64[bound]
-        In/Out: the keys of new centres are added.
-    stack : int64[64, 3]
-        Scratch.
-    cells : int32[m, 3 or 4]
-        Out from row ``place`` on; may have no rows: then simplices are counted only.
-    place : int
+    joined : tuple of int, bool
+        Node that triangles are joined with, to tetrahedra, if there are four columns of cells;
+        whether to turn triangles over.
+    out : tuple of int64[64, 3], int32[m, 3 or 4]
+        Scratch, and the cells (Out), which may have no rows: then simplices are counted only.
+    counts : tuple of 2 int
+        Number of nodes and of cells so far.
 
     Returns
     -------
     n_points, place : int
         The numbers after.
     """
-    keys, numbers, centre_keys, centre_numbers = tables
-    stack[0, 0], stack[0, 1], stack[0, 2] = base, size, odd
+    (first, a, b, size), (stack, cells), (n_points, place) = square, out, counts
+    table = nodes.table
+    stack[0, 0], stack[0, 1], stack[0, 2] = first, size, odd
     top = 1
     while top > 0:
         top -= 1
         low, edge, is_odd = stack[top, 0], stack[top, 1], stack[top, 2]
         half = edge >> 1
         middle = low + half * (a + b)
-        if half > 0 and find_node(keys, numbers, middle) >= 0:
+        if half > 0 and find_node(table, middle) >= 0:
             for quarter in range(4):
                 u, v = quarter >> 1, quarter & 1
                 stack[top, 0] = low + half * (u * a + v * b)
                 stack[top, 1] = half
                 stack[top, 2] = u ^ v
                 top += 1
-        elif has_halved_edge(keys, numbers, low, a, b, edge):
-            centre = _find_or_add(centre_keys, centre_numbers, middle, n_points)
+        elif has_halved_edge(table, (low, a, b, edge)):
+            centre = _find_or_add(nodes.centres, middle, n_points)
             if centre == n_points:
-                node_keys[n_points] = middle
+                nodes.keys[n_points] = middle
                 n_points += 1
-            place = _fan(keys, numbers, low, a, b, edge, centre, apex, flip, cells, place)
+            place = _fan(table, (low, a, b, edge), centre, joined, cells, place)
         else:
             # Around the square from the end of a diagonal that both triangles have.
             turn = 1 if is_odd else 0
-            p = find_node(keys, numbers, low + edge * (turn * a))
-            q = find_node(keys, numbers, low + edge * (a + turn * b))
-            r = find_node(keys, numbers, low + edge * ((1 - turn) * a + b))
-            s = find_node(keys, numbers, low + edge * ((1 - turn) * b))
-            place = _store(cells, place, p, q, r, apex, flip)
-            place = _store(cells, place, p, r, s, apex, flip)
+            p = find_node(table, low + edge * (turn * a))
+            q = find_node(table, low + edge * (a + turn * b))
+            r = find_node(table, low + edge * ((1 - turn) * a + b))
+            s = find_node(table, low + edge * ((1 - turn) * b))
+            place = _store(cells, place, (p, q, r), joined[0], joined[1])
+            place = _store(cells, place, (p, r, s), joined[0], joined[1])
     return n_points, place
 
 
@@ -321,9 +378,7 @@ def _cut_along_diagonals(corners, leaf, even, cells, place):
 
 
 @kernel
-def cut_leaves(
-    indices, levels, strides, corners, hanging, n_corners, tables, node_keys, leaf_centres, cells
-):
+def cut_leaves(nodes, cells):
     """Cut all leaves into simplices that fit together; number the centres that this needs.
 
     A leaf without hanging nodes is cut along diagonals.  Of the others, a square is cut by
@@ -333,18 +388,8 @@ def cut_leaves(
 
     Parameters
     ----------
-    indices, levels, strides, corners
-        As in and from `number_corners`.
-    hanging : bool[n_leaves]
-        From `mark_hanging`.
-    n_corners : int
-        Number of corners.
-    tables : (int64[2**k], int32[2**k], int64[2**l], int32[2**l])
-        Hash tables of corners and, In/Out, of centres of squares.
-    node_keys : int64[bound]
-        In/Out: keys of the centres are written behind those of the corners.
-    leaf_centres : int32[n_leaves]
-        Out: node at the centre of each cube with hanging nodes; others are left alone.
+    nodes : Nodes
+        In/Out.
     cells : int32[m, dim + 1]
         Out: positively oriented; or no rows.
 
@@ -353,9 +398,11 @@ def cut_leaves(
     n_points, n_cells : int
     """
     # Explicit types save the compiler some seconds of type inference.
+    (indices, levels, strides), leaf_centres = nodes.leaves, nodes.leaf_centres
     dim = indices.shape[1]
-    stack = np.empty((_STACK, 3), np.int64)
-    n_points = np.int64(n_corners)
+    # A square leaves three of its quarters behind per level; keys of 64 bits allow 20 in 3-D.
+    stack = np.empty((64, 3), np.int64)
+    n_points = np.int64(nodes.n_corners)
     place = np.int64(0)
     for leaf in range(indices.shape[0]):
         size = np.int64(1) << levels[leaf]
@@ -364,12 +411,12 @@ def cut_leaves(
         for d in range(dim):
             base += indices[leaf, d] * strides[d]
             even = (even << 1) | ((indices[leaf, d] >> levels[leaf]) & 1)
-        if not hanging[leaf]:
-            place = _cut_along_diagonals(corners, leaf, even, cells, place)
+        if not nodes.hanging[leaf]:
+            place = _cut_along_diagonals(nodes.corners, leaf, even, cells, place)
             continue
         if dim == 3:
             leaf_centres[leaf] = n_points
-            node_keys[n_points] = base + (size >> 1) * (strides[0] + strides[1] + strides[2])
+            nodes.keys[n_points] = base + (size >> 1) * (strides[0] + strides[1] + strides[2])
             n_points += 1
         # A quadtree's leaf counts as the lower face along a third axis.
         for face in range(6 if dim == 3 else 1):
@@ -377,8 +424,192 @@ def cut_leaves(
             i, j = (axis + 1) % 3, (axis + 2) % 3
             odd = ((even >> (dim - 1 - i)) ^ (even >> (dim - 1 - j))) & 1
             start = base + (side * size * strides[axis] if dim == 3 else 0)
+            square, joined = (start, strides[i], strides[j], size), (leaf_centres[leaf], side == 1)
             n_points, place = _cut_square(
-                tables, start, strides[i], strides[j], size, odd, leaf_centres[leaf],
-                side == 1, n_points, node_keys, stack, cells, place,
-            )  # fmt: skip
+                nodes, square, odd, joined, (stack, cells), (n_points, place)
+            )
     return n_points, place
+
+
+@inner
+def _coordinate(index, count, lower, upper):
+    """Return the coordinate of a lattice plane, by the very operations of `Octree.points`."""
+    share = index / count
+    return lower * (1.0 - share) + upper * share
+
+
+@kernel
+def fill_places(points, box, places, distances):
+    """Fill lattice coordinates of the closest points of the box, and the distances to them.
+
+    Coordinates of lattice planes, as `_coordinate` gives them, become whole numbers, so that
+    a point on a face or at a node lies there exactly.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    box : tuple of float64[dim], float64[dim], int64[dim]
+        Lower and upper corner, and number of intervals of the lattice.
+    places : float64[n, dim]
+        Out: from 0 to ``counts``.
+    distances : float64[n]
+        Out: 0 in the box.
+    """
+    lower, upper, counts = box
+    dim = points.shape[1]
+    for q in range(points.shape[0]):
+        distance = 0.0
+        for d in range(dim):
+            x = min(max(points[q, d], lower[d]), upper[d])
+            distance = math.hypot(distance, points[q, d] - x)
+            place = (x - lower[d]) / (upper[d] - lower[d]) * counts[d]
+            nearest = np.int64(place + 0.5)
+            if _coordinate(nearest, counts[d], lower[d], upper[d]) == x:
+                place = np.float64(nearest)
+            places[q, d] = min(place, np.float64(counts[d]))
+        distances[q] = distance
+
+
+@inner
+def _on_edge(table, base, step, size, u):
+    """Return the nodes and weights around place u on an edge of the square, halved or not."""
+    while size > 1 and find_node(table, base + (size >> 1) * step) >= 0:
+        size >>= 1
+        if u >= size:
+            u -= size
+            base += size * step
+    share = min(max(u / size, 0.0), 1.0)
+    first = find_node(table, base)
+    second = find_node(table, base + size * step)
+    return first, second, 1.0 - share, share
+
+
+@inner
+def _in_square(nodes, square, odd, u, v):
+    """Return the triangle around a place in a square, cut as by `_cut_square`: nodes, weights.
+
+    ``u`` and ``v`` are coordinates along the two axes of the square, 0 to its edge.
+    """
+    table, (base, a, b, size) = nodes.table, square
+    half = size >> 1
+    while half > 0 and find_node(table, base + half * (a + b)) >= 0:
+        right, up = u >= half, v >= half
+        if right:
+            u -= half
+            base += half * a
+        if up:
+            v -= half
+            base += half * b
+        odd = 1 if right != up else 0
+        size = half
+        half >>= 1
+    if has_halved_edge(table, (base, a, b, size)):
+        centre = find_node(nodes.centres, base + half * (a + b))
+        du, dv = u - half, v - half
+        far = max(abs(du), abs(dv))
+        if far == 0.0:
+            return centre, centre, centre, 1.0, 0.0, 0.0
+        # From the centre through the place to the edge.
+        out = far / half
+        across_a = abs(du) >= abs(dv)
+        step = b if across_a else a
+        if (du if across_a else dv) > 0.0:
+            base += size * (a if across_a else b)
+        along = (dv if across_a else du) / out + half
+        p, q, w_p, w_q = _on_edge(table, base, step, size, along)
+        out = min(out, 1.0)
+        return centre, p, q, 1.0 - out, w_p * out, w_q * out
+    # In coordinates from the even corner, the diagonal is u == v.
+    u, v = u / size, v / size
+    if odd:
+        u = 1.0 - u
+        base += size * a
+        a = -a
+    first = find_node(table, base)
+    side = find_node(table, base + size * (a if u >= v else b))
+    last = find_node(table, base + size * (a + b))
+    u, v = max(u, v), min(u, v)
+    return first, side, last, 1.0 - u, u - v, v
+
+
+@inner
+def _in_plain_leaf(corners, even, u, nodes, weights):
+    """Fill nodes and weights in a leaf cut as by `_cut_along_diagonals`.
+
+    The place ``u`` (float64[3], 0 to 1, measured from corner ``even``; scratch) is sorted:
+    the path from corner to corner takes the axis of the largest coordinate first.
+    """
+    dim = nodes.shape[0] - 1
+    corner = even
+    nodes[0] = corners[corner]
+    before = 1.0
+    for step in range(dim):
+        axis = 0
+        for d in range(1, dim):
+            if u[d] > u[axis]:
+                axis = d
+        weights[step] = before - u[axis]
+        before = u[axis]
+        u[axis] = -1.0
+        corner ^= 1 << (dim - 1 - axis)
+        nodes[step + 1] = corners[corner]
+    weights[dim] = before
+
+
+@kernel
+def fill_weights(places, leaves, octree, nodes, weights):
+    """Fill the nodes of the simplex that holds each place, and its barycentric coordinates.
+
+    Parameters
+    ----------
+    places : float64[n, dim]
+        Lattice coordinates.
+    leaves : int32[n]
+        Leaf that holds each place.
+    octree : Nodes
+    nodes : int32[n, dim + 1]
+        Out.
+    weights : float64[n, dim + 1]
+        Out: >= 0.
+    """
+    indices, levels, strides = octree.leaves
+    dim = places.shape[1]
+    u = np.empty(3)
+    for q in range(places.shape[0]):
+        leaf = leaves[q]
+        size = np.int64(1) << levels[leaf]
+        base = np.int64(0)
+        even = np.int64(0)
+        for d in range(dim):
+            base += indices[leaf, d] * strides[d]
+            even = (even << 1) | ((indices[leaf, d] >> levels[leaf]) & 1)
+            u[d] = min(max(places[q, d] - indices[leaf, d], 0.0), np.float64(size))
+        if not octree.hanging[leaf]:
+            for d in range(dim):
+                u[d] /= size
+                if (even >> (dim - 1 - d)) & 1:
+                    u[d] = 1.0 - u[d]
+            _in_plain_leaf(octree.corners[leaf], even, u, nodes[q], weights[q])
+            continue
+        axis = 2  # a quadtree's leaf counts as a face across a third axis
+        out = 1.0
+        if dim == 3:
+            # From the centre through the place to a face.
+            half = size >> 1
+            for d in range(2):
+                if abs(u[d] - half) > abs(u[axis] - half):
+                    axis = d
+            out = min(abs(u[axis] - half) / half, 1.0)
+            if u[axis] > half:
+                base += size * strides[axis]
+            for d in range(3):
+                place = (u[d] - half) / out + half if out > 0.0 else np.float64(half)
+                u[d] = min(max(place, 0.0), np.float64(size))
+            nodes[q, 3] = octree.leaf_centres[leaf]
+            weights[q, 3] = 1.0 - out
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        odd = ((even >> (dim - 1 - i)) ^ (even >> (dim - 1 - j))) & 1
+        square = (base, strides[i], strides[j], size)
+        n_0, n_1, n_2, w_0, w_1, w_2 = _in_square(octree, square, odd, u[i], u[j])
+        nodes[q, 0], nodes[q, 1], nodes[q, 2] = n_0, n_1, n_2
+        weights[q, 0], weights[q, 1], weights[q, 2] = w_0 * out, w_1 * out, w_2 * out

@@ -1,8 +1,8 @@
 """Rays from points of a boundary into the domain, and the first wall that each one hits.
 
-Facets are triangles, or segments in the plane z = 0, in the order of a tree of boxes (see
-interpolate.py).  A facet is a row of `FACET` numbers: a corner c, the unit outward normal n, two
-vectors a and b, and three tolerances, so that a point x of its plane has the weights
+Facets are triangles, or segments in the plane z = 0, in the order of a tree of boxes (trees.py).
+A facet is a row of `FACET` numbers: a corner c, the unit outward normal n, two vectors a and b, and
+three tolerances, so that a point x of its plane has the weights
 
     u = a . (x - c),    v = b . (x - c),    1 - u - v,
 
@@ -11,10 +11,12 @@ everywhere, however thin the facet is.  Hence no ray escapes between two facets.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.trees import DEPTH, Stack, cells_of_leaf, descent, descent_by_bound
 
 #: Numbers of a facet.
 FACET = 15
@@ -22,10 +24,71 @@ FACET = 15
 #: A direction lies in a plane up to this sine of an angle: single precision in files tilts facets.
 ALONG = 1e-3
 
-# A path from the root to a leaf leaves one node behind per level.
-_STACK = 64
-# A ray along a plane does not hit it.
-_PARALLEL = 1e-9
+
+class Walls(NamedTuple):
+    """The facets of a boundary in a tree.
+
+    Parameters
+    ----------
+    facets : float64[m, FACET]
+    boxes : float64[2 * n_leaves, 6]
+    slack : float
+        Lengths up to this are rounding.
+    """
+
+    facets: np.ndarray
+    boxes: np.ndarray
+    slack: float
+
+
+class Rule(NamedTuple):
+    """Which walls count.
+
+    Parameters
+    ----------
+    two_sided : bool[m]
+        Facets of open sheets, which are walls for rays from both sides.
+    face : int32[m]
+    meets : int32[n_faces + 1], int32[k]
+        Faces that meet each face, ascending (see `holds`).
+    limits : float64[2]
+        Cosines of the largest angle between the direction and the normal of a wall that
+        counts, and of the largest one of a wall on a face that meets that of the start.
+    """
+
+    two_sided: np.ndarray
+    face: np.ndarray
+    meets: tuple[np.ndarray, np.ndarray]
+    limits: np.ndarray
+
+
+class Rays(NamedTuple):
+    """Rays from points of a boundary, and what they hit.
+
+    Parameters
+    ----------
+    starts : float64[n, 3]
+    directions : float64[n, 3]
+        Unit vectors.
+    face : int32[n]
+        Face of each start.
+    reach : float64[n]
+        Hits up to this distance do not count, such as those of the facets there.
+    leaves : float64[n], Out
+        Distance of the first wall; inf if there is none.
+    stops : bool[n], Out
+        Whether that wall is an open sheet.
+    widths : float64[n], Out
+        ``leaves`` if a wall at this distance counts, else inf.
+    """
+
+    starts: np.ndarray
+    directions: np.ndarray
+    face: np.ndarray
+    reach: np.ndarray
+    leaves: np.ndarray
+    stops: np.ndarray
+    widths: np.ndarray
 
 
 @kernel
@@ -72,17 +135,17 @@ def fill_facets(corners, normals, slack, facets):
 
 
 @inner
-def hit(facets, t, x, y, z, dx, dy, dz):
+def hit(facets, t, x, way):
     """Return the distance at which a ray crosses facet t, and the cosine of its direction to n.
 
     The distance is inf if the ray misses the facet or runs along its plane.
     """
-    cosine = dx * facets[t, 3] + dy * facets[t, 4] + dz * facets[t, 5]
-    if not abs(cosine) > _PARALLEL:
+    cosine = way[0] * facets[t, 3] + way[1] * facets[t, 4] + way[2] * facets[t, 5]
+    if not abs(cosine) > 1e-9:
         return math.inf, 0.0
-    rx, ry, rz = facets[t, 0] - x, facets[t, 1] - y, facets[t, 2] - z
+    rx, ry, rz = facets[t, 0] - x[0], facets[t, 1] - x[1], facets[t, 2] - x[2]
     along = (rx * facets[t, 3] + ry * facets[t, 4] + rz * facets[t, 5]) / cosine
-    rx, ry, rz = along * dx - rx, along * dy - ry, along * dz - rz
+    rx, ry, rz = along * way[0] - rx, along * way[1] - ry, along * way[2] - rz
     u = facets[t, 6] * rx + facets[t, 7] * ry + facets[t, 8] * rz
     v = facets[t, 9] * rx + facets[t, 10] * ry + facets[t, 11] * rz
     if u >= -facets[t, 12] and v >= -facets[t, 13] and 1.0 - u - v >= -facets[t, 14]:
@@ -91,36 +154,46 @@ def hit(facets, t, x, y, z, dx, dy, dz):
 
 
 @inner
-def entry(boxes, node, x, y, z, dx, dy, dz, slack):
-    """Return the distance at which a ray enters a box, widened by ``slack``; inf if it misses.
+def _inverse(way):
+    """Return the inverses of the components of a direction, inf where one is 0."""
+    return (
+        1.0 / way[0] if way[0] != 0.0 else math.inf,
+        1.0 / way[1] if way[1] != 0.0 else math.inf,
+        1.0 / way[2] if way[2] != 0.0 else math.inf,
+    )
 
-    ``dx``, ``dy``, ``dz``: inverses of the direction, inf where that is 0.
+
+@inner
+def _entry(boxes, node, ray):
+    """Return the distance at which a ray enters a box, widened by a slack; inf if it misses.
+
+    ``ray``: start, inverse of the direction, slack.
     """
+    x, inverse, slack = ray
     low, high = 0.0, math.inf
-    # Comparisons are such that nan, from 0 * inf, changes nothing.
-    a, b = (boxes[node, 0] - slack - x) * dx, (boxes[node, 3] + slack - x) * dx
-    low, high = _clip(low, high, a, b)
-    a, b = (boxes[node, 1] - slack - y) * dy, (boxes[node, 4] + slack - y) * dy
-    low, high = _clip(low, high, a, b)
-    a, b = (boxes[node, 2] - slack - z) * dz, (boxes[node, 5] + slack - z) * dz
-    low, high = _clip(low, high, a, b)
+    for d in range(3):
+        # Comparisons are such that nan, from 0 * inf, changes nothing.
+        a = (boxes[node, d] - slack - x[d]) * inverse[d]
+        b = (boxes[node, 3 + d] + slack - x[d]) * inverse[d]
+        if a > b:
+            a, b = b, a
+        if a > low:
+            low = a
+        if b < high:
+            high = b
     return low if low <= high else math.inf
 
 
-@inner
-def _clip(low, high, a, b):
-    if a > b:
-        a, b = b, a
-    if a > low:
-        low = a
-    if b < high:
-        high = b
-    return low, high
+_leaf_on_ray = descent_by_bound(_entry)
 
 
 @inner
-def holds(first, items, row, item):
-    """Return whether list ``row``, ``items[first[row]:first[row + 1]]``, ascending, has an item."""
+def holds(lists, row, item):
+    """Return whether list ``row``, ascending, has an item.
+
+    ``lists``: ``first`` and ``items``; the list is ``items[first[row] : first[row + 1]]``.
+    """
+    first, items = lists
     low, high = first[row], first[row + 1]
     while low < high:
         middle = (low + high) // 2
@@ -132,162 +205,120 @@ def holds(first, items, row, item):
 
 
 @kernel
-def shoot(
-    facets, boxes, face, two_sided, first, meeting, starts, directions, own, limits, slack, reach,
-    begin, end, leaves, stops, widths,
-):  # fmt: skip
+def shoot(walls, rule, rays, begin, end):
     """Find the first wall through which each ray leaves a body.
 
     Parameters
     ----------
-    facets : float64[m, FACET]
-    boxes : float64[2 * n_leaves, 6]
-    face : int32[m]
-    two_sided : bool[m]
-        Facets of open sheets, which are walls for rays from both sides.
-    first, meeting : int32[n_faces + 1], int32[k]
-        Faces that meet each face, ascending.
-    starts, directions : float64[n, 3]
-        Directions are unit vectors.
-    own : int32[n]
-        Face of each start.
-    limits : float64[2]
-        Cosines of the largest angle between the direction and the normal of a wall that counts,
-        and of the largest one of a wall on a face that meets that of the start.
-    slack : float
-        Hits as near to each other as this are one.
-    reach : float64[n]
-        Hits up to this distance do not count, such as those of the facets at the start.
+    walls : Walls
+        Hits as near to each other as the slack are one.
+    rule : Rule
+    rays : Rays
+        In/Out.
     begin, end : int
         Only these rays are shot.
-    leaves : float64[n]
-        Out: distance of the wall; inf if there is none.
-    stops : bool[n]
-        Out: whether that wall is an open sheet.
-    widths : float64[n]
-        Out: the same if a wall at this distance counts, else inf.
     """
-    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
-    stack, entries = np.empty(_STACK, np.int64), np.empty(_STACK)
+    facets, slack, two_sided = walls.facets, walls.slack, rule.two_sided
+    stack = Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))
     for r in range(begin, end):
-        x, y, z = starts[r, 0], starts[r, 1], starts[r, 2]
-        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
-        ix = 1.0 / dx if dx != 0.0 else math.inf
-        iy = 1.0 / dy if dy != 0.0 else math.inf
-        iz = 1.0 / dz if dz != 0.0 else math.inf
+        x = (rays.starts[r, 0], rays.starts[r, 1], rays.starts[r, 2])
+        way = (rays.directions[r, 0], rays.directions[r, 1], rays.directions[r, 2])
+        ray = (x, _inverse(way), slack)
         nearest, sheet, counts = math.inf, math.inf, math.inf
-        stack[0], entries[0] = 1, 0.0
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if entries[top] > nearest + slack:
-                continue
-            if node < n_leaves:
-                near, far = 2 * node, 2 * node + 1
-                at_near = entry(boxes, near, x, y, z, ix, iy, iz, slack)
-                at_far = entry(boxes, far, x, y, z, ix, iy, iz, slack)
-                if at_far < at_near:
-                    near, far, at_near, at_far = far, near, at_far, at_near
-                if at_far < math.inf:
-                    stack[top], entries[top] = far, at_far
-                    top += 1
-                if at_near < math.inf:
-                    stack[top], entries[top] = near, at_near
-                    top += 1
-                continue
-            leaf = node - n_leaves
-            for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-                along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
-                if not reach[r] < along < math.inf or (cosine < 0.0 and not two_sided[t]):
+        stack.box[0], stack.bound[0], height = 1, 0.0, np.int64(1)
+        while height > 0:
+            leaf, height = _leaf_on_ray(walls.boxes, stack, height, nearest + slack, ray)
+            for t in range(*cells_of_leaf(leaf, walls.boxes, facets.shape[0])):
+                along, cosine = hit(facets, t, x, way)
+                if not rays.reach[r] < along < math.inf or (cosine < 0.0 and not two_sided[t]):
                     continue
                 nearest = min(nearest, along)
                 if two_sided[t]:
                     sheet = min(sheet, along)
                 cosine = abs(cosine)
-                if along >= counts or cosine < limits[0]:
+                if along >= counts or cosine < rule.limits[0]:
                     continue
-                if cosine > limits[1] or not holds(first, meeting, np.int64(own[r]), face[t]):
+                if cosine > rule.limits[1] or not holds(
+                    rule.meets, np.int64(rays.face[r]), rule.face[t]
+                ):
                     counts = along
-        leaves[r], stops[r] = nearest, sheet <= nearest + slack
-        widths[r] = counts if counts <= nearest + slack else math.inf
+        rays.leaves[r], rays.stops[r] = nearest, sheet <= nearest + slack
+        rays.widths[r] = counts if counts <= nearest + slack else math.inf
+
+
+@inner
+def _is_around(boxes, node, near):
+    """Return whether a point is in a box or beside it, ``near``: the point and a distance."""
+    x, slack = near
+    apart = 0.0
+    for d in range(3):
+        apart = max(apart, boxes[node, d] - x[d], x[d] - boxes[node, 3 + d])
+    return apart <= slack
+
+
+_leaf_around = descent(_is_around)
 
 
 @kernel
-def find_entries(facets, boxes, two_sided, places, directions, slack, enters):
+def find_entries(walls, two_sided, places, directions, enters):
     """Find whether a body begins at points of the boundary, in given directions.
 
     Parameters
     ----------
-    facets, boxes, two_sided, slack
-        As for `shoot`.
+    walls : Walls
+    two_sided : bool[m]
+        As in `Rule`.
     places, directions : float64[n, 3]
         Directions are unit vectors.
     enters : bool[n]
         Out: whether a facet through the point is entered.
     """
-    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
-    stack = np.empty(_STACK, np.int64)
+    facets, slack = walls.facets, 2.0 * walls.slack
+    stack = np.empty(DEPTH, np.int64)
     for r in range(places.shape[0]):
-        x, y, z = places[r, 0], places[r, 1], places[r, 2]
-        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+        x = (places[r, 0], places[r, 1], places[r, 2])
+        way = (directions[r, 0], directions[r, 1], directions[r, 2])
         enters[r] = False
-        stack[0] = 1
-        top = 1
-        while top > 0 and not enters[r]:
-            top -= 1
-            node = stack[top]
-            apart = 0.0
-            for d in range(3):
-                apart = max(apart, boxes[node, d] - places[r, d], places[r, d] - boxes[node, 3 + d])
-            if apart > 2.0 * slack:
-                continue
-            if node < n_leaves:
-                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-                top += 2
-                continue
-            leaf = node - n_leaves
-            for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-                along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
-                if cosine < 0.0 and abs(along) <= 2.0 * slack and not two_sided[t]:
+        stack[0], height = 1, np.int64(1)
+        while height > 0 and not enters[r]:
+            leaf, height = _leaf_around(walls.boxes, stack, height, (x, slack))
+            for t in range(*cells_of_leaf(leaf, walls.boxes, facets.shape[0])):
+                along, cosine = hit(facets, t, x, way)
+                if cosine < 0.0 and abs(along) <= slack and not two_sided[t]:
                     enters[r] = True
 
 
 @inner
-def is_blocked(facets, boxes, ray, length, slack, stack):
-    """Return whether a facet crosses a ray at more than ``slack`` from both of its ends.
+def _is_on_way(boxes, node, segment):
+    """Return whether a ray enters a box before its end, ``segment``: the ray and its length."""
+    return _entry(boxes, node, segment[0]) < segment[1]
+
+
+_leaf_on_segment = descent(_is_on_way)
+
+
+@inner
+def is_blocked(walls, x, way, length, stack):
+    """Return whether a facet crosses a ray at more than the slack from both of its ends.
 
     A ray that runs along a facet, up to the sine `ALONG`, does not cross it.
 
     Parameters
     ----------
-    facets, boxes
-        As for `shoot`.
-    ray : tuple of 6 float64
+    walls : Walls
+    x, way : tuple of 3 float64
         Start and unit direction.
-    length, slack : float
-    stack : int64[_STACK]
+    length : float
+    stack : int64[DEPTH]
         Scratch.
     """
-    x, y, z, dx, dy, dz = ray
-    ix = 1.0 / dx if dx != 0.0 else math.inf
-    iy = 1.0 / dy if dy != 0.0 else math.inf
-    iz = 1.0 / dz if dz != 0.0 else math.inf
-    n_cells, n_leaves = facets.shape[0], boxes.shape[0] // 2
-    stack[0] = 1
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if entry(boxes, node, x, y, z, ix, iy, iz, slack) >= length:
-            continue
-        if node < n_leaves:
-            stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-            top += 2
-            continue
-        leaf = node - n_leaves
-        for t in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-            along, cosine = hit(facets, t, x, y, z, dx, dy, dz)
+    facets, slack = walls.facets, walls.slack
+    segment = ((x, _inverse(way), slack), length)
+    stack[0], height = 1, np.int64(1)
+    while height > 0:
+        leaf, height = _leaf_on_segment(walls.boxes, stack, height, segment)
+        for t in range(*cells_of_leaf(leaf, walls.boxes, facets.shape[0])):
+            along, cosine = hit(facets, t, x, way)
             if slack < along < length - slack and abs(cosine) > ALONG:
                 return True
     return False

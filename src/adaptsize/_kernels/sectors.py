@@ -1,10 +1,62 @@
 """Sectors of surfaces: fans of triangles around a node between feature edges (creases)."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import inner, kernel, lean_kernel
+
+
+class Surface(NamedTuple):
+    """Triangles in space.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, 3]
+    cell_facets : int32[m, 3]
+    facet_cells : int32[n_facets, 2]
+        The first two cells at each facet, -1 if there is none.
+    facet_counts : int32[n_facets]
+        Numbers of cells.
+    normals : float64[m, 3]
+        Unit normals in the orientation of each triangle, that of a neighbour where a
+        triangle is degenerate.
+    areas : float64[m]
+        Zero where degenerate.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    cell_facets: np.ndarray
+    facet_cells: np.ndarray
+    facet_counts: np.ndarray
+    normals: np.ndarray
+    areas: np.ndarray
+
+
+class Sectors(NamedTuple):
+    """Fans of triangles around nodes between feature edges.
+
+    Parameters
+    ----------
+    sector : int32[3 m]
+        Number of the sector of corner 3 c + v.
+    sign : float64[3 m]
+        -1 where the triangle is oriented against the first one of its sector, or 1.
+    fan : int32[3 m]
+        The corners of sector s are ``fan[fan_ptr[s] : fan_ptr[s + 1]]``.
+    fan_ptr : int32[n_sectors + 1]
+    ends : int32[n_sectors, 2]
+        Far nodes of the two feature edges around the sector; -1: closed.
+    """
+
+    sector: np.ndarray
+    sign: np.ndarray
+    fan: np.ndarray
+    fan_ptr: np.ndarray
+    ends: np.ndarray
 
 
 @kernel
@@ -108,22 +160,13 @@ def fill_face_normals(points, cells, flat_share, normals, areas):
 
 
 @kernel
-def lend_normals(points, cells, cell_facets, facet_cells, facet_counts, areas, normals):
+def replace_degenerate_normals(surface):
     """Give each degenerate triangle the normal of its neighbour across its longest edge.
 
-    A degenerate triangle has collapsed onto that edge, so that the surface there
-    is the neighbour's.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells, cell_facets : int32[m, 3]
-    facet_cells : int32[n_facets, 2]
-    facet_counts : int32[n_facets]
-    areas : float64[m]
-    normals : float64[m, 3]
-        In/Out: stays zero where that neighbour is degenerate too.
+    A degenerate triangle has collapsed onto that edge, so that the surface there is the
+    neighbour's.  Its normal stays zero where that neighbour is degenerate, too (In/Out: normals).
     """
+    points, cells, normals, areas = surface.points, surface.cells, surface.normals, surface.areas
     for c in range(cells.shape[0]):
         if areas[c] > 0.0:
             continue
@@ -135,10 +178,10 @@ def lend_normals(points, cells, cell_facets, facet_cells, facet_counts, areas, n
                 squared += gap * gap
             if squared > best:
                 longest, best = v, squared
-        f = cell_facets[c, longest]
-        if facet_counts[f] != 2:
+        f = surface.cell_facets[c, longest]
+        if surface.facet_counts[f] != 2:
             continue
-        other = facet_cells[f, 0] + facet_cells[f, 1] - c
+        other = surface.facet_cells[f, 0] + surface.facet_cells[f, 1] - c
         if areas[other] > 0.0:
             i, j = cells[c, (longest + 1) % 3], cells[c, (longest + 2) % 3]
             sign = _agreement(cells, c, other, i, j)
@@ -147,29 +190,26 @@ def lend_normals(points, cells, cell_facets, facet_cells, facet_counts, areas, n
 
 
 @kernel
-def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_crease):
+def mark_creases(surface, facets, angle, is_crease):
     """Mark the edges that are boundary, non-manifold or sharper than ``angle``.
 
     Parameters
     ----------
-    cells : int32[m, 3]
+    surface : Surface
+        In any orientation.
     facets : int32[n_facets, 2]
-    facet_cells : int32[n_facets, 2]
-    facet_counts : int32[n_facets]
-    normals : float64[m, 3]
-        Unit normals, in any orientation; zero where unknown.
     angle : float
         In radians.
     is_crease : bool[n_facets]
         Out.
     """
-    product = np.empty(3)
+    normals, product = surface.normals, np.empty(3)
     for f in range(facets.shape[0]):
         is_crease[f] = True
-        if facet_counts[f] != 2:
+        if surface.facet_counts[f] != 2:
             continue
-        c, other = np.int64(facet_cells[f, 0]), np.int64(facet_cells[f, 1])
-        sign = _agreement(cells, c, other, facets[f, 0], facets[f, 1])
+        c, other = np.int64(surface.facet_cells[f, 0]), np.int64(surface.facet_cells[f, 1])
+        sign = _agreement(surface.cells, c, other, facets[f, 0], facets[f, 1])
         cross(normals[c], normals[other], product)
         # atan2 keeps small angles exact, where acos loses half the digits.
         turn = math.atan2(math.sqrt(dot(product, product)), sign * dot(normals[c], normals[other]))
@@ -177,23 +217,20 @@ def mark_creases(cells, facets, facet_cells, facet_counts, normals, angle, is_cr
 
 
 @inner
-def _walk(mesh, start, towards, sector, sign, fan, count):
+def _walk(surface, is_crease, sectors, start, count):
     """Walk around a node from corner to corner until a feature edge; return the new count.
 
     Parameters
     ----------
-    mesh : tuple
-        ``cells``, ``cell_facets``, ``facet_cells`` and ``is_crease`` of `fill_sectors`.
-    start : int
-        First corner, 3 c + v; it has its sector and sign already.
-    towards : int
-        1 or 2: the first edge to cross is the one opposite to local vertex v + towards.
-    sector, sign : int32[3 m], float64[3 m]
+    surface : Surface
+    is_crease : bool[n_facets]
+    sectors : Sectors
         In/Out.
-    fan : int32[3 m]
-        In/Out: corners in the order met.
+    start : tuple of 2 int
+        First corner, 3 c + v, which has its sector and sign already, and 1 or 2: the first edge
+        to cross is the one opposite to local vertex v plus this number.
     count : int
-        Corners in ``fan`` so far.
+        Corners in the fan so far.
 
     Returns
     -------
@@ -202,69 +239,92 @@ def _walk(mesh, start, towards, sector, sign, fan, count):
     last : int
         Far node of the feature edge where the walk stopped; -1: the fan is closed.
     """
-    cells, cell_facets, facet_cells, is_crease = mesh
-    c, v = start // 3, start % 3
+    cells, sector, sign = surface.cells, sectors.sector, sectors.sign
+    first, towards = start
+    c, v = first // 3, first % 3
     out = (v + towards) % 3
     i = cells[c, v]
     while True:
-        f = cell_facets[c, out]
+        f = surface.cell_facets[c, out]
         j = cells[c, 3 - v - out]
         if is_crease[f]:
             return count, j
-        other = facet_cells[f, 0] + facet_cells[f, 1] - c
+        other = surface.facet_cells[f, 0] + surface.facet_cells[f, 1] - c
         w = _local(cells, other, i)
         corner = 3 * other + w
         if sector[corner] >= 0:
             return count, -1
-        sector[corner] = sector[start]
+        sector[corner] = sector[first]
         sign[corner] = sign[3 * c + v] * _agreement(cells, c, other, i, j)
-        fan[count] = corner
+        sectors.fan[count] = corner
         count += 1
         # Leave through the other edge at i, opposite to the node of the edge just crossed.
         c, v, out = other, w, _local(cells, other, j)
 
 
 @kernel
-def fill_sectors(cells, cell_facets, facet_cells, is_crease, sector, sign, fan, fan_ptr, ends):
+def fill_sectors(surface, is_crease, sectors):
     """Group the corners of triangles into sectors: fans around a node between feature edges.
 
     Parameters
     ----------
-    cells, cell_facets : int32[m, 3]
-    facet_cells : int32[n_facets, 2]
+    surface : Surface
     is_crease : bool[n_facets]
-    sector : int32[3 m]
-        Out: number of the sector of corner 3 c + v.
-    sign : float64[3 m]
-        Out: -1 where the triangle is oriented against the first one of its sector, else 1.
-    fan : int32[3 m]
-        Out: the corners of sector s are ``fan[fan_ptr[s]:fan_ptr[s + 1]]``.
-    fan_ptr : int32[3 m + 1]
-        Out: filled up to the number of sectors.
-    ends : int32[3 m, 2]
-        Out: far nodes of the two feature edges that bound the sector; -1: closed.
+    sectors : Sectors
+        Out: with room for as many sectors as corners, filled up to their number.
 
     Returns
     -------
     int
         Number of sectors.
     """
+    sector, ends = sectors.sector, sectors.ends
     for corner in range(sector.shape[0]):
         sector[corner] = -1
-    fan_ptr[0] = 0
+    sectors.fan_ptr[0] = 0
     count, n_sectors = 0, 0
     ahead, back = np.int64(1), np.int64(2)  # _walk would be compiled for each literal
     for corner in range(sector.shape[0]):
         if sector[corner] >= 0:
             continue
         sector[corner] = n_sectors
-        sign[corner] = 1.0
-        fan[count] = corner
-        mesh = (cells, cell_facets, facet_cells, is_crease)
-        count, ends[n_sectors, 0] = _walk(mesh, corner, ahead, sector, sign, fan, count + 1)
+        sectors.sign[corner] = 1.0
+        sectors.fan[count] = corner
+        count, ends[n_sectors, 0] = _walk(surface, is_crease, sectors, (corner, ahead), count + 1)
         ends[n_sectors, 1] = -1
         if ends[n_sectors, 0] >= 0:
-            count, ends[n_sectors, 1] = _walk(mesh, corner, back, sector, sign, fan, count)
+            count, ends[n_sectors, 1] = _walk(surface, is_crease, sectors, (corner, back), count)
         n_sectors += 1
-        fan_ptr[n_sectors] = count
+        sectors.fan_ptr[n_sectors] = count
     return n_sectors
+
+
+@lean_kernel
+def remove_loose(edges, is_kept, is_feature, degree):
+    """Remove feature edges with a loose end until there are none.
+
+    Parameters
+    ----------
+    edges : int32[n_edges, 2]
+    is_kept : bool[n_edges]
+        Edges that are not removed.
+    is_feature : bool[n_edges]
+        In/Out.
+    degree : int32[n_points]
+        In/Out: number of feature edges at each node.
+    """
+    n = edges.shape[0]
+    left, forward = True, True
+    while left:
+        left = False
+        for k in range(n):
+            e = k if forward else n - 1 - k  # chains of edges are numbered in either direction
+            if not is_feature[e] or is_kept[e]:
+                continue
+            i, j = edges[e, 0], edges[e, 1]
+            if degree[i] == 1 or degree[j] == 1:
+                is_feature[e] = False
+                degree[i] -= 1
+                degree[j] -= 1
+                left = True
+        forward = not forward

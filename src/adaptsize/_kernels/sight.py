@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import lean
-from adaptsize._kernels.trees import LEAF
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.trees import DEPTH, descent, items_of_leaf
 
 #: Kinds of cones.
 ANY, NARROW, WIDE = 0, 1, 2
@@ -37,27 +37,36 @@ CACHED = 4
 
 
 class Sight(NamedTuple):
-    """Data for visibility in a plane domain."""
+    """Data for visibility in a plane domain.
+
+    Parameters
+    ----------
+    ends : float64[w, 4]
+        Start and end of each wall.
+    boxes : float64[2 * n_leaves, 5]
+        The tree over the walls (see trees.py).
+    first : int32[b + 1]
+        The sectors of the b-th boundary node are ``first[b]`` to ``first[b + 1] - 1``.
+    sectors : float64[k, 5]
+        Cones.
+    slack : float
+    """
 
     ends: np.ndarray
-    """float64[w, 4]: start and end of each wall."""
     boxes: np.ndarray
-    """float64[2 * n_leaves, 5]: the tree over the walls (see trees.py)."""
     first: np.ndarray
-    """int32[b + 1]: the sectors of the b-th boundary node are ``first[b]`` to
-    ``first[b + 1] - 1``."""
     sectors: np.ndarray
-    """float64[k, 5]: cones."""
     slack: float
 
 
 @lean
-def side_in_cone(sx, sy, ex, ey, kind, dx, dy, slack):
-    """Return how the vector (dx, dy) begins in a cone: a sum of bits.
+def side_in_cone(cone, way, slack):
+    """Return how a vector begins in a cone: a sum of bits.
 
     0: outside by more than ``slack``; `LEFT` (`RIGHT`): along a side of the cone, which is to the
     left (right); both: inside.
     """
+    (sx, sy, ex, ey, kind), (dx, dy) = cone, way
     if kind == ANY:
         return LEFT + RIGHT
     after_start, before_end = sx * dy - sy * dx, dx * ey - dy * ex
@@ -73,13 +82,13 @@ def side_in_cone(sx, sy, ex, ey, kind, dx, dy, slack):
 
 
 @lean
-def in_sectors(sight, row, dx, dy):
-    """Return how the vector (dx, dy) begins in the sectors of a boundary node."""
+def in_sectors(sight, row, way):
+    """Return how a vector begins in the sectors of a boundary node."""
     code = 0
     cones = sight.sectors
     for k in range(sight.first[row], sight.first[row + 1]):
-        sx, sy, ex, ey, kind = cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3], cones[k, 4]
-        code |= side_in_cone(sx, sy, ex, ey, kind, dx, dy, sight.slack)
+        cone = (cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3], cones[k, 4])
+        code |= side_in_cone(cone, way, sight.slack)
     return code
 
 
@@ -90,27 +99,28 @@ def turned(code):
 
 
 @lean
-def common_sides(sight, row, code, end_row, dx, dy):
+def common_sides(sight, row, code, end_row, way):
     """Return the sides on which a line that begins as in ``code`` ends at a boundary node; 0: none.
 
     ``row``: that of the boundary node at which the line begins, -1 if it is none.  A line along a
     slit is in the domain on both of its sides, but these are no neighbours.
     """
     if row >= 0:
-        if dx * dx + dy * dy <= sight.slack * sight.slack:
+        if way[0] * way[0] + way[1] * way[1] <= sight.slack * sight.slack:
             return LEFT + RIGHT if row == end_row else 0
-        code = in_sectors(sight, row, dx, dy)
-    return code & turned(in_sectors(sight, end_row, -dx, -dy))
+        code = in_sectors(sight, row, way)
+    return code & turned(in_sectors(sight, end_row, (-way[0], -way[1])))
 
 
 @lean
-def hides(ends, w, ax, ay, bx, by, side, slack):
-    """Return whether wall w is between the points a and b.
+def hides(wall, a, b, side, slack):
+    """Return whether a wall, a row of ``ends``, is between the points a and b.
 
     Where the line ab runs along a wall, with the domain on one ``side`` of it, another wall hides
     nothing if it only touches the line from the other side.
     """
-    px, py, qx, qy = ends[w, 0], ends[w, 1], ends[w, 2], ends[w, 3]
+    px, py, qx, qy = wall[0], wall[1], wall[2], wall[3]
+    (ax, ay), (bx, by) = a, b
     wx, wy = qx - px, qy - py
     at_a = wx * (ay - py) - wy * (ax - px)
     at_b = wx * (by - py) - wy * (bx - px)
@@ -132,11 +142,12 @@ def hides(ends, w, ax, ay, bx, by, side, slack):
 
 
 @lean
-def _set_shaft(x, feet, which, m, slack, shaft):
+def _set_shaft(x, rays, m, slack):
     """Fill the box around the points ``which``, and its change on the way to the box of their feet.
 
-    ``shaft``: float64[8], lower and upper corner, with ``slack`` around, and their changes.
+    The shaft: lower and upper corner, with ``slack`` around, and their changes.
     """
+    feet, which, shaft = rays.feet, rays.which, rays.shaft
     for d in range(2):
         low = foot_low = math.inf
         high = foot_high = -math.inf
@@ -167,6 +178,9 @@ def _meets_shaft(boxes, b, shaft):
     return begin <= end
 
 
+_leaf_in_shaft = descent(_meets_shaft)
+
+
 @lean
 def _is_on_both_sides(ends, w, shaft, slack):
     """Return whether a shaft has points strictly on either side of the line of wall w."""
@@ -183,61 +197,134 @@ def _is_on_both_sides(ends, w, shaft, slack):
 
 
 @lean
-def _without_crossing(sight, w, x, feet, sides, which, m):
+def _without_crossing(sight, w, x, rays, m):
     """Remove points from ``which`` that wall w hides from their feet; return the number left."""
-    left = 0
+    feet, which, left = rays.feet, rays.which, 0
     for a in range(m):
         i = which[a]
-        if not hides(
-            sight.ends, w, x[0, i], x[1, i], feet[0, i], feet[1, i], sides[i], sight.slack
-        ):
+        at, foot = (x[0, i], x[1, i]), (feet[0, i], feet[1, i])
+        if not hides(sight.ends[w], at, foot, rays.sides[i], sight.slack):
             which[left] = i
             left += 1
     return left
 
 
 @lean
-def without_hidden(sight, x, feet, sides, which, m, stack, shaft, cached):
+def without_hidden(sight, x, rays, m):
     """Remove points from ``which`` that are hidden from their feet; return the number left.
 
     Parameters
     ----------
     sight : Sight
-    x, feet : float64[2, n]
-    sides : int64[n]
-        Sides of the lines from the points to their feet on which the domain is.
-    which : int64[n]
-        In/Out: the numbers of m points.
+    x : float64[2, n]
+    rays : NamedTuple
+        ``feet``, float64[2, n]; ``sides``, int64[n], of the lines from the points to their feet on
+        which the domain is; ``which``, int64[n], In/Out: the numbers of m points; ``cached``,
+        int64[CACHED], In/Out: walls that hid points most recently, padded with -1.  Scratch:
+        ``stack``, int64[DEPTH], and ``shaft``, float64[8].
     m : int
-    stack, shaft : int64[DEPTH], float64[8]
-        Scratch.
-    cached : int64[CACHED]
-        In/Out: walls that hid points most recently, padded with -1.
     """
+    cached = rays.cached
     for c in range(CACHED):
         if cached[c] >= 0 and m > 0:
-            m = _without_crossing(sight, cached[c], x, feet, sides, which, m)
+            m = _without_crossing(sight, cached[c], x, rays, m)
     if m == 0:
         return m
-    _set_shaft(x, feet, which, m, sight.slack, shaft)
-    n_walls, n_leaves = sight.ends.shape[0], sight.boxes.shape[0] // 2
-    stack[0], size = 1, 1
-    while size > 0:
-        size -= 1
-        b = stack[size]
-        if not _meets_shaft(sight.boxes, b, shaft):
-            continue
-        if b < n_leaves:
-            stack[size], stack[size + 1] = 2 * b, 2 * b + 1
-            size += 2
-            continue
-        for w in range((b - n_leaves) * LEAF, min(n_walls, (b - n_leaves + 1) * LEAF)):
-            if not _is_on_both_sides(sight.ends, w, shaft, sight.slack):
+    _set_shaft(x, rays, m, sight.slack)
+    rays.stack[0], height = 1, np.int64(1)
+    while height > 0:
+        leaf, height = _leaf_in_shaft(sight.boxes, rays.stack, height, rays.shaft)
+        for w in range(*items_of_leaf(leaf, sight.ends.shape[0])):
+            if not _is_on_both_sides(sight.ends, w, rays.shaft, sight.slack):
                 continue
-            left = _without_crossing(sight, w, x, feet, sides, which, m)
+            left = _without_crossing(sight, w, x, rays, m)
             if left < m:
                 cached[w % CACHED] = w
                 m = left
                 if m == 0:
                     return m
     return m
+
+
+# Lines of sight between the nodes of a mesh
+
+
+class View(NamedTuple):
+    """A plane domain, and scratch for one thread.
+
+    Parameters
+    ----------
+    sight : Sight
+    rows : int32[n]
+        Rows of the nodes in the sectors, -1 inside.
+    feet : float64[2, 1]
+        Where the line begins.
+    end : float64[2, 1]
+        Where it ends.
+    sides : int64[1]
+        Sides of the line on which the domain is.
+    which : int64[1]
+    stack : int64[DEPTH]
+    shaft : float64[8]
+    cached : int64[CACHED]
+        Walls that hid points recently.
+    """
+
+    sight: Sight
+    rows: np.ndarray
+    feet: np.ndarray
+    end: np.ndarray
+    sides: np.ndarray
+    which: np.ndarray
+    stack: np.ndarray
+    shaft: np.ndarray
+    cached: np.ndarray
+
+
+def new_view(sight: Sight, rows: np.ndarray) -> View:
+    """Return a domain with scratch for one thread."""
+    return View(
+        sight=sight,
+        rows=rows,
+        feet=np.empty((2, 1)),
+        end=np.empty((2, 1)),
+        sides=np.empty(1, np.int64),
+        which=np.empty(1, np.int64),
+        stack=np.empty(DEPTH, np.int64),
+        shaft=np.empty(8),
+        cached=np.full(CACHED, -1, np.int64),
+    )
+
+
+@lean
+def sees(view, begin, end):
+    """Return whether the line between two points is in the domain.
+
+    The points are nodes of the mesh, each given by an array of points, its row, and its number as a
+    node.
+    """
+    (x, i, from_node), (y, j, to_node) = begin, end
+    way = (y[j, 0] - x[i, 0], y[j, 1] - x[i, 1])
+    sight, row, end_row = view.sight, view.rows[from_node], view.rows[to_node]
+    side = LEFT + RIGHT
+    if end_row >= 0:
+        side = common_sides(sight, row, side, end_row, way)
+        if side == 0:
+            return False
+    elif row >= 0 and in_sectors(sight, row, way) == 0:
+        return False
+    for d in range(2):
+        view.feet[d, 0], view.end[d, 0] = x[i, d], y[j, d]
+    # As without_hidden expects them: sides of the lines from points to feet.
+    view.sides[0], view.which[0] = turned(side), 0
+    return without_hidden(sight, view.end, view, np.int64(1)) == 1
+
+
+@lean_kernel
+def fill_seen(x, nodes, view, seen):
+    """Fill whether nodes see each other (Out: seen, bool[c, c]); x: float64[n, 2]."""
+    for k in range(nodes.shape[0]):
+        for m in range(k):
+            is_seen = sees(view, (x, nodes[k], nodes[k]), (x, nodes[m], nodes[m]))
+            seen[k, m], seen[m, k] = is_seen, is_seen
+        seen[k, k] = True

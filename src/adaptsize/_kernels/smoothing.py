@@ -83,7 +83,8 @@ def fill_quality(points, cells, quality):
 
 
 @inner
-def _worst_around(points, cells, ring_ptr, ring, i):
+def _worst_around(points, cells, rings, i):
+    ring_ptr, ring = rings
     worst = 2.0
     for place in range(ring_ptr[i], ring_ptr[i + 1]):
         q = _quality(points, cells, ring[place])
@@ -93,7 +94,7 @@ def _worst_around(points, cells, ring_ptr, ring, i):
 
 
 @kernel
-def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
+def smooth_nodes(points, cells, rings, moves):
     """Move nodes one after the other so that the worst cell around each improves.
 
     For each node, steps along the axes in both directions and towards the mean of its neighbours
@@ -105,22 +106,20 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
     points : float64[n, dim]
         In/Out.
     cells : int32[m, dim + 1]
-    ring_ptr, ring : int32[n + 1], int32[m * (dim + 1)]
+    rings : tuple of int32[n + 1], int32[m * (dim + 1)]
         Cells around each node.
-    nodes : int64[k]
-        The nodes to move, in this order.
-    normals : float64[n, dim]
-        Unit normal of the plane in which a node may move; 0 if it may move freely.
-    steps : float64[n]
-        Initial length of a step at each node.
+    moves : tuple of int64[k], float64[n, dim], float64[n]
+        The nodes to move, in this order; at each node the unit normal of the plane in which it may
+        move, 0 if it may move freely; and the initial length of a step.
     """
+    (ring_ptr, ring), (nodes, normals, steps) = rings, moves
     dim = points.shape[1]
     start = np.empty(dim)
     best = np.empty(dim)
-    way = np.empty(dim)
+    step_to = np.empty(dim)
     for k in range(nodes.shape[0]):
         i = nodes[k]
-        worst = _worst_around(points, cells, ring_ptr, ring, i)
+        worst = _worst_around(points, cells, rings, i)
         step = steps[i]
         for _ in range(6):
             for d in range(dim):
@@ -129,9 +128,9 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
             before = worst
             for direction in range(2 * dim + 1):
                 for d in range(dim):
-                    way[d] = 0.0
+                    step_to[d] = 0.0
                 if direction < 2 * dim:
-                    way[direction // 2] = step if direction % 2 == 0 else -step
+                    step_to[direction // 2] = step if direction % 2 == 0 else -step
                 else:
                     count = 0
                     for place in range(ring_ptr[i], ring_ptr[i + 1]):
@@ -140,15 +139,15 @@ def smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps):
                             if j != i:
                                 count += 1
                                 for d in range(dim):
-                                    way[d] += points[j, d] - start[d]
+                                    step_to[d] += points[j, d] - start[d]
                     for d in range(dim):
-                        way[d] *= 0.5 / count
+                        step_to[d] *= 0.5 / count
                 along = 0.0
                 for d in range(dim):
-                    along += way[d] * normals[i, d]
+                    along += step_to[d] * normals[i, d]
                 for d in range(dim):
-                    points[i, d] = start[d] + way[d] - along * normals[i, d]
-                q = _worst_around(points, cells, ring_ptr, ring, i)
+                    points[i, d] = start[d] + step_to[d] - along * normals[i, d]
+                q = _worst_around(points, cells, rings, i)
                 if q > worst + GAIN:
                     worst = q
                     for d in range(dim):

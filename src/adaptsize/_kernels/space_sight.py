@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import lean
-from adaptsize._kernels.trees import LEAF
+from adaptsize._kernels.trees import descent, items_of_leaf
 
 # Tolerance for directions outside, as an angle.
 AHEAD = 1e-10
@@ -23,30 +23,43 @@ CACHED = 8
 
 
 class Walls(NamedTuple):
-    """The triangles of the boundary of a solid."""
+    """The triangles of the boundary of a solid.
+
+    Parameters
+    ----------
+    triangles : float64[f, 14]
+        A vertex, the unit normal, the gradients of two barycentric coordinates, the
+        tolerance for distances, and the tolerance for coordinates.
+    boxes : float64[2 * n_leaves, 7]
+        The tree over them (see trees.py).
+    slack : float
+        Tolerance: smaller distances are zero.
+    """
 
     triangles: np.ndarray
-    """float64[f, 14]: a vertex, the unit normal, the gradients of two barycentric coordinates,
-    the tolerance for distances, and the tolerance for coordinates."""
     boxes: np.ndarray
-    """float64[2 * n_leaves, 7]: the tree over them (see trees.py)."""
-    n_leaves: int
     slack: float
-    """Tolerance: smaller distances are zero."""
 
 
 class Stars(NamedTuple):
-    """The cells at nodes of the boundary."""
+    """The cells at nodes of the boundary.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+        The nodes of the mesh.
+    rows : int32[n]
+        Row of a node of the boundary, -1 inside.
+    first : int32[rows + 1]
+    star : int32[s, 3]
+        ``star[first[row]:first[row + 1]]`` are the other nodes of the cells at a node, so
+        that their directions are a right-handed triple.
+    """
 
     points: np.ndarray
-    """float64[n, 3]: the nodes of the mesh."""
     rows: np.ndarray
-    """int32[n]: row of a node of the boundary, -1 inside."""
     first: np.ndarray
-    """int32[rows + 1]"""
     star: np.ndarray
-    """int32[s, 3]: ``star[first[row]:first[row + 1]]`` are the other nodes of the cells at a
-    node, so that their directions are a right-handed triple."""
 
 
 class Sight(NamedTuple):
@@ -57,17 +70,18 @@ class Sight(NamedTuple):
 
 
 @lean
-def _enters(points, star, ring, a, b, c, dx, dy, dz):
+def _enters(stars, nodes, way):
     """Return whether a direction at a point inside node a, edge ab or face abc enters the domain.
 
-    b and c are -1 for fewer nodes; ``ring`` is the range of the cells at a in ``star``.
+    b and c are -1 for fewer nodes.
     """
+    (a, b, c), (dx, dy, dz), points, star = nodes, way, stars.points, stars.star
     limit = AHEAD * AHEAD * (dx * dx + dy * dy + dz * dz)
     if limit == 0.0:
         return True
     wanted = (1 if b >= 0 else 0) + (1 if c >= 0 else 0)
     ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
-    for k in range(ring[0], ring[1]):
+    for k in range(stars.first[stars.rows[a]], stars.first[stars.rows[a] + 1]):
         found = 0
         outside = False
         for v in range(3):
@@ -89,13 +103,13 @@ def _enters(points, star, ring, a, b, c, dx, dy, dz):
 
 
 @lean
-def without_leaving(stars, nodes, feet, level, other, active, m):
+def without_leaving(stars, nodes, piece, active, m):
     """Remove points from ``active`` whose piece from feet[level] to feet[other] starts outside.
 
     ``nodes``: int64[3, BLOCK], those of the node, edge or face on which feet[level] lies.
     Returns how many are left.
     """
-    left = 0
+    (feet, level, other), left = piece, 0
     for k in range(m):
         i = active[k]
         a, b, c = nodes[0, i], nodes[1, i], nodes[2, i]
@@ -105,8 +119,7 @@ def without_leaving(stars, nodes, feet, level, other, active, m):
         inside = a < 0 or stars.rows[a] < 0 or (b >= 0 and stars.rows[b] < 0)
         inside = inside or (c >= 0 and stars.rows[c] < 0)
         if not inside:
-            ring = (stars.first[stars.rows[a]], stars.first[stars.rows[a] + 1])
-            inside = _enters(stars.points, stars.star, ring, a, b, c, dx, dy, dz)
+            inside = _enters(stars, (a, b, c), (dx, dy, dz))
         if inside:
             active[left] = i
             left += 1
@@ -134,8 +147,9 @@ def _crosses(triangles, t, a, b, i):
 
 
 @lean
-def _set_shaft(shaft, a, b, active, m, slack):
+def _set_shaft(a, b, m, slack, block):
     """Put boxes around the points ``active`` of a and of b."""
+    active, shaft = block.active, block.shaft
     for d in range(3):
         a_low = b_low = math.inf
         a_high = b_high = -math.inf
@@ -171,6 +185,9 @@ def _meets_shaft(boxes, n, shaft):
     return True
 
 
+_leaf_in_shaft = descent(_meets_shaft)
+
+
 @lean
 def _separates(triangles, t, shaft):
     """Return whether the two ends of a shaft have points strictly on either side of a triangle."""
@@ -190,9 +207,9 @@ def _separates(triangles, t, shaft):
 
 
 @lean
-def _without_crossing(triangles, t, a, b, active, m):
+def _without_crossing(triangles, t, ends, active, m):
     """Remove points from ``active`` where triangle t hides a from b; return the number left."""
-    left = 0
+    (a, b), left = ends, 0
     for k in range(m):
         i = active[k]
         if not _crosses(triangles, t, a, b, i):
@@ -202,37 +219,29 @@ def _without_crossing(triangles, t, a, b, active, m):
 
 
 @lean
-def without_hidden(walls, a, b, active, m, cached, shaft, stack):
+def without_hidden(walls, a, b, m, block):
     """Remove points from ``active`` where a is hidden from b; return the number left.
 
-    ``shaft``, ``stack``: float64[12], int64[DEPTH], scratch.
+    ``block``: ``active``, ``cached``, and as scratch ``shaft`` and ``stack``.
     """
+    active, cached, shaft, stack = block.active, block.cached, block.shaft, block.stack[1]
     for c in range(CACHED):
         if cached[c] < 0 or m == 0:
             break
-        left = _without_crossing(walls.triangles, cached[c], a, b, active, m)
+        left = _without_crossing(walls.triangles, cached[c], (a, b), active, m)
         if left < m:
             _put_first(cached, c, cached[c])
         m = left
     if m == 0:
         return 0
-    _set_shaft(shaft, a, b, active, m, walls.slack)
-    n_triangles = walls.triangles.shape[0]
-    stack[0], size = 1, 1
-    while size > 0:
-        size -= 1
-        n = stack[size]
-        if n < walls.n_leaves:
-            for child in range(2 * n, 2 * n + 2):
-                if _meets_shaft(walls.boxes, child, shaft):
-                    stack[size] = child
-                    size += 1
-            continue
-        leaf = n - walls.n_leaves
-        for t in range(leaf * LEAF, min(n_triangles, (leaf + 1) * LEAF)):
+    _set_shaft(a, b, m, walls.slack, block)
+    stack[0], height = 1, np.int64(1)
+    while height > 0:
+        leaf, height = _leaf_in_shaft(walls.boxes, stack, height, shaft)
+        for t in range(*items_of_leaf(leaf, walls.triangles.shape[0])):
             if not _separates(walls.triangles, t, shaft):
                 continue
-            left = _without_crossing(walls.triangles, t, a, b, active, m)
+            left = _without_crossing(walls.triangles, t, (a, b), active, m)
             if left < m:
                 _put_first(cached, CACHED - 1, t)
                 m = left

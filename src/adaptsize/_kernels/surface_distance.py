@@ -5,11 +5,84 @@ there are fewer, and nodes are numbered row by row, the last axis fastest.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
+
+
+class GridFrame(NamedTuple):
+    """A Cartesian grid of three axes.
+
+    Parameters
+    ----------
+    lower : float64[3]
+    spacing : float64[3]
+    shape : int64[3]
+    """
+
+    lower: np.ndarray
+    spacing: np.ndarray
+    shape: np.ndarray
+
+
+class Features(NamedTuple):
+    """Facets to which distances are measured.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    facets : int32[m, k]
+        K = 1, 2 or 3.
+    corners : int32[m, k]
+        The nodes of the facets, nodes at the same place counted as one.
+    ring_ptr : int32[n + 1]
+    ring : int32[...]
+        Facets around each of these nodes; if they are points, the neighbours of each.
+    """
+
+    points: np.ndarray
+    facets: np.ndarray
+    corners: np.ndarray
+    ring_ptr: np.ndarray
+    ring: np.ndarray
+
+
+class Nearest(NamedTuple):
+    """The nearest facet of each node, as far as it is known.
+
+    Parameters
+    ----------
+    distance : float64[n_nodes]
+    facet : int32[n_nodes]
+        -1 where none is known.
+    """
+
+    distance: np.ndarray
+    facet: np.ndarray
+
+
+class Queue(NamedTuple):
+    """Nodes that wait, in buckets by their distance.
+
+    Parameters
+    ----------
+    width : float
+        Step of distance.
+    first : int32[n_buckets]
+        First node of each bucket, -1 if none; buckets are used in a circle.
+    following : int32[n_nodes]
+        Next node of the same bucket, -1 at its end; -2 for nodes not waiting.
+    state : int64[2]
+        Present bucket, number of waiting nodes; at first -1 and 0.
+    """
+
+    width: float
+    first: np.ndarray
+    following: np.ndarray
+    state: np.ndarray
 
 
 @inner
@@ -27,9 +100,7 @@ def _distance2_to_facet(points, facets, f, x):
 
 
 @kernel
-def scan_facets(
-    points, facets, first, last, lower, spacing, shape, reach, exact, distance, nearest
-):
+def scan_facets(features, part, grid, scan, found):
     """Lower the distances of the nodes around each facet.
 
     Called twice: first for the distances to centroids, bounds that let the second call leave
@@ -37,26 +108,24 @@ def scan_facets(
 
     Parameters
     ----------
-    points : float64[n, 3]
-    facets : int32[m, k]
-        k = 1, 2 or 3.  Short facets are cheapest: all nodes of a box around each are tested.
-    first, last : int
-        Only ``facets[first:last]`` are scanned.
-    lower, spacing : float64[3]
-    shape : int64[3]
-    reach : float
-        Largest distance.
-    exact : bool
-        Whether to find the closest point of each facet, or to take its centroid.
-    distance : float64[n_nodes]
-        In/Out: an upper bound, at most ``reach``; lowered.
-    nearest : int32[n_nodes]
-        In/Out: the nearest facet where ``exact`` lowered the distance.
+    features : tuple of float64[n, 3], int32[m, k]
+        Points and facets.  Short facets are cheapest: all nodes of a box around each are tested.
+    part : tuple of 2 int
+        First and last (exclusive) of the facets to scan.
+    grid : GridFrame
+    scan : tuple of float, bool
+        The largest distance, and whether to find the closest point of each facet, or to take its
+        centroid.
+    found : Nearest
+        In/Out: upper bounds of the distances, at most the largest one, which are lowered; the
+        facets where closest points did so.
     """
+    (points, facets), (reach, exact), (distance, nearest) = features, scan, found
+    lower, spacing, shape = grid
     begin = [0, 0, 0]
     end = [0, 0, 0]
     width = facets.shape[1]
-    for f in range(first, last):
+    for f in range(part[0], part[1]):
         radius = 0.0
         centre = [0.0, 0.0, 0.0]
         for v in range(width):
@@ -107,7 +176,7 @@ def scan_facets(
 
 
 @inner
-def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
+def _nearest_around(features, f, x):
     """Walk from facet f over its neighbours to one of which no neighbour is nearer to x.
 
     With y the closest point of f, a facet that contains y has a nearer point if and only if
@@ -120,6 +189,7 @@ def _nearest_around(points, facets, corners, ring_ptr, ring, f, x):
     float
         Its squared distance.
     """
+    points, facets, corners, ring_ptr, ring = features
     width = facets.shape[1]
     if width == 1:
         return _nearest_point_around(points, ring_ptr, ring, f, x)
@@ -189,23 +259,7 @@ def _nearest_point_around(points, ring_ptr, ring, f, x):
 
 
 @kernel
-def propagate_features(
-    points,
-    facets,
-    corners,
-    ring_ptr,
-    ring,
-    lower,
-    spacing,
-    shape,
-    distance,
-    nearest,
-    width,
-    first,
-    following,
-    state,
-    most,
-):
+def propagate_features(features, grid, found, queue, most):
     """Propagate the nearest facets from node to node.
 
     Nodes are accepted roughly in order of distance.  An accepted node searches from the facet
@@ -214,27 +268,12 @@ def propagate_features(
 
     Parameters
     ----------
-    points : float64[n, 3]
-    facets : int32[m, k]
-    corners : int32[m, k]
-        The nodes of the facets, nodes at the same place counted as one.
-    ring_ptr : int32[n + 1]
-    ring : int32[...]
-        Facets around each of these nodes; if they are points, the neighbours of each.
-    lower, spacing : float64[3]
-    shape : int64[3]
-    distance : float64[n_nodes]
-        In/Out: inf where no facet is known.
-    nearest : int32[n_nodes]
-        In/Out: -1 where none is known.
-    width : float
-        Step of distance by which the waiting nodes are sorted.
-    first : int32[n_buckets]
-        In/Out: first node of each bucket, -1 if none; buckets are used in a circle.
-    following : int32[n_nodes]
-        In/Out: next node of the same bucket, -1 at its end; -2 for nodes that do not wait.
-    state : int64[2]
-        In/Out: present bucket, number of waiting nodes; at first -1 and 0.
+    features : Features
+    grid : GridFrame
+    found : Nearest
+        In/Out: the distance is inf where no facet is known.
+    queue : Queue
+        In/Out.
     most : int
         Return after that many accepted nodes.
 
@@ -243,6 +282,9 @@ def propagate_features(
     int
         Number of accepted nodes; less than ``most`` at the end.
     """
+    points, facets = features.points, features.facets
+    (lower, spacing, shape), (distance, nearest) = grid, found
+    width, first, following, state = queue
     n1, n2 = shape[1], shape[2]
     n_buckets = first.shape[0]
     here, waiting = state
@@ -280,7 +322,7 @@ def propagate_features(
             lower[2] + at[2] * spacing[2],
         )
         f = np.int64(nearest[node])
-        f, found2 = _nearest_around(points, facets, corners, ring_ptr, ring, f, x)
+        f, found2 = _nearest_around(features, f, x)
         reached = min(math.sqrt(found2), distance[node])
         nearest[node] = f
         distance[node] = reached

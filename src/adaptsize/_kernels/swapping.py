@@ -26,36 +26,61 @@ _EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
 class Tetrahedra(NamedTuple):
-    """Cells to improve."""
+    """Cells to improve.
+
+    Parameters
+    ----------
+    points : npt.NDArray[np.float64]
+    cells : npt.NDArray[np.int32]
+        [m, 4], positive.
+    ring_ptr : npt.NDArray[np.int32]
+    ring : npt.NDArray[np.int32]
+    quality : npt.NDArray[np.float64]
+    removed : npt.NDArray[np.bool_]
+        [m], In/Out: all False; True for the cells that are replaced.
+    """
 
     points: npt.NDArray[np.float64]
     cells: npt.NDArray[np.int32]
-    """[m, 4], positive."""
     ring_ptr: npt.NDArray[np.int32]
     ring: npt.NDArray[np.int32]
     quality: npt.NDArray[np.float64]
     removed: npt.NDArray[np.bool_]
-    """[m], In/Out: all False; True for the cells that are replaced."""
 
 
 class Work(NamedTuple):
-    """Scratch: the cells that an operation removes, and those that it makes."""
+    """Scratch: the cells that an operation removes, and those that it makes.
+
+    Parameters
+    ----------
+    old : npt.NDArray[np.int64]
+    new : npt.NDArray[np.int64]
+    best_old : npt.NDArray[np.int64]
+        Those of the best operation; ``best_new`` likewise.
+    best_new : npt.NDArray[np.int64]
+    left : npt.NDArray[np.int64]
+        Of each cell around an edge, one node off the edge; the other one is ``right``.
+    right : npt.NDArray[np.int64]
+    loop : npt.NDArray[np.int64]
+        The nodes around the edge in order.
+    stack : npt.NDArray[np.int64]
+    split : npt.NDArray[np.int64]
+        [i, j]: the node of the triangle at (i, j) if nodes i to j of the loop are filled at
+        best.
+    value : npt.NDArray[np.float64]
+        [i, j]: the worst cell of that filling.
+    """
 
     old: npt.NDArray[np.int64]
     new: npt.NDArray[np.int64]
     best_old: npt.NDArray[np.int64]
-    """Those of the best operation; ``best_new`` likewise."""
     best_new: npt.NDArray[np.int64]
     left: npt.NDArray[np.int64]
-    """Of each cell around an edge, one node off the edge; the other one is ``right``."""
     right: npt.NDArray[np.int64]
     loop: npt.NDArray[np.int64]
-    """The nodes around the edge in order."""
     stack: npt.NDArray[np.int64]
     split: npt.NDArray[np.int64]
-    """[i, j]: the node of the triangle at (i, j) if nodes i to j of the loop are filled at best."""
     value: npt.NDArray[np.float64]
-    """[i, j]: the worst cell of that filling."""
 
 
 def new_work() -> Work:
@@ -148,11 +173,9 @@ def _fill_best(points, a, b, n, work):
 
 
 @lean
-def _set_cell(new, row, a, b, c, d):
-    new[row, 0] = a
-    new[row, 1] = b
-    new[row, 2] = c
-    new[row, 3] = d
+def _set_cell(new, row, corners):
+    a, b, c, d = corners  # of different types
+    new[row, 0], new[row, 1], new[row, 2], new[row, 3] = a, b, c, d
 
 
 @lean
@@ -169,8 +192,8 @@ def _list_filling(a, b, n, work):
         if j - i < 2:
             continue
         k = work.split[i, j]
-        _set_cell(work.new, n_new, a, loop[i], loop[k], loop[j])
-        _set_cell(work.new, n_new + 1, b, loop[i], loop[j], loop[k])
+        _set_cell(work.new, n_new, (a, loop[i], loop[k], loop[j]))
+        _set_cell(work.new, n_new + 1, (b, loop[i], loop[j], loop[k]))
         n_new += 2
         stack[height, 0] = i
         stack[height, 1] = k
@@ -234,9 +257,9 @@ def _remove_face(mesh, c, v, gain, work):
         return 0.0, 0, 0
     work.old[0] = c
     work.old[1] = across
-    _set_cell(work.new, 0, o, p, f0, f1)
-    _set_cell(work.new, 1, o, p, f1, f2)
-    _set_cell(work.new, 2, o, p, f2, f0)
+    _set_cell(work.new, 0, (o, p, f0, f1))
+    _set_cell(work.new, 1, (o, p, f1, f2))
+    _set_cell(work.new, 2, (o, p, f2, f0))
     after = 2.0
     for s in range(3):
         after = min(after, tetrahedron(points, o, p, work.new[s, 2], work.new[s, 3]))

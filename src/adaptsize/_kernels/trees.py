@@ -1,19 +1,23 @@
-"""Trees of boxes over points, segments or triangles, sorted along a Morton curve.
+"""Trees of boxes over points, segments, triangles or tetrahedra, and the descent of a tree.
 
-Items are sorted along the curve; every `LEAF` consecutive ones share a leaf; the boxes of the
-leaves and of their unions form a binary heap: box 1 is the root, 2 b and 2 b + 1 are the
-halves of box b, and leaf l is box ``n_leaves + l``, the number of leaves being a power of 2.
-A box is one row of ``boxes``: lower corner, upper corner, and the least value in it, so that
+The boxes form a binary heap: box 1 is the root, 2 b and 2 b + 1 are the halves of box b, and leaf l
+is box ``n_leaves + l``, the number of leaves being a power of 2.  There are two kinds of trees.
 
-    value + g dist(x, box)
-
-is a lower bound for all that the items in the box allow at x.  Empty boxes have the
-value inf and lie at infinity.
+* Trees of items that are sorted along a Morton curve.  Every `LEAF` consecutive items share a leaf
+  (`items_of_leaf`).  A box is one row of ``boxes``: lower corner, upper corner, and the least value
+  in it, so that  value + g dist(x, box)  is a lower bound for all that the items in the box allow
+  at x.  Empty boxes have the value inf and lie at infinity.
+* Trees of cells in space.  Each box is halved along the longest side, by number (`sort_for_tree`).
+  The halves overlap by no more than the size of a cell.  All leaves have the same number of cells,
+  or one more (`cells_of_leaf`).  A box is a lower and an upper corner, float64[6].
 """
 
 import math
+from typing import NamedTuple
 
-from adaptsize._kernels.compiling import lean, lean_kernel
+import numpy as np
+
+from adaptsize._kernels.compiling import generated, inner, kernel, lean, lean_kernel
 
 #: Items of a leaf.
 LEAF = 4
@@ -28,8 +32,134 @@ BITS = 21
 DIGIT = 11
 
 
+class Tree(NamedTuple):
+    """Cells in a tree.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k]
+        In the order of the tree.
+    boxes : float64[2 * n_leaves, 6]
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    boxes: np.ndarray
+
+
+class Stack(NamedTuple):
+    """Scratch for the descent of a tree, the nearer half first.
+
+    Parameters
+    ----------
+    box : int64[DEPTH]
+    bound : float64[DEPTH]
+        Lower bounds of what the boxes contain.
+    """
+
+    box: np.ndarray
+    bound: np.ndarray
+
+
+def new_stack() -> Stack:
+    """Return scratch for one thread."""
+    return Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))
+
+
+def descent(is_near):
+    """Return a function that descends a tree to the next leaf that is near.
+
+    ``is_near(boxes, b, given)`` is whether box b is entered.  The second half of a box comes first.
+    A descent begins with the root, box 1, on the stack, int64[DEPTH], and height 1.  The function
+    returns a leaf and the height of the stack, or -1 and 0 at the end.
+    """
+
+    @generated
+    def next_leaf(boxes, stack, height, given):
+        n_leaves = boxes.shape[0] // 2
+        while height > 0:
+            height -= 1
+            b = stack[height]
+            if not is_near(boxes, b, given):
+                continue
+            if b >= n_leaves:
+                return b - n_leaves, height
+            stack[height], stack[height + 1] = 2 * b, 2 * b + 1
+            height += 2
+        return np.int64(-1), np.int64(0)
+
+    return next_leaf
+
+
+def descent_by_bound(bound_of):
+    """Return a function that descends a tree as that of `descent`, to bounds below a limit.
+
+    ``bound_of(boxes, b, given)`` is a lower bound of what box b contains.  The half with the
+    smaller bound comes first.
+    """
+
+    @generated
+    def next_leaf(boxes, stack, height, limit, given):
+        n_leaves = boxes.shape[0] // 2
+        while height > 0:
+            height -= 1
+            b = stack.box[height]
+            if stack.bound[height] >= limit:
+                continue
+            if b >= n_leaves:
+                return b - n_leaves, height
+            near, far = 2 * b, 2 * b + 1
+            at_near, at_far = bound_of(boxes, near, given), bound_of(boxes, far, given)
+            if at_far < at_near:
+                near, far, at_near, at_far = far, near, at_far, at_near
+            if at_far < limit:
+                stack.box[height], stack.bound[height] = far, at_far
+                height += 1
+            if at_near < limit:
+                stack.box[height], stack.bound[height] = near, at_near
+                height += 1
+        return np.int64(-1), np.int64(0)
+
+    return next_leaf
+
+
+@lean
+def items_of_leaf(leaf, n_items):
+    """Return the range of the items of a leaf, none for leaf -1."""
+    return max(leaf, 0) * LEAF, min(n_items, (leaf + 1) * LEAF)
+
+
+@lean
+def cells_of_leaf(leaf, boxes, n_cells):
+    """Return the range of the cells of a leaf, none for leaf -1."""
+    n_leaves = boxes.shape[0] // 2
+    return max(leaf, 0) * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves
+
+
+class Curve(NamedTuple):
+    """Where a Morton curve runs.
+
+    Parameters
+    ----------
+    axes : tuple[int, ...]
+        Of length dim.
+    lower : float64[dim]
+    scale : float
+        Coordinates less ``lower`` times this are in [0, 2^BITS); others, and nan, count as
+        0.
+    spread : int64[2^DIGIT]
+        Numbers with dim - 1 zeros after each of their bits.
+    """
+
+    axes: tuple[int, ...]
+    lower: np.ndarray
+    scale: float
+    spread: np.ndarray
+
+
 @lean_kernel
-def sort_along_curve(points, axes, lower, scale, spread, keys, order, counts):
+def sort_along_curve(points, curve, keys, order, counts):
     """Sort points along a Morton curve, equal keys by their number.
 
     A key has the bits of the coordinates in turn, the highest first.  Keys are sorted by one digit
@@ -38,12 +168,7 @@ def sort_along_curve(points, axes, lower, scale, spread, keys, order, counts):
     Parameters
     ----------
     points : float64[n, dim]
-    axes : tuple of length dim
-    lower : float64[dim]
-    scale : float64
-        Coordinates less ``lower`` times this are in [0, 2^BITS); others, and nan, count as 0.
-    spread : int64[2^DIGIT]
-        Numbers with dim - 1 zeros after each of their bits.
+    curve : Curve
     keys : int64[2, n]
         Out: the sorted keys, and scratch.
     order : int32[2, n]
@@ -51,7 +176,8 @@ def sort_along_curve(points, axes, lower, scale, spread, keys, order, counts):
     counts : int64[2^DIGIT]
         Scratch.
     """
-    dim = len(axes)
+    lower, scale, spread = curve.lower, curve.scale, curve.spread
+    dim = len(curve.axes)
     mask = 2**DIGIT - 1
     for i in range(points.shape[0]):
         key = 0
@@ -111,3 +237,134 @@ def fill_tiles(shape, tile, order):
                         for k in range(first_k, min(first_k + tile[2], shape[2])):
                             order[count] = (i * shape[1] + j) * shape[2] + k
                             count += 1
+
+
+@kernel
+def fill_centroids(points, cells, centroids):
+    """Fill the mean of the corners of each cell.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k]
+    centroids : float64[m, 3]
+        Out.
+    """
+    k = cells.shape[1]
+    for c in range(cells.shape[0]):
+        for d in range(3):
+            total = 0.0
+            for v in range(k):
+                total += points[cells[c, v], d]
+            centroids[c, d] = total / k
+
+
+@inner
+def _select(keys, axis, order, middle):
+    """Move the cells of smaller keys before place ``middle``, the others behind (quickselect).
+
+    ``keys``: float64[m, 3], of which one column, ``axis``, counts; ``order``: In/Out.
+    """
+    low, high = 0, order.shape[0] - 1
+    while low < high:
+        pivot = keys[order[(low + high) // 2], axis]
+        i, j = low, high
+        while i <= j:
+            while keys[order[i], axis] < pivot:
+                i += 1
+            while keys[order[j], axis] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            return
+
+
+@kernel
+def sort_for_tree(centroids, n_leaves, order):
+    """Put cells in the order of a tree: each node is halved along the longest side.
+
+    Halving by number keeps the tree complete; unlike runs along a space-filling curve,
+    the halves of a box overlap by no more than the size of a cell.
+
+    Parameters
+    ----------
+    centroids : float64[m, 3]
+    n_leaves : int
+        Power of 2, at most m.
+    order : int64[m]
+        In/Out: numbers of the cells.  Centroids along a space-filling curve are faster.
+    """
+    m = centroids.shape[0]
+    for node in range(1, n_leaves):
+        width = n_leaves  # number of leaves under the node
+        level = node
+        while level > 1:
+            level >>= 1
+            width >>= 1
+        leaf = node * width - n_leaves
+        first, last = leaf * m // n_leaves, (leaf + width) * m // n_leaves
+        axis = np.int64(0)  # callees would be compiled for a literal, too
+        longest = -1.0
+        for d in range(3):
+            lower = math.inf
+            upper = -math.inf
+            for place in range(first, last):
+                lower = min(lower, centroids[order[place], d])
+                upper = max(upper, centroids[order[place], d])
+            if upper - lower > longest:
+                axis = d
+                longest = upper - lower
+        _select(centroids, axis, order[first:last], (leaf + width // 2) * m // n_leaves - first)
+
+
+@kernel
+def fill_boxes(points, cells, boxes):
+    """Fill the bounding boxes of a tree over sorted cells, leaves first.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k]
+        In the order of the tree.
+    boxes : float64[2 * n_leaves, 6]
+        Out: lower and upper corner of each node; row 0 is not used.
+    """
+    n_cells = cells.shape[0]
+    n_leaves = boxes.shape[0] // 2
+    for leaf in range(n_leaves):
+        node = n_leaves + leaf
+        for d in range(3):
+            boxes[node, d] = math.inf
+            boxes[node, 3 + d] = -math.inf
+        for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
+            for v in range(cells.shape[1]):
+                for d in range(3):
+                    value = points[cells[c, v], d]
+                    boxes[node, d] = min(boxes[node, d], value)
+                    boxes[node, 3 + d] = max(boxes[node, 3 + d], value)
+    for node in range(n_leaves - 1, 0, -1):
+        for d in range(3):
+            boxes[node, d] = min(boxes[2 * node, d], boxes[2 * node + 1, d])
+            boxes[node, 3 + d] = max(boxes[2 * node, 3 + d], boxes[2 * node + 1, 3 + d])
+
+
+@inner
+def distance2_to_box(boxes, node, x):
+    """Return the squared distance of x to the box of a node, 0 inside."""
+    total = 0.0
+    for d in range(3):
+        gap = max(boxes[node, d] - x[d], x[d] - boxes[node, 3 + d])
+        if gap > 0.0:
+            total += gap * gap
+    return total
+
+
+#: Descends to the leaves nearest to a point, by squared distances.
+nearest_leaf = descent_by_bound(distance2_to_box)

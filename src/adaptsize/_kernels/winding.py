@@ -9,7 +9,7 @@ inside counted positive and from outside negative,
 1 inside and 0 outside a closed surface with normals outward.  A node of the tree that is far
 away counts by three terms of the expansion of  n . (p - q) / |p - q|^dim  around its centre.
 
-The tree is that of `adaptsize._kernels.interpolate`.
+The tree is one of cells in space (trees.py), without its boxes.
 """
 
 import math
@@ -17,28 +17,26 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-
-# A path from the root to a leaf leaves one node behind per level.
-_STACK = 64
+from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
 
 #: Columns of the array of moments, see `fill_moments`.
 N_MOMENTS = 34
 
 
 @kernel
-def fill_moments(points, cells, moments):
-    """Fill the moments of the nodes of a tree over sorted cells, for the far-field expansion.
+def fill_moments(tree, moments):
+    """Fill the moments of the nodes of a tree, for the far-field expansion.
 
     Parameters
     ----------
-    points : float64[n, 3]
-    cells : int32[m, k]
-        k = 2 (segments in the plane z = 0) or 3, in the order of the tree.
+    tree : Tree
+        Of segments in the plane z = 0, or triangles.
     moments : float64[2 * n_leaves, 34]
         Out: centre c (3), radius around it (1), and the integrals over the surface of the
         normal n_i (3), of n_i d_j (9) and of n_i d_j d_k (18, with jk = 00, 01, 02, 11, 12,
         22), where d = p - c.
     """
+    points, cells = tree.points, tree.cells
     n_cells = cells.shape[0]
     n_leaves = moments.shape[0] // 2
     width = cells.shape[1]
@@ -111,18 +109,18 @@ def _oriented(points, cells, c, normal, middle):
 
 
 @inner
-def _angle(points, cells, c, x, y, z):
-    """Return the share of directions from (x, y, z) that cell c takes, with its sign.
+def _angle(points, cells, c, x):
+    """Return the share of directions from x that cell c takes, with its sign.
 
     Segments: atan2 of cross and dot product.  Triangles: van Oosterom and Strackee (1983).
     """
     i, j = cells[c, 0], cells[c, 1]
-    ax, ay, az = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
-    bx, by, bz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+    ax, ay, az = points[i, 0] - x[0], points[i, 1] - x[1], points[i, 2] - x[2]
+    bx, by, bz = points[j, 0] - x[0], points[j, 1] - x[1], points[j, 2] - x[2]
     if cells.shape[1] == 2:
         return math.atan2(ax * by - ay * bx, ax * bx + ay * by) / (2.0 * math.pi)
     k = cells[c, 2]
-    cx, cy, cz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
+    cx, cy, cz = points[k, 0] - x[0], points[k, 1] - x[1], points[k, 2] - x[2]
     a = math.sqrt(ax * ax + ay * ay + az * az)
     b = math.sqrt(bx * bx + by * by + bz * bz)
     c_ = math.sqrt(cx * cx + cy * cy + cz * cz)
@@ -136,69 +134,69 @@ def _angle(points, cells, c, x, y, z):
     return math.atan2(volume, rest) / (2.0 * math.pi)
 
 
+@inner
+def _is_close(moments, node, given):
+    """Return whether a node is too close to be expanded, or else add its expansion to ``total``.
+
+    ``given``: the point, the number of radii, whether in the plane, and ``total``, float64[1].
+    """
+    x, far, in_plane, total = given
+    m = moments[node]
+    rx, ry, rz = m[0] - x[0], m[1] - x[1], m[2] - x[2]
+    r2 = rx * rx + ry * ry + rz * rz
+    close = far * m[3]
+    if not r2 > close * close:
+        return True
+    per_angle = 1.0 / (2.0 * math.pi) if in_plane else 1.0 / (4.0 * math.pi)
+    power = 2.0 if in_plane else 3.0
+    flux = m[4] * rx + m[5] * ry + m[6] * rz
+    trace = m[7] + m[11] + m[15]
+    twice = rx * (m[7] * rx + m[8] * ry + m[9] * rz)
+    twice += ry * (m[10] * rx + m[11] * ry + m[12] * rz)
+    twice += rz * (m[13] * rx + m[14] * ry + m[15] * rz)
+    xx, yy, zz = rx * rx, ry * ry, rz * rz
+    xy, xz, yz = 2.0 * rx * ry, 2.0 * rx * rz, 2.0 * ry * rz
+    thrice = rx * (m[16] * xx + m[17] * xy + m[18] * xz)
+    thrice += rx * (m[19] * yy + m[20] * yz + m[21] * zz)
+    thrice += ry * (m[22] * xx + m[23] * xy + m[24] * xz)
+    thrice += ry * (m[25] * yy + m[26] * yz + m[27] * zz)
+    thrice += rz * (m[28] * xx + m[29] * xy + m[30] * xz)
+    thrice += rz * (m[31] * yy + m[32] * yz + m[33] * zz)
+    once = rx * (m[16] + m[19] + m[21] + 2.0 * (m[16] + m[23] + m[30]))
+    once += ry * (m[22] + m[25] + m[27] + 2.0 * (m[17] + m[25] + m[32]))
+    once += rz * (m[28] + m[31] + m[33] + 2.0 * (m[18] + m[26] + m[33]))
+    per_r = 1.0 / r2 if in_plane else 1.0 / (r2 * math.sqrt(r2))
+    second = 0.5 * power * ((power + 2.0) * thrice / r2 - once) / r2
+    total[0] += (flux + trace - power * twice / r2 + second) * per_r * per_angle
+    return False
+
+
+_close_leaf = descent(_is_close)
+
+
 @kernel
-def wind(points, cells, moments, far, queries, first, last, numbers):
+def wind(tree, moments, far, queries, numbers):
     """Fill the winding number at points.
 
     Parameters
     ----------
-    points : float64[n, 3]
-    cells : int32[m, k]
-        k = 2 or 3, in the order of the tree.
+    tree : Tree
     moments : float64[2 * n_leaves, 34]
         From `fill_moments`.
     far : float
         A node of the tree is expanded as a whole beyond this number of its radii.
     queries : float64[n_queries, 3]
-    first, last : int
-        Only these queries are processed.
     numbers : float64[n_queries]
         Out.
     """
-    n_cells = cells.shape[0]
-    n_leaves = moments.shape[0] // 2
-    in_plane = cells.shape[1] == 2
-    per_angle = 1.0 / (2.0 * math.pi) if in_plane else 1.0 / (4.0 * math.pi)
-    power = 2.0 if in_plane else 3.0
-    stack = np.empty(_STACK, np.int64)
-    for q in range(first, last):
-        x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
-        total = 0.0
-        stack[0] = 1
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            rx, ry, rz = moments[node, 0] - x, moments[node, 1] - y, moments[node, 2] - z
-            r2 = rx * rx + ry * ry + rz * rz
-            close = far * moments[node, 3]
-            if r2 > close * close:
-                m = moments[node]
-                flux = m[4] * rx + m[5] * ry + m[6] * rz
-                trace = m[7] + m[11] + m[15]
-                twice = rx * (m[7] * rx + m[8] * ry + m[9] * rz)
-                twice += ry * (m[10] * rx + m[11] * ry + m[12] * rz)
-                twice += rz * (m[13] * rx + m[14] * ry + m[15] * rz)
-                xx, yy, zz = rx * rx, ry * ry, rz * rz
-                xy, xz, yz = 2.0 * rx * ry, 2.0 * rx * rz, 2.0 * ry * rz
-                thrice = rx * (m[16] * xx + m[17] * xy + m[18] * xz)
-                thrice += rx * (m[19] * yy + m[20] * yz + m[21] * zz)
-                thrice += ry * (m[22] * xx + m[23] * xy + m[24] * xz)
-                thrice += ry * (m[25] * yy + m[26] * yz + m[27] * zz)
-                thrice += rz * (m[28] * xx + m[29] * xy + m[30] * xz)
-                thrice += rz * (m[31] * yy + m[32] * yz + m[33] * zz)
-                once = rx * (m[16] + m[19] + m[21] + 2.0 * (m[16] + m[23] + m[30]))
-                once += ry * (m[22] + m[25] + m[27] + 2.0 * (m[17] + m[25] + m[32]))
-                once += rz * (m[28] + m[31] + m[33] + 2.0 * (m[18] + m[26] + m[33]))
-                per_r = 1.0 / r2 if in_plane else 1.0 / (r2 * math.sqrt(r2))
-                second = 0.5 * power * ((power + 2.0) * thrice / r2 - once) / r2
-                total += (flux + trace - power * twice / r2 + second) * per_r * per_angle
-            elif node < n_leaves:
-                stack[top] = 2 * node
-                stack[top + 1] = 2 * node + 1
-                top += 2
-            else:
-                leaf = node - n_leaves
-                for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-                    total += _angle(points, cells, c, x, y, z)
-        numbers[q] = total
+    points, cells = tree.points, tree.cells
+    stack, total = np.empty(DEPTH, np.int64), np.empty(1)
+    for q in range(queries.shape[0]):
+        x = (queries[q, 0], queries[q, 1], queries[q, 2])
+        given = (x, far, cells.shape[1] == 2, total)
+        total[0], stack[0], height = 0.0, 1, np.int64(1)
+        while height > 0:
+            leaf, height = _close_leaf(moments, stack, height, given)
+            for c in range(*cells_of_leaf(leaf, moments, cells.shape[0])):
+                total[0] += _angle(points, cells, c, x)
+        numbers[q] = total[0]

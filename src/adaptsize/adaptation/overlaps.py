@@ -24,9 +24,9 @@ _ROOM = 1_000_000
 
 def overlaps_of(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) -> csr_array:
     """Return the measures of the overlaps of the cells of two meshes."""
-    tree = old.locator.tree
+    locator = old.locator
     points = np.zeros((new.n_points, 3))
-    points[:, : new.dim] = new.points * tree.scale
+    points[:, : new.dim] = new.points * locator.scale
     cells = np.array(new.cells)
     order = along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
     counts = np.zeros(new.n_cells, np.int64)
@@ -36,21 +36,19 @@ def overlaps_of(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) ->
     while first < new.n_cells:
         last = min(first + step, new.n_cells)
         begin = time.perf_counter()
-        reached, used = fill_overlaps(
-            tree.points, tree.cells, tree.boxes, points, cells, order, first, last,
-            counts, found, measures,
-        )  # fmt: skip
+        out = (counts, found, measures)
+        reached, used = fill_overlaps(locator.tree, points, cells, order[first:last], out)
         seconds = time.perf_counter() - begin
-        if reached == first:  # a single cell has more overlaps
+        if reached == 0:  # a single cell has more overlaps
             room *= 2
             found, measures = np.empty(room, np.int32), np.empty(room)
             continue
         parts.append((found[:used].copy(), measures[:used].copy()))
         step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
-        first = reached
+        first += reached
         report("overlaps of the cells of two meshes", first / new.n_cells)
-    columns = tree.cell_of_place[np.concatenate([part[0] for part in parts])]
-    data = np.concatenate([part[1] for part in parts]) / tree.scale**new.dim
+    columns = locator.cell_of_row[np.concatenate([part[0] for part in parts])]
+    data = np.concatenate([part[1] for part in parts]) / locator.scale**new.dim
     rows = np.repeat(order, counts[order])
     shape = (new.n_cells, old.n_cells)
     return csr_array((data, (rows, columns)), shape=shape)

@@ -7,12 +7,18 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.interpolate import fill_centroids, sort_for_tree
-from adaptsize._kernels.trees import BITS, DIGIT, sort_along_curve
+from adaptsize._kernels.trees import (
+    BITS,
+    DIGIT,
+    Curve,
+    Tree,
+    fill_boxes,
+    fill_centroids,
+    sort_along_curve,
+    sort_for_tree,
+)
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray
-
-_CELLS_PER_LEAF = 4
 
 
 def along_curve(points: FloatArray) -> IntArray:
@@ -30,7 +36,8 @@ def along_curve(points: FloatArray) -> IntArray:
     keys, order = np.empty((2, n), np.int64), np.empty((2, n), np.int32)
     counts = np.empty(2**DIGIT, np.int64)
     given = read_only(np.ascontiguousarray(points))
-    sort_along_curve(given, (0,) * dim, np.array(lower), scale, _spread(dim), keys, order, counts)
+    curve = Curve((0,) * dim, np.array(lower), scale, _spread(dim))
+    sort_along_curve(given, curve, keys, order, counts)
     found: IntArray = order[0].copy()
     return found
 
@@ -44,21 +51,25 @@ def _spread(dim: int) -> npt.NDArray[np.int64]:
     return spread
 
 
-def tree_over(points: FloatArray, cells: IntArray) -> tuple[int, npt.NDArray[np.int64]]:
-    """Return the number of leaves of a tree over cells, and the order of the cells in it.
+def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, npt.NDArray[np.int64]]:
+    """Return a tree over cells, and the cell in each of its rows.
 
     Parameters
     ----------
     points : float64[n, 3]
     cells : int32[m, k]
-        Writable; kernels are compiled once more for others.
+        At least one.
     """
+    cells = np.array(cells)  # kernels are compiled once more for read-only ones
     centroids = np.empty((len(cells), 3))
     fill_centroids(points, cells, centroids)
     along = along_curve(centroids)
     n_leaves = 1
-    while n_leaves * _CELLS_PER_LEAF < len(cells):
+    while 4 * n_leaves < len(cells):
         n_leaves *= 2
     order = np.arange(len(cells))
     sort_for_tree(centroids[along], n_leaves, order)
-    return n_leaves, along[order].astype(np.int64)
+    order = along[order].astype(np.int64)
+    tree = Tree(points, cells[order], np.empty((2 * n_leaves, 6)))
+    fill_boxes(*tree)
+    return tree, order

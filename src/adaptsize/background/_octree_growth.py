@@ -1,4 +1,4 @@
-"""Construction of an octree: refinement level by level, and 2:1 balance.
+"""Construction of an octree: refinement level by level, 2:1 balance, and its nodes.
 
 Cells are represented by sorted codes (see `adaptsize._kernels.octree`), one array per level.
 A tree is defined by the refined cells of each level.
@@ -7,12 +7,22 @@ A tree is defined by the refined cells of each level.
 from __future__ import annotations
 
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array
-from adaptsize._kernels.octree import decode, encode
+from adaptsize._kernels.octree import (
+    Leaves,
+    Nodes,
+    Table,
+    cut_leaves,
+    decode,
+    encode,
+    mark_hanging,
+    number_corners,
+)
 from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.typing import BoolArray, FloatArray
 
@@ -124,3 +134,65 @@ def _answer(needs_refinement: NeedsRefinement, centres: FloatArray, sizes: Float
             f"got {answer.dtype} of shape {answer.shape}"
         )
     return answer
+
+
+class Lattice(NamedTuple):
+    """The lattice of the smallest leaves.
+
+    Parameters
+    ----------
+    depth : int
+    counts : npt.NDArray[np.int64]
+        Number of intervals along each axis, int64[dim].
+    strides : npt.NDArray[np.int64]
+        Step of the key along each axis, int64[dim].
+    starts : CodeArray
+        Code of the first smallest cell in each leaf, int64[n_leaves], ascending.
+    indices : npt.NDArray[np.int64]
+        Lower corner of each leaf, int64[n_leaves, dim].
+    """
+
+    depth: int
+    counts: npt.NDArray[np.int64]
+    strides: npt.NDArray[np.int64]
+    starts: CodeArray
+    indices: npt.NDArray[np.int64]
+
+
+def lattice_of(levels: npt.NDArray[np.int8], root_shape: tuple[int, ...]) -> Lattice:
+    """Return the lattice of leaves with the given levels along the Z curve."""
+    depth = int(levels.max())
+    counts = np.array(root_shape, np.int64) << depth
+    strides = np.append(np.cumprod(counts[:0:-1] + 1)[::-1], 1)
+    sizes = np.int64(1) << (len(root_shape) * (depth - levels.astype(np.int64)))
+    starts = np.cumsum(sizes) - sizes
+    return Lattice(depth, counts, strides, starts, indices_of(starts, depth, root_shape))
+
+
+def number_nodes(levels: npt.NDArray[np.int8], lattice: Lattice) -> tuple[Nodes, int, int]:
+    """Assign numbers to corners and centres; return how many there are, and how many simplices."""
+    n_leaves, dim = lattice.indices.shape
+    leaves = Leaves(lattice.indices, (lattice.depth - levels).astype(np.int8), lattice.strides)
+    # A cell that is refined has 3^dim corners instead of 2^dim, and 2^dim leaves instead of 1.
+    n_roots = int(np.prod(lattice.counts >> lattice.depth))
+    n_refined = (n_leaves - n_roots) // (2**dim - 1)
+    bound = 2**dim * n_roots + (3**dim - 2**dim) * n_refined
+    table = _hash_table(bound)
+    corners = np.empty((n_leaves, 2**dim), np.int32)
+    corner_keys = np.empty(bound, np.int64)
+    n_corners = number_corners(leaves, table, corners, corner_keys)
+    hanging = np.empty(n_leaves, np.bool_)
+    n_hanging = mark_hanging(leaves, table, hanging)
+    # A centre for each square with a hanging node on an edge: 6 faces, or the leaf itself.
+    n_squares = (6 if dim == 3 else 1) * n_hanging
+    keys = np.empty(n_corners + n_squares + n_hanging, np.int64)
+    keys[:n_corners] = corner_keys[:n_corners]
+    centres, leaf_centres = _hash_table(n_squares), np.full(n_leaves, -1, np.int32)
+    nodes = Nodes(leaves, corners, hanging, n_corners, table, centres, keys, leaf_centres)
+    return nodes, *cut_leaves(nodes, np.empty((0, dim + 1), np.int32))
+
+
+def _hash_table(n_entries: int) -> Table:
+    """Return an empty hash table that n entries fill by at most two thirds."""
+    size = 1 << int(max(3 * n_entries // 2, 1)).bit_length()
+    return Table(np.full(size, -1, np.int64), np.empty(size, np.int32))

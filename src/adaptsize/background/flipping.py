@@ -54,7 +54,7 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
     head, link = np.empty(1 << n_edges.bit_length(), np.int32), np.empty(n_edges, np.int32)
     parts = (cells, edges, np.array(mesh.cell_facets), corners, head, link)
     queue, is_queued = np.empty(n_edges, np.int32), np.empty(n_edges, np.bool_)
-    if flip(in_space(mesh.points), parts, tags, is_free, queue, is_queued) == 0:
+    if flip(in_space(mesh.points), parts, tags, is_free, (queue, is_queued)) == 0:
         return mesh
     return SimplexMesh(
         mesh.points,

@@ -32,8 +32,6 @@ from adaptsize.typing import BoolArray, FloatArray
 
 # Nodes are numbered with 32 bits.
 _MOST_NODES = 2**31 - 1
-# No cell is added for an excess length below this share of a cell.
-_ROUNDING = 1e-9
 # Number of points per call of a function.
 _POINTS_AT_ONCE = 1_000_000
 
@@ -146,7 +144,8 @@ class CartesianGrid(ReadOnlyState):
         beyond = as_number("margin", margin, lower=0.0)
         lower, upper = inside.min(axis=0) - beyond, inside.max(axis=0) + beyond
         extent = upper - lower
-        n_boxes = np.maximum(np.ceil(extent / steps - _ROUNDING), 1.0)
+        # No cell is added for an excess length below this share of a cell.
+        n_boxes = np.maximum(np.ceil(extent / steps - 1e-9), 1.0)
         if not (n_boxes < _MOST_NODES).all():
             raise ValueError(
                 f"spacing must leave at most {_MOST_NODES} nodes, got {steps} for a box of {extent}"

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
-from adaptsize._kernels.interpolate_grid import interpolate_grid
+from adaptsize._kernels.interpolate import GridNodes, interpolate_grid
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray
 
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 # A compiled loop cannot be interrupted; one call of it over so many points takes 0.1 s or less.
 _POINTS_PER_CALL = 500_000
-# Rounding of a coordinate and of its place along an axis, in units of its last place.
-_ROUNDINGS = 4.0
 
 
 class GridLocator:
@@ -43,15 +41,18 @@ class GridLocator:
     """
 
     def __init__(self, grid: CartesianGrid) -> None:
-        self._shape = grid.shape
-        self._dim = grid.dim
-        self._lower = _in_space(grid.lower, 0.0)
-        self._spacing = _in_space(grid.spacing, 1.0)
-        self._nodes = _in_space(np.array(grid.shape), 1)
+        self._grid = grid
         farthest = np.maximum(np.abs(grid.lower), np.abs(grid.upper)) / grid.spacing
-        self._snap = _in_space(_ROUNDINGS * np.finfo(float).eps * farthest, 0.0)
+        # Rounding of a coordinate and of its place along an axis, in units of its last place.
+        snap = 4.0 * np.finfo(float).eps * farthest
         none = np.empty(0, np.bool_)
-        self._active = read_only(none if grid.active is None else grid.active.reshape(-1))
+        self._nodes = GridNodes(
+            _in_space(grid.lower, 0.0),
+            _in_space(grid.spacing, 1.0),
+            _in_space(np.array(grid.shape), 1),
+            _in_space(snap, 0.0),
+            read_only(none if grid.active is None else grid.active.reshape(-1)),
+        )
 
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
@@ -79,14 +80,13 @@ class GridLocator:
         ValueError
             If a shape is wrong or a coordinate is not finite.
         """
-        nodal = read_only(as_float_array("values", values, self._shape).reshape(-1))
-        where = read_only(as_points("points", points, self._dim))
+        nodal = read_only(as_float_array("values", values, self._grid.shape).reshape(-1))
+        where = read_only(as_points("points", points, self._grid.dim))
         n = len(where)
         result, distances = np.empty(n), np.empty(n)
-        axes = (self._lower, self._spacing, self._nodes, self._snap)
         for first in range(0, n, _POINTS_PER_CALL):
-            last = min(first + _POINTS_PER_CALL, n)
-            interpolate_grid(*axes, nodal, self._active, where, first, last, result, distances)
+            part = slice(first, first + _POINTS_PER_CALL)
+            interpolate_grid(self._nodes, nodal, where[part], result[part], distances[part])
         return result, distances
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -106,22 +106,21 @@ class GridLocator:
         distances : ndarray of float64, shape (n,)
             Distance of each point from the box of the grid.
         """
-        where = as_points("points", points, self._dim)
-        axes = slice(None, self._dim)
-        lower, spacing, snap = self._lower[axes], self._spacing[axes], self._snap[axes]
-        end = self._nodes[axes] - 1
+        where = as_points("points", points, self._grid.dim)
+        lower, spacing, shape, snap = (array[: self._grid.dim] for array in self._nodes[:4])
+        end = shape - 1
         along = (where - lower) / spacing
         inside = np.clip(along, 0.0, end)
         distances = np.linalg.norm((along - inside) * spacing, axis=1)
         lowest = np.minimum(inside.astype(np.int64), end - 1)
         share = inside - lowest
         share = np.where(share <= snap, 0.0, np.where(share >= 1.0 - snap, 1.0, share))
-        corners = np.array(list(np.ndindex(*[2] * self._dim)))
+        corners = np.array(list(np.ndindex(*[2] * self._grid.dim)))
         index = lowest[:, None, :] + corners
-        nodes = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), self._shape)
+        nodes = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), self._grid.shape)
         weights = np.where(corners == 1, share[:, None, :], 1.0 - share[:, None, :]).prod(axis=2)
-        if self._active.size:
-            weights *= self._active[nodes]
+        if self._grid.active is not None:
+            weights *= self._nodes.active[nodes]
             total = weights.sum(axis=1, keepdims=True)
             weights = np.divide(weights, total, out=weights, where=total > 0.0)
         return nodes.astype(np.int32), weights, distances

@@ -4,45 +4,36 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
-from adaptsize._kernels.interpolate import (
-    fill_boxes,
-    interpolate,
-    list_within,
-    locate,
-)
+from adaptsize._kernels.interpolate import Located, interpolate, list_within, locate
 from adaptsize.background._curve import along_curve, tree_over
 from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background.simplex import SimplexMesh
 
-# Sorting queries along a space-filling curve pays once they outgrow the cache.
-_SORT_FROM = 2000
-# A compiled loop cannot be interrupted; one call of it should last about this long.
-_SECONDS_PER_CALL = 0.3
 # Squares of coordinates must stay in the range of float64.
 _FARTHEST = 1e150
 
 
-class CellTree(NamedTuple):
-    """The tree of a locator, as the kernels use it."""
+def parts_of(n: int, step: int = 256) -> Iterator[tuple[int, int]]:
+    """Yield the ranges of consecutive parts of n items.
 
-    points: FloatArray
-    """float64[n, 3], times ``scale``, padded with zeros."""
-    cells: IntArray
-    """int32[m, k + 1] into ``points``, in the order of the tree."""
-    boxes: FloatArray
-    """float64[2 * n_leaves, 6], see `adaptsize._kernels.interpolate.fill_boxes`."""
-    cell_of_place: IntArray
-    """``cell_of_place[i]`` is the cell of the mesh in row i of ``cells``."""
-    scale: float
-    """Power of two."""
+    A compiled loop cannot be interrupted.  The parts are such that what is done for one of them
+    before the next is asked for takes about 0.3 s.
+    """
+    first = 0
+    while first < n:
+        last, begin = min(first + step, n), time.perf_counter()
+        yield first, last
+        step = 2 * step if time.perf_counter() - begin < 0.15 else max(step // 2, 1)
+        first = last
 
 
 class SimplexLocator:
@@ -77,33 +68,23 @@ class SimplexLocator:
     """
 
     def __init__(self, mesh: SimplexMesh) -> None:
-        self._mesh_cells = mesh.cells
-        self._dim = mesh.dim
-        self._n_points = mesh.n_points
-        self._full = mesh.cell_dim == mesh.dim >= 2
+        self._mesh = mesh
         used = np.zeros(mesh.n_points, np.bool_)
         used[mesh.cells] = True
         nodes = np.flatnonzero(used)
         # Scaling by a power of two is exact; it keeps squares of lengths in range.
         largest = float(np.abs(mesh.points[nodes]).max())
-        self._scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
-        points = in_space(mesh.points[nodes] * self._scale)
+        #: A power of two, which keeps squares of lengths in range: multiplication by it is exact.
+        self.scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
+        points = in_space(mesh.points[nodes] * self.scale)
         # Points and cells that are close in space are stored close in memory.
         along = along_curve(points)
-        self._points = points[along]
         number = np.zeros(mesh.n_points, np.int32)
         number[nodes[along]] = np.arange(len(nodes), dtype=np.int32)
-        cells = number[mesh.cells]
-        n_leaves, order = tree_over(self._points, cells)
-        self._cell_of_place = order.astype(np.int32)
-        self._cells = cells[order]
-        self._boxes = np.empty((2 * n_leaves, 6))
-        fill_boxes(self._points, self._cells, self._boxes)
-
-    @property
-    def tree(self) -> CellTree:
-        """The tree, for other searches in it."""
-        return CellTree(self._points, self._cells, self._boxes, self._cell_of_place, self._scale)
+        #: The tree, whose coordinates are multiplied by ``scale``.
+        self.tree, order = tree_over(points[along], number[mesh.cells])
+        #: The cell of the mesh in each row of the tree, int32[n_cells].
+        self.cell_of_row = order.astype(np.int32)
 
     def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return for each point the cell that contains it, or else the closest cell.
@@ -132,21 +113,14 @@ class SimplexLocator:
             If ``points`` has another shape or a coordinate is not finite.
         """
         queries = self._queries(points)
-        n = len(queries)
-        found = np.empty(n, np.int32)
-        weights = np.empty((n, self._cells.shape[1]))
-        distances = np.empty(n)
-        order = along_curve(queries).astype(np.int64) if n >= _SORT_FROM else np.arange(n)
-        tree = (self._points, self._cells, self._boxes, self._full)
-        first, step = 0, 256
-        while first < n:
-            last = min(first + step, n)
-            start = time.perf_counter()
-            locate(*tree, queries, order, first, last, found, weights, distances)
-            seconds = time.perf_counter() - start
-            step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
-            first = last
-        return self._cell_of_place[found], weights, distances / self._scale
+        n, mesh = len(queries), self._mesh
+        found = Located(np.empty(n, np.int32), np.empty((n, mesh.cell_dim + 1)), np.empty(n))
+        # Sorting queries along a space-filling curve pays once they outgrow the cache.
+        order = along_curve(queries).astype(np.int64) if n >= 2000 else np.arange(n)
+        full = mesh.cell_dim == mesh.dim >= 2
+        for first, last in parts_of(n):
+            locate(self.tree, full, queries, order[first:last], found)
+        return self.cell_of_row[found.cell], found.weights, found.distance / self.scale
 
     def within(
         self, points: npt.ArrayLike, reach: npt.ArrayLike
@@ -180,14 +154,14 @@ class SimplexLocator:
         queries = self._queries(points)
         n, room = len(queries), 8 * len(queries)
         limit = np.minimum(np.broadcast_to(as_float_array("reach", reach), (n,)), _FARTHEST)
-        limit = limit * self._scale
+        limit = limit * self.scale
         while True:
             rows = np.empty((room, 2), np.int32)
-            count = list_within(self._points, self._cells, self._boxes, queries, limit, rows)
+            count = list_within(self.tree, queries, limit, rows)
             if count <= room:
                 break
             room = count
-        which, cells = rows[:count, 0].astype(np.int64), self._cell_of_place[rows[:count, 1]]
+        which, cells = rows[:count, 0].astype(np.int64), self.cell_of_row[rows[:count, 1]]
         order = np.lexsort((cells, which))
         return which[order], cells[order]
 
@@ -205,7 +179,7 @@ class SimplexLocator:
         distances : ndarray of float64, shape (n,)
         """
         cells, weights, distances = self.nearest(points)
-        return self._mesh_cells[cells], weights, distances
+        return self._mesh.cells[cells], weights, distances
 
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
@@ -226,15 +200,15 @@ class SimplexLocator:
         distances : ndarray of float64, shape (n,)
             Distance of each point to the mesh.
         """
-        nodal = as_float_array("values", values, (self._n_points,))
+        nodal = as_float_array("values", values, (self._mesh.n_points,))
         cells, weights, distances = self.nearest(points)
         result = np.empty(len(cells))
-        interpolate(self._mesh_cells, nodal, cells, weights, result)
+        interpolate(self._mesh.cells, nodal, cells, weights, result)
         return result, distances
 
     def _queries(self, points: npt.ArrayLike) -> FloatArray:
         """Return checked points, scaled and padded like those of the mesh."""
-        queries = as_points("points", points, self._dim) * self._scale
+        queries = as_points("points", points, self._mesh.dim) * self.scale
         return in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels import fast_marching as mesh_kernels
 from adaptsize._kernels import fast_marching_grid as grid_kernels
+from adaptsize._kernels.heap import Heap
 from adaptsize.background.padding import buckets_for
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid, SimplexMesh
@@ -23,24 +23,13 @@ _CHUNK_OF_GRID = 500_000
 # A candidate must be lower by more than rounding to count.
 KEEP = 1.0 - 1e-14
 
-# Acceptances per node of a mesh after which marching should end.  Meshes of mesh generators need
-# 1.0 to 1.2; larger numbers mean that obtuse slivers cause cyclic dependencies between nodes.
+# Acceptances per node of a mesh after which marching should end.
 _PATIENCE = 8
 
 #: Strides, weights, g and its step, as the kernels of grids take them.
 PaddedGrid: TypeAlias = tuple[tuple[int, ...], tuple[float, ...], FloatArray, int]
-#: An indexed heap (see heap.py).
-Heap: TypeAlias = tuple[FloatArray, IntArray, IntArray, npt.NDArray[np.int64]]
 #: g and its step.
 Limit: TypeAlias = tuple[FloatArray, int]
-
-
-class Stars(NamedTuple):
-    """For each node the other vertices of its cells (see `fill_stars`)."""
-
-    star_ptr: npt.NDArray[np.int64]
-    star: IntArray
-    owner: IntArray
 
 
 def march_on_grid(
@@ -56,7 +45,7 @@ def march_on_grid(
     ``edges`` limits along edges only.  Returns the number of accepted nodes.
     """
     candidate = np.empty(u.size)
-    grid_kernels.sweep_grid(u, *geometry, edges, candidate)
+    grid_kernels.sweep_grid(u, geometry, edges, candidate)
     seeds = np.flatnonzero(candidate < u * KEEP).astype(np.int32)
     u[seeds] = candidate[seeds]
     del candidate
@@ -68,21 +57,34 @@ def march_on_grid(
         rises = least * float(grid.spacing.min()), steepest * float(grid.spacing.max())
         queue, newly = buckets_for(u, seeds, *rises), _CHUNK_OF_GRID
         while newly == _CHUNK_OF_GRID:
-            newly = grid_kernels.march_grid(u, *geometry, edges, KEEP, *queue, _CHUNK_OF_GRID)
+            newly = grid_kernels.march_grid(u, geometry, edges, queue, (KEEP, _CHUNK_OF_GRID))
             accepted += newly
             report(text, min(accepted / grid.n_points, 1.0))
     report(text, 1.0)
     return accepted
 
 
-def new_heap(n: int) -> Heap:
-    """Return an empty heap of up to n nodes."""
-    return np.empty(n), np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(1, np.int64)
-
-
 def patience(n: int) -> int:
-    """Return the number of acceptances on n nodes after which dependencies count as cyclic."""
+    """Return the number of acceptances on n nodes after which dependencies count as cyclic.
+
+    Meshes of mesh generators need 1.0 to 1.2 per node; larger numbers mean that obtuse slivers
+    cause cyclic dependencies between nodes.
+    """
     return _PATIENCE * n + CHUNK
+
+
+def cells_in(mesh: SimplexMesh) -> tuple[Any, ...]:
+    """Return a mesh as the kernels of fast_marching.py take it."""
+    return (mesh.points, (0,) * mesh.dim, mesh.cells)
+
+
+def stars_in(mesh: SimplexMesh, limit: Limit) -> tuple[Any, ...]:
+    """Return the stars of the nodes, with owners only if g varies, as these kernels take them."""
+    star_ptr = np.empty(mesh.n_points + 1, np.int64)
+    star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
+    owner = np.empty(mesh.cells.size if limit[1] else 0, np.int32)
+    mesh_kernels.fill_stars(mesh.cells, star_ptr, star, owner)
+    return (mesh.points, (0,) * mesh.dim, (0,) * mesh.cell_dim, star_ptr, star, owner)
 
 
 def sweep_into_heap(
@@ -90,47 +92,29 @@ def sweep_into_heap(
     sweep: Callable[..., None],
     h: FloatArray,
     limit: Limit,
-    keep: float,
     heap: Heap,
+    keep: float = KEEP,
 ) -> None:
     """Lower all nodes once (In/Out: h) and queue those that were lowered (In/Out: heap)."""
     candidate = np.empty(mesh.n_points)
-    sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, *limit, candidate)
-    mesh_kernels.queue_lowered(h, candidate, keep, *heap)
-
-
-def stars_of(mesh: SimplexMesh, limit: Limit) -> Stars:
-    """Return the stars of the nodes, with owners only if g varies."""
-    star_ptr = np.empty(mesh.n_points + 1, np.int64)
-    star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
-    owner = np.empty(mesh.cells.size if limit[1] else 0, np.int32)
-    mesh_kernels.fill_stars(mesh.cells, star_ptr, star, owner)
-    return Stars(star_ptr, star, owner)
-
-
-def stars_in(mesh: SimplexMesh, stars: Stars) -> tuple[Any, ...]:
-    """Return the leading arguments of the kernels that march on meshes."""
-    return (mesh.points, (0,) * mesh.dim, (0,) * mesh.cell_dim, *stars)
+    sweep(cells_in(mesh), h, limit, candidate)
+    mesh_kernels.queue_lowered(h, candidate, keep, heap)
 
 
 def accept_all(
-    march: Callable[..., int],
-    geometry: tuple[Any, ...],
-    h: FloatArray,
-    limit: Limit,
+    march: Callable[[tuple[float, float, int]], int],
     heap: Heap,
-    report: ProgressCallback,
-    text: str,
+    report: Callable[[float], None],
     *,
     most: float = np.inf,
     keep: float = KEEP,
 ) -> int:
-    """March (In/Out: h, heap) until the heap is empty or ``most`` nodes were accepted.
+    """March until the heap is empty or ``most`` nodes were accepted; return their number.
 
-    ``geometry`` comes from `stars_in`.
+    ``march`` takes the last argument of the kernel, and ``report`` the share that is done.
     """
     accepted = 0
-    while heap[3][0] > 0 and accepted < most:
-        accepted += march(*geometry, h, *limit, *heap, keep, np.inf, CHUNK)
-        report(text, min(accepted / len(h), 1.0))
+    while heap.size[0] > 0 and accepted < most:
+        accepted += march((keep, np.inf, CHUNK))
+        report(min(accepted / len(heap.key), 1.0))
     return accepted

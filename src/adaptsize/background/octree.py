@@ -20,17 +20,14 @@ from adaptsize._checks import (
     check_range,
     refuse_where,
 )
+from adaptsize._kernels.octree import Nodes, cut_leaves
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background._octree_nodes import Lattice, Parts, cut, lattice_of, number_nodes
 from adaptsize.background.octree_location import OctreeLocator
 from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
-
-# Smallest edge of a cell in spacings of float64.
-_LEAST_STEPS = 64
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
@@ -205,7 +202,7 @@ class Octree(ReadOnlyState):
     @property
     def n_points(self) -> int:
         """Number of nodes."""
-        return int(self._parts.n_points)
+        return self._numbered[1]
 
     @property
     def nodal_shape(self) -> tuple[int, ...]:
@@ -241,7 +238,7 @@ class Octree(ReadOnlyState):
         Corner j lies at the upper end of axis d if bit ``dim - 1 - d`` of j is 1.  The corners
         are thus ordered row by row, the last axis fastest.
         """
-        return read_only(self._parts.corners)
+        return read_only(self._nodes.corners)
 
     @cached_property
     def points(self) -> FloatArray:
@@ -250,7 +247,7 @@ class Octree(ReadOnlyState):
         Corners of leaves first, then the centres of leaves and faces that ``mesh`` needs.
         """
         points = np.empty((self.n_points, self.dim))
-        rest = self._parts.node_keys[: self.n_points]
+        rest = self._nodes.keys[: self.n_points]
         for d, stride in enumerate(self._lattice.strides):
             index, rest = np.divmod(rest, stride)
             points[:, d] = self._coordinates(index, d)
@@ -271,7 +268,9 @@ class Octree(ReadOnlyState):
         tetrahedra are 45 to 120 degrees.  If they are not balanced, there are flat cells at
         small pieces of the boundary of large leaves.
         """
-        return SimplexMesh(self.points, read_only(cut(self._parts)))
+        cells = np.empty((self._numbered[2], self.dim + 1), np.int32)
+        cut_leaves(self._nodes, cells)
+        return SimplexMesh(self.points, read_only(cells))
 
     @cached_property
     def locator(self) -> OctreeLocator:
@@ -279,12 +278,16 @@ class Octree(ReadOnlyState):
         return OctreeLocator(self)
 
     @cached_property
-    def _lattice(self) -> Lattice:
-        return lattice_of(self.levels, self.root_shape)
+    def _lattice(self) -> growth.Lattice:
+        return growth.lattice_of(self.levels, self.root_shape)
 
     @cached_property
-    def _parts(self) -> Parts:
-        return number_nodes(self.levels, self._lattice)
+    def _numbered(self) -> tuple[Nodes, int, int]:
+        return growth.number_nodes(self.levels, self._lattice)
+
+    @property
+    def _nodes(self) -> Nodes:
+        return self._numbered[0]
 
     def _planes(self, indices: npt.NDArray[Any]) -> FloatArray:
         """Return the points with given coordinates on the lattice."""
@@ -340,7 +343,8 @@ def _refuse_level(
         )
     edges = (upper - lower) / np.array(root_shape) * 2.0**-level
     rounding = np.spacing(np.maximum(np.abs(lower), np.abs(upper)))
-    if (edges < _LEAST_STEPS * rounding).any():
+    # Smallest edge of a cell in spacings of float64.
+    if (edges < 64 * rounding).any():
         raise ValueError(
             f"{name} = {level} makes cells with edges {edges.tolist()}, too small for float64 "
             f"in the box from {lower.tolist()} to {upper.tolist()}"

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import interpolate
-from adaptsize._kernels.octree_location import fill_places, fill_weights
+from adaptsize._kernels.octree import fill_places, fill_weights
 from adaptsize.background._octree_growth import codes_of
 from adaptsize.typing import FloatArray, IntArray
 
@@ -138,7 +138,7 @@ class OctreeLocator:
         queries = as_points("points", points, tree.dim).copy()
         places = np.empty_like(queries)
         distances = np.empty(len(queries))
-        fill_places(queries, tree.lower, tree.upper, lattice.counts, places, distances)
+        fill_places(queries, (tree.lower, tree.upper, lattice.counts), places, distances)
         indices = np.minimum(places.astype(np.int64), lattice.counts - 1)
         codes = codes_of(indices, lattice.depth, tree.root_shape)
         order = np.argsort(codes)
@@ -147,14 +147,10 @@ class OctreeLocator:
 
     def _weigh(self, points: npt.ArrayLike) -> tuple[_Order, IntArray, FloatArray, FloatArray]:
         """Return the result of `weights`, with nodes and weights in the order returned first."""
-        parts = self._octree._parts
         order, places, leaves, distances = self._find(points)
         nodes = np.empty((len(leaves), self._octree.dim + 1), np.int32)
         weights = np.empty(nodes.shape)
-        fill_weights(
-            places, leaves, parts.indices, parts.levels, parts.strides, parts.corners,
-            parts.hanging, parts.leaf_centres, parts.tables, nodes, weights,
-        )  # fmt: skip
+        fill_weights(places, leaves, self._octree._nodes, nodes, weights)
         return order, nodes, weights, distances
 
 

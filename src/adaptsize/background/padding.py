@@ -2,36 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from adaptsize._kernels.fast_marching_grid import Buckets
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid
 
-# Width of a bucket in rises over the shortest spacing.  Narrower buckets repeat fewer nodes (5 %
-# at one half, 7 % at 1 in 2-D, 11 and 34 % in 3-D), wider ones need less search: 1 is fastest in
-# both.
-_WIDTH = 1.0
-
 # Buckets that the sizes of waiting nodes may spread over.
 _BUCKETS = 4096
-
-
-class Buckets(NamedTuple):
-    """An empty queue; see `march_grid` in `_kernels` for the meaning of each field."""
-
-    seeds: IntArray
-    origin: float
-    width: float
-    first: IntArray
-    following: IntArray
-    previous: IntArray
-    bucket: IntArray
-    state: npt.NDArray[np.int64]
 
 
 def buckets_for(u: FloatArray, seeds: IntArray, least_rise: float, most_rise: float) -> Buckets:
@@ -50,7 +32,9 @@ def buckets_for(u: FloatArray, seeds: IntArray, least_rise: float, most_rise: fl
     seeds = seeds[np.argsort(u[seeds], kind="stable")]
     lowest, highest = float(u[seeds[0]]), float(u[seeds[-1]])
     width = max(
-        _WIDTH * least_rise,
+        # Narrower buckets repeat fewer nodes (5 % at one half of this, 7 % here in 2-D, 11 and 34 %
+        # in 3-D), wider ones need less search: this is fastest in both.
+        least_rise,
         # All waiting nodes must fit into the circle of buckets,
         most_rise / (_BUCKETS // 2),
         # and the number of a bucket into an integer; sizes may all be equal, or g zero.

@@ -28,14 +28,21 @@ _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
 class Boundary(NamedTuple):
-    """The boundary of a mesh."""
+    """The boundary of a mesh.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        The boundary facets as a separate mesh, normals outward.
+    nodes : IntArray
+        ``nodes[i]`` is the node of the whole mesh at boundary node i.
+    cells : IntArray
+        ``cells[f]`` is the cell of the whole mesh that owns boundary facet f.
+    """
 
     mesh: SimplexMesh
-    """The boundary facets as a separate mesh, normals outward."""
     nodes: IntArray
-    """``nodes[i]`` is the node of the whole mesh at boundary node i."""
     cells: IntArray
-    """``cells[f]`` is the cell of the whole mesh that owns boundary facet f."""
 
 
 class _Conversion(Generic[_Result]):

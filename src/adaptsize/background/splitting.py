@@ -12,21 +12,27 @@ from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import are_among, unique_rows
 from adaptsize.typing import FloatArray, IntArray
 
-# Lengths that differ by a smaller share are equal.
-_EQUAL = 1e-9
-
 
 class SplitMesh(NamedTuple):
-    """A mesh in which some edges were split."""
+    """A mesh in which some edges were split.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        The old nodes, then one per split edge, then those inside triangles; with tags, no
+        data.
+    split_edges : npt.NDArray[np.intp]
+        New node k lies in the middle of edge ``split_edges[k]`` of the old mesh.
+    inside : npt.NDArray[np.intp]
+        The triangle of the old mesh in which each of the last nodes lies.
+    parents : npt.NDArray[np.intp]
+        The triangle of the old mesh of which each triangle is a part.
+    """
 
     mesh: SimplexMesh
-    """The old nodes, then one per split edge, then those inside triangles; with tags, no data."""
     split_edges: npt.NDArray[np.intp]
-    """New node k lies in the middle of edge ``split_edges[k]`` of the old mesh."""
     inside: npt.NDArray[np.intp]
-    """The triangle of the old mesh in which each of the last nodes lies."""
     parents: npt.NDArray[np.intp]
-    """The triangle of the old mesh of which each triangle is a part."""
 
 
 def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
@@ -93,7 +99,8 @@ def _have_equal_sides(
 ) -> npt.NDArray[np.bool_]:
     """Return whether the two edges to be split are of equal length, of some triangles."""
     lengths = np.where(middles[rows] >= 0, mesh.edge_lengths[mesh.cell_facets[rows]], np.nan)
-    return np.asarray(np.nanmax(lengths, axis=1) <= (1.0 + _EQUAL) * np.nanmin(lengths, axis=1))
+    # Lengths that differ by a smaller share are equal.
+    return np.asarray(np.nanmax(lengths, axis=1) <= (1.0 + 1e-9) * np.nanmin(lengths, axis=1))
 
 
 def _with_centres(

@@ -15,9 +15,6 @@ from adaptsize.typing import BoolArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-# Fewer rows are sorted by numpy: the kernel takes longer to compile.
-_FEW = 10_000
-
 
 def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     """Return the cells around each point as compressed rows ``(ring_ptr, ring)``.
@@ -56,7 +53,8 @@ def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, I
     """
     rows = np.ascontiguousarray(np.sort(rows, axis=1), dtype=np.int32)
     width = rows.shape[1]
-    if len(rows) < _FEW and n_points**width < 2**63:
+    # Fewer rows are sorted by numpy: the kernel takes longer to compile.
+    if len(rows) < 10_000 and n_points**width < 2**63:
         key = rows.astype(np.int64) @ (n_points ** np.arange(width)[::-1])
         at, group = np.unique(key, return_index=True, return_inverse=True)[1:]
         return rows[at], group.ravel().astype(np.int32)
@@ -64,7 +62,7 @@ def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, I
     number = np.empty(len(rows), np.int32)
     start, free = np.zeros((2, n_points + 1), np.int64)
     order = np.empty(len(rows), np.int32)
-    count = group_rows(rows, start, free, order, first, number)
+    count = group_rows(rows, (start, free, order), first, number)
     return rows[first[:count]], number
 
 

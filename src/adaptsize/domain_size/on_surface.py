@@ -20,8 +20,7 @@ from adaptsize.background.ordering import ordered_by_place
 from adaptsize.background.splitting import SplitMesh, split_edges
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import OpenSurfaceWarning, OutsideWarning
-from adaptsize.geometry.faces import Faces
-from adaptsize.geometry.folds import folds_of
+from adaptsize.geometry.faces import Faces, folds_of
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
 from adaptsize.remeshing.estimate import InsideSamples

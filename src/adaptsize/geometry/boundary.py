@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels import boundary as kernels
+from adaptsize._kernels import topology as kernels
 from adaptsize._kernels.sight import ANY, NARROW, WIDE
-from adaptsize._kernels.topology import join_cells
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.convexity import FLAT
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -32,48 +31,60 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-# Cells with a smaller ratio of measure to the power of the longest edge have no measure.
-_NO_MEASURE = 1e-12
-
-# Smallest number of cells for a second thread.
-_MANY_CELLS = 100_000
-
-# Distances between a point and a line below this share of the diagonal are zero.
-_SLACK = 1e-11
-
 
 class FlatBoundary(NamedTuple):
-    """The walls of triangles in the plane or of tetrahedra."""
+    """The walls of triangles in the plane or of tetrahedra.
+
+    Parameters
+    ----------
+    facets : int32[f, dim]
+        The domain to the left (2-D), normals outward (3-D).
+    cells : int32[f]
+        A cell with measure at each facet.
+    is_simple : bool
+        Whether no wall is shared by several cells.
+    alias : int32[n_points]
+        Representative of each node, if cells join coincident nodes.
+    has_flat : bool
+        Whether any cell has no measure, or so little at the boundary that it counts as
+        none.
+    """
 
     facets: IntArray
-    """int32[f, dim], the domain to the left (2-D), normals outward (3-D)."""
     cells: IntArray
-    """int32[f]: a cell with measure at each facet."""
     is_simple: bool
-    """Whether no wall is shared by several cells."""
     alias: IntArray | None = None
-    """int32[n_points]: representative of each node, if cells join coincident nodes."""
     has_flat: bool = False
-    """Whether any cell has no measure, or so little at the boundary that it counts as none."""
 
 
 class PlaneBoundary(NamedTuple):
-    """The boundary of a plane domain for lines of sight."""
+    """The boundary of a plane domain for lines of sight.
+
+    Parameters
+    ----------
+    walls : float64[w, 4]
+        Start and end of each straight piece, the domain to the left.
+    rows : int32[n_points]
+        Row of each node of the boundary, -1 inside.
+    first : int32[b + 1]
+        The sectors of the node in row b are ``first[b]`` to ``first[b + 1] - 1``.
+    sectors : float64[k, 5]
+        Cones of the sectors (see sight.py).
+    corners : int32[c]
+        Nodes at which shortest paths may bend.
+    free : bool[c]
+        Whether a path may go from one sector of the corner into another.
+    slack : float
+        Distance from a line below which a point is on the line.
+    """
 
     walls: FloatArray
-    """float64[w, 4]: start and end of each straight piece, the domain to the left."""
     rows: IntArray
-    """int32[n_points]: row of each node of the boundary, -1 inside."""
     first: IntArray
-    """int32[b + 1]: the sectors of the node in row b are ``first[b]`` to ``first[b + 1] - 1``."""
     sectors: FloatArray
-    """float64[k, 5]: cones of the sectors (see sight.py)."""
     corners: IntArray
-    """int32[c]: nodes at which shortest paths may bend."""
     free: BoolArray
-    """bool[c]: whether a path may go from one sector of the corner into another."""
     slack: float
-    """Distance from a line below which a point is on the line."""
 
 
 def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
@@ -116,16 +127,17 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
     """Return the sums of `kernels.sum_facets`, and whether any cell has no measure."""
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
-    if threads == 1 or m < _MANY_CELLS:
+    # Smallest number of cells for a second thread.
+    if threads == 1 or m < 100_000:
         sums = np.zeros(n, np.uint64)
-        return sums, bool(kernels.sum_facets(points, axes, cells, 0, m, sums))
+        return sums, bool(kernels.sum_facets(points, axes, cells, sums))
     marks = np.linspace(0, m, 4 * threads + 1).astype(int).tolist()
     unused = [np.zeros(n, np.uint64) for _ in range(threads)]
     every = list(unused)
 
     def add(first: int, last: int) -> bool:
         own = unused.pop()  # there are as many as threads
-        flat = bool(kernels.sum_facets(points, axes, cells, first, last, own))
+        flat = bool(kernels.sum_facets(points, axes, cells[first:last], own))
         unused.append(own)
         return flat
 
@@ -163,7 +175,8 @@ def _facets_at(
         is_odd ^= (nodes[:, 1] > nodes[:, 2]) ^ (nodes[:, 0] > nodes[:, 2]) ^ (opposite % 2 == 1)
     measure = _relative_measures(points, own)[at]
     side = np.where(is_odd != (measure < 0.0), -1, 1).astype(np.int8)
-    side[np.abs(measure) < _NO_MEASURE] = 0
+    # Cells with a smaller ratio of measure to the power of the longest edge have no measure.
+    side[np.abs(measure) < 1e-12] = 0
     return nodes, side, near[at]
 
 
@@ -197,7 +210,7 @@ def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray,
     short = [rows[(points[rows[:, 0]] == points[rows[:, 1]]).all(axis=1)] for rows in pairs]
     if not any(map(len, short)):
         return cells, None
-    join_cells(np.ascontiguousarray(np.concatenate(short)), parent)
+    kernels.join_cells(np.ascontiguousarray(np.concatenate(short)), parent)
     while not np.array_equal(parent, parent[parent]):
         parent = parent[parent]
     merged = parent[cells]
@@ -228,7 +241,8 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     points, (start, end) = mesh.points, boundary.facets.T
     n = mesh.n_points
     nodes = np.unique(boundary.facets).astype(np.int32)
-    slack = _SLACK * float(np.hypot(*np.ptp(points[nodes], axis=0)))
+    # Distances between a point and a line below this share of the diagonal are zero.
+    slack = 1e-11 * float(np.hypot(*np.ptp(points[nodes], axis=0)))
     regular = np.bincount(start, minlength=n)[nodes] == 1
     regular &= np.bincount(end, minlength=n)[nodes] == 1
     leaving, entering = np.zeros(n, np.int32), np.zeros(n, np.int32)
@@ -247,9 +261,8 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     is_end = np.ones(n, np.bool_)
     is_end[nodes[regular & (np.abs(turn - np.pi) < FLAT)]] = False
     walls = np.empty((len(start), 4))
-    count = kernels.merge_walls(
-        points, start, end, leaving[end], is_end[start], is_end, slack, walls
-    )
+    pieces = (start, end, leaving[end], is_end[start])
+    count = kernels.merge_walls(points, pieces, is_end, slack, walls)
     free = (np.diff(first) != 1) | (sectors[first[:-1], 4] == ANY)
     bends = is_end[nodes] & (free | (turn > np.pi))
     return PlaneBoundary(walls[:count], rows, first, sectors, nodes[bends], free[bends], slack)

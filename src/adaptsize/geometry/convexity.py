@@ -15,9 +15,6 @@ if TYPE_CHECKING:
 #: Largest angle (radians) by which the boundary of a convex domain may turn inwards.
 FLAT = 1e-9
 
-# Facets that close up to less than this angle (radians) may lie on each other.
-_FOLDED = 1e-6
-
 
 def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
     """Return whether the domain within a boundary is convex, to 1e-9 radians.
@@ -71,12 +68,17 @@ def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, Floa
 
 
 class Turns(NamedTuple):
-    """Turning angles of the boundary of a solid at its edges."""
+    """Turning angles of the boundary of a solid at its edges.
+
+    Parameters
+    ----------
+    ridges : int32[r, 2]
+    angles : float64[r]
+        Positive where the domain is convex, nan where not two facets meet.
+    """
 
     ridges: IntArray
-    """int32[r, 2]"""
     angles: FloatArray
-    """float64[r]: positive where the domain is convex, nan where not two facets meet."""
 
 
 def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
@@ -105,9 +107,10 @@ def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
     angles = np.arctan2(sine, cosine)
     angles = np.where(rise > 0.0, -angles, angles)
     # Coincident facets: the end of a crack, which turns inwards, or a cell without volume.
+    # Facets that close up to less than this angle (radians) may lie on each other.
     bad = (
         ~regular
-        | ((cosine < 0.0) & (sine < _FOLDED))
+        | ((cosine < 0.0) & (sine < 1e-6))
         | (areas[owner[first]] == 0.0)
         | (areas[owner[second]] == 0.0)
     )

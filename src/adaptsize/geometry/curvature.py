@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._checks import as_angle, as_whole_number, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import curvature as kernels
-from adaptsize._kernels import normals as normal_kernels
-from adaptsize._kernels import sectors as sector_kernels
+from adaptsize._kernels.sectors import Sectors, Surface, fill_sectors
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.faces import (
-    Normals,
     crease_edges,
     feature_facets,
     normals_of,
     refuse_other_than_surface,
+    twice_area,
 )
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -26,14 +24,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 MOST_TURNS = 1000
 #: Curvatures below this, in units of one over the diagonal, are noise.
 FLAT = 1e-7
-
-
-class _Sectors(NamedTuple):
-    sector: IntArray  # of corner 3 c + v
-    sign: FloatArray  # -1: triangle runs against the first one of its sector
-    fan: IntArray
-    fan_ptr: IntArray
-    ends: IntArray
 
 
 def surface_curvature(
@@ -135,25 +125,19 @@ def corner_curvature(
 
 def tensors_of(
     surface: SimplexMesh, crease_angle: float, smoothing: int
-) -> tuple[_Sectors, FloatArray, FloatArray]:
+) -> tuple[Sectors, FloatArray, FloatArray]:
     """Return the sectors of a surface, their normals and their curvature tensors."""
     refuse_other_than_surface(surface)
     turns = as_whole_number("smoothing", smoothing, lower=0, upper=MOST_TURNS)
     angle = math.radians(as_angle("crease_angle", crease_angle))
     faces = normals_of(surface)
-    sectors = _sectors_of(surface, faces, feature_facets(surface, faces, angle))
-    normals = _normals_of(surface, faces, sectors, angle)
+    sectors = _sectors_of(faces, feature_facets(surface, faces, angle))
+    normals = _normals_of(faces, sectors, angle)
     tensors = np.zeros((len(normals), 6))
-    kernels.fill_tensors(
-        surface.points, surface.cells, faces.areas, faces.normals, sectors.sector,
-        sectors.sign, normals, tensors,
-    )  # fmt: skip
+    kernels.fill_tensors(faces, sectors, normals, tensors)
     for _ in range(turns):
         smoothed = np.empty_like(tensors)
-        kernels.smooth_tensors(
-            faces.areas, sectors.fan, sectors.fan_ptr, sectors.sector, sectors.sign,
-            normals, tensors, smoothed,
-        )  # fmt: skip
+        kernels.smooth_tensors(faces, sectors, normals, tensors, smoothed)
         tensors = smoothed
     return sectors, normals, tensors
 
@@ -243,19 +227,12 @@ def polyline_curvature(line: SimplexMesh, *, crease_angle: float = CREASE_ANGLE)
     leaving = line.points[after] - line.points[passed]
     chord = np.linalg.norm(arriving + leaving, axis=1)
     lengths = np.linalg.norm(arriving, axis=1) * np.linalg.norm(leaving, axis=1)
-    across = _twice_area(arriving, leaving)
+    across = twice_area(arriving, leaving)
     turn = np.arctan2(across, (arriving * leaving).sum(axis=1))
     smooth = (turn <= angle) & (lengths > 0.0) & (chord > 0.0)
     kappa = np.zeros(line.n_points)
     kappa[passed[smooth]] = 2.0 * across[smooth] / (lengths[smooth] * chord[smooth])
     return _without_rounding(kappa, line)
-
-
-def _twice_area(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the areas of the parallelograms on pairs of vectors in 2-D or 3-D."""
-    if a.shape[1] == 2:
-        return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
-    return np.asarray(np.linalg.norm(np.cross(a, b), axis=1))
 
 
 def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
@@ -264,44 +241,67 @@ def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
     return kappa
 
 
-def _sectors_of(surface: SimplexMesh, faces: Normals, creases: BoolArray) -> _Sectors:
+def _sectors_of(surface: Surface, creases: BoolArray) -> Sectors:
     n = surface.cells.size
     sector, sign = np.empty(n, np.int32), np.empty(n)
     fan, fan_ptr = np.empty(n, np.int32), np.empty(n + 1, np.int32)
-    ends = np.empty((n, 2), np.int32)
-    count = sector_kernels.fill_sectors(
-        surface.cells, surface.cell_facets, faces.facet_cells, creases,
-        sector, sign, fan, fan_ptr, ends,
-    )  # fmt: skip
-    return _Sectors(sector, sign, fan, fan_ptr[: count + 1], ends[:count])
+    room = Sectors(sector, sign, fan, fan_ptr, np.empty((n, 2), np.int32))
+    count = fill_sectors(surface, creases, room)
+    return room._replace(fan_ptr=fan_ptr[: count + 1], ends=room.ends[:count])
 
 
-def _normals_of(
-    surface: SimplexMesh, faces: Normals, sectors: _Sectors, angle: float
-) -> FloatArray:
+def _normals_of(surface: Surface, sectors: Sectors, angle: float) -> FloatArray:
     """Return the unit normal of each sector, those of open fans corrected; zero at cone tips."""
     n_sectors = len(sectors.ends)
     normals, angles = np.empty((n_sectors, 3)), np.empty(n_sectors)
-    normal_kernels.fill_sector_normals(
-        surface.points, surface.cells, faces.areas, faces.normals, sectors.sign,
-        sectors.fan, sectors.fan_ptr, normals,
-    )  # fmt: skip
-    normal_kernels.drop_conical_normals(
-        faces.areas, faces.normals, sectors.sign, sectors.fan, sectors.fan_ptr,
-        math.cos(angle), normals,
-    )  # fmt: skip
-    normal_kernels.fill_fan_angles(
-        surface.points, surface.cells, sectors.fan, sectors.fan_ptr, angles
-    )
+    kernels.fill_sector_normals(surface, sectors, normals)
+    kernels.drop_conical_normals(surface, sectors, math.cos(angle), normals)
+    kernels.fill_fan_angles(surface, sectors, angles)
     # Facets of a smooth surface turn by less than the crease angle, and the error of the
     # normal of a fan is at most half of that.  Fans at corners and along feature edges depend
     # on each other; hence they are corrected alternately.
     limit = math.tan(0.5 * min(angle, 0.5 * math.pi))
     for corners in (True, False, True, False):
         corrected = normals.copy()
-        normal_kernels.correct_open_normals(
-            surface.points, surface.cells, sectors.fan, sectors.fan_ptr, sectors.ends,
-            sectors.sector, sectors.sign, angles, corners, limit, normals, corrected,
-        )  # fmt: skip
+        kernels.correct_open_normals(surface, sectors, angles, (corners, limit), normals, corrected)
         normals = corrected
     return normals
+
+
+def sector_curvatures(
+    surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE, smoothing: int = 0
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Return the principal curvatures and directions of the smooth parts at each node.
+
+    A sector consists of the triangles at a node between two feature edges.
+
+    Parameters
+    ----------
+    surface, crease_angle, smoothing
+        As for `surface_curvature`.
+
+    Returns
+    -------
+    nodes : int32[n_sectors]
+        The node of each sector.
+    normals : float64[n_sectors, 3]
+        Unit vectors.
+    curvatures : float64[n_sectors, 2]
+        In the order of size, with signs; 0 where there is no normal, as at the tip of a cone.
+    directions : float64[n_sectors, 3, 2]
+        Unit tangents, in columns.
+    """
+    sectors, normals, tensors = tensors_of(surface, crease_angle, smoothing)
+    nodes = np.empty(len(normals), np.int32)
+    nodes[sectors.sector] = surface.cells.ravel()
+    known = np.linalg.norm(normals, axis=1) > 0.5
+    unit = np.where(known[:, None], normals, [0.0, 0.0, 1.0])
+    least = np.eye(3)[np.argmin(np.abs(unit), axis=1)]
+    u = np.cross(unit, least)
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    frame = np.dstack([u, np.cross(unit, u)])
+    xx, yy, zz, yz, xz, xy = tensors.T
+    full = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+    curvatures, along = np.linalg.eigh(frame.swapaxes(1, 2) @ full @ frame)
+    curvatures[~known | (np.abs(curvatures).max(axis=1) * surface.diagonal < FLAT)] = 0.0
+    return nodes, unit, curvatures, np.asarray(frame @ along)

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from adaptsize._checks import as_angle, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import sectors as kernels
-from adaptsize._kernels.features import remove_loose
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import in_space
 from adaptsize.background.merging import first_at_place
@@ -29,17 +28,21 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # A triangle whose area is below this share of its longest edge squared has no normal.
 _FLAT_SHARE = 1e-12
-# A node inside a face is a tip if the angles around it are less than a full turn by more, radians.
-_TIP = 0.5
 # Angles are compared with limits to this precision, radians, so that rounding decides nothing.
 ANGLE_SLACK = 1e-7
 
 
 class Lists(NamedTuple):
-    """Sorted lists of numbers, one after the other."""
+    """Sorted lists of numbers, one after the other.
+
+    Parameters
+    ----------
+    first : int32[n + 1]
+        List i is ``items[first[i] : first[i + 1]]``.
+    items : IntArray
+    """
 
     first: IntArray
-    """int32[n + 1]: list i is ``items[first[i] : first[i + 1]]``."""
     items: IntArray
 
     @classmethod
@@ -52,26 +55,21 @@ class Lists(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Coordinates of a boundary's own, so that neither its place nor its unit matters."""
+    """Coordinates of a boundary's own, so that neither its place nor its unit matters.
+
+    Parameters
+    ----------
+    origin : FloatArray
+    scale : float
+        A power of two, by which multiplication is exact.
+    """
 
     origin: FloatArray
     scale: float
-    """A power of two, by which multiplication is exact."""
 
     def of(self, points: FloatArray) -> FloatArray:
         """Return the coordinates of points in the frame, float64[n, 3]."""
         return in_space((points - self.origin) * self.scale)
-
-
-class Normals(NamedTuple):
-    """Unit normals of triangles in the orientation of each, and what belongs to them."""
-
-    normals: FloatArray
-    """float64[n_cells, 3]; borrowed from a neighbour where a triangle is degenerate."""
-    areas: FloatArray
-    """float64[n_cells]; zero where degenerate."""
-    facet_cells: IntArray
-    """int32[n_facets, 2]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,24 +90,35 @@ class Faces:
 
     The boundary is oriented first.  Coincident nodes are merged, and repeated facets and those that
     have become degenerate are left out.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Oriented: normals outward.  The nodes are those of the given boundary.
+    targets : npt.NDArray[np.intp]
+        Node into which each node was merged.
+    rows : npt.NDArray[np.intp]
+        The cell of ``mesh`` for each cell of the given boundary; -1 if it has become
+        degenerate.
+    face : int32[n_cells]
+        The face of each cell, numbered from 0.
+    features : IntArray
+        Feature edges, int32[k, 2], or in the plane corners, int32[k, 1].
+    curve : int32[k]
+        The curve of each feature edge.
+    is_corner : bool[n_points]
+    meets : Lists
+        The faces that meet each face.
     """
 
     mesh: SimplexMesh
-    """Oriented: normals outward.  The nodes are those of the given boundary."""
     targets: npt.NDArray[np.intp]
-    """Node into which each node was merged."""
     rows: npt.NDArray[np.intp]
-    """The cell of ``mesh`` for each cell of the given boundary; -1 if it has become degenerate."""
     face: IntArray
-    """int32[n_cells]: the face of each cell, numbered from 0."""
     features: IntArray
-    """Feature edges, int32[k, 2], or in the plane corners, int32[k, 1]."""
     curve: IntArray
-    """int32[k]: the curve of each feature edge."""
     is_corner: BoolArray
-    """bool[n_points]"""
     meets: Lists
-    """The faces that meet each face."""
 
     @classmethod
     def of(cls, boundary: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> Faces:
@@ -289,7 +298,9 @@ def _cells_at_tips(mesh: SimplexMesh, on_feature: BoolArray) -> npt.NDArray[np.i
         a, b = (corners[:, (v + k) % 3] - corners[:, v] for k in (1, 2))
         angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
         np.add.at(total, mesh.cells[:, v], angle)
-    is_tip = ~on_feature & (total < 2.0 * math.pi - _TIP)
+    # A node inside a face is a tip if the angles around it are less than a full turn by more,
+    # radians.
+    is_tip = ~on_feature & (total < 2.0 * math.pi - 0.5)
     return np.flatnonzero(is_tip[mesh.cells].any(axis=1))
 
 
@@ -317,45 +328,43 @@ def smooth_passages(
     arriving = line.points[passed] - line.points[before]
     leaving = line.points[after] - line.points[passed]
     along = np.einsum("ij,ij->i", arriving, leaving)
-    turn = np.arctan2(_twice_area(arriving, leaving), along)
+    turn = np.arctan2(twice_area(arriving, leaving), along)
     smooth = turn <= angle
     return passed[smooth], one[smooth], other[smooth]
 
 
-def _twice_area(a: FloatArray, b: FloatArray) -> FloatArray:
+def twice_area(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the areas of the parallelograms on pairs of vectors in 2-D or 3-D."""
     if a.shape[1] == 2:
         return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
     return np.asarray(np.linalg.norm(np.cross(a, b), axis=1))
 
 
-def normals_of(surface: SimplexMesh) -> Normals:
-    """Return the unit normals of triangles in space."""
+def normals_of(surface: SimplexMesh) -> kernels.Surface:
+    """Return triangles in space with their unit normals."""
     facet_cells = np.empty((len(surface.facets), 2), np.int32)
     kernels.fill_facet_cells(surface.cell_facets, facet_cells)
     normals, areas = np.empty((surface.n_cells, 3)), np.empty(surface.n_cells)
     kernels.fill_face_normals(surface.points, surface.cells, _FLAT_SHARE, normals, areas)
-    kernels.lend_normals(
+    found = kernels.Surface(
         surface.points, surface.cells, surface.cell_facets, facet_cells,
-        surface.facet_cell_counts, areas, normals,
+        surface.facet_cell_counts, normals, areas,
     )  # fmt: skip
-    return Normals(normals, areas, facet_cells)
+    kernels.replace_degenerate_normals(found)
+    return found
 
 
-def sharp_facets(surface: SimplexMesh, normals: Normals, angle: float) -> BoolArray:
+def sharp_facets(surface: SimplexMesh, normals: kernels.Surface, angle: float) -> BoolArray:
     """Return which edges of a surface are sharp, of one or of several triangles, or tagged.
 
     The angle is given in radians.
     """
     is_sharp = np.empty(len(surface.facets), np.bool_)
-    kernels.mark_creases(
-        surface.cells, surface.facets, normals.facet_cells, surface.facet_cell_counts,
-        normals.normals, angle, is_sharp,
-    )  # fmt: skip
+    kernels.mark_creases(normals, surface.facets, angle, is_sharp)
     return is_sharp | is_tagged(surface)
 
 
-def feature_facets(surface: SimplexMesh, normals: Normals, angle: float) -> BoolArray:
+def feature_facets(surface: SimplexMesh, normals: kernels.Surface, angle: float) -> BoolArray:
     """Return which edges of a surface are feature edges; the angle in radians.
 
     These are the ones of `sharp_facets` without sharp edges that have a loose end.
@@ -363,8 +372,58 @@ def feature_facets(surface: SimplexMesh, normals: Normals, angle: float) -> Bool
     is_feature = sharp_facets(surface, normals, angle)
     degree = np.bincount(surface.edges[is_feature].ravel(), minlength=surface.n_points)
     is_kept = is_tagged(surface) | (surface.facet_cell_counts != 2)
-    remove_loose(surface.edges, is_kept, is_feature, degree.astype(np.int32))
+    kernels.remove_loose(surface.edges, is_kept, is_feature, degree.astype(np.int32))
     return is_feature
+
+
+class Folds(NamedTuple):
+    """Edges that are not inside flat facets, int32[n, 2] each, rows sorted.
+
+    Parameters
+    ----------
+    bent : IntArray
+        Edges along which the surface is curved, neither flat nor sharp.
+    sharp : IntArray
+        Feature edges, also those of one triangle or of more than two, and tagged ones.
+    """
+
+    bent: IntArray
+    sharp: IntArray
+
+
+def folds_of(surface: SimplexMesh, crease_angle: float) -> Folds:
+    """Return the edges of triangles in space that are bent or sharp.
+
+    Neither the place of the surface nor its size matters, but for the rounding of coordinates.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space, in any orientation.
+    crease_angle : float
+        Sharp edges turn by more, in radians.
+
+    Examples
+    --------
+    >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.1], [2, 0, 0]]
+    >>> bent, sharp = folds_of(SimplexMesh(points, [[0, 1, 2], [1, 3, 2], [1, 4, 3]]), 0.5)
+    >>> bent.tolist(), sharp.tolist()
+    ([[1, 2], [1, 3]], [[0, 1], [0, 2], [1, 4], [2, 3], [3, 4]])
+    """
+    normals = normals_of(surface)
+    sharp = sharp_facets(surface, normals, crease_angle)
+    smooth = np.flatnonzero(~sharp)  # edges of two triangles
+    one, other = normals.facet_cells[smooth].T
+    cosine = np.abs(np.einsum("ij,ij->i", normals.normals[one], normals.normals[other]))
+    sine = np.linalg.norm(np.cross(normals.normals[one], normals.normals[other]), axis=1)
+    doubled = 2.0 * np.minimum(normals.areas[one], normals.areas[other])
+    # The corner of the lower triangle is off by its height times the sine.  In nine parts rounded
+    # to single precision at up to three diagonals from the origin, corners of flat facets were off
+    # by up to 3e-7 diagonals, and in one with slivers by 7e-6; those at edges along which these
+    # parts bend by more than 5e-6.
+    off = doubled * sine > 1e-6 * surface.diagonal * surface.edge_lengths[smooth]
+    bent = smooth[(np.arctan2(sine, cosine) > math.radians(0.1)) & off]
+    return Folds(surface.edges[bent], surface.edges[sharp])
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:

@@ -13,8 +13,6 @@ from adaptsize.typing import FloatArray
 #: f(points[n, dim]) -> float64[n], checked.
 Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
 
-# Steps of first differences, relative to the steps given for second ones.
-_STEP_OF_GRADIENT = 1.0 / 30.0
 # Steps are adapted until the normal turns by about this angle on each of them; ...
 _TURN = 0.1
 # ... by up to this factor at a time, ...
@@ -39,14 +37,20 @@ def checked(function: Callable[[FloatArray], object]) -> Implicit:
 
 
 class LevelFrame(NamedTuple):
-    """The zero level around some of its points."""
+    """The zero level around some of its points.
+
+    Parameters
+    ----------
+    normals : float64[m, dim]
+        Along the gradient.
+    tangents : float64[m, dim - 1, dim]
+    curvatures : float64[m, dim - 1, dim - 1]
+        Second fundamental form, positive where convex.
+    """
 
     normals: FloatArray
-    """float64[m, dim], along the gradient"""
     tangents: FloatArray
-    """float64[m, dim - 1, dim]"""
     curvatures: FloatArray
-    """float64[m, dim - 1, dim - 1]: second fundamental form, positive where convex."""
 
 
 def gradient_of(
@@ -120,7 +124,8 @@ def frame_at(function: Implicit, points: FloatArray, step: float | FloatArray) -
     step : float or float64[n]
         Of second differences; those of first ones are shorter.
     """
-    f, gradient = gradient_of(function, points, _STEP_OF_GRADIENT * np.asarray(step))
+    # Steps of first differences, relative to the steps given for second ones.
+    f, gradient = gradient_of(function, points, (1.0 / 30.0) * np.asarray(step))
     m, dim = points.shape
     steep = np.linalg.norm(gradient, axis=1)
     normal = gradient / np.maximum(steep, 1e-300)[:, None]

@@ -12,14 +12,13 @@ from adaptsize._kernels.level_sets import fill_level_set_curvature
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
 from adaptsize.geometry.curvature import MOST_TURNS
+from adaptsize.geometry.distance.propagation import frame_of
 from adaptsize.typing import FloatArray, ProgressCallback
 
 _Nodes = npt.NDArray[np.int64]
 
 # A kink by 90 degrees leaves a gradient of 0.71; a circle of a radius of one spacing, 0.75.
 _TOLERANCE = 0.25
-# Smaller weights of averages are below rounding.
-_LEAST_WEIGHT = 1e-12
 # Number of nodes per batch.
 _NODES_AT_ONCE = 1_000_000
 
@@ -189,12 +188,9 @@ def _curvature_at(
     at_boundary: bool,
 ) -> FloatArray:
     """Return the principal curvatures of the level sets through nodes, float64[m, dim - 1]."""
-    shape, spacing = np.ones(3, np.int64), np.ones(3)
-    shape[: grid.dim], spacing[: grid.dim] = grid.shape, grid.spacing
     kappa = np.empty((len(nodes), grid.dim - 1))
-    fill_level_set_curvature(
-        smooth.ravel(), distance.ravel(), shape, spacing, nodes, tolerance, at_boundary, kappa
-    )
+    fields = (smooth.ravel(), distance.ravel())
+    fill_level_set_curvature(fields, frame_of(grid)[1:], nodes, (tolerance, at_boundary), kappa)
     return kappa
 
 
@@ -208,7 +204,8 @@ def _smoothed(phi: FloatArray, times: int) -> FloatArray:
     weights = np.ones(1)
     for _ in range(turns):
         weights = np.convolve(weights, [0.25, 0.5, 0.25])
-    weights = weights[weights > _LEAST_WEIGHT]
+    # Smaller weights of averages are below rounding.
+    weights = weights[weights > 1e-12]
     for axis in range(phi.ndim):
         phi = correlate1d(phi, weights / weights.sum(), axis=axis, mode="nearest")
     return phi

@@ -12,42 +12,49 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_angle
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
-from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._kernels import separation as kernels
+from adaptsize._kernels.trees import Tree
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces, Lists, sorted_by_place
-from adaptsize.geometry.width import SLACK, Walls, check_boundary
+from adaptsize.geometry.width import Walls, check_boundary
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-# Feature edges are halved where the separation at their middles is below their length, so often.
-_MOST_HALVINGS = 12
-# Lengths that differ by a smaller share are equal.
-_EQUAL = 1e-6
 # A compiled loop cannot be interrupted; one call of it processes this many points.
 _POINTS_PER_CALL = 20_000
 
 
 class FeaturePoints(NamedTuple):
-    """Points on feature edges (in the plane at corners), given in the frame of the faces."""
+    """Points on feature edges (in the plane at corners), given in the frame of the faces.
+
+    Parameters
+    ----------
+    places : float64[n, 3]
+    node : npt.NDArray[np.intp]
+        Node of the boundary, -1 inside an edge.
+    edge : npt.NDArray[np.intp]
+        Row of ``faces.features``: one with the node, or that with the point.
+    """
 
     places: FloatArray
-    """float64[n, 3]"""
     node: npt.NDArray[np.intp]
-    """Node of the boundary, -1 inside an edge."""
     edge: npt.NDArray[np.intp]
-    """Row of ``faces.features``: one with the node, or that with the point."""
 
 
 class BoundarySeparation(NamedTuple):
-    """Separations at points on the features of a boundary, see `boundary_separation`."""
+    """Separations at points on the features of a boundary, see `boundary_separation`.
+
+    Parameters
+    ----------
+    points : float64[n, dim]
+    distances : float64[n]
+        Inf where no other feature is seen.
+    """
 
     points: FloatArray
-    """float64[n, dim]"""
     distances: FloatArray
-    """float64[n]; inf where no other feature is seen."""
 
 
 def boundary_separation(
@@ -118,23 +125,20 @@ def boundary_separation(
         return separation.sampled(report)
 
 
-class _Elements(NamedTuple):
-    """Corners, segments of curves, or facets of faces, in a tree."""
-
-    cells: IntArray
-    boxes: FloatArray
-    owner: IntArray
-    touched: Lists
-    """Corners of each owner."""
-
-
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """Finds the separation of features at points on them, see `boundary_separation`."""
+    """Finds the separation of features at points on them, see `boundary_separation`.
+
+    Parameters
+    ----------
+    faces : Faces
+    corner_angle : float
+        Degrees.
+    walls : Walls
+    """
 
     faces: Faces
     corner_angle: float
-    """Degrees."""
     walls: Walls
 
     def at_nodes(self, report: ProgressCallback) -> BoundarySeparation:
@@ -155,12 +159,15 @@ class Separation:
             return self._given(*every[0])
         ends = faces.frame.of(faces.mesh.points)[faces.features]
         edge = np.arange(len(ends))
-        for _ in range(_MOST_HALVINGS):
+        # Feature edges are halved where the separation at their middles is below their length, so
+        # often.
+        for _ in range(12):
             middles = 0.5 * (ends[:, 0] + ends[:, 1])
             found = self.at(FeaturePoints(middles, np.full(len(edge), -1), edge), report)
             every.append((middles, found))
             lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-            long = (found < (1.0 - _EQUAL) * lengths) & (found > TOLERANCE)
+            # Lengths that differ by a smaller share are equal.
+            long = (found < (1.0 - 1e-6) * lengths) & (found > TOLERANCE)
             if not long.any():
                 break
             halves = [np.stack([ends[long, e], middles[long]], axis=1) for e in (0, 1)]
@@ -191,23 +198,22 @@ class Separation:
         is_corner = (which.node >= 0) & faces.is_corner[np.maximum(which.node, 0)]
         curve = np.where(is_corner, -1, faces.curve[which.edge])
         ends = np.where(is_corner[:, None], -1, self._ends[curve])
-        places = self._places[np.maximum(ends, 0)]
+        end_places = self._places[np.maximum(ends, 0)]
         sectors = self._sectors(which)
         sine = math.sin(math.radians(self.corner_angle) - ANGLE_SLACK)
         of_corner = [self._corner_corners, self._corner_curves, self._corner_faces]
         of_curve = [self._curve_corners, self._curve_curves, self._curve_faces]
         steps = zip(self._elements, of_corner, of_curve, strict=True)
         for number, (elements, at_corner, on_curve) in enumerate(steps):
-            if len(elements.cells) == 0:
+            if len(elements.tree.cells) == 0:
                 continue
-            skipped = _chosen(at_corner, on_curve, which.node, curve)
+            skipped = tuple(_chosen(at_corner, on_curve, which.node, curve))
+            queries = kernels.Queries(
+                which.places, skipped, ends.astype(np.int32), end_places, sine, *sectors
+            )
             for first in range(0, n, _POINTS_PER_CALL):
-                kernels.lower_separations(
-                    self._places, elements.cells, elements.boxes, elements.owner,
-                    *elements.touched, which.places, *skipped, ends.astype(np.int32), places,
-                    sine, *sectors, self.walls.facets, self.walls.boxes, SLACK,
-                    first, min(first + _POINTS_PER_CALL, n), distances,
-                )  # fmt: skip
+                part = (first, min(first + _POINTS_PER_CALL, n))
+                kernels.lower_separations(elements, queries, self.walls.tree, part, distances)
                 report("separation", (number + first / n) / 3.0)
         return distances
 
@@ -282,7 +288,7 @@ class Separation:
         return Lists.of(of_cells[cell, column], cell, len(faces.features))
 
     @cached_property
-    def _elements(self) -> tuple[_Elements, _Elements, _Elements]:
+    def _elements(self) -> tuple[kernels.Elements, kernels.Elements, kernels.Elements]:
         """Corners, segments of curves, and facets."""
         faces, none = self.faces, np.empty(0, np.int64)
         corners = np.flatnonzero(faces.is_corner).astype(np.int32)
@@ -296,14 +302,11 @@ class Separation:
             self._in_tree(faces.corner_nodes, faces.face, self._face_corners),
         )
 
-    def _in_tree(self, cells: IntArray, owner: IntArray, touched: Lists) -> _Elements:
+    def _in_tree(self, cells: IntArray, owner: IntArray, touched: Lists) -> kernels.Elements:
         if len(cells) == 0:
-            return _Elements(cells, np.empty((2, 6)), owner, touched)
-        n_leaves, order = tree_over(self._places, np.array(cells))
-        boxes = np.empty((2 * n_leaves, 6))
-        ordered = np.ascontiguousarray(cells[order])
-        tree_kernels.fill_boxes(self._places, ordered, boxes)
-        return _Elements(ordered, boxes, owner[order], touched)
+            return kernels.Elements(Tree(self._places, cells, cells), owner, touched)
+        tree, order = tree_over(self._places, cells)
+        return kernels.Elements(tree, owner[order], tuple(touched))
 
     def _sectors(self, which: FeaturePoints) -> tuple[IntArray, FloatArray]:
         """Return the sectors of the facets around points, see separation.py in _kernels."""

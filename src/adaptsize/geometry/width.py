@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -13,12 +12,12 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_angle, check_type
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE
-from adaptsize._kernels import interpolate as tree_kernels
 from adaptsize._kernels import rays as kernels
 from adaptsize._kernels.distance import fill_closest
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
+from adaptsize.background.location import parts_of
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
@@ -28,21 +27,6 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 SLACK = 1e-9
 # Walls do not count if they are steeper to the ray than this, radians.
 _STEEPEST = math.radians(75.0)
-# Rays start where each weight in the facet is at least this: near an edge, but beside it.
-_LEAST_WEIGHT = 1.0 / 24.0
-# Facets that are longer than this share of their width get rays near their corners, too.
-_LONG = 0.27
-# Points this far beyond a wall, in the same unit, tell whether another body is there.
-_BESIDE = 1e-6
-# Winding numbers are as exact as this at holes, and at most this for points outside.
-_DOUBT = 0.05
-# Rays that leave more bodies, one inside the next, are given up.
-_MOST_BODIES = 64
-# Of more pieces, all points are tested; of fewer, those in the boxes of others.
-_MANY_PIECES = 200
-# A compiled loop cannot be interrupted; one call of it should last about this long.
-_SECONDS_PER_CALL = 0.3
-_FIRST_CALL = 4096
 
 
 def boundary_width(
@@ -133,49 +117,50 @@ def check_boundary(boundary: SimplexMesh) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Walls:
-    """The facets of a boundary in a tree, as the kernels for rays use them."""
+class Walls(NamedTuple):
+    """The facets of a boundary in a tree.
+
+    Parameters
+    ----------
+    order : npt.NDArray[np.int64]
+        Number of the facet in each row.
+    tree : kernels.Walls
+    """
 
     order: npt.NDArray[np.int64]
-    """Number of the facet in each row."""
-    facets: FloatArray
-    """float64[m, FACET], see rays.py."""
-    boxes: FloatArray
+    tree: kernels.Walls
 
     @classmethod
     def of(cls, faces: Faces) -> Walls:
         """Return the walls of a boundary in its frame."""
-        mesh = faces.mesh
-        points = faces.frame.of(mesh.points)
-        n_leaves, order = tree_over(points, np.array(mesh.cells))
-        boxes = np.empty((2 * n_leaves, 6))
-        tree_kernels.fill_boxes(points, np.ascontiguousarray(mesh.cells[order]), boxes)
-        facets = np.empty((mesh.n_cells, kernels.FACET))
+        tree, order = tree_over(faces.frame.of(faces.mesh.points), faces.mesh.cells)
+        facets = np.empty((len(order), kernels.FACET))
         with np.errstate(divide="ignore", invalid="ignore"):
             kernels.fill_facets(faces.corners[order], faces.normals[order], SLACK, facets)
-        return cls(order, facets, boxes)
+        return cls(order, kernels.Walls(facets, tree.boxes, SLACK))
 
 
 @dataclass(frozen=True, eq=False)
 class Width:
-    """Finds the width of a domain at points of its boundary, see `boundary_width`."""
+    """Finds the width of a domain at points of its boundary, see `boundary_width`.
+
+    Parameters
+    ----------
+    faces : Faces
+    corner_angle : float
+        Degrees.
+    crosses_itself : bool
+        Whether a piece of the boundary is known to intersect itself.
+    """
 
     faces: Faces
     corner_angle: float
-    """Degrees."""
     crosses_itself: bool = False
-    """Whether a piece of the boundary is known to intersect itself."""
 
     @cached_property
     def walls(self) -> Walls:
         """The facets in a tree."""
         return Walls.of(self.faces)
-
-    @cached_property
-    def _limits(self) -> FloatArray:
-        angles = [_STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
-        return np.cos(np.maximum(angles, 0.0))
 
     @cached_property
     def _pieces(self) -> npt.NDArray[np.intp]:
@@ -185,12 +170,14 @@ class Width:
         return components_of(links, mesh.n_cells)
 
     @cached_property
-    def _is_open(self) -> BoolArray:
-        """Whether each facet, in the order of the tree, is part of an open sheet."""
-        mesh, piece = self.faces.mesh, self._pieces
+    def _rule(self) -> kernels.Rule:
+        """Which walls count; facets of pieces with a rim are open sheets."""
+        faces, mesh, piece, order = self.faces, self.faces.mesh, self._pieces, self.walls.order
         has_rim = np.zeros(mesh.n_cells, np.bool_)
         has_rim[piece[(mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)]] = True
-        return has_rim[piece][self.walls.order]
+        angles = [_STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
+        limits = np.cos(np.maximum(angles, 0.0))
+        return kernels.Rule(has_rim[piece][order], faces.face[order], tuple(faces.meets), limits)
 
     def samples(self, report: ProgressCallback) -> Samples:
         """Return the width at the centroids of all facets, and near the corners of long ones."""
@@ -201,7 +188,8 @@ class Width:
         widths = self.shoot(middles, cells, report)
         sides = corners - np.roll(corners, 1, axis=1)
         longest = np.sqrt(np.einsum("ijk,ijk->ij", sides, sides).max(axis=1))
-        long = np.flatnonzero(longest > _LONG * np.where(np.isfinite(widths), widths, 0.0))
+        # Facets that are longer than this share of their width get rays near their corners, too.
+        long = np.flatnonzero(longest > 0.27 * np.where(np.isfinite(widths), widths, 0.0))
         near = _inside(np.eye(k))
         starts = np.einsum("vi,mij->mvj", near, corners[long]).reshape(-1, 3)
         more = self.shoot(starts, np.repeat(cells[long], k), report)
@@ -259,11 +247,18 @@ class Width:
         widths = np.full(len(starts), np.inf)
         reach = np.full(len(starts), SLACK)
         going = np.flatnonzero(~self.are_inner(starts, cells))
-        for _ in range(_MOST_BODIES):
+        # Rays that leave more bodies, one inside the next, are given up.
+        for _ in range(64):
             ways = -self.faces.normals[cells[going]]
-            leaves, stops, widths[going] = self._first_walls(
-                starts[going], ways, cells[going], reach[going], report
-            )
+            n = len(going)
+            rays = kernels.Rays(
+                starts[going], ways, self.faces.face[cells[going]], reach[going],
+                np.empty(n), np.empty(n, np.bool_), np.empty(n),
+            )  # fmt: skip
+            for first, last in parts_of(n, 4096):
+                kernels.shoot(self.walls.tree, self._rule, rays, first, last)
+                report("width", last / n)
+            leaves, stops, widths[going] = rays.leaves, rays.stops, rays.widths
             left = np.flatnonzero(np.isfinite(leaves) & ~stops)
             beyond = starts[going[left]] + leaves[left, None] * ways[left]
             left = left[self._are_inside(beyond, ways[left], cells[going[left]])]
@@ -272,30 +267,6 @@ class Width:
             going, leaves = going[left], leaves[left]
             reach[going] = leaves + SLACK
         return widths
-
-    def _first_walls(
-        self,
-        starts: FloatArray,
-        ways: FloatArray,
-        cells: npt.NDArray[np.integer],
-        reach: FloatArray,
-        report: ProgressCallback,
-    ) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """Return where rays first leave a body, through a sheet or not, and where that counts."""
-        walls, faces, n = self.walls, self.faces, len(starts)
-        leaves, stops, widths = np.empty(n), np.empty(n, np.bool_), np.empty(n)
-        given = (
-            walls.facets, walls.boxes, faces.face[walls.order], self._is_open, *faces.meets,
-            starts, ways, faces.face[cells], self._limits, SLACK, reach,
-        )  # fmt: skip
-        first, step = 0, _FIRST_CALL
-        while first < n:
-            last, start = min(first + step, n), time.perf_counter()
-            kernels.shoot(*given, first, last, leaves, stops, widths)
-            step = 2 * step if time.perf_counter() - start < 0.5 * _SECONDS_PER_CALL else step
-            first = last
-            report("width", first / n)
-        return leaves, stops, widths
 
     def are_inner(self, places: FloatArray, cells: npt.NDArray[np.integer]) -> BoolArray:
         """Return which points in given facets, in the frame, are inside of another body."""
@@ -312,19 +283,22 @@ class Width:
         inside = np.zeros(len(places), np.bool_)
         near = np.flatnonzero(self._beside_others(places, cells))
         if len(near) > 0:
-            walls, enters = self.walls, np.empty(len(near), np.bool_)
-            given = (walls.facets, walls.boxes, self._is_open)
-            kernels.find_entries(*given, places[near], ways[near], SLACK, enters)
-            beyond = places[near] + _BESIDE * ways[near]
+            enters = np.empty(len(near), np.bool_)
+            two_sided = self._rule.two_sided
+            kernels.find_entries(self.walls.tree, two_sided, places[near], ways[near], enters)
+            # Points this far beyond a wall, in the same unit, tell whether another body is there.
+            beyond = places[near] + 1e-6 * ways[near]
             turns = np.abs(self._winding(beyond[:, : self.faces.mesh.dim]))
-            inside[near] = turns > 0.5 + _DOUBT + enters
+            # Winding numbers are as exact as this at holes, and at most this for points outside.
+            inside[near] = turns > 0.5 + 0.05 + enters
         return inside
 
     def _beside_others(self, places: FloatArray, cells: npt.NDArray[np.integer]) -> BoolArray:
         """Return which points in given facets are in the box of another piece of the boundary."""
         piece, corners = self._pieces, self.faces.corners
         n = int(piece.max()) + 1
-        if self.crosses_itself or n > _MANY_PIECES:
+        # Of more pieces, all points are tested; of fewer, those in the boxes of others.
+        if self.crosses_itself or n > 200:
             return np.ones(len(places), np.bool_)
         found = np.zeros(len(places), np.bool_)
         if n == 1:
@@ -346,19 +320,26 @@ class Width:
 
 
 class Samples(NamedTuple):
-    """Widths at points of a boundary, in the frame of its faces."""
+    """Widths at points of a boundary, in the frame of its faces.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    widths : float64[n]
+    cell : npt.NDArray[np.intp]
+        Facet of each point.
+    corner : npt.NDArray[np.intp]
+        Corner next to which each point lies, -1 at centroids.
+    """
 
     points: FloatArray
-    """float64[n, 3]"""
     widths: FloatArray
-    """float64[n]"""
     cell: npt.NDArray[np.intp]
-    """Facet of each point."""
     corner: npt.NDArray[np.intp]
-    """Corner next to which each point lies, -1 at centroids."""
 
 
 def _inside(weights: FloatArray) -> FloatArray:
     """Return weights of points that are not on the edges of their facets."""
-    inside = np.maximum(weights, _LEAST_WEIGHT)
+    # Rays start where each weight in the facet is at least this: near an edge, but beside it.
+    inside = np.maximum(weights, (1.0 / 24.0))
     return np.asarray(inside / inside.sum(axis=1)[:, None])

@@ -10,6 +10,7 @@ import numpy as np
 from adaptsize._checks import describe
 from adaptsize._kernels.fast_marching import sweep_cells
 from adaptsize.background import SimplexMesh
+from adaptsize.background.marching import cells_in
 from adaptsize.limiting.fast_marching import march_mesh
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 
@@ -93,11 +94,12 @@ class PositiveCoefficient(Scheme):
         rate = np.inf
         for step in range(1, max_iter + 1):
             bounds = (slope.values, slope.step)
-            fill_residuals(mesh.cells, measures, gradients, u, *bounds, residual, weight, upstream)
+            hats, out = (mesh.cells, measures, gradients), (residual, weight, upstream)
+            fill_residuals(hats, u, bounds, out)
             moved = u - dt * np.divide(residual, weight, out=np.zeros_like(u), where=weight > 0.0)
             moved = np.maximum(moved, np.minimum(upstream, u))
             if self.floor:
-                sweep_cells(mesh.points, (0,) * mesh.dim, mesh.cells, u, *bounds, lowest)
+                sweep_cells(cells_in(mesh), u, bounds, lowest)
                 moved = np.maximum(moved, np.minimum(lowest, u))
             change = float((u - moved).max())
             rate = change / fastest if fastest > 0.0 else change

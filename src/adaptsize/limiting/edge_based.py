@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from adaptsize._kernels import edge_based as kernels
+from adaptsize._kernels import fast_marching as kernels
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.limiting.fast_marching import march_grid, march_mesh
 from adaptsize.limiting.gradient_limit import Slope

@@ -11,17 +11,16 @@ import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels import fast_marching_grid as grid_kernels
-from adaptsize._kernels.edge_based import march_edges
+from adaptsize._kernels.heap import new_heap
 from adaptsize.background import CartesianGrid
 from adaptsize.background.marching import (
     KEEP,
     PaddedGrid,
     accept_all,
+    cells_in,
     march_on_grid,
-    new_heap,
     patience,
     stars_in,
-    stars_of,
     sweep_into_heap,
 )
 from adaptsize.background.padding import pad, strides_of_padded, unpad
@@ -140,19 +139,20 @@ def march_mesh(
     limit = (slope.values, slope.step)
     h, heap = problem.h0.copy(), new_heap(mesh.n_points)
     # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
-    along_edges = march is march_edges
+    along_edges = march is kernels.march_edges
     keep = 1.0 if along_edges else KEEP
-    sweep_into_heap(mesh, sweep, h, limit, keep, heap)
+    sweep_into_heap(mesh, sweep, h, limit, heap, keep)
     accepted, unfinished = 0, ""
-    if heap[3][0] > 0:
-        geometry = stars_in(mesh, stars_of(mesh, limit))
+    if heap.size[0] > 0:
+        given = (stars_in(mesh, limit), h, limit, heap)
+        step, done = partial(march, *given), partial(report, _TEXT)
         most = np.inf if along_edges else patience(mesh.n_points)
-        accepted = accept_all(march, geometry, h, limit, heap, report, _TEXT, most=most, keep=keep)
-        if heap[3][0] > 0:
+        accepted = accept_all(step, heap, done, most=most, keep=keep)
+        if heap.size[0] > 0:
             # Only small changes are missing now.  First give every node a finite size.
-            march_edges(*geometry, h, *limit, *heap, KEEP, np.inf, 1 << 62)
-            sweep_into_heap(mesh, sweep, h, limit, _KEEP_ROUGHLY, heap)
-            accept_all(march, geometry, h, limit, heap, report, _TEXT, keep=_KEEP_ROUGHLY)
+            kernels.march_edges(*given, (KEEP, np.inf, 1 << 62))
+            sweep_into_heap(mesh, sweep, h, limit, heap, _KEEP_ROUGHLY)
+            accept_all(step, heap, done, keep=_KEEP_ROUGHLY)
             h, unfinished = iterate_policies(mesh, slope, h, report)
 
     def residual() -> float:
@@ -169,7 +169,7 @@ def largest_excess(
 ) -> float:
     """Return the largest excess of h over the local updates."""
     candidate = np.empty(mesh.n_points)
-    sweep(mesh.points, (0,) * mesh.dim, mesh.cells, h, slope.values, slope.step, candidate)
+    sweep(cells_in(mesh), h, (slope.values, slope.step), candidate)
     finite = np.isfinite(h)
     return float((h[finite] - candidate[finite]).max(initial=0.0))
 
@@ -200,7 +200,7 @@ def march_grid(problem: Problem, order: int = 1, *, along_edges: bool = False) -
 def _grid_residual(u: FloatArray, geometry: PaddedGrid, along_edges: bool) -> float:
     """Return the largest excess of padded sizes over updates, relative to the largest finite h."""
     candidate = np.empty(u.size)
-    grid_kernels.sweep_grid(u, *geometry, along_edges, candidate)
+    grid_kernels.sweep_grid(u, geometry, along_edges, candidate)
     finite = np.isfinite(u)
     excess = np.maximum(u[finite] - candidate[finite], 0.0)
     return relative_to_largest(float(excess.max()), u)
@@ -208,11 +208,10 @@ def _grid_residual(u: FloatArray, geometry: PaddedGrid, along_edges: bool) -> fl
 
 def _refine(problem: Problem, u1: FloatArray, u0: FloatArray, geometry: PaddedGrid) -> FloatArray:
     """Return the second-order sizes from the first-order ones."""
-    strides, weights, g, g_step = geometry
     finite = u1[np.isfinite(u1)]
     order = np.empty(u1.size, np.int32)
     start = np.empty(finite.size + 1, np.int32)
-    count = grid_kernels.order_by_size(u1, u0, finite.min(), finite.max(), start, order)
+    count = grid_kernels.order_by_size(u1, u0, (finite.min(), finite.max()), start, order)
     if count < 0:
         order = np.flatnonzero(u1 < u0).astype(np.int32)
         order = order[np.argsort(u1[order], kind="stable")]
@@ -221,6 +220,6 @@ def _refine(problem: Problem, u1: FloatArray, u0: FloatArray, geometry: PaddedGr
     u = u0.copy()
     for begin in range(0, count, _REFINED_AT_ONCE):
         part = order[begin : min(begin + _REFINED_AT_ONCE, count)]
-        grid_kernels.refine_in_order(part, u1, u0, strides, weights, spacing, g, g_step, u)
+        grid_kernels.refine_in_order(part, (u1, u0), geometry, spacing, u)
         problem.report("second-order pass", (begin + len(part)) / count)
     return u

@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from adaptsize._kernels.edge_based import largest_edge_slope
+from adaptsize._kernels.fast_marching import largest_edge_slope
 from adaptsize._kernels.simplex import fill_gradient_norms
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.marching import cells_in
 from adaptsize.limiting.exact import ExactSolution
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope
 from adaptsize.limiting.problem import Problem, Scheme, Solution
@@ -152,8 +153,7 @@ class LimitingInfo:
 
 def slopes_on_mesh(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
     """Return the steepest edge and |grad u| in each cell with a volume, as multiples of g."""
-    axes = (0,) * mesh.dim
-    steepest = largest_edge_slope(mesh.points, axes, mesh.cells, u, slope.values, slope.step)
+    steepest = largest_edge_slope(cells_in(mesh), u, (slope.values, slope.step))
     norms = np.empty(mesh.n_cells)
     fill_gradient_norms(mesh.points, mesh.cells, u, norms)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.fast_marching import fill_policy
-from adaptsize.background.marching import KEEP
+from adaptsize.background.marching import KEEP, cells_in
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -67,8 +67,7 @@ def iterate_policies(
     offer = _Policy(np.empty((n, 3), np.int32), np.empty((n, 3)), np.empty(n))
     for _ in range(_MOST_STEPS):
         limit = (slope.values, slope.step)
-        axes = (0,) * mesh.dim
-        fill_policy(mesh.points, axes, mesh.cells, h, h, *limit, value, *offer)
+        fill_policy(cells_in(mesh), (h, h), limit, value, offer)
         # A policy is changed only if the size decreases.  Otherwise coincident nodes, or nodes
         # whose distance times g is below rounding, could all refer to each other.
         lower = value < h * KEEP

@@ -42,7 +42,7 @@ def intersection(
     r = np.stack(directions)
     dim = h.shape[2]
     h_all, r_all = np.empty(h.shape[1:]), np.empty(r.shape[1:])
-    kernels.intersect_stacks((0,) * dim, h, r, h_all, r_all, kernels.new_joint(dim))
+    kernels.intersect_stacks((0,) * dim, (h, r), (h_all, r_all), kernels.new_joint(dim))
     return np.where(h_all >= AS_UNBOUNDED, np.inf, h_all * scale), r_all
 
 

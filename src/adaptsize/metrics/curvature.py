@@ -7,9 +7,8 @@ import numpy as np
 from adaptsize._checks import as_aspect, as_number, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.curvature import polyline_curvature
+from adaptsize.geometry.curvature import polyline_curvature, sector_curvatures
 from adaptsize.geometry.faces import crease_edges
-from adaptsize.geometry.principal_curvatures import sector_curvatures
 from adaptsize.metrics.layers import frames
 from adaptsize.metrics.metric import Metric, isotropic_metric
 from adaptsize.sizes.curvature import size_from_curvature

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse.csgraph import shortest_path
 
-from adaptsize._kernels.metric_sight import View, fill_seen, new_view
 from adaptsize._kernels.metric_sources import Scratch, Sources, fill_entering, new_scratch
-from adaptsize._kernels.sight import Sight
+from adaptsize._kernels.sight import Sight, View, fill_seen, new_view
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import flat_boundary, plane_boundary

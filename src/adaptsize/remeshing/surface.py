@@ -18,8 +18,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.splitting import halved_edges, split_edges
 from adaptsize.background.topology import are_among, is_tagged, pairs_of_cells, renumbered_edges
-from adaptsize.geometry.faces import normals_of, sharp_facets
-from adaptsize.geometry.folds import folds_of
+from adaptsize.geometry.faces import folds_of, normals_of, sharp_facets
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray

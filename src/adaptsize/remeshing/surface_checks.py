@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number
-from adaptsize._kernels.crossings import WORK, find_crossings
+from adaptsize._kernels.crossings import find_crossings, new_crossings
 from adaptsize.background import SimplexMesh
+from adaptsize.background.location import parts_of
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.remeshing.hole_filling import bodies_of, boundary_loops, fill_loop, merged_surface
@@ -113,28 +113,15 @@ def _crossings(
     mesh: SimplexMesh,
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray, FloatArray]:
     """Return the triangles that cross others, and partner, depth and place of the deepest one."""
-    tree = mesh.locator.tree
-    n = mesh.n_cells
-    depths, partners, places = np.zeros(n), np.zeros(n, np.int32), np.zeros((n, 3))
-    slack = _SLACK * mesh.diagonal * tree.scale
-    # Rows of the stack of a descent in a tree.
-    stack, work = np.empty(64, np.int64), np.empty((WORK, 4))
-    first, step = 0, 1024
-    while first < n:
-        last = min(first + step, n)
-        begin = time.perf_counter()
-        find_crossings(
-            tree.points, tree.cells, tree.boxes, slack, first, last,
-            depths, partners, places, stack, work,
-        )  # fmt: skip
-        seconds = time.perf_counter() - begin
-        # A compiled loop cannot be interrupted: one call should take about .3 s.
-        step = 2 * step if seconds < 0.15 else max(step // 2, 1)
-        first = last
+    locator, n = mesh.locator, mesh.n_cells
+    found, slack = new_crossings(n), _SLACK * mesh.diagonal * locator.scale
+    for first, last in parts_of(n, 1024):
+        find_crossings(locator.tree, slack, first, last, found)
+    depths, partners, places = found[:3]
     rows = np.flatnonzero(depths > 0.0)
-    cells = tree.cell_of_place[rows].astype(np.intp)
-    others = tree.cell_of_place[partners[rows]].astype(np.intp)
-    return cells, others, depths[rows] / tree.scale, places[rows] / tree.scale
+    cells = locator.cell_of_row[rows].astype(np.intp)
+    others = locator.cell_of_row[partners[rows]].astype(np.intp)
+    return cells, others, depths[rows] / locator.scale, places[rows] / locator.scale
 
 
 def _overlaps_in_common_planes(

@@ -24,7 +24,7 @@ def test_marching_solves_what_plain_sweeps_converge_to(method):
     g = rng.uniform(0.1, 1.0, mesh.n_cells)
     h, candidate = h0.copy(), np.empty(400)
     for _ in range(400):
-        sweep_cells(mesh.points, (0, 0), mesh.cells, h, g, 1, candidate)
+        sweep_cells((mesh.points, (0, 0), mesh.cells), h, (g, 1), candidate)
         h = np.minimum(h, candidate)
     assert_allclose(limit_gradient(mesh, h0, g, method=method), h, rtol=1e-12)
 

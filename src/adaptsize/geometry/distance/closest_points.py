@@ -22,15 +22,8 @@ DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 # Points between two progress reports: about 0.2 s.
 _CHUNK = 20_000
-# Step of finite differences, as a share of the extent.  The error of rounding is 1e-16 / 1e-7.
-# Steps must be much shorter than the smallest part of an edge on which a kink is located.
-_STEP_SHARE = 1e-7
-# If the length of a gradient differs from 1 by more, the difference mixes several fronts.
-_MIXED = 1e-3
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
-# If that mixes fronts, too, at these multiples of the offset.
-_TIMES_BESIDE = (1.0, -1.0, 2.5, -2.5)
 # The distance of a foot from the boundary must be below this share of that of the node, and ...
 _FOOT_SHARE = 0.01
 # ... at least this share of the nodes must have a foot: all except those at the medial axis.
@@ -38,12 +31,19 @@ _LEAST_FEET = 0.5
 
 
 class Depths(NamedTuple):
-    """Depths of points and directions to the boundary."""
+    """Depths of points and directions to the boundary.
+
+    Parameters
+    ----------
+    depth : FloatArray
+        Distance from the boundary, negative outside, float64[n].
+    outward : FloatArray
+        Gradient of the signed distance, float64[n, dim]; inside, it points to the closest
+        point.
+    """
 
     depth: FloatArray
-    """Distance from the boundary, negative outside, float64[n]."""
     outward: FloatArray
-    """Gradient of the signed distance, float64[n, dim]; inside, it points to the closest point."""
 
     def feet(self, points: FloatArray) -> FloatArray:
         """Return the closest points of the boundary, float64[n, dim]."""
@@ -162,7 +162,10 @@ class FunctionBoundary:
 
     def __init__(self, function: DistanceFunction, extent: float) -> None:
         self._function = function
-        self._step = _STEP_SHARE * extent
+        # Step of finite differences, as a share of the extent.  The error of rounding is 1e-16 /
+        # 1e-7. Steps must be much shorter than the smallest part of an edge on which a kink is
+        # located.
+        self._step = 1e-7 * extent
         if self._step < np.finfo(np.float64).tiny:
             raise ValueError(f"background must have an extent, got one with diagonal {extent:g}")
 
@@ -190,8 +193,11 @@ class FunctionBoundary:
         gradient = self._gradient(points)
         length = np.linalg.norm(gradient, axis=1)
         # Differences across a kink mix two fronts; next to the kink there is only one.
-        for times in _TIMES_BESIDE:
-            mixed = np.flatnonzero(np.abs(length - 1.0) > _MIXED)
+        # If that mixes fronts, too, at these multiples of the offset.
+        for times in (1.0, -1.0, 2.5, -2.5):
+            # If the length of a gradient differs from 1 by more, the difference mixes several
+            # fronts.
+            mixed = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
             if len(mixed) == 0:
                 break
             beside = times * self._step * _BESIDE[: points.shape[1]]

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
+from adaptsize._kernels.heap import new_heap
 from adaptsize.background.marching import (
-    KEEP,
     accept_all,
     march_on_grid,
-    new_heap,
     patience,
     stars_in,
-    stars_of,
     sweep_into_heap,
 )
 from adaptsize.background.padding import pad, strides_of_padded, unpad
@@ -110,11 +109,10 @@ def march_through_mesh(
     """
     limit = (np.ones(1), 0)
     u, heap = seeds.copy(), new_heap(mesh.n_points)
-    sweep_into_heap(mesh, kernels.sweep_cells, u, limit, KEEP, heap)
-    geometry = stars_in(mesh, stars_of(mesh, limit))
-    rest = (kernels.march, geometry, u, limit, heap, report, text)
-    accepted = accept_all(*rest, most=patience(mesh.n_points))
-    if heap[3][0] > 0:
+    sweep_into_heap(mesh, kernels.sweep_cells, u, limit, heap)
+    march = partial(kernels.march, stars_in(mesh, limit), u, limit, heap)
+    accepted = accept_all(march, heap, partial(report, text), most=patience(mesh.n_points))
+    if heap.size[0] > 0:
         warnings.warn(
             f"{text} updated {mesh.n_points} nodes {accepted} times: changes below "
             f"{1.0 - _KEEP_ROUGHLY:.1%} are ignored from here on; the background has very flat "
@@ -122,6 +120,6 @@ def march_through_mesh(
             ConvergenceWarning,
             stacklevel=4,
         )
-        accept_all(*rest, keep=_KEEP_ROUGHLY)
+        accept_all(march, heap, partial(report, text), keep=_KEEP_ROUGHLY)
     report(text, 1.0)
     return u

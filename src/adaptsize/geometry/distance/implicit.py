@@ -6,13 +6,12 @@ from itertools import product
 
 import numpy as np
 
+from adaptsize._kernels.surface_distance import Features, Nearest
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.geometry.distance.projection import project
 from adaptsize.geometry.distance.propagation import (
     AnyBackground,
-    Features,
     Nodes,
-    frame_of,
     places_of,
     propagate,
 )
@@ -21,10 +20,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Nodes per batch beyond the band.
 _NODES_AT_ONCE = 100_000
-# Steps of the search for zeros on edges.
-_CUTS = 4
-# Step of differences for curvatures, in spacings.
-_STEP_OF_CURVATURE = 3e-2
 # The parabola at a foot is used only for feet up to this distance from it, in spacings, ...
 _WITHIN = 1.5
 # ... and not near or beyond its focus.
@@ -66,7 +61,8 @@ def implicit_distance(
     projected = project(function, place(near), feet[nearest[near]], spacing, report)
     distance[near] = np.linalg.norm(place(near) - projected, axis=1)
     far = np.flatnonzero(~known)
-    surface = frame_at(function, feet, _STEP_OF_CURVATURE * spacing)
+    # Step of differences for curvatures, in spacings.
+    surface = frame_at(function, feet, 3e-2 * spacing)
     for first in range(0, len(far), _NODES_AT_ONCE):
         part = far[first : first + _NODES_AT_ONCE]
         closer = _distance_to_parabola(place(part), feet, surface, nearest[part], spacing)
@@ -95,7 +91,8 @@ def crossings_of(
     a, b, f_a, f_b = place(i), place(j), flat[i], flat[j]
     # Illinois: regula falsi that halves the value at an end that stays.
     low, high, f_low, f_high = np.zeros(len(a)), np.ones(len(a)), f_a.copy(), f_b.copy()
-    for _ in range(_CUTS):
+    # Steps of the search for zeros on edges.
+    for _ in range(4):
         t = low + (high - low) * f_low / (f_low - f_high)
         f_t = function(a + t[:, None] * (b - a))
         on_low = (f_t > 0.0) == (f_a > 0.0)
@@ -163,7 +160,7 @@ def _nearest_feet(
     cells = np.arange(len(feet), dtype=np.int32)[:, None]
     features = Features(in_space, cells, cells, *_neighbours(background.shape, layer, number))
     nearest = number.copy()
-    propagate(frame_of(background), features, distance, nearest, report)
+    propagate(background, features, Nearest(distance, nearest), report)
     return nearest.astype(np.int64), distance
 
 

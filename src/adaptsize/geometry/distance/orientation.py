@@ -13,9 +13,6 @@ from adaptsize.typing import FloatArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
 MERGE_SHARE = 1e-9
-# A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals times
-# areas is above this share of its area.
-_SHEET_SHARE = 0.1
 
 
 def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
@@ -135,4 +132,6 @@ def _are_sheets(
         normals = 0.5 * np.cross(edges[:, 0], edges[:, 1])
     total = np.stack([np.bincount(piece, sign * x) for x in normals.T], axis=1)
     area = np.bincount(piece, mesh.measures)
-    return np.asarray(np.linalg.norm(total, axis=1) > _SHEET_SHARE * area)
+    # A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals
+    # times areas is above this share of its area.
+    return np.asarray(np.linalg.norm(total, axis=1) > 0.1 * area)

@@ -18,22 +18,12 @@ _POINTS_AT_ONCE = 100_000
 # Steps of differences, in spacings: first derivatives and curvatures.
 _STEP = 1e-3
 _STEP_OF_CURVATURE = 3e-2
-# Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
-_MOST_ITERATIONS = 15
-# An iterate has converged when it moves by less, in spacings.
-_ARRIVED = 1e-9
 # Iterates farther from the zero level, in spacings and in steps along it, first return to it.
 _OFF_LEVEL = 0.05
 # Penalty on the distance of an iterate from the zero level, so that iterates on it are preferred.
 _PENALTY = 2.0
-# Distances, in spacings, at which smooth pieces on the sides of a kink are searched for.
-_AROUND_KINK = (0.1, 0.01, 1e-3, 1e-4)
-# A foot is at a kink if derivatives jump by this share of the gradient.
-_AT_KINK = 0.05
 # Sine of the smallest angle between such pieces.
 _LEAST_ANGLE = 0.05
-# Steps along the zero level are enlarged at most by the reciprocal, next to centres of curvature.
-_OFF_FOCUS = 0.25
 
 
 def project(
@@ -76,7 +66,8 @@ def _project_part(
     y = start.copy()
     best, feet = np.full(len(x), np.inf), start.copy()
     active, kinked = np.arange(len(x)), np.zeros(len(x), np.bool_)
-    for _ in range(_MOST_ITERATIONS):
+    # Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
+    for _ in range(15):
         at, to, spacing = y[active], x[active], spacings[active]
         f, gradient, jump = gradient_and_jump(function, at, _STEP * spacing)
         steep = np.linalg.norm(gradient, axis=1)
@@ -92,7 +83,9 @@ def _project_part(
         bend = second_derivative(function, at, f, sideways, _STEP_OF_CURVATURE * spacing)
         bend *= per_steep
         # Beyond the centre of curvature Newton's method would step in the wrong direction.
-        step = sideways / np.maximum(1.0 + height * bend, _OFF_FOCUS)[:, None]
+        # Steps along the zero level are enlarged at most by the reciprocal, next to centres of
+        # curvature.
+        step = sideways / np.maximum(1.0 + height * bend, 0.25)[:, None]
         length = np.linalg.norm(step, axis=1)
         step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]
         # First back to the zero level: at a kink of f steps along it lead off it.
@@ -100,14 +93,17 @@ def _project_part(
         step[back] = 0.0
         step -= np.clip(off, -spacing, spacing)[:, None] * normal
         y[active] = at + step
-        moving = (np.linalg.norm(step, axis=1) > _ARRIVED * spacing) & regular
-        kinked[active] = jump > _AT_KINK * steep
+        # An iterate has converged when it moves by less, in spacings.
+        moving = (np.linalg.norm(step, axis=1) > 1e-9 * spacing) & regular
+        # A foot is at a kink if derivatives jump by this share of the gradient.
+        kinked[active] = jump > 0.05 * steep
         active = active[moving]
         if len(active) == 0:
             break
     kinked[active] = True
     rest = np.flatnonzero(kinked)
-    for share in _AROUND_KINK if len(rest) else ():
+    # Distances, in spacings, at which smooth pieces on the sides of a kink are searched for.
+    for share in (0.1, 0.01, 1e-3, 1e-4) if len(rest) else ():
         feet[rest] = _at_kinks(function, x[rest], feet[rest], share * spacings[rest])
     return feet
 

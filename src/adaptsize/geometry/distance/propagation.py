@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels import surface_distance as kernels
+from adaptsize._kernels.surface_distance import (
+    Features,
+    GridFrame,
+    Nearest,
+    Queue,
+    propagate_features,
+)
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, ProgressCallback
 
 #: Numbers of nodes.
 Nodes: TypeAlias = npt.NDArray[np.int64]
@@ -19,14 +25,6 @@ AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 # Nodes accepted between two progress reports: about 0.3 s.
 _NODES_AT_ONCE = 200_000
 _BUCKETS = 64
-
-
-class GridFrame(NamedTuple):
-    """A grid with three axes, as the kernels use it."""
-
-    lower: FloatArray
-    spacing: FloatArray
-    shape: npt.NDArray[np.int64]
 
 
 def frame_of(grid: CartesianGrid) -> GridFrame:
@@ -39,34 +37,18 @@ def frame_of(grid: CartesianGrid) -> GridFrame:
     )
 
 
-class Features(NamedTuple):
-    """Features to which distances are measured; fields as for `propagate_features`."""
-
-    points: FloatArray
-    facets: IntArray
-    corners: IntArray
-    ring_ptr: IntArray
-    ring: IntArray
-
-
 def propagate(
-    frame: GridFrame,
-    features: Features,
-    distance: FloatArray,
-    nearest: IntArray,
-    report: ProgressCallback,
+    grid: CartesianGrid, features: Features, found: Nearest, report: ProgressCallback
 ) -> None:
     """Fill unknown distances (In/Out, inf) from the nearest features of neighbours (In/Out)."""
-    first = np.full(_BUCKETS, -1, np.int32)
-    following = np.full(distance.size, -2, np.int32)
-    state = np.array([-1, 0], np.int64)
-    width = float(frame.spacing[frame.shape > 1].min())
-    rest = (*features, *frame, distance, nearest, width)
+    frame, n = frame_of(grid), grid.n_points
+    first, following = np.full(_BUCKETS, -1, np.int32), np.full(n, -2, np.int32)
+    queue = Queue(float(grid.spacing.min()), first, following, np.array([-1, 0], np.int64))
     accepted, newly = 0, _NODES_AT_ONCE
     while newly == _NODES_AT_ONCE:
-        newly = kernels.propagate_features(*rest, first, following, state, _NODES_AT_ONCE)
+        newly = propagate_features(features, frame, found, queue, _NODES_AT_ONCE)
         accepted += newly
-        report("distance beyond the band", min(accepted / distance.size, 1.0))
+        report("distance beyond the band", min(accepted / n, 1.0))
 
 
 def places_of(background: AnyBackground) -> Callable[[Nodes], FloatArray]:

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels import reinitialize as kernels
+from adaptsize._kernels.level_sets import Band, measure_cuts, relax
 from adaptsize.background import CartesianGrid
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.geometry.distance.propagation import frame_of
@@ -16,14 +16,6 @@ from adaptsize.typing import FloatArray, ProgressCallback
 
 # Width of the margin beyond the band in spacings; difference stencils extend over two.
 _MARGIN = 3
-# Time step over the largest stable one.
-_COURANT = 0.9
-# The iteration stops when no value changes by more, in spacings.
-_SETTLED = 1e-5
-# Values that change by less in the band in the last iteration have the accuracy of the scheme.
-_NEARLY_SETTLED = 5e-3
-# A node closer to the zero level, in spacings, is not updated: its time step would vanish.
-_ON_LEVEL = 1e-9
 # Largest number of iterations: a constant plus a number per spacing of the width.
 _MOST, _MOST_PER_SPACING = 20, 4
 
@@ -70,41 +62,43 @@ def reinitialize(
     phi, positive = phi.ravel(), positive.ravel()
     nodes = np.flatnonzero(near)
     cuts = np.empty((len(nodes), 6))
-    kernels.measure_cuts(np.ascontiguousarray(values).ravel(), nodes, frame.shape, cuts)
+    measure_cuts(np.ascontiguousarray(values).ravel(), nodes, frame.shape, cuts)
     wide = frame.shape > 1
     pieces = np.minimum(np.minimum(cuts[:, 0::2], cuts[:, 1::2]), 1.0) * frame.spacing
-    on_level = pieces[:, wide].min(axis=1) <= _ON_LEVEL * spacing
+    # A node closer to the zero level, in spacings, is not updated: its time step would vanish.
+    on_level = pieces[:, wide].min(axis=1) <= 1e-9 * spacing
     phi[nodes[on_level]] = 0.0
     nodes, cuts, pieces = nodes[~on_level], cuts[~on_level], pieces[~on_level]
-    steps = _COURANT / np.sqrt((1.0 / pieces[:, wide] ** 2).sum(axis=1))
-    rest = (positive, nodes, cuts, frame.spacing, frame.shape, steps)
-    phi = _settle(phi, rest, farthest, spacing, report).reshape(grid.shape)
+    # Time step over the largest stable one.
+    steps = 0.9 / np.sqrt((1.0 / pieces[:, wide] ** 2).sum(axis=1))
+    near_zero = Band(positive, nodes, cuts, steps)
+    phi = _settle(grid, phi, near_zero, farthest, report).reshape(grid.shape)
     return np.copysign(np.maximum(phi * np.where(values > 0.0, 1.0, -1.0), 0.0), values)
 
 
 def _settle(
-    phi: FloatArray,
-    rest: tuple[npt.NDArray[np.bool_] | npt.NDArray[np.int64] | FloatArray, ...],
-    farthest: float,
-    spacing: float,
-    report: ProgressCallback,
+    grid: CartesianGrid, phi: FloatArray, band: Band, farthest: float, report: ProgressCallback
 ) -> FloatArray:
     """Return phi after Heun steps until convergence."""
-    nodes, most = rest[1], int(_MOST + _MOST_PER_SPACING * farthest / spacing)
+    _, *frame = frame_of(grid)
+    axes, nodes, spacing = tuple(frame), band.nodes, float(grid.spacing.max())
+    most = int(_MOST + _MOST_PER_SPACING * farthest / spacing)
     first, second = np.empty(len(nodes)), np.empty(len(nodes))
     for iteration in range(most):
-        kernels.relax(phi, *rest, first)
+        relax(phi, band, axes, first)
         stage = phi.copy()
         stage[nodes] += first
-        kernels.relax(stage, *rest, second)
+        relax(stage, band, axes, second)
         change = 0.5 * (first + second)
         phi[nodes] += change
         report("reinitialization", iteration / most)
-        if float(np.abs(change).max(initial=0.0)) <= _SETTLED * spacing:
+        # The iteration stops when no value changes by more, in spacings.
+        if float(np.abs(change).max(initial=0.0)) <= 1e-5 * spacing:
             return phi
     in_band = np.abs(phi[nodes]) <= farthest - _MARGIN * spacing
     left = float(np.abs(change[in_band]).max(initial=0.0)) / spacing
-    if left > _NEARLY_SETTLED:
+    # Values that change by less in the band in the last iteration have the accuracy of the scheme.
+    if left > 5e-3:
         warnings.warn(
             f"reinitialization stopped after {most} iterations while distances still changed by "
             f"up to {left:.2g} spacings: the values may be too steep or too flat near their zeros",

@@ -31,9 +31,6 @@ Method: TypeAlias = Literal["projection", "reinitialization"]
 METHODS = get_args(Method)
 _Boundary: TypeAlias = SimplexMesh | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
-# Standard deviation of the low-pass filter for boolean images, in pixels.
-_SMOOTHING = 1.5
-
 
 def signed_distance(
     background: AnyBackground,
@@ -265,9 +262,8 @@ def _as_implicit(
             f"shape of the grid, got {describe(boundary)} for {background!r}"
         )
     if image.dtype == np.bool_:
-        deviation = (
-            _SMOOTHING if smoothing is None else as_number("smoothing", smoothing, lower=0.0)
-        )
+        # Standard deviation of the low-pass filter for boolean images, in pixels.
+        deviation = 1.5 if smoothing is None else as_number("smoothing", smoothing, lower=0.0)
         values = smooth_mask(image, deviation)
     else:
         values = as_float_array("boundary", image)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels import surface_distance as kernels
+from adaptsize._kernels.surface_distance import Features, Nearest, scan_facets
 from adaptsize.background import CartesianGrid, SimplexMesh, topology
 from adaptsize.background.location import in_space
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.propagation import (
     AnyBackground,
-    Features,
     Nodes,
     frame_of,
     places_of,
@@ -61,14 +61,13 @@ def _on_grid(
     reach *= 1.0 + 1e-9  # include nodes at exactly this distance
     distance = np.full(grid.n_points, reach)
     nearest = np.full(grid.n_points, -1, np.int32)
+    known = Nearest(distance, nearest)
     pieces = _short_facets(points, facets, grid, reach)
     n = len(pieces.facets)
     for exact in (False, True):
         for first in range(0, n, _FACETS_AT_ONCE):
             part = (first, min(first + _FACETS_AT_ONCE, n))
-            kernels.scan_facets(
-                pieces.points, pieces.facets, *part, *frame, reach, exact, distance, nearest
-            )
+            scan_facets((pieces.points, pieces.facets), part, frame, (reach, exact), known)
             report("distance in the band", 0.5 * (part[1] / n + exact))
         if not exact:
             distance *= 1.0 + 1e-9  # the facet itself must be found nearer than its centroid
@@ -79,17 +78,16 @@ def _on_grid(
         _seed_hull(grid, surface, distance, nearest)
         corners = same_places(points, facets)[facets]
         features = Features(points, facets, corners, *topology.rings(corners, len(points)))
-        propagate(frame, features, distance, nearest, report)
+        propagate(grid, features, known, report)
     return distance.reshape(grid.shape)
 
 
-class _Pieces:
+class _Pieces(NamedTuple):
     """Parts of facets of limited length."""
 
-    def __init__(self, points: FloatArray, facets: IntArray, owner: IntArray) -> None:
-        self.points = points
-        self.facets = facets
-        self.owner = owner
+    points: FloatArray
+    facets: IntArray
+    owner: IntArray
 
 
 def _short_facets(

@@ -11,14 +11,8 @@ from adaptsize.background.location import in_space
 from adaptsize.background.merging import place_numbers
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-# Parts of the surface are expanded as a whole beyond this number of their radii.
-_FAR = 1.5
-# Tolerance for the error of the expansion: next to an open sheet the number is close to 1/2.
-_DOUBT = 0.05
 # Points between two progress reports: about 0.2 s.
 _CHUNK = 50_000
-# Corners closer to each other, in diagonals of the mesh, coincide when edges are matched.
-_SAME = 1e-9
 
 
 class WindingNumber:
@@ -45,31 +39,28 @@ class WindingNumber:
     """
 
     def __init__(self, surface: SimplexMesh) -> None:
-        self._dim = surface.dim
-        points = in_space(surface.points)
-        cells = np.array(surface.cells)
-        n_leaves, order = tree_over(points, cells)
-        self._points = points
-        self._cells = cells[order]
-        self._moments = np.empty((2 * n_leaves, N_MOMENTS))
-        fill_moments(self._points, self._cells, self._moments)
+        self._tree = tree_over(in_space(surface.points), surface.cells)[0]
+        self._moments = np.empty((len(self._tree.boxes), N_MOMENTS))
+        fill_moments(self._tree, self._moments)
 
     def __call__(self, points: FloatArray, report: ProgressCallback | None = None) -> FloatArray:
         """Return the winding number at points, float64[n]."""
         queries = in_space(points)
         n = len(queries)
         numbers = np.empty(n)
-        tree = (self._points, self._cells, self._moments, _FAR)
         for first in range(0, n, _CHUNK):
             last = min(first + _CHUNK, n)
-            wind(*tree, queries, first, last, numbers)
+            # Parts of the surface are expanded as a whole beyond this number of their radii.
+            wind(self._tree, self._moments, 1.5, queries[first:last], numbers[first:last])
             if report is not None:
                 report("sign", last / n)
         return numbers
 
     def contains(self, points: FloatArray, report: ProgressCallback | None = None) -> BoolArray:
         """Return whether the absolute winding number of each point exceeds one half."""
-        return np.asarray(np.abs(self(points, report)) > 0.5 + _DOUBT)
+        # Tolerance for the error of the expansion: next to an open sheet the number is close to
+        # 1/2.
+        return np.asarray(np.abs(self(points, report)) > 0.5 + 0.05)
 
 
 def is_cycle(surface: SimplexMesh) -> bool:
@@ -101,4 +92,5 @@ def same_places(points: FloatArray, cells: IntArray) -> IntArray:
     """
     used = points[cells]
     extent = float(np.linalg.norm(used.max(axis=(0, 1)) - used.min(axis=(0, 1))))
-    return place_numbers(points, _SAME * extent).astype(np.int32)
+    # Corners closer to each other, in diagonals of the mesh, coincide when edges are matched.
+    return place_numbers(points, 1e-9 * extent).astype(np.int32)

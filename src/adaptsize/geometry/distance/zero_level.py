@@ -13,12 +13,6 @@ from adaptsize.geometry.distance.projection import project
 from adaptsize.geometry.implicit_surface import Implicit, gradient_of
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
-# Step of the gradient at samples, in their spacings.
-_STEP = 1e-3
-# Number of samples around a point whose tangent planes are compared.
-_CANDIDATES = 8
-# Step of the gradient for the test of a distance, as a share of the extent.
-_STEP_SHARE = 1e-6
 # A function is a distance if the length of its gradient differs from 1 by less, at this share of
 # the points: all except those at the medial axis.
 _SLOPE_ERROR = 1e-3
@@ -47,7 +41,8 @@ class ZeroLevelBoundary:
 
         self._function = function
         self._samples, self._spacings = crossings_of(background, function, values)
-        gradient = gradient_of(function, self._samples, _STEP * self._spacings)[1]
+        # Step of the gradient at samples, in their spacings.
+        gradient = gradient_of(function, self._samples, 1e-3 * self._spacings)[1]
         steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
         self._normals = gradient / steep[:, None]
         self._tree = cKDTree(self._samples)
@@ -81,7 +76,8 @@ class ZeroLevelBoundary:
 
         At corners, the nearest sample may lie on another piece than the closest point.
         """
-        count = min(_CANDIDATES, len(self._samples))
+        # Number of samples around a point whose tangent planes are compared.
+        count = min(8, len(self._samples))
         near = self._tree.query(points, k=count)[1].reshape(len(points), count)
         away = points[:, None, :] - self._samples[near]
         height = np.abs(np.einsum("nkd,nkd->nk", away, self._normals[near]))
@@ -102,7 +98,8 @@ def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
     extent : float
         Length of the part.
     """
-    step = _STEP_SHARE * extent
+    # Step of the gradient for the test of a distance, as a share of the extent.
+    step = 1e-6 * extent
     values, gradient = gradient_of(function, points, step)
     smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < _SLOPE_ERROR
     if smooth.mean() < _LEAST_SMOOTH:

@@ -12,12 +12,6 @@ import numpy.typing as npt
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.typing import BoolArray, FloatArray
 
-# Largest radius of a rounded corner, as a share of the distance from it.
-_ROUNDED = 0.25
-# Tolerance for the interpolation of the distance, in spacings.
-_INTERPOLATED = 0.5
-# Positions between the corner (0) and a closest point (1) at which the boundary is tested.
-_ALONG = (0.25, 0.5)
 #: Closer to the boundary, in spacings, corners and directions are not resolved.
 RESOLVED = 3.0
 
@@ -117,9 +111,12 @@ def meet_at_corner(
     apex[wide] += fronts.radii[wide, None] * together
     # By how much the apex lies beyond a rounding off of radius 1.
     excess = np.sqrt(2.0 / (1.0 + cosine[wide])) - 1.0
-    allowed = _INTERPOLATED * spacing + _ROUNDED * fronts.radii[wide] * excess
+    # Largest radius of a rounded corner, as a share of the distance from it.
+    # Tolerance for the interpolation of the distance, in spacings.
+    allowed = 0.5 * spacing + 0.25 * fronts.radii[wide] * excess
     there, feet = apex[wide][:, None, :], fronts.feet()[wide]
-    along = np.concatenate([there, *(there + s * (feet - there) for s in _ALONG)], axis=1)
+    # Positions between the corner (0) and a closest point (1) at which the boundary is tested.
+    along = np.concatenate([there, *(there + s * (feet - there) for s in (0.25, 0.5))], axis=1)
     follows = (np.abs(distance(along)) <= allowed[:, None]).all(axis=1)
     at_corner = wide.copy()
     at_corner[wide] = follows | (fronts.radii[wide] < RESOLVED * spacing)

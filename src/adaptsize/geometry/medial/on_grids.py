@@ -23,17 +23,10 @@ _Nodes = npt.NDArray[np.int64]
 # Factor on curvatures.  They are evaluated one node away, and one-sided gradients correspond to
 # points two spacings apart.  Below 2, smooth fronts are mistaken for crossings.
 _GAMMA = 2.0
-# Smallest curvature that is resolved, times the diameter of the part.
-_CURVATURE_TIMES_DIAMETER = 4.0
-# Fronts whose directions differ by 60 degrees from one node to the next meet, whatever the
-# curvature next to them: around the centre of a ball it is as large.
-_SURELY = 0.5
 # Gradients shorter than this (those of a distance have length 1) have no curvature, ...
 _FLAT = 1e-6
 # ... and shorter than this no direction.
 _DIRECTED = 0.5
-# Directions must differ by this much, in radians, to have a normal between them.
-_LEAST_TURN = 1e-3
 
 # Nodes that the parabolas reach on either side of the middle of an edge, ...
 _REACH = 3
@@ -43,10 +36,6 @@ _BORDER = 4
 _NODES_AT_ONCE = 2**15
 # Roots this little outside of an edge are at its node: rounding must not lose them between two.
 _ROUNDING = 1e-9
-# At nodes closer to a crossing, in spacings, differences may be of either front.
-_AT_NODE = 0.25
-# The length of the gradient must be better by this much for each node farther from the crossing.
-_FARTHER = 0.02
 
 # Number of evaluations of the direction of a front half way to the boundary, ...
 _LOOKS = 2
@@ -56,21 +45,6 @@ _SMOOTH = 0.9
 # of the path: farther if the gradient mixes several fronts.
 _FOOT_SPACINGS = 0.5
 _FOOT_SHARE = 0.05
-# Points farther from the grid, in spacings, have no interpolated distance.
-_OUTSIDE = 0.5
-
-# Smallest turn of the boundary, in degrees, at a corner that is reported.
-_SHARP = 20.0
-# Crossings up to this distance from the boundary, in spacings, are used to locate corners.
-_WITNESS = 12.0
-# Corner positions from different crossings are merged up to this distance, in spacings.
-_SAME_CORNER = 1.5
-# Smallest number of crossings that indicate a corner.
-_LEAST_WITNESSES = 2
-# Nodes up to this distance from the boundary, in spacings, are on it.
-_ON_BOUNDARY = 1.0
-# A path along nodes is longer than a straight edge by up to 8 per cent, plus its ends.
-_STRAIGHT = 1.15
 
 
 @dataclass(frozen=True)
@@ -95,18 +69,22 @@ class DomainOnGrid:
     def medial_axis(self) -> MedialAxis:
         """Return the medial axis."""
         grid, phi, step = self.grid, self.phi, float(self.grid.spacing.max())
-        tolerance = _CURVATURE_TIMES_DIAMETER / _diameter_inside(grid, phi)
+        # Smallest curvature that is resolved, times the diameter of the part.
+        tolerance = 4.0 / _diameter_inside(grid, phi)
         found, fronts = _fronts_on_edges(grid, phi, tolerance, self.report)
         fronts = _look_half_way(grid, phi, fronts)
-        turned = max(_GAMMA * tolerance * step, _LEAST_TURN)
+        # Directions must differ by this much, in radians, to have a normal between them.
+        turned = max(_GAMMA * tolerance * step, 1e-3)
         valid = (fronts.cosine < 1.0 - 0.5 * turned**2) & _come_from_boundary(grid, phi, fronts)
         found, fronts = found.taken(valid), fronts.taken(valid)
         at_corner, apex = meet_at_corner(
             lambda points: _interpolated(grid, phi, points), step, fronts, self.corner_angle
         )
         # At larger distances or smaller turns, a smooth boundary looks like a corner.
-        sharp = at_corner & (fronts.cosine < np.cos(np.radians(_SHARP)))
-        sharp &= (fronts.radii / step >= RESOLVED) & (fronts.radii / step <= _WITNESS)
+        # Smallest turn of the boundary, in degrees, at a corner that is reported.
+        sharp = at_corner & (fronts.cosine < np.cos(np.radians(20.0)))
+        # Crossings up to this distance from the boundary, in spacings, are used to locate corners.
+        sharp &= (fronts.radii / step >= RESOLVED) & (fronts.radii / step <= 12.0)
         found, fronts = found.taken(~at_corner), fronts.taken(~at_corner)
         across = np.abs(fronts.normals[np.arange(len(found.axis)), found.axis])
         away = (across * grid.spacing[found.axis])[:, None]
@@ -270,7 +248,9 @@ def _differ(phi: Padded, found: Crossings, tolerance: float) -> BoolArray:
     second = _gradient(phi, found.nodes + step, found.axis, 1)
     cosine = (first * second).sum(axis=1)
     kappa = [_curvature(phi, found.nodes + s * step) for s in (-1, 2)]
-    bound = np.maximum(1.0 - 0.5 * (scale * np.maximum(*kappa)) ** 2, _SURELY)
+    # Fronts whose directions differ by 60 degrees from one node to the next meet, whatever the
+    # curvature next to them: around the centre of a ball it is as large.
+    bound = np.maximum(1.0 - 0.5 * (scale * np.maximum(*kappa)) ** 2, 0.5)
     return np.asarray(cosine < np.minimum(bound, 1.0 - 0.5 * (scale * tolerance) ** 2))
 
 
@@ -281,8 +261,8 @@ def _curvature(phi: Padded, nodes: _Nodes) -> FloatArray:
     kappa = np.zeros((len(nodes), dim - 1))
     if dim > 1:
         tolerance = 1.0 - _FLAT  # of the length of the gradient, about 1
-        values = phi.values
-        fill_level_set_curvature(values, values, shape, spacing, nodes, tolerance, False, kappa)
+        fields = (phi.values, phi.values)
+        fill_level_set_curvature(fields, (spacing, shape), nodes, (tolerance, False), kappa)
     return np.asarray(np.nan_to_num(np.abs(kappa)).max(axis=1, initial=0.0))
 
 
@@ -322,9 +302,12 @@ def _gradient_of_front(phi: Padded, found: Crossings, side: int) -> FloatArray:
     gradients = np.stack(
         [_gradient(phi, end + side * t * step, found.axis, side) for t in range(3)]
     )
-    irregular = np.abs(np.linalg.norm(gradients, axis=2) - 1.0) + _FARTHER * np.arange(3)[:, None]
+    # The length of the gradient must be better by this much for each node farther from the
+    # crossing.
+    irregular = np.abs(np.linalg.norm(gradients, axis=2) - 1.0) + 0.02 * np.arange(3)[:, None]
     irregular[np.isnan(irregular)] = np.inf
-    irregular[0, away <= _AT_NODE] = np.inf
+    # At nodes closer to a crossing, in spacings, differences may be of either front.
+    irregular[0, away <= 0.25] = np.inf
     chosen = gradients[irregular.argmin(axis=0), np.arange(len(step))]
     return np.where(np.isfinite(irregular.min(axis=0))[:, None], chosen, 0.0)
 
@@ -397,7 +380,8 @@ def _interpolated(grid: CartesianGrid, values: FloatArray, points: FloatArray) -
     places = ((points - grid.origin) / grid.spacing).reshape(-1, grid.dim)
     beyond = np.maximum(-places, places - (np.array(grid.shape) - 1)).max(axis=1, initial=0.0)
     found = map_coordinates(values, places.T, order=1, mode="nearest")
-    found[beyond > _OUTSIDE] = np.inf
+    # Points farther from the grid, in spacings, have no interpolated distance.
+    found[beyond > 0.5] = np.inf
     return np.asarray(found.reshape(points.shape[:-1]))
 
 
@@ -455,10 +439,12 @@ def _corner_points(grid: CartesianGrid, witnesses: FloatArray) -> FloatArray:
     """Return corners, float64[m, dim], from the positions that crossings give, float64[n, dim]."""
     if len(witnesses) == 0:
         return witnesses
-    group = place_numbers(witnesses, _SAME_CORNER * float(grid.spacing.max()))
+    # Corner positions from different crossings are merged up to this distance, in spacings.
+    group = place_numbers(witnesses, 1.5 * float(grid.spacing.max()))
     order = np.argsort(group, kind="stable")
     parts = np.split(witnesses[order], np.cumsum(np.bincount(group))[:-1])
-    found = [np.median(part, axis=0) for part in parts if len(part) >= _LEAST_WITNESSES]
+    # Smallest number of crossings that indicate a corner.
+    found = [np.median(part, axis=0) for part in parts if len(part) >= 2]
     return np.array(found).reshape(-1, grid.dim)
 
 
@@ -489,7 +475,8 @@ def _edge_lengths(grid: CartesianGrid, phi: FloatArray, corners: FloatArray) -> 
     if len(corners) < 2:
         return lengths
     step = float(grid.spacing.max())
-    index = np.argwhere(np.abs(phi) <= _ON_BOUNDARY * step)
+    # Nodes up to this distance from the boundary, in spacings, are on it.
+    index = np.argwhere(np.abs(phi) <= 1.0 * step)
     pairs = cKDTree(index).query_pairs(1.5, output_type="ndarray")  # with diagonals
     a, b = pairs[np.lexsort(pairs.T[::-1])].T
     links = np.hypot(*(grid.spacing * (index[b] - index[a])).T)
@@ -508,7 +495,8 @@ def _edge_lengths(grid: CartesianGrid, phi: FloatArray, corners: FloatArray) -> 
             continue
         done.add(owners)
         straight = float(np.linalg.norm(np.subtract(*(corner_of[o] for o in owners))))
-        is_straight = along[link] <= _STRAIGHT * straight + 2.0 * step
+        # A path along nodes is longer than a straight edge by up to 8 per cent, plus its ends.
+        is_straight = along[link] <= 1.15 * straight + 2.0 * step
         length = straight if is_straight else along[link]
         for end in (a[link], b[link]):
             node = int(end)

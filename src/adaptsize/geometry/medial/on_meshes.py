@@ -40,20 +40,7 @@ _FARTHEST = 2.0
 _ASIDE = 0.02
 # ... for other ends the axis is searched for at their foot, with this relative offset.
 _ACROSS = 0.125
-# Directions at the ends of the last part of an edge are those of a point if its radius is this
-# share of the edge at least, sixteen times that part.
-_RESOLVED = 1.0 / 16.0
-# If both feet are at most this number of radii away from a vertex, they are on its edges; the feet
-# on a vertex and a wall are farther apart by a factor of the square root of 2.
-_BESIDE = 1.2
 
-# Nodes closer to the boundary, in diagonals of the background, are on it.
-_ON_BOUNDARY = 1e-12
-# The segment between a node and a point of the medial axis is assumed to be in the domain if the
-# balls around them, the latter enlarged by this factor, overlap.
-_OVERLAP = 1.2
-# At outside nodes, the feature size is at least this share of that of their inside neighbours.
-_OUTSIDE_SHARE = 0.5
 
 # Largest number of steps of the ascent to the centre of a ball, and smallest step as a share of
 # the first.
@@ -91,7 +78,8 @@ class DomainOnMesh:
     @cached_property
     def inside(self) -> BoolArray:
         """Which nodes are inside or on the boundary."""
-        return np.asarray(self.nodes.depth >= -_ON_BOUNDARY * self.mesh.diagonal)
+        # Nodes closer to the boundary, in diagonals of the background, are on it.
+        return np.asarray(self.nodes.depth >= -1e-12 * self.mesh.diagonal)
 
     @cached_property
     def _least(self) -> float:
@@ -232,13 +220,18 @@ class DomainOnMesh:
         from scipy.spatial import cKDTree
 
         meet, apex = meet_at_corner(self.boundary.distance, 0.0, fronts, self.corner_angle)
-        small = fronts.radii < _RESOLVED * self._edge_lengths(fronts)
+        # Directions at the ends of the last part of an edge are those of a point if its radius is
+        # this share of the edge at least, sixteen times that part.
+        small = fronts.radii < (1.0 / 16.0) * self._edge_lengths(fronts)
         dropped = small.copy()
         vertices = self.boundary.vertices
         if len(vertices) and len(fronts.radii):
             vertex = vertices[cKDTree(vertices).query(fronts.points)[1]]
             away = np.linalg.norm(fronts.feet() - vertex[:, None, :], axis=2)
-            dropped |= (away <= _BESIDE * fronts.radii[:, None]).all(axis=1)
+            # If both feet are at most this number of radii away from a vertex, they are on its
+            # edges; the feet on a vertex and a wall are farther apart by a factor of the square
+            # root of 2.
+            dropped |= (away <= 1.2 * fronts.radii[:, None]).all(axis=1)
         dropped &= fronts.cosine > -np.cos(np.radians(self.corner_angle))
         # If an edge leaves the domain between two inside points, directions reverse there.
         for side in range(2):
@@ -330,7 +323,9 @@ class DomainOnMesh:
         if len(points):
             radii = np.concatenate([medial.radii, self.boundary.distance(centres)])
             straight, nearest = cKDTree(points).query(inner.mesh.points)
-            reach = _OVERLAP * radii[nearest] + np.abs(self.nodes.depth[inner.nodes])
+            # The segment between a node and a point of the medial axis is assumed to be in the
+            # domain if the balls around them, the latter enlarged by this factor, overlap.
+            reach = 1.2 * radii[nearest] + np.abs(self.nodes.depth[inner.nodes])
             marched = np.where(straight <= reach, np.minimum(marched, straight), marched)
         return marched
 
@@ -433,11 +428,17 @@ class InnerCells(NamedTuple):
 
     An outside node is copied for each group of its cells that share inside nodes.  On the two
     sides of a gap there are different copies, so that no path leads through outside nodes.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    nodes : npt.NDArray[np.int64]
+        Node of the background of which each node is a copy.
+    inside : BoolArray
     """
 
     mesh: SimplexMesh
     nodes: npt.NDArray[np.int64]
-    """Node of the background of which each node is a copy."""
     inside: BoolArray
 
 
@@ -448,7 +449,8 @@ def _bound_outside(inner: InnerCells, size: FloatArray) -> None:
     from_inside = inner.inside[other]
     np.minimum.at(least, outer[from_inside], size[other[from_inside]])
     outside = ~inner.inside & np.isfinite(least)
-    size[outside] = np.maximum(size[outside], _OUTSIDE_SHARE * least[outside])
+    # At outside nodes, the feature size is at least this share of that of their inside neighbours.
+    size[outside] = np.maximum(size[outside], 0.5 * least[outside])
 
 
 def _links(mesh: SimplexMesh) -> npt.NDArray[np.int64]:

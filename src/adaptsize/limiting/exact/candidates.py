@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from adaptsize._kernels import exact_candidates as kernels
-from adaptsize._kernels import kinks
 from adaptsize._kernels.exact import new_block
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
@@ -38,9 +37,9 @@ class Kinks(NamedTuple):
     """Edges and faces at which bounds have a kink, once for each of their cells."""
 
     edges: IntArray
-    """int32[r, 5], as from `kinks.list_edges`."""
+    """int32[r, 5], as from `kernels.list_edges`."""
     faces: IntArray
-    """int32[s, 5], as from `kinks.list_faces`."""
+    """int32[s, 5], as from `kernels.list_faces`."""
     points: FloatArray
     """float64[n, dim]: the nodes of all these cells."""
     h0: FloatArray
@@ -128,9 +127,9 @@ def sources_on_cells(
         h + component.margin,
         component.g,
     )
-    rows = Kinks(_listed(kinks.list_edges, given), np.empty((0, 5), np.int32), mesh.points, h0)
+    rows = Kinks(_listed(kernels.list_edges, given), np.empty((0, 5), np.int32), mesh.points, h0)
     if mesh.dim == 3:
-        rows = rows._replace(faces=_listed(kinks.list_faces, given))
+        rows = rows._replace(faces=_listed(kernels.list_faces, given))
     if component.merge is not None:
         rows = component.merge(rows)
     parts = [_chosen(rows.edges, 2, rows, component.g)]
@@ -209,7 +208,7 @@ def _chosen(rows: IntArray, width: int, listed: Kinks, g: float) -> IntArray:
         first = np.concatenate([[0], np.cumsum(np.bincount(group))])
         blocked = np.empty(len(unique), np.bool_)
         arcs = np.empty((2, 2 * int(np.diff(first).max(initial=0))))
-        kinks.mark_blocked(points, rows, first, h0, g, arcs[0], arcs[1], blocked)
+        kernels.mark_blocked(points, rows, first, h0, g, arcs[0], arcs[1], blocked)
         kept &= ~blocked
     chosen: IntArray = unique[kept]
     return chosen

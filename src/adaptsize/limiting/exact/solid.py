@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.space_bends import Edges
+from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve
 from adaptsize.background.topology import components_of, unique_rows
@@ -53,7 +53,7 @@ def build_sight(mesh: SimplexMesh, boundary: FlatBoundary) -> Sight:
     rows[:, 12] = np.maximum(slack, 4.0 * rounding * diagonal / height[order])
     rows[:, 13] = np.minimum(slack / height[order], 1e-3)
     boxes = boxes_over(corners[order].min(axis=1), corners[order].max(axis=1), np.zeros(len(order)))
-    return Sight(Walls(rows, boxes, len(boxes) // 2, slack), _stars_at(mesh, np.unique(facets)))
+    return Sight(Walls(rows, boxes, slack), _stars_at(mesh, np.unique(facets)))
 
 
 def _scales_of(points: FloatArray, facets: IntArray) -> tuple[float, float]:

@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
-from adaptsize._kernels.space_bends import LONGEST
-from adaptsize._kernels.space_paths import Bases, Choice, Field, Ways, new_block
+from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Ways, new_block
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from adaptsize._kernels.exact import list_entries_in_reach
 from adaptsize._kernels.exact_plane import CORNER
-from adaptsize._kernels.exact_reach import list_entries_in_reach
 from adaptsize._kernels.trees import DEPTH
 from adaptsize.limiting.exact.field import Wave, sorted_wave
 from adaptsize.ranks import Communicator, Ids

@@ -13,15 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
-from adaptsize._kernels.edge_based import march_edges, sweep_edges
+from adaptsize._kernels.heap import Heap, new_heap
 from adaptsize.background.marching import (
     CHUNK,
     KEEP,
-    Heap,
-    new_heap,
     patience,
     stars_in,
-    stars_of,
     sweep_into_heap,
 )
 from adaptsize.background.partitioned import PartitionedMesh
@@ -93,17 +90,17 @@ def _in_rounds(
     sweep, march = kernels.sweep_cells, kernels.march
     keep = KEEP
     if along_edges:
-        sweep, march, keep = sweep_edges, march_edges, 1.0
+        sweep, march, keep = kernels.sweep_edges, kernels.march_edges, 1.0
     h, heap = h0.copy(), new_heap(n)
-    given: tuple[Any, ...] = ()
+    stars: tuple[Any, ...] = ()
     limit = (slope.values, slope.step)
     if part.mesh is not None:
-        sweep_into_heap(part.mesh, sweep, h, limit, keep, heap)
-        given = stars_in(part.mesh, stars_of(part.mesh, limit))
+        sweep_into_heap(part.mesh, sweep, h, limit, heap, keep)
+        stars = stars_in(part.mesh, limit)
     known = h0.copy()  # the sizes at shared nodes that other ranks know
     accepted = 0
     while True:
-        waiting = float(heap[0][0]) if heap[3][0] > 0 else np.inf
+        waiting = float(heap.key[0]) if heap.size[0] > 0 else np.inf
         impatient = not along_edges and accepted > patience(n)
         least, go_on = comm.allreduce(np.array([waiting, 0.0 if impatient else 1.0]), "min")
         if least == np.inf:
@@ -112,7 +109,7 @@ def _in_rounds(
             return None
         count = CHUNK if part.mesh is not None else 0
         while count == CHUNK:
-            count = march(*given, h, *limit, *heap, keep, least + window, CHUNK)
+            count = march(stars, h, limit, heap, (keep, float(least + window), CHUNK))
             accepted += count
             report("limiting the gradient", min(accepted / n, 1.0))
         _exchange(part, h, known, heap)
@@ -129,7 +126,7 @@ def _exchange(part: PartitionedMesh, h: FloatArray, known: FloatArray, heap: Hea
     for nodes, rows in zip(part.shared.nodes, received, strict=True):
         at = nodes[rows[:, 0].astype(np.int64)]
         candidate[at] = np.minimum(candidate[at], rows[:, 1])
-    kernels.queue_lowered(h, candidate, 1.0, *heap)
+    kernels.queue_lowered(h, candidate, 1.0, heap)
     every = part.shared.every
     known[every] = h[every]
 

@@ -231,8 +231,7 @@ def _move_nodes(
     sharp = at[~normals[at].any(axis=1) | _is_crease(points, cells, normals)[at]]
     nodes = np.setdiff1d(nodes, sharp).astype(np.int64)
     before, old = _worst_of_nodes(points, cells), points.copy()
-    ring_ptr, ring = topology.rings(cells, len(points))
-    smooth_nodes(points, cells, ring_ptr, ring, nodes, normals, steps)
+    smooth_nodes(points, cells, topology.rings(cells, len(points)), (nodes, normals, steps))
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
     points[at], _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
