@@ -1,23 +1,20 @@
 """Edge flips in flat facets, and the edges that bound these facets."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from curved_shapes import sliver_cylinder
 from meshes import random_sphere, random_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from adaptsize import SimplexMesh, read
+from adaptsize import SimplexMesh
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.topology import are_among, pairs_of_cells
 from adaptsize.geometry.faces import folds_of
 from adaptsize.quality import minimum_angles
 
-DATA = Path(__file__).parents[2] / "data"
 NONE = np.empty((0, 2), np.int32)
 KITE = np.array([[0, 0], [4, 0], [2, 1], [2, -1]], float)
 ACROSS_KITE = [[0, 1, 2], [1, 0, 3]]
@@ -226,33 +223,6 @@ def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
     assert len(sharp) == 2 * n
 
 
-PARTS = {
-    "bracket": lambda: read(DATA / "bracket.stl"),
-    "cylinder": lambda: sliver_cylinder(40, 641),
-    "sphere": lambda: random_sphere(300, 642),
-}
-
-
-@pytest.mark.parametrize("name", list(PARTS))
-@pytest.mark.parametrize("change", ["scale", "rotation", "offset", "far", "single precision"])
-def test_place_and_unit_of_a_part_change_no_class_of_its_edges(name, change):
-    mesh = PARTS[name]()
-    points, away = mesh.points, mesh.diagonal * np.array([0.6, -0.5, 0.62])
-    moved = {
-        "scale": 3.7 * points,
-        "rotation": points @ Rotation.random(random_state=643).as_matrix(),
-        "offset": points + 4e4 * away,
-        "far": points + 1e6 * away,
-        "single precision": (points + away).astype(np.float32).astype(float),
-    }[change]
-    before, after = (
-        folds_of(SimplexMesh(x, mesh.cells), np.deg2rad(30.0)) for x in (points, moved)
-    )
-    assert len(before.bent) > 20
-    assert_array_equal(before.bent, after.bent)
-    assert_array_equal(before.sharp, after.sharp)
-
-
 @pytest.mark.parametrize(("height", "is_bent"), [(1e-8, False), (1e-4, True)])
 def test_a_low_triangle_is_flat_unless_its_corner_is_far_off_the_plane(height, is_bent):
     # Seen along x, the corner of the second triangle is 20 degrees below the plane z = 0.
@@ -266,16 +236,3 @@ def test_a_low_triangle_is_flat_unless_its_corner_is_far_off_the_plane(height, i
     flipped = flip_edges(mesh, kept)
     assert ((2, 3) in edge_set(flipped)) == (not is_bent)
     assert_allclose(flipped.measures.sum(), mesh.measures.sum(), rtol=1e-3)
-
-
-def test_edges_of_one_or_three_triangles_and_tagged_ones_are_sharp():
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [1, 1, 0]]
-    mesh = SimplexMesh(
-        points,
-        [[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 5, 2]],
-        tagged_facets=[[2, 1]],
-        facet_tags=[3],
-    )
-    bent, sharp = folds_of(mesh, np.deg2rad(30.0))
-    assert len(bent) == 0
-    assert_array_equal(sharp, mesh.edges)

@@ -42,10 +42,6 @@ def test_attributes_by_hand():
     assert grid.active is None
 
 
-def test_one_spacing_serves_all_axes():
-    assert_array_equal(CartesianGrid([0, 0, 0], 0.5, [2, 3, 4]).spacing, [0.5, 0.5, 0.5])
-
-
 def test_points_stand_in_the_order_of_nodal_values():
     grid = random_grid((4, 5, 3), 71)
     function = grid.sample(lambda x: x @ [1.0, 10.0, 100.0])
@@ -126,19 +122,6 @@ def test_bad_arguments_are_named():
 
 
 # --- around points ------------------------------------------------------------------
-
-
-def test_grid_around_points_by_hand():
-    grid = CartesianGrid.around([[0.0, 0.0], [1.0, 0.3]], 0.25, margin=0.5)
-    assert grid.shape == (9, 7)  # 2 is 8 spacings; 1.3 needs 6, 0.2 too much
-    assert_allclose(grid.lower, [-0.5, -0.6], rtol=1e-14)
-    assert_allclose(grid.upper, [1.5, 0.9], rtol=1e-14)
-    assert CartesianGrid.around([[3.0]], 1.0).shape == (2,)
-
-
-def test_a_whole_number_of_spacings_needs_no_more():
-    for n in range(1, 60):
-        assert CartesianGrid.around([[0.0], [0.1 * n]], 0.1).shape == (n + 1,)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.floats(0.0, 3.0))
@@ -303,12 +286,6 @@ def test_points_outside_are_refused_on_request():
     assert_array_equal(size([[1.0, 1.0 + 1e-10]]), [1.0])
     with pytest.raises(OutsideError, match=r"points\[0\] = \(0.5, 3\) at a distance of 2"):
         size([[0.5, 3.0]])
-
-
-def test_values_must_have_the_shape_of_the_grid():
-    grid = CartesianGrid([0, 0], 1.0, (2, 3))
-    with pytest.raises(ValueError, match=r"values must have shape \(2, 3\), got \(6,\)"):
-        SizeFunction(grid, np.ones(6))
 
 
 def test_sizes_move_between_grids_and_meshes():

@@ -39,17 +39,3 @@ def test_points_outside_get_the_nearest_value_or_nan():
 def test_corners_are_not_outside_by_rounding():
     grid = CartesianGrid((1e6, 1e6), 0.1, (4, 4))
     assert np.isfinite(interpolate(grid, np.ones((4, 4)), [grid.upper], outside="nan")).all()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "options", "message"),
-    [
-        ((3, [1.0], POINTS), {}, "background must be"),
-        ((GRID, [1.0], POINTS), {}, "values must have shape"),
-        ((GRID, np.ones((9, 9)), [[0.0]]), {}, "points must have shape"),
-        ((GRID, np.ones((9, 9)), POINTS), {"outside": "zero"}, "outside must be"),
-    ],
-)
-def test_bad_arguments_are_refused(arguments, options, message):
-    with pytest.raises(ValueError, match=message):
-        interpolate(*arguments, **options)

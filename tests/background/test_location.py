@@ -112,15 +112,6 @@ def test_points_inside_have_distance_zero_and_their_own_cell(name):
     assert_allclose(found, weights, rtol=0.0, atol=1e-10)
 
 
-def test_orientation_does_not_matter():
-    mesh = jittered_cube(4, 8887, half_width=1.0)
-    flipped = SimplexMesh(mesh.points, mesh.cells[:, [1, 0, 2, 3]])
-    points = np.random.default_rng(8861).uniform(-1.2, 1.2, (200, 3))
-    straight, other = mesh.locator.nearest(points), flipped.locator.nearest(points)
-    assert_array_equal(straight[0], other[0])
-    assert_allclose(straight[2], other[2], rtol=0.0, atol=1e-14)
-
-
 def test_the_answer_for_a_point_does_not_depend_on_the_other_points():
     mesh = structured_square(12, half_width=1.0)  # many ties: nodes, edges, diagonals
     rng = np.random.default_rng(2903)
@@ -158,27 +149,6 @@ def test_points_absurdly_far_away_are_answered():
     assert (cells >= 0).all()
     assert_allclose(weights.sum(axis=1), 1.0)
     assert (distances > 1e100).all()
-
-
-def test_no_points_give_empty_arrays():
-    mesh = random_sphere(20, 1301)
-    cells, weights, distances = mesh.locator.nearest(np.empty((0, 3)))
-    assert (cells.shape, weights.shape, distances.shape) == ((0,), (0, 3), (0,))
-    assert (cells.dtype, weights.dtype) == (np.int32, np.float64)
-
-
-def test_bad_points_are_named():
-    locator = random_square(20, 1303).locator
-    with pytest.raises(ValueError, match=r"points must have shape \(n, 2\), got \(4, 3\)"):
-        locator.nearest(np.zeros((4, 3)))
-    with pytest.raises(ValueError, match=r"points must be finite, got points\[1, 0\] = nan"):
-        locator.nearest([[0.0, 0.0], [np.nan, 0.0]])
-
-
-def test_the_locator_is_built_once():
-    mesh = random_square(20, 1303)
-    assert mesh.locator is mesh.locator
-    assert mesh.with_data(point_data={"h": np.ones(20)}).locator is mesh.locator
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from adaptsize.background.merging import first_at_place, place_numbers
+from adaptsize.background.merging import place_numbers
 
 
 def chains(points, within):
@@ -32,20 +32,6 @@ def test_places_are_the_chains_of_near_points(dim, scale):
     for within in (0.0, 0.01, 0.05, 2.0):
         expected = chains(points, within)
         assert_array_equal(place_numbers(scale * points, scale * within), expected)
-
-
-def test_near_points_are_one_wherever_they_lie():
-    # Rounding to multiples of the distance separates pairs about every tenth time.
-    rng = np.random.default_rng(81_005)
-    one = rng.random((1000, 3))
-    other = one + rng.uniform(-1e-10, 1e-10, one.shape)
-    number = place_numbers(np.concatenate([one, other]), 1e-9)
-    assert_array_equal(number, np.tile(np.arange(1000), 2))
-
-
-def test_the_first_point_stands_for_its_place():
-    points = np.array([[3.0], [1.0], [3.1], [0.9], [7.0], [1.0]])
-    assert_array_equal(first_at_place(points, 0.2), [0, 1, 0, 1, 4, 1])
 
 
 def test_many_points_at_one_place_take_no_time():

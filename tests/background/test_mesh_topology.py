@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meshes import jittered_cube, random_sphere, random_square
+from meshes import random_sphere
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh
-from adaptsize.background.topology import components_of
 
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 HALVES = [[0, 1, 2], [0, 2, 3]]
-TETRAHEDRON = [[0.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
 
 
 KINDS = {"segments": (2, 2), "plane": (3, 2), "surface": (3, 3), "volume": (4, 3), "line": (2, 1)}
@@ -88,20 +86,6 @@ def test_three_triangles_at_one_edge_are_counted():
 # Measures.
 
 
-def test_measures_of_a_segment_a_triangle_and_a_tetrahedron_by_hand():
-    assert SimplexMesh([[1.0, 2], [4, 6]], [[0, 1]]).measures.tolist() == [5.0]
-    tilted = SimplexMesh([[0.0, 0, 0], [3, 0, 4], [0, 2, 0]], [[0, 1, 2]])
-    assert_allclose(tilted.measures, [5.0], rtol=1e-15)
-    assert_allclose(SimplexMesh(TETRAHEDRON, [[0, 1, 2, 3]]).measures, [1.0 / 6.0], rtol=1e-15)
-
-
-def test_measures_of_a_meshed_box_add_up_to_it():
-    assert_allclose(
-        random_square(500, 71).signed_measures.sum(), random_square(500, 71).measures.sum()
-    )
-    assert_allclose(jittered_cube(6, 72, half_width=2.0).measures.sum(), 64.0, rtol=1e-12)
-
-
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_signed_measures_change_sign_with_odd_renumbering(dim):
     corners = np.vstack([np.zeros(dim), np.eye(dim)])
@@ -117,22 +101,6 @@ def test_signed_measures_need_cells_of_full_dimension():
         _ = random_sphere(20, 73).signed_measures
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(KINDS)))
-def test_degenerate_cells_have_measure_zero(seed, kind):
-    width, dim = KINDS[kind]
-    rng = np.random.default_rng(seed)
-    # Small whole numbers: the corners lie exactly in a plane, on a line or in a point.
-    points = rng.integers(-4, 5, (width, dim)).astype(float)
-    points[-1] = points[0] + rng.integers(-2, 3) * (points[-2] - points[0])
-    assert SimplexMesh(points, [range(width)]).measures.tolist() == [0.0]
-
-
 def test_diagonal_spans_the_nodes_that_belong_to_cells():
     mesh = SimplexMesh([*SQUARE, [50.0, 50.0]], HALVES)
     assert mesh.diagonal == pytest.approx(np.sqrt(2.0), rel=1e-15)
-
-
-def test_components_are_numbered_in_the_order_of_their_first_objects():
-    links = np.array([[4, 1], [3, 0], [5, 4], [5, 1]])
-    assert components_of(links, 7).tolist() == [0, 1, 2, 0, 1, 1, 3]
-    assert components_of(np.empty((0, 2), np.int32), 2).tolist() == [0, 1]

@@ -203,27 +203,6 @@ def test_bad_boxes_and_numbers_are_named(lower, upper, keywords, message):
         Octree.build(lower, upper, never, **{"max_level": 1, **keywords})
 
 
-def test_deepest_levels_are_reached():
-    for dim, level in ((2, 31), (3, 20)):
-        tree = Octree.build([0] * dim, [1] * dim, at_point(0.3), max_level=level)
-        assert tree.levels.max() == level
-        nodes, weights, _ = tree.locator.weights(np.full((1, dim), 0.3))
-        assert_allclose((weights[0] @ tree.points[nodes[0]]), 0.3, rtol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("answer", "given"),
-    [
-        (np.ones, r"float64 of shape \(1,\)"),
-        (lambda m: np.ones((m, 2), bool), r"bool of shape \(1, 2\)"),
-        (lambda m: True, r"bool of shape \(\)"),
-    ],
-)
-def test_criteria_must_return_one_bool_per_cell(answer, given):
-    with pytest.raises(ValueError, match=rf"must return bool of shape \(1,\).*got {given}"):
-        Octree.build([0, 0], [1, 1], lambda c, s: answer(len(c)), max_level=2)
-
-
 def test_a_criterion_that_never_says_no_is_found_out():
     with pytest.raises(ValueError, match=r"max_leaves = 1000 .* has 1024 leaves .* level 5"):
         Octree.build([0, 0], [1, 1], always, max_level=20, max_leaves=1000)
@@ -244,20 +223,6 @@ def test_a_criterion_that_never_says_no_is_found_out():
 def test_levels_that_do_not_fill_the_box_are_refused(levels, message):
     with pytest.raises(ValueError, match=message):
         Octree([0, 0], [1, 1], (1, 1), levels)
-
-
-def test_arrays_are_read_only_and_arguments_are_left_alone():
-    lower, upper = np.zeros(2), np.ones(2)
-    tree = Octree.build(lower, upper, at_point(0.3), max_level=3)
-    lower[0] = 9.0
-    assert tree.lower[0] == 0.0
-    names = ["lower", "upper", "levels", "points", "leaf_lower", "leaf_centres", "leaf_sizes"]
-    for name in [*names, "leaf_corners"]:
-        assert not getattr(tree, name).flags.writeable, name
-    assert tree.mesh is tree.mesh
-    assert tree.locator is tree.locator
-    with pytest.raises(AttributeError):
-        tree.levels = None
 
 
 def test_root_cells_are_nearly_cubes_by_default():

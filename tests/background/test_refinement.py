@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from trees import at_point, sphere
+from trees import sphere
 
-from adaptsize import Octree, SizeFunction, refine_at_boundary, refine_to_size
+from adaptsize import Octree, refine_at_boundary, refine_to_size
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -51,27 +51,3 @@ def test_without_g_sizes_are_looked_at_in_centres_and_corners():
     assert tree.n_leaves == 1 + 4 * 3
     blind = Octree.build([0, 0], [1, 1], refine_to_size(size, g=0.0), max_level=10)
     assert blind.n_leaves == 1
-
-
-def test_a_size_function_serves_as_criterion():
-    coarse = Octree.build([0, 0], [1, 1], at_point(0.3), max_level=4)
-    size = SizeFunction(coarse, 0.02 + 0.3 * np.abs(coarse.points - 0.3).max(axis=1))
-    tree = Octree.build([0, 0], [1, 1], refine_to_size(size, g=0.4), max_level=12)
-    centres, edges = tree.leaf_centres, tree.leaf_sizes[:, 0]
-    assert (edges <= size(centres)).all()
-    assert edges.min() < 0.02
-    assert edges.max() > 0.06
-
-
-def test_functions_that_return_nonsense_are_named():
-    box = ([0, 0], [1, 1])
-    with pytest.raises(ValueError, match=r"signed_distance\(points\) must be a number, got .*nan"):
-        Octree.build(*box, refine_at_boundary(lambda x: x[:, 0] * np.nan), max_level=2)
-    with pytest.raises(ValueError, match=r"size\(points\) must be positive, got .* = 0.0"):
-        Octree.build(*box, refine_to_size(lambda x: 0.0 * x[:, 0]), max_level=2)
-    with pytest.raises(ValueError, match=r"size\(points\) must have shape \(1,\), got \(1, 2\)"):
-        Octree.build(*box, refine_to_size(lambda x: x), max_level=2)
-    with pytest.raises(ValueError, match=r"spacing must be finite and > 0, got 0"):
-        refine_at_boundary(sphere, 0.0)
-    with pytest.raises(ValueError, match=r"factor must be finite and > 0, got -1"):
-        refine_to_size(sphere, factor=-1.0)

@@ -30,12 +30,6 @@ def test_parts_of_leaves_are_halved_where_needed():
     assert np.bincount(tree.levels).tolist() == [0, 0, 15, 2, 8]
 
 
-@pytest.mark.parametrize("times", [np.zeros(3, int), np.full(16, -1), np.zeros(16)])
-def test_bad_times_are_refused(times):
-    with pytest.raises(ValueError, match="times must be integers >= 0"):
-        refined(SQUARE, times)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_errors_on_parents_are_those_of_midpoints(dim):
     tree = Octree([0] * dim, [1] * dim, (1,) * dim, [2] * 4**dim)

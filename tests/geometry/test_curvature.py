@@ -11,8 +11,6 @@ from curved_shapes import (
     smooth_torus,
     uneven_angles,
 )
-from hypothesis import given
-from hypothesis import strategies as st
 from meshes import random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -141,12 +139,6 @@ def test_cube_has_no_curvature():
     assert len(crease_edges(cube())) == 12
 
 
-def test_facets_below_the_crease_angle_are_no_creases():
-    mesh = sliver_cylinder(20, 9)
-    assert len(crease_edges(mesh)) == 40  # the two rims
-    assert len(crease_edges(mesh, crease_angle=5.0)) == 60
-
-
 @pytest.mark.parametrize("name", ["torus", "slivers", "half torus"])
 def test_orientation_changes_nothing(name):
     mesh = irregular_torus(16, 5)[0] if name != "slivers" else sliver_cylinder(20, 5)
@@ -187,29 +179,6 @@ def test_moebius_strip_is_no_obstacle():
     assert error.max() < 0.08
 
 
-@given(st.floats(1e-9, 1e9), st.integers(0, 2**32 - 1))
-def test_scaling_turning_moving(scale, seed):
-    rng = np.random.default_rng(seed)
-    mesh = sliver_cylinder(20, 31, rings=(0.3, 1.1))
-    turned = mesh.points @ Rotation.random(random_state=rng).as_matrix()
-    points = scale * (turned + rng.uniform(-1, 1, 3))
-    kappa = surface_curvature(SimplexMesh(points, mesh.cells))
-    assert_allclose(scale * kappa, surface_curvature(mesh), rtol=1e-8)
-
-
-def test_renumbering_renumbers():
-    mesh, _ = irregular_torus(16, 5)
-    mesh, _ = part_of(mesh, lambda centre: centre[:, 1] > 0.1)
-    rng = np.random.default_rng(23)
-    new = rng.permutation(mesh.n_points)
-    points = np.empty_like(mesh.points)
-    points[new] = mesh.points
-    cells = rng.permuted(new[mesh.cells], axis=1)[rng.permutation(mesh.n_cells)]
-    assert_allclose(
-        surface_curvature(SimplexMesh(points, cells))[new], surface_curvature(mesh), rtol=1e-9
-    )
-
-
 def test_needles_and_flat_triangles_give_no_absurd_values():
     # A node 1e-9 beside another one, and a triangle collapsed onto an edge, on a cylinder.
     mesh = sliver_cylinder(20, 9, rings=(1.0,))
@@ -226,25 +195,12 @@ def test_needles_and_flat_triangles_give_no_absurd_values():
     assert kappa.max() < 1.5
 
 
-def test_degenerate_surfaces_have_none():
-    line = SimplexMesh([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 0]], [[0, 1, 2], [0, 1, 3]])
-    assert_array_equal(surface_curvature(line, smoothing=1), 0.0)
-
-
 def test_non_manifold_edges_divide_sheets():
     # Three half planes at one line: no curvature, whatever the angles.
     angle = np.radians([0.0, 20.0, 180.0])
     points = [[0, 0, 0], [0, 0, 1], *[[np.cos(t), np.sin(t), 0.5] for t in angle]]
     mesh = SimplexMesh(points, [[0, 1, 2], [1, 0, 3], [0, 1, 4]])
     assert_array_equal(surface_curvature(mesh), 0.0)
-
-
-def test_smoothing_helps_on_noise():
-    mesh, exact = irregular_torus(20, 3)
-    noise = np.random.default_rng(29).normal(size=mesh.points.shape)
-    rough = SimplexMesh(mesh.points + 0.01 * 0.126 * noise, mesh.cells)  # 1 % of an edge
-    error = [np.median(errors(surface_curvature(rough, smoothing=k), exact)) for k in (0, 1)]
-    assert error[1] < error[0]
 
 
 @pytest.mark.parametrize("n", [10, 20, 200])
@@ -279,16 +235,3 @@ def test_corners_ends_and_junctions_are_not_curvature():
     assert_array_equal(polyline_curvature(there_and_back, crease_angle=180.0), 0.0)
     doubled = SimplexMesh([[0, 0], [1, 0], [1, 0], [2, 0.1]], [[0, 1], [1, 2], [2, 3]])
     assert_array_equal(polyline_curvature(doubled), 0.0)
-
-
-def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match="surface must consist of triangles in 3-D"):
-        surface_curvature(circle(8, 3))
-    with pytest.raises(ValueError, match="line must consist of segments"):
-        polyline_curvature(cube())
-    with pytest.raises(ValueError, match="crease_angle must be at most 180"):
-        surface_curvature(cube(), crease_angle=181.0)
-    with pytest.raises(ValueError, match="crease_angle"):
-        crease_edges(cube(), crease_angle=np.nan)
-    with pytest.raises(ValueError, match="smoothing must be a whole number"):
-        surface_curvature(cube(), smoothing=0.5)

@@ -1,19 +1,15 @@
 """Faces of surfaces: regions between feature edges; curves, corners and tips."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from shapes import block, joined
+from shapes import block
 from solids import circle, hull, outline
 
-from adaptsize import SimplexMesh, io
+from adaptsize import SimplexMesh
 from adaptsize.geometry import tag_faces
 from adaptsize.geometry.faces import Faces
 
-DATA = Path(__file__).parents[2] / "data"
 CUBE = block(3).boundary().mesh
 
 
@@ -82,21 +78,6 @@ def test_all_but_the_tags_of_cells_and_their_names_is_kept():
     assert_array_equal(tagged.point_data["u"], mesh.point_data["u"])
     assert tagged.tag_names == {(1, 3): "rim"}
     assert (mesh.cell_tags == 9).all()
-
-
-@pytest.mark.parametrize(
-    ("surface", "angle", "message"),
-    [
-        (block(1), 40.0, "surface must consist of triangles in 3-D, got SimplexMesh(8 points"),
-        ("part.stl", 40.0, "surface must be a SimplexMesh, got 'part.stl'"),
-        (CUBE, 181.0, "angle must be at most 180 degrees, got 181"),
-        (CUBE, -1.0, "angle must be finite and >= 0, got -1"),
-        (CUBE, "sharp", "angle must be a number, got 'sharp'"),
-    ],
-)
-def test_bad_arguments_are_refused(surface, angle, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
-        tag_faces(surface, angle)
 
 
 # --- faces, curves, corners -------------------------------------------------------
@@ -232,16 +213,6 @@ def test_faces_of_a_line_in_the_plane_are_its_parts_between_corners():
     assert meeting(Faces.of(drop)) == {(0, 0)}
 
 
-def test_a_surface_is_rough_if_most_of_its_faces_are_single_facets():
-    octahedron = hull(np.concatenate([np.eye(3), -np.eye(3)]))  # eight of one facet
-    cubes = [SimplexMesh(CUBE.points + shift, CUBE.cells) for shift in (5.0, 9.0)]  # six of more
-    assert Faces.of(octahedron).is_rough
-    assert Faces.of(joined(octahedron, cubes[0])).is_rough
-    assert not Faces.of(joined(octahedron, *cubes)).is_rough
-    assert Faces.of(io.read(DATA / "deer.ply")).is_rough
-    assert not Faces.of(io.read(DATA / "bracket.stl")).is_rough
-
-
 def test_nodes_at_one_place_are_merged_and_repeated_facets_left_out():
     soup = SimplexMesh(
         CUBE.points[CUBE.cells].reshape(-1, 3), np.arange(CUBE.cells.size).reshape(-1, 3)
@@ -265,11 +236,3 @@ def test_normals_point_outward_and_are_zero_where_a_facet_has_no_area():
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     across /= np.linalg.norm(across, axis=1)[:, None]
     assert np.abs(normals[:-1] - across).max() < 1e-14
-
-
-def test_the_frame_is_of_size_one_and_its_scale_a_power_of_two():
-    for size in (3.0, 0.7, 4.0, 1e-40):
-        frame = Faces.of(SimplexMesh(size * CUBE.points - 0.1 * size, CUBE.cells)).frame
-        assert np.frexp(frame.scale)[0] == 0.5
-        assert 0.5 <= size * frame.scale <= 1.0 + 1e-15
-        assert_array_equal(frame.origin, -0.1 * size)

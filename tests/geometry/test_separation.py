@@ -1,6 +1,5 @@
 """The separation of the features of a boundary, through the domain."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -123,17 +122,6 @@ def test_a_throat_between_two_edges_in_space_is_found_inside_the_edges(seed):
     assert gap <= found.distances.min() < np.hypot(gap, 0.5 * gap)
 
 
-def test_parallel_edges_of_two_obstacles_have_the_width_of_the_throat():
-    block = Manifold.cube([5.0, 5.0, 3.0], True)
-    for x in (-0.75, 0.75):
-        bar = Manifold.cube([1.0, 1.0, 4.0], True).rotate([0, 0, 45]).translate([x, 0, 0])
-        block -= bar
-    gap = 1.5 - np.sqrt(2.0)
-    mesh = mesh_of(block)
-    found = boundary_separation(turned(mesh))
-    assert_allclose(np.sort(found.distances)[:6], gap, rtol=1e-9)  # two ends, middles and more
-
-
 def test_a_pin_near_a_wall_of_two_triangles_is_as_far_as_the_wall():
     pin = np.column_stack([0.1 * circle(16), np.zeros(16)])
     pin = hull(np.concatenate([pin + np.array([1.03, 2.0, z]) for z in (1.0, 2.0)]))
@@ -238,14 +226,6 @@ def test_features_that_meet_at_the_corner_angle_or_above_do_not_separate_near_it
     assert found.distances.min() > np.sin(np.radians(degrees)) * (1.0 - 1e-9)  # of the corners
 
 
-def test_the_corner_angle_is_an_argument():
-    mesh = prism(sector(20.0), 3.0)
-    assert boundary_separation(mesh).distances.min() < 0.1
-    assert boundary_separation(mesh, corner_angle=19.0).distances.min() > 0.3
-    wide = prism(sector(60.0), 3.0)
-    assert boundary_separation(wide, corner_angle=61.0).distances.min() < 0.1
-
-
 # --- what is outside --------------------------------------------------------------
 
 
@@ -320,14 +300,6 @@ def test_loose_feature_edges_are_no_features():
     assert_allclose(np.sort(marked.distances[top])[:2], 1.0, rtol=ROUNDING)
 
 
-def test_a_smooth_surface_has_no_features():
-    ball = width_oracle.noisy_ball(np.random.default_rng(5))
-    round_ = ball.points / np.linalg.norm(ball.points, axis=1)[:, None]
-    found = boundary_separation(SimplexMesh(round_, ball.cells))
-    assert found.points.shape == (0, 3)
-    assert found.distances.shape == (0,)
-
-
 def with_flat_facet(mesh, edge):
     """Return a surface with a node in the middle of an edge on one side, and none on the other.
 
@@ -351,19 +323,3 @@ def test_flat_facets_that_close_a_gap_change_nothing():
 
 
 # --- arguments --------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("boundary", "options", "message"),
-    [
-        ("part.stl", {}, "boundary must be a SimplexMesh, got 'part.stl'"),
-        (SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]), {},
-         "boundary must consist of segments in 2-D or triangles in 3-D, got SimplexMesh(3 points"),
-        (box(1, 1, 1), {"crease_angle": -3.0}, "crease_angle must be finite and >= 0, got -3"),
-        (box(1, 1, 1), {"corner_angle": 200.0},
-         "corner_angle must be at most 180 degrees, got 200"),
-    ],
-)  # fmt: skip
-def test_bad_arguments_are_refused(boundary, options, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
-        boundary_separation(boundary, **options)

@@ -1,6 +1,5 @@
 """The width of a domain, by rays from its boundary."""
 
-import re
 from itertools import pairwise
 
 import numpy as np
@@ -77,15 +76,6 @@ def test_the_tree_finds_what_all_facets_give_bit_by_bit(part, seed):
     assert_array_equal(found.widths, expected)
     assert np.isfinite(expected).any()
     assert_array_equal(boundary_width(mesh), expected[faces.rows] / faces.frame.scale)
-
-
-@pytest.mark.parametrize("corner_angle", [0.0, 55.0, 180.0])
-def test_the_twin_agrees_for_other_corner_angles(corner_angle):
-    mesh = width_oracle.random_union(np.random.default_rng(997))
-    faces = Faces.of(mesh)
-    starts, cells = faces.corners.mean(axis=1), np.arange(len(faces.corners))
-    expected = width_oracle.widths(faces, starts, cells, corner_angle) / faces.frame.scale
-    assert_array_equal(boundary_width(mesh, corner_angle=corner_angle), expected)
 
 
 # --- exact widths -----------------------------------------------------------------
@@ -233,18 +223,6 @@ def test_a_prism_over_a_wedge_is_narrow_where_the_wedge_is(degrees):
         assert tapers_from_edge(mesh, distance, width, degrees)[sides].all()
     else:
         assert np.isinf(width[sides]).all()
-
-
-def test_the_corner_angle_is_an_argument():
-    mesh = wedge(40.0)
-    near = np.linalg.norm(middles(mesh), axis=1) < 2.0
-    assert np.isfinite(boundary_width(mesh, corner_angle=41.0)[near]).all()
-    assert np.isinf(boundary_width(mesh, corner_angle=40.0)[near]).all()
-    thin = wedge(10.0)
-    near = np.linalg.norm(middles(thin), axis=1) < 2.0
-    assert np.isinf(boundary_width(thin, corner_angle=9.0)[near]).all()
-    # Parallel sides of a box do not meet.
-    assert_allclose(boundary_width(box(1, 1, 1), corner_angle=0.0), 1.0, rtol=ROUNDING)
 
 
 def trapezoid(slope, *, gap=0.1, height=1.0):
@@ -514,16 +492,6 @@ def test_nodes_that_were_merged_have_the_width_of_their_place():
     assert_array_equal(at_nodes[1], at_nodes[0][mesh.cells.ravel()])
 
 
-def test_a_long_facet_of_a_wedge_is_narrower_near_its_edge():
-    degrees = 15.0
-    far = 3.0 * np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
-    mesh = outline([[0, 0], [3, 0], far])
-    at_nodes = Width(Faces.of(mesh), 30.0).at_nodes(quiet)
-    # The ray starts at a 25th of the side, where weights (1, 1/24) are divided by their sum.
-    assert_allclose(at_nodes[0], 3.0 / 25.0 * np.tan(np.radians(degrees)), rtol=1e-9)
-    assert at_nodes[0] < 0.2 * boundary_width(mesh).min()
-
-
 def test_points_have_the_width_at_the_closest_place_of_the_boundary():
     shape, end = trapezoid(40.0)
     width = Width(Faces.of(shape), 30.0)
@@ -537,25 +505,3 @@ def test_points_have_the_width_at_the_closest_place_of_the_boundary():
 
 
 # --- arguments --------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("boundary", "options", "message"),
-    [
-        ("part.stl", {}, "boundary must be a SimplexMesh, got 'part.stl'"),
-        (SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]), {},
-         "boundary must consist of segments in 2-D or triangles in 3-D, got SimplexMesh(3 points"),
-        (box(1, 1, 1), {"crease_angle": 181.0},
-         "crease_angle must be at most 180 degrees, got 181"),
-        (box(1, 1, 1), {"corner_angle": -1.0}, "corner_angle must be finite and >= 0, got -1"),
-    ],
-)  # fmt: skip
-def test_bad_arguments_are_refused(boundary, options, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
-        boundary_width(boundary, **options)
-
-
-def test_progress_ends_at_one():
-    shares = []
-    boundary_width(box(1, 1, 1), progress=lambda _, share: shares.append(share))
-    assert shares[-1] == 1.0

@@ -111,18 +111,6 @@ def test_first_order_steps_keep_the_order_of_two_fields(seed, dim, cfl):
     assert not (below > higher + 1e-14).any()
 
 
-def test_longer_steps_than_the_limit_break_the_order():
-    # One steep fall: raising u by 1 lowers u - dt (u - 0) / dx as soon as dt > dx.
-    h0, g = np.array([0.0, np.inf]), np.array([0.3])
-    for dt, keeps in ((1.0, True), (1.5, False)):
-        problem = _problem(h0, g, (1.0,), 1, dt)
-        low, high = (
-            _stage(u, u, 0.0, problem, 1)[0][2]
-            for u in (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
-        )
-        assert (low <= high) == keeps
-
-
 def test_moving_nodes_are_counted_and_missing_ones_are_not():
     # D = 0 at node 0, which rises by dt g = 0.1 unless h0 holds it; node 2 falls by
     # dt (1 - 0.5) = 0.1; node 3 is missing; node 4 has no neighbours and rises.

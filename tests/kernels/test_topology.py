@@ -1,12 +1,11 @@
 """Grouping of index rows and rings against sets and dictionaries."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adaptsize._kernels.topology import fill_rings, group_rows
-from adaptsize.background.topology import edges_of, facets_of, rings, unique_rows
+from adaptsize._kernels.topology import group_rows
+from adaptsize.background.topology import rings, unique_rows
 
 
 @st.composite
@@ -50,19 +49,3 @@ def test_rings_hold_every_cell_of_a_node_once_per_mention(problem):
     assert ring_ptr[-1] == cells.size
     for i in range(n_points):
         assert ring[ring_ptr[i] : ring_ptr[i + 1]].tolist() == np.nonzero(cells == i)[0].tolist()
-
-
-def test_rings_overwrite_what_the_arrays_held():
-    ring_ptr, ring = np.full(5, 99, np.int32), np.full(3, 99, np.int32)
-    fill_rings(np.array([[2, 0, 3]], np.int32), 4, ring_ptr, ring)
-    assert ring_ptr.tolist() == [0, 1, 1, 2, 3]
-    assert ring.tolist() == [0, 0, 0]
-
-
-@pytest.mark.parametrize(("width", "n_edges", "n_facets"), [(2, 1, 2), (3, 3, 3), (4, 6, 4)])
-def test_a_single_simplex_has_its_edges_and_facets(width, n_edges, n_facets):
-    cells = np.arange(width, dtype=np.int32)[None, ::-1]
-    assert len(edges_of(cells, width)) == n_edges
-    facets, cell_facets = facets_of(cells, width)
-    assert len(facets) == n_facets
-    assert sorted(cell_facets[0].tolist()) == list(range(n_facets))

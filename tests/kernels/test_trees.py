@@ -36,11 +36,6 @@ def test_points_are_sorted_by_the_bits_of_their_coordinates_in_turn(n, dim, bits
     assert_array_equal(order, np.argsort(keys, kind="stable"))
 
 
-def test_points_at_one_place_keep_their_order():
-    assert_array_equal(along_curve(np.full((50, 2), 3.0)), np.arange(50))
-    assert len(along_curve(np.empty((0, 3)))) == 0
-
-
 @pytest.mark.parametrize("places", [[0.0, 5e-324], [0.0, 1e-302], [-1e308, 0.0, 1e308]])
 def test_points_keep_their_order_where_the_scale_of_keys_overflows(places):
     # Regression: numbers out of the range of the digits, and so writing out of bounds.

@@ -1,12 +1,10 @@
 """`SignedDistance`: distances and signs of polygons and surfaces, as a function of points."""
 
-import pickle
-
 import numpy as np
 import pytest
 from meshes import random_square
 
-from adaptsize import CartesianGrid, SignedDistance, mesh_from_distance, signed_distance
+from adaptsize import SignedDistance, signed_distance
 
 RNG = np.random.default_rng(7)
 
@@ -69,23 +67,6 @@ def test_meshes_agree_with_signed_distance():
     )
 
 
-def test_surfaces_in_space():
-    box = CartesianGrid((0.0, 0.0, 0.0), 0.5, (3, 3, 3)).mesh.boundary().mesh
-    distance = SignedDistance(box)
-    points = [[0.5, 0.5, 0.4], [0.5, 0.5, 1.5], [2.0, 2.0, 0.5]]
-    np.testing.assert_allclose(distance(points), [-0.4, 0.5, np.sqrt(2.0)])
-    copy = pickle.loads(pickle.dumps(distance))
-    np.testing.assert_array_equal(copy(points), distance(points))
-
-
-def test_it_is_what_meshing_needs():
-    distance = SignedDistance([[(0, 0), (2, 0), (2, 1), (0, 1)]])
-    mesh = mesh_from_distance(
-        distance, 0.2, (-0.1, -0.1), (2.1, 1.1), fixed_points=distance.mesh.points
-    )
-    assert mesh.measures.sum() == pytest.approx(2.0, rel=0.01)
-
-
 @pytest.mark.parametrize(
     ("boundary", "message"),
     [
@@ -100,14 +81,3 @@ def test_it_is_what_meshing_needs():
 def test_bad_boundaries_are_refused(boundary, message):
     with pytest.raises(ValueError, match=message):
         SignedDistance(boundary)
-
-
-def test_bad_points_are_refused():
-    with pytest.raises(ValueError, match=r"points must have shape \(n, 2\)"):
-        SignedDistance(star(5, 1))([[0.0, 0.0, 0.0]])
-
-
-@pytest.mark.parametrize("bad", [np.array("a"), np.array(1.0), "abc", [[[1.0], [1.0, 2.0]]]])
-def test_what_is_no_outline_is_refused_with_a_clear_message(bad):
-    with pytest.raises(ValueError, match=r"^boundary"):
-        SignedDistance(bad)

@@ -5,7 +5,7 @@ import pytest
 from meshes import jittered_square
 from numpy.testing import assert_allclose, assert_array_equal
 
-from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
+from adaptsize import CartesianGrid, Octree, signed_distance
 
 BOTH = pytest.mark.parametrize("method", ["projection", "reinitialization"])
 
@@ -91,28 +91,6 @@ def test_second_order_and_more_beyond_the_band(function):
     assert errors[-1] < 1e-4
 
 
-@BOTH
-def test_a_multiple_of_the_function_gives_the_same(method):
-    grid = grid_of(30)
-    function = FAR_FROM_DISTANCES["waves"]
-    phi = signed_distance(grid, function, method=method)
-    for factor in (1e-8, 1e8):
-        scaled = signed_distance(grid, lambda x, c=factor: c * function(x), method=method)
-        assert_allclose(scaled, phi, atol=1e-7)
-    turned = signed_distance(grid, lambda x: -function(x), method=method)
-    assert_allclose(turned, -phi, atol=1e-7)
-
-
-@BOTH
-def test_spacings_may_differ(method):
-    grid = CartesianGrid([-1.6, -1.5], [0.02, 0.06], (161, 51))
-    phi = signed_distance(grid, FAR_FROM_DISTANCES["waves"], method=method)
-    near = np.abs(exact_on(grid)) < 3.0 * 0.06
-    # Second order of differences over 0.06: 0.06^3 / 6 of the third derivatives, some 20.
-    tolerance = 1e-9 if method == "projection" else 2e-3
-    assert_allclose(phi[near], exact_on(grid)[near], atol=tolerance)
-
-
 def test_corners_of_the_zero_level():
     # max(|x|, |y|) - 1 has the level sets of a square; its distance is round at the corners.
     grid = CartesianGrid([-2.01, -2.03], 0.1, (41, 41))
@@ -169,12 +147,6 @@ def test_meshes_and_octrees():
         assert_allclose(phi, exact, atol=0.01 * h)
 
 
-def test_one_axis():
-    grid = CartesianGrid([0.0], 0.1, (31,))
-    phi = signed_distance(grid, lambda x: (x[:, 0] - 0.83) * (x[:, 0] + 2.0))
-    assert_allclose(phi, grid.points[:, 0] - 0.83, atol=1e-12)
-
-
 def test_zeros_at_nodes():
     grid = CartesianGrid([-1.0, -1.0], 0.25, (9, 9))
     for method in ("projection", "reinitialization"):
@@ -212,27 +184,3 @@ def test_parts_smaller_than_a_box_are_not_seen_but_do_no_harm():
 def test_functions_of_one_sign_are_refused(method, sign):
     with pytest.raises(ValueError, match="boundary must change its sign"):
         signed_distance(grid_of(4), lambda x: sign * (1.0 + radius(x)), method=method)
-
-
-SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-
-
-@pytest.mark.parametrize(
-    ("background", "boundary", "options", "message"),
-    [
-        (grid_of(4), lambda x: x, {}, r"boundary\(points\) must have shape \(25,\)"),
-        (grid_of(4), lambda x: x[:, 0] / 0.0, {}, r"boundary\(points\) must be finite"),
-        (grid_of(4), np.ones((4, 5)), {}, "boundary must be a SimplexMesh, a callable or"),
-        (grid_of(4), np.full((5, 5), np.nan), {}, r"boundary must be finite, got boundary\[0, 0\]"),
-        (SQUARE, np.ones(4), {}, "boundary must be a SimplexMesh, a callable or"),
-        (SQUARE, to_circle, {"method": "reinitialization"}, "needs a CartesianGrid"),
-        (grid_of(4), to_circle, {"method": "sussman"}, "method must be one of"),
-        (grid_of(4), np.eye(5) > 0.0, {"smoothing": -1.0}, "smoothing must be"),
-    ],
-)
-def test_wrong_arguments_are_refused(background, boundary, options, message):
-    with (
-        np.errstate(divide="ignore", invalid="ignore"),
-        pytest.raises(ValueError, match=message),
-    ):
-        signed_distance(background, boundary, **options)

@@ -9,12 +9,9 @@ from solids import box, circle, outline, wedge_plate
 from adaptsize import (
     Octree,
     SimplexMesh,
-    SizeFunction,
     feature_size,
-    limit_gradient,
     medial_axis,
     refine_at_boundary,
-    refine_to_size,
     signed_distance,
     size_from_feature,
 )
@@ -184,31 +181,3 @@ def test_edges_go_from_corner_to_corner():
     # An open line ends in corners.
     np.testing.assert_allclose(edge_lengths(SimplexMesh([[0, 0], [1, 0], [2, 0]],
                                                         [[0, 1], [1, 2]]), 40.0), 2.0)  # fmt: skip
-
-
-def test_refining_by_its_own_size_finds_the_thin_end():
-    wedge = outline([(0.0, 0.0), (4.0, 0.0), (4.0, 1.0), (0.0, 0.04)])
-    tree = Octree.build([-0.31, -0.3], [4.4, 1.4], refine_at_boundary(to(wedge), 0.4), max_level=12)
-    for _ in range(4):
-        h0 = size_from_feature(tree, wedge, method="medial-axis", elements_across=4.0)
-        size = SizeFunction(tree, limit_gradient(tree, h0, 0.25, method="fast-marching"))
-        tree = Octree.build(tree.lower, tree.upper, refine_to_size(size, g=0.25), max_level=12)
-    thin = np.column_stack([np.full(20, 0.3), np.linspace(0.01, 0.1, 20)])
-    width = 0.04 + 0.24 * 0.3
-    np.testing.assert_allclose(size(thin), width / 4.0, rtol=0.1)
-    leaf = tree.leaf_sizes[np.abs(tree.leaf_centres - [0.3, 0.05]).max(axis=1).argmin()]
-    assert leaf.max() <= width / 4.0 * 1.05
-    # Coarse where it is wide: far fewer leaves than a grid of the finest has.
-    assert tree.n_leaves < 0.1 * np.prod((tree.upper - tree.lower) / tree.leaf_sizes.min())
-
-
-def test_sizes_are_shares_of_the_feature_size():
-    boundary = outline([(0, 0), (4, 0), (4, 1), (0, 1)])
-    tree = Octree.build(
-        [-0.4, -0.3], [4.3, 1.5], refine_at_boundary(to(boundary), 0.3), max_level=9
-    )
-    lfs = feature_size(tree, boundary)
-    h0 = size_from_feature(tree, boundary, method="medial-axis", elements_across=5.0)
-    np.testing.assert_allclose(h0, lfs / 2.5)
-    capped = size_from_feature(tree, boundary, method="medial-axis", hmin=0.3, hmax=0.5)
-    np.testing.assert_allclose(capped, np.clip(lfs / 2.0, 0.3, 0.5))

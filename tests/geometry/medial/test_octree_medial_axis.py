@@ -7,16 +7,11 @@ from curved_shapes import irregular_torus, smooth_torus
 from meshes import structured_square
 from octrees_around import TURN, around, covered, moved, to
 from scipy.spatial import cKDTree
-from solids import box, circle, outline
-from trees import at_random
+from solids import box, outline
 
 from adaptsize import (
-    CartesianGrid,
-    Octree,
     SimplexMesh,
-    feature_size,
     medial_axis,
-    signed_distance,
     size_from_feature,
 )
 
@@ -119,18 +114,6 @@ def test_a_function_and_its_surface_give_the_same():
 # Where none are
 
 
-def test_a_wavy_boundary_has_no_points_near_it():
-    angle = np.linspace(0.0, 2.0 * np.pi, 721)[:-1]
-    radius = 0.9 + 0.005 * np.cos(24 * angle)
-    boundary = outline(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
-    for step in (1 / 15, 1 / 60):
-        found = medial_axis(around(planar.disc(0.9), step), boundary)
-        assert found.radii.min() > 0.6
-    # Sought with a smaller angle, the centres of curvature of the crests, .21 deep, are there.
-    found = medial_axis(around(planar.disc(0.9), 1 / 60), boundary, separation_angle=10.0)
-    assert found.radii.min() < 0.45
-
-
 def test_rough_facets_have_no_points_near_them():
     torus, _ = irregular_torus(20, 825)
     noise = np.random.default_rng(20061121).normal(size=torus.points.shape)
@@ -176,80 +159,3 @@ def test_meshes_of_the_part_itself_have_a_medial_axis():
     # One layer of cells, all nodes on the boundary.
     thin = SimplexMesh([[0, 0], [4, 0], [4, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     np.testing.assert_allclose(medial_axis(thin).points[:, 1], 0.5, atol=1e-12)
-
-
-def test_trees_that_are_not_balanced_will_do():
-    shape = planar.turned(planar.rectangle(1.8, 0.9), 33.0)
-    tree = Octree.build([-1.23, -1.27], [1.31, 1.22], at_random(20061121, 0.75), max_level=6)
-    size = feature_size(tree, shape)
-    inside = shape(tree.points) <= 0.0
-    assert np.isfinite(size[inside]).all()
-    assert size[inside].min() > 0.44
-    assert size[inside].max() < 1.05
-
-
-def test_units_do_not_matter():
-    boundary = moved(box(1.0, 0.8, 0.5), TURN, (-0.5, -0.4, -0.25))
-    tree = around(to(boundary), 0.2, 3, 0.8)
-    large = SimplexMesh(1024.0 * boundary.points, boundary.cells)
-    big = Octree(1024.0 * tree.lower, 1024.0 * tree.upper, tree.root_shape, tree.levels)
-    one, other = feature_size(tree, boundary), feature_size(big, large)
-    np.testing.assert_allclose(other, 1024.0 * one, rtol=1e-9)
-
-
-def test_grids_take_surfaces_too():
-    boundary = outline(circle(200), circle(200, 0.5)[::-1])
-    grid = CartesianGrid.around([[-1.2, -1.2], [1.2, 1.2]], 0.05)
-    phi = signed_distance(grid, boundary)
-    by_phi = size_from_feature(grid, phi)
-    np.testing.assert_array_equal(size_from_feature(grid, boundary, method="medial-axis"), by_phi)
-    np.testing.assert_array_equal(medial_axis(grid, boundary).points, medial_axis(grid, phi).points)
-
-
-def test_bad_arguments_are_refused():
-    boundary = outline(circle(40))
-    tree = around(planar.disc(1.0), 0.4)
-    phi = signed_distance(tree, boundary)
-    for call in (medial_axis, feature_size, size_from_feature):
-        with pytest.raises(ValueError, match="at nodes are for a CartesianGrid"):
-            call(tree, phi)
-    with pytest.raises(ValueError, match="boundary must consist of segments in 2-D"):
-        medial_axis(tree, box(1, 1, 1))
-    with pytest.raises(ValueError, match="boundary must have a node or an edge of the"):
-        medial_axis(tree, moved(boundary, np.eye(2), 10.0))
-    with pytest.raises(ValueError, match="boundary must be a signed distance"):
-        medial_axis(tree, lambda x: (x**2).sum(axis=1) ** 2 - 1.0)
-    with pytest.raises(ValueError, match=r"boundary\(points\) must be finite"):
-        medial_axis(tree, lambda x: x[:, 0] * np.nan)
-    point = SimplexMesh(np.zeros((3, 2)), [[0, 1, 2]])
-    with pytest.raises(ValueError, match="background must have an extent, got one with diagonal 0"):
-        medial_axis(point, planar.disc(1.0))
-    with pytest.raises(ValueError, match="background must be a SimplexMesh, a CartesianGrid"):
-        medial_axis(None, boundary)
-    with pytest.raises(ValueError, match="background must have triangles in the plane"):
-        medial_axis(boundary, boundary)
-    with pytest.raises(ValueError, match="separation_angle must be at most 180"):
-        medial_axis(tree, boundary, separation_angle=190.0)
-    with pytest.raises(ValueError, match="separation_angle is for octrees"):
-        medial_axis(*planar.sampled(planar.disc(1.0), 0.4), separation_angle=50.0)
-    with pytest.raises(ValueError, match="medial must be of a background of shape"):
-        feature_size(tree, boundary, medial_axis(around(planar.disc(1.0), 0.2), boundary))
-    with pytest.raises(ValueError, match="method must be one of"):
-        size_from_feature(tree, boundary, method="magic")
-    with pytest.raises(ValueError, match="method='rays' needs a SimplexMesh"):
-        size_from_feature(tree, planar.disc(1.0), method="rays")
-    with pytest.raises(ValueError, match="boundary must be given"):
-        size_from_feature(tree, method="medial-axis")
-
-
-def test_progress_ends_at_one_and_an_exception_in_it_stops_the_work():
-    tree = around(planar.disc(1.0), 0.2)
-    shares = []
-    feature_size(tree, outline(circle(40)), progress=lambda text, share: shares.append(share))
-    assert shares[-1] == 1.0
-
-    def stop(text, share):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        medial_axis(tree, outline(circle(40)), progress=stop)
