@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from adaptsize import Octree
+from adaptsize.geometry.distance.closest_points import ZeroLevelBoundary, is_distance
 from adaptsize.geometry.distance.projection import project
-from adaptsize.geometry.distance.zero_level import ZeroLevelBoundary, is_distance
 from adaptsize.geometry.implicit_surface import largest_curvature
 
 

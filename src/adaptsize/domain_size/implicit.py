@@ -24,7 +24,7 @@ from adaptsize.domain_size.on_octree import (
 )
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
-from adaptsize.geometry.distance.zero_level import boundary_of, is_distance
+from adaptsize.geometry.distance.closest_points import boundary_of, is_distance
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
 from adaptsize.geometry.medial.on_meshes import DomainOnMesh, InnerCells
 from adaptsize.sizes.budget import calibration

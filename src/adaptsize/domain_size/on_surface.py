@@ -16,7 +16,7 @@ from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
-from adaptsize.background.ordering import ordered_by_place
+from adaptsize.background.merging import ordered_by_place
 from adaptsize.background.splitting import SplitMesh, split_edges
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import OpenSurfaceWarning, OutsideWarning

@@ -12,6 +12,7 @@ from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels.sectors import Sectors, Surface, fill_sectors
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.faces import (
+    Passages,
     crease_edges,
     feature_facets,
     normals_of,
@@ -120,7 +121,8 @@ def corner_curvature(
     sectors, normals, tensors = tensors_of(surface, crease_angle, smoothing)
     kappa = np.empty(len(normals))
     kernels.fill_largest_curvature(normals, tensors, kappa)
-    return _without_rounding(kappa, surface)[sectors.sector].reshape(-1, 3)
+    found: FloatArray = _without_rounding(kappa, surface)[sectors.sector].reshape(-1, 3)
+    return found
 
 
 def tensors_of(
@@ -218,17 +220,10 @@ def polyline_curvature(line: SimplexMesh, *, crease_angle: float = CREASE_ANGLE)
     if line.cell_dim != 1 or line.dim == 1:
         raise ValueError(f"line must consist of segments in 2-D or 3-D, got {line!r}")
     angle = math.radians(as_angle("crease_angle", crease_angle))
-    ring_ptr, ring = line.rings
-    passed = np.flatnonzero(np.diff(ring_ptr) == 2)
-    around = line.cells[ring[ring_ptr[passed][:, None] + np.arange(2)]]
-    # Of the two nodes of a segment at node i, the sum less i is the other one.
-    before, after = (around.sum(axis=2) - passed[:, None]).T
-    arriving = line.points[passed] - line.points[before]
-    leaving = line.points[after] - line.points[passed]
+    passed, _, arriving, leaving, turn = Passages.of(line)
     chord = np.linalg.norm(arriving + leaving, axis=1)
     lengths = np.linalg.norm(arriving, axis=1) * np.linalg.norm(leaving, axis=1)
     across = twice_area(arriving, leaving)
-    turn = np.arctan2(across, (arriving * leaving).sum(axis=1))
     smooth = (turn <= angle) & (lengths > 0.0) & (chord > 0.0)
     kappa = np.zeros(line.n_points)
     kappa[passed[smooth]] = 2.0 * across[smooth] / (lengths[smooth] * chord[smooth])

@@ -316,21 +316,48 @@ def _curves_of(points: FloatArray, edges: IntArray, angle: float) -> tuple[BoolA
     return is_corner, curve.astype(np.int32)
 
 
+class Passages(NamedTuple):
+    """The nodes of a line where two segments meet.
+
+    Parameters
+    ----------
+    nodes : intp[n]
+    segments : int32[2, n]
+    arriving, leaving : float64[n, dim]
+        The vectors along the two segments.
+    turn : float64[n]
+        The angle between them, in radians.
+    """
+
+    nodes: npt.NDArray[np.intp]
+    segments: IntArray
+    arriving: FloatArray
+    leaving: FloatArray
+    turn: FloatArray
+
+    @classmethod
+    def of(cls, line: SimplexMesh) -> Passages:
+        """Return the passages of segments in the plane or in space."""
+        ring_ptr, ring = line.rings
+        nodes = np.flatnonzero(np.diff(ring_ptr) == 2)
+        segments = ring[ring_ptr[nodes] + np.arange(2)[:, None]]
+        # Of the two nodes of a segment at node i, the sum less i is the other one.
+        before, after = (line.cells[cells].sum(axis=1) - nodes for cells in segments)
+        arriving = line.points[nodes] - line.points[before]
+        leaving = line.points[after] - line.points[nodes]
+        along = np.einsum("ij,ij->i", arriving, leaving)
+        turn = np.arctan2(twice_area(arriving, leaving), along)
+        return cls(nodes, segments, arriving, leaving, turn)
+
+
 def smooth_passages(
     line: SimplexMesh, angle: float
 ) -> tuple[npt.NDArray[np.intp], IntArray, IntArray]:
     """Return the nodes where two segments meet and turn by at most an angle, and the segments."""
-    ring_ptr, ring = line.rings
-    passed = np.flatnonzero(np.diff(ring_ptr) == 2)
-    one, other = (ring[ring_ptr[passed] + k] for k in range(2))
-    # Of the two nodes of a segment at node i, the sum less i is the other one.
-    before, after = (line.cells[cells].sum(axis=1) - passed for cells in (one, other))
-    arriving = line.points[passed] - line.points[before]
-    leaving = line.points[after] - line.points[passed]
-    along = np.einsum("ij,ij->i", arriving, leaving)
-    turn = np.arctan2(twice_area(arriving, leaving), along)
-    smooth = turn <= angle
-    return passed[smooth], one[smooth], other[smooth]
+    passages = Passages.of(line)
+    smooth = passages.turn <= angle
+    one, other = passages.segments[:, smooth]
+    return passages.nodes[smooth], one, other
 
 
 def twice_area(a: FloatArray, b: FloatArray) -> FloatArray:

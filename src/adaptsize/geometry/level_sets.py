@@ -132,7 +132,7 @@ def level_set_curvature(
         for start in range(0, grid.n_points, _NODES_AT_ONCE):
             report("curvature of level sets", start / grid.n_points)
             nodes = _nodes_within(grid, values, width, start)
-            kappa[nodes] = _curvature_at(grid, smooth, values, nodes, tolerance, at_boundary)
+            kappa[nodes] = _curvature_at(grid, (smooth, values), nodes, (tolerance, at_boundary))
         report("curvature of level sets", 1.0)
     return kappa.reshape(*grid.shape, grid.dim - 1)
 
@@ -160,7 +160,7 @@ def curvature_at_nodes(
         The larger one first; NaN where no reliable value exists.
     """
     smooth = _smoothed(phi, smoothing)
-    return _curvature_at(grid, smooth, phi, nodes, gradient_tolerance, True)
+    return _curvature_at(grid, (smooth, phi), nodes, (gradient_tolerance, True))
 
 
 def as_level_set(name: str, value: npt.ArrayLike, grid: CartesianGrid) -> FloatArray:
@@ -181,16 +181,15 @@ def _nodes_within(grid: CartesianGrid, phi: FloatArray, width: float, start: int
 
 def _curvature_at(
     grid: CartesianGrid,
-    smooth: FloatArray,
-    distance: FloatArray,
+    fields: tuple[FloatArray, FloatArray],
     nodes: _Nodes,
-    tolerance: float,
-    at_boundary: bool,
+    choice: tuple[float, bool],
 ) -> FloatArray:
     """Return the principal curvatures of the level sets through nodes, float64[m, dim - 1]."""
     kappa = np.empty((len(nodes), grid.dim - 1))
-    fields = (smooth.ravel(), distance.ravel())
-    fill_level_set_curvature(fields, frame_of(grid)[1:], nodes, (tolerance, at_boundary), kappa)
+    smooth, distance = fields
+    flat = (smooth.ravel(), distance.ravel())
+    fill_level_set_curvature(flat, frame_of(grid)[1:], nodes, choice, kappa)
     return kappa
 
 

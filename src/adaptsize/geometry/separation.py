@@ -207,7 +207,8 @@ class Separation:
         for number, (elements, at_corner, on_curve) in enumerate(steps):
             if len(elements.tree.cells) == 0:
                 continue
-            skipped = tuple(_chosen(at_corner, on_curve, which.node, curve))
+            first_item, items = _chosen(at_corner, on_curve, which.node, curve)
+            skipped = (first_item, items)
             queries = kernels.Queries(
                 which.places, skipped, ends.astype(np.int32), end_places, sine, *sectors
             )
@@ -306,7 +307,7 @@ class Separation:
         if len(cells) == 0:
             return kernels.Elements(Tree(self._places, cells, cells), owner, touched)
         tree, order = tree_over(self._places, cells)
-        return kernels.Elements(tree, owner[order], tuple(touched))
+        return kernels.Elements(tree, owner[order], (touched.first, touched.items))
 
     def _sectors(self, which: FeaturePoints) -> tuple[IntArray, FloatArray]:
         """Return the sectors of the facets around points, see separation.py in _kernels."""

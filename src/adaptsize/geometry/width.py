@@ -177,7 +177,8 @@ class Width:
         has_rim[piece[(mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)]] = True
         angles = [_STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
         limits = np.cos(np.maximum(angles, 0.0))
-        return kernels.Rule(has_rim[piece][order], faces.face[order], tuple(faces.meets), limits)
+        meets = (faces.meets.first, faces.meets.items)
+        return kernels.Rule(has_rim[piece][order], faces.face[order], meets, limits)
 
     def samples(self, report: ProgressCallback) -> Samples:
         """Return the width at the centroids of all facets, and near the corners of long ones."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import one_of
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.background.splitting_grid import whole_boxes
+from adaptsize.background.grid import whole_boxes
 from adaptsize.background.topology import unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 

@@ -11,8 +11,8 @@ from adaptsize._checks import as_slope, check_type, describe
 from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, TOLERANCE
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
 from adaptsize.background.interfaces import interfaces
+from adaptsize.background.merging import ordered_by_place
 from adaptsize.background.migration import whole_boundary
-from adaptsize.background.ordering import ordered_by_place
 from adaptsize.geometry.curvature import (
     corner_curvature,
     crease_curvature,

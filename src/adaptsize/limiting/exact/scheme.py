@@ -16,7 +16,7 @@ from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background.splitting_grid import both_ways
+from adaptsize.background.grid import both_ways
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
