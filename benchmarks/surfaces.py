@@ -90,7 +90,7 @@ def outcome_of(file, max_elements, tolerance):
             surface = ads.read(file)
             row["triangles"] = surface.n_cells
             options = {"max_elements": max_elements, "tolerance": tolerance}
-            size, report = ads.size_function(surface, full_output=True, **options)
+            size = ads.size_function(surface, **options)
             made = ads.remesh(surface, size, tolerance=tolerance, progress=clock)
             clock("")
         is_surface = surface.cell_dim == 2 and surface.dim == 3
@@ -104,7 +104,7 @@ def outcome_of(file, max_elements, tolerance):
         # An error of a mesh generator names it, all others are about the input.
         return row | {"kind": "refused", "outcome": f"{type(error).__name__}: {error}"}
     row |= {
-        "predicted": round(report.n_elements),
+        "predicted": round(size.report.n_elements),
         "made": made.n_cells,
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),
