@@ -107,7 +107,7 @@ def regular_number(case, kind, g, goal, number):
     order, before = 2.0 / dim, None
     for _ in range(8):
         metric = ads.metric_from_hessian(
-            mesh, hessian=requested, target_elements=number, hmax=layers.HMAX
+            mesh, hessian=requested, elements=number, hmax=layers.HMAX
         )
         limited = metric if g is None else ads.limit_metric(grid, metric, g)
         found = predicted_simplices(mesh, limited)

@@ -83,7 +83,7 @@ def measure_laws():
         for law, g in ((law, g) for law in laws for g in (1.0, 0.25)):
             for _ in range(3 if mesh is not SQUARE else 4):
                 metric = ads.metric_from_hessian(
-                    mesh, hessian=second_derivatives(field, mesh.points), target_elements=2000,
+                    mesh, hessian=second_derivatives(field, mesh.points), elements=2000,
                     hmax=0.25,
                 )  # fmt: skip
                 for _ in range(3):
@@ -135,7 +135,7 @@ def measure_regular():
     ):
         hessian = turn @ np.diag([1.0, a]) @ turn.T
         metric = ads.metric_from_hessian(
-            SQUARE, hessian=np.tile(hessian, (SQUARE.n_points, 1, 1)), target_elements=2000,
+            SQUARE, hessian=np.tile(hessian, (SQUARE.n_points, 1, 1)), elements=2000,
             max_aspect=aspect,
         )  # fmt: skip
         new = ads.remesh(SQUARE, metric)

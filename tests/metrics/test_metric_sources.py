@@ -61,7 +61,7 @@ def test_the_target_number_of_elements_is_met_after_the_limits(norm):
     mesh = square(20)
     values = np.tanh(20.0 * (mesh.points[:, 0] - 0.5))
     metric = ads.metric_from_hessian(
-        mesh, values, target_elements=3000, norm=norm, hmin=0.005, hmax=0.3, max_aspect=20.0
+        mesh, values, elements=3000, norm=norm, hmin=0.005, hmax=0.3, max_aspect=20.0
     )
     assert_allclose(predicted_simplices(mesh, metric), 3000, rtol=1e-3)
     assert metric.sizes.min() >= 0.005
@@ -77,7 +77,7 @@ def test_the_error_per_edge_is_equal_in_all_directions():
     values = 10.0 ** rng.uniform(0, 3, (mesh.n_points, 2)) * rng.choice([-1.0, 1.0], (1, 2))
     hessian = (q * values[:, None, :]) @ q.swapaxes(1, 2)
     absolute = (q * np.abs(values)[:, None, :]) @ q.swapaxes(1, 2)
-    metric = ads.metric_from_hessian(mesh, hessian=hessian, target_elements=500, norm=2.0)
+    metric = ads.metric_from_hessian(mesh, hessian=hessian, elements=500, norm=2.0)
     ratio = metric.matrices / absolute
     factor = np.abs(values).prod(axis=1) ** (-1.0 / 6.0)
     ratio /= factor[:, None, None]
@@ -104,7 +104,7 @@ def test_a_surface_has_the_metric_of_its_plane_and_is_round_along_the_normal():
 
 def test_flat_fields_have_no_bound():
     mesh = square(5)
-    assert np.isinf(ads.metric_from_hessian(mesh, np.zeros(25), target_elements=10).sizes).all()
+    assert np.isinf(ads.metric_from_hessian(mesh, np.zeros(25), elements=10).sizes).all()
     metric = ads.metric_from_hessian(mesh, np.zeros(25), tolerance=1.0, hmax=0.5)
     assert_array_equal(metric.sizes, 0.5)
 
@@ -114,7 +114,7 @@ def test_flat_fields_have_no_bound():
     [
         ({}, "one of values and hessian must be given, got none"),
         ({"values": np.zeros(25), "hessian": np.zeros((25, 2, 2))}, "got both"),
-        ({"values": np.zeros(25), "target_elements": 5}, "got both"),
+        ({"values": np.zeros(25), "elements": 5}, "got both"),
         ({"values": np.zeros(24)}, r"values must have shape \(25,\)"),
         ({"hessian": np.full((25, 2, 2), np.nan)}, r"hessian must be finite, got hessian\[0, 0, 0"),
         ({"hessian": np.tile([[0, 1], [0, 0]], (25, 1, 1))}, r"symmetric, got hessian\[0\]"),

@@ -181,7 +181,7 @@ def _wanted(mesh: SimplexMesh, request: MetricRequest, number: float | None) -> 
         metric_from_hessian(
             mesh, values, norm=request.options["norm"], max_aspect=request.options["max_aspect"],
             tolerance=None if number is not None else request.options["tolerance"],
-            target_elements=number,
+            elements=number,
         )
         for values in request.fields
     ]  # fmt: skip

@@ -26,7 +26,7 @@ def metric_from_hessian(
     *,
     hessian: npt.ArrayLike | None = None,
     tolerance: float | None = None,
-    target_elements: float | None = None,
+    elements: float | None = None,
     norm: float = 2.0,
     hmin: float | None = None,
     hmax: float | None = None,
@@ -53,8 +53,8 @@ def metric_from_hessian(
         Second derivatives at the nodes, symmetric, instead of ``values``.
     tolerance : float, optional
         Error bound, in the unit of the field.  For a finite ``norm``, in that unit times the area
-        or volume to the power of 1 / norm.  Either this or ``target_elements``.
-    target_elements : float, optional
+        or volume to the power of 1 / norm.  Either this or ``elements``.
+    elements : float, optional
         Target number of elements, after all limits.
     norm : float, default 2
         q >= 1, or inf.
@@ -63,7 +63,7 @@ def metric_from_hessian(
     max_aspect : float, default 1000
         Limit of the aspect ratio, at least 1.
     backend : str, optional
-        If given, ``target_elements`` is the number that this mesh generator makes, see
+        If given, ``elements`` is the number that this mesh generator makes, see
         `adaptsize.sizes.predicted_elements`.  Otherwise it is the number of simplices that are
         regular in the metric.
 
@@ -116,7 +116,7 @@ def metric_from_hessian(
     second = _second_derivatives(mesh, values, hessian, frames)
     q = as_number("norm", norm, lower=1.0, allow_inf=True)
     aspect = as_aspect("max_aspect", max_aspect)
-    goal, wanted = as_goal(tolerance, target_elements)
+    goal, wanted = as_goal(tolerance, elements)
     d = mesh.cell_dim
     steepness, directions = _eigen(second, aspect)
     if frames is not None:
