@@ -1,72 +1,48 @@
-"""Fast marching on parts of a mesh: the same sizes as on the whole, in a few rounds."""
+"""Fast marching on parts of a mesh: its rounds, and its info; test_parts_equal_whole has sizes."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meshes import jittered_cube, jittered_square, random_sphere, random_square
-from partitions import KINDS, on_ranks, partition
+from meshes import jittered_square, random_sphere
+from partitions import KINDS, SIZE, bounds, on_ranks, partition
+from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import limit_gradient
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts import marching
-
-SIZE = 4
-MESHES = {
-    "square": jittered_square(9, 871),
-    "slivers": random_square(70, 872),
-    "surface": random_sphere(80, 873),
-    "cube": jittered_cube(4, 874),
-}
+from adaptsize.limiting.in_parts.info import _order_statistics
 
 
-def limits(mesh, kind, rng):
-    """Return g for the whole mesh, and a function that returns that of a part."""
-    if kind == "nodes":
-        g = rng.uniform(0.05, 0.6, mesh.n_points)
-        return g, lambda part: g[part.global_ids]
-    if kind == "cells":
-        g = rng.uniform(0.05, 0.6, mesh.n_cells)
-        return g, lambda part: g[part.cell_ids]
-    if kind == "of size":
-        return (of_size := lambda h: 0.1 + 0.2 * h / (10.0 + h)), lambda part: of_size
-    return 0.3, lambda part: 0.3
-
-
-def assert_equal_to_serial(mesh, kind, rank_of, rng):
-    g, local = limits(mesh, kind, rng)
-    h0 = mesh.diagonal * rng.uniform(0.01, 0.3, mesh.n_points)
-    h0[rng.random(mesh.n_points) < 0.7] = np.inf
-    h0[0] = 0.01 * mesh.diagonal
-    whole = limit_gradient(mesh, h0, g, method="fast-marching")
+def assert_marches_as_one_process(mesh, g_of, kind, rng):
+    """Compare sizes and figures, which agree to rounding; g_of(ids, cell_ids) is the limit."""
+    h0 = bounds(mesh, "some", rng)
+    g = g_of(slice(None), slice(None))
+    whole, expected = limit_gradient.with_info(mesh, h0, g, method="fast-marching")
 
     def work(part):
-        return limit_gradient(part, h0[part.global_ids], local(part), method="fast-marching")
+        own = g_of(part.global_ids, part.cell_ids)
+        return limit_gradient.with_info(part, h0[part.global_ids], own, method="fast-marching")
 
-    results, parts = on_ranks(mesh, rank_of, SIZE, work)
-    shared = np.full(mesh.n_points, np.nan)
-    for h, part in zip(results, parts, strict=True):
+    results, parts = on_ranks(mesh, partition(mesh, kind, SIZE, rng), SIZE, work)
+    for (h, info), part in zip(results, parts, strict=True):
         np.testing.assert_allclose(h, whole[part.global_ids], rtol=1e-12)
-        before = shared[part.global_ids]
-        assert np.array_equal(h[~np.isnan(before)], before[~np.isnan(before)])
-        shared[part.global_ids] = h
+        assert info == results[0][1]
+    assert (info.n_proved, info.largest_gap, info.n_free) == (None, None, 0)
+    assert info.sources is None
+    assert info.n_changed == pytest.approx(expected.n_changed, abs=3)
+    assert abs(info.residual) < 1e-12
+    assert info.largest_edge_slope == pytest.approx(expected.largest_edge_slope)
+    assert info.cell_gradient_quantiles == pytest.approx(expected.cell_gradient_quantiles)
 
 
-@pytest.mark.parametrize("kind", ["number", "nodes", "cells", "of size"])
-@pytest.mark.parametrize("name", MESHES)
-def test_equal_to_serial(name, kind):
-    rng = np.random.default_rng(875)
-    for parts in KINDS:
-        rank_of = partition(MESHES[name], parts, SIZE, rng)
-        assert_equal_to_serial(MESHES[name], kind, rank_of, rng)
-
-
-@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(["number", "nodes", "cells"]))
-@settings(deadline=None, max_examples=15)
-def test_equal_to_serial_for_drawn_problems(seed, kind):
+@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(KINDS))
+@settings(deadline=None, max_examples=10)
+def test_sizes_and_info_of_drawn_limits(seed, kind):
     rng = np.random.default_rng(seed)
-    mesh = random_square(int(rng.integers(6, 40)), seed)
-    assert_equal_to_serial(mesh, kind, partition(mesh, rng.choice(KINDS), SIZE, rng), rng)
+    for mesh in (jittered_square(7, seed), random_sphere(40, seed)):
+        g = rng.uniform(0.05, 0.6, mesh.n_points)
+        assert_marches_as_one_process(mesh, lambda ids, cells, g=g: g[ids], kind, rng)
 
 
 def test_windows_keep_the_number_of_rounds_small():
@@ -94,6 +70,20 @@ def test_windows_keep_the_number_of_rounds_small():
 
 def test_too_many_acceptances_are_left_to_one_process(monkeypatch):
     monkeypatch.setattr(marching, "patience", lambda n: 0)
-    rng = np.random.default_rng(878)
-    for kind in ("number", "nodes"):
-        assert_equal_to_serial(MESHES["square"], kind, None, rng)
+    mesh, rng = jittered_square(9, 871), np.random.default_rng(878)
+    g = rng.uniform(0.05, 0.6, mesh.n_points)
+    for g_of in (lambda ids, cells: 0.3, lambda ids, cells: g[ids]):
+        assert_marches_as_one_process(mesh, g_of, "default", rng)
+
+
+@given(data=st.data())
+def test_order_statistics_are_those_of_all_values(data):
+    numbers = st.floats(0.0, np.inf) | st.sampled_from([0.0, 1.0, 1.0 + 2.0**-52])
+    values = [np.array(data.draw(st.lists(numbers, max_size=9))) for _ in range(3)]
+    every = np.concatenate([*values, [0.5]])
+    values[1] = np.append(values[1], 0.5)
+    places = [0, len(every) // 2, len(every) - 1]
+    found = SimulatedCommunicator.run(
+        3, lambda comm: _order_statistics(comm, values[comm.rank], places)
+    )
+    assert found == [np.sort(every)[places].tolist()] * 3

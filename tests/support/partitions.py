@@ -52,14 +52,3 @@ def bounds(mesh, kind, rng):
     elif kind in ("two", "limited"):
         h0[rng.permutation(n)[2:]] = np.inf
     return limit_gradient(mesh, h0, 0.3) if kind == "limited" else h0
-
-
-def assert_equal_to_serial(mesh, h0, g, rank_of, **options):
-    whole = limit_gradient(mesh, h0, g, **options)
-    results, parts = on_ranks(
-        mesh, rank_of, SIZE, lambda part: limit_gradient(part, h0[part.global_ids], g, **options)
-    )
-    for h, part in zip(results, parts, strict=True):
-        expected = whole[part.global_ids]
-        wrong = np.flatnonzero(h != expected)
-        assert len(wrong) == 0, (h[wrong], expected[wrong], part.global_ids[wrong])
