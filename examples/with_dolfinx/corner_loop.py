@@ -19,7 +19,7 @@ from dolfinx import fem, mesh
 from dolfinx.fem.petsc import LinearProblem
 from petsc4py import PETSc
 
-from adaptsize import SimplexMesh, transfer_fields
+from adaptsize import SimplexMesh, adapt, transfer_fields
 from adaptsize import distributed as ads
 
 G = 0.3
@@ -105,7 +105,7 @@ def main():
         if cycle == given.cycles:
             break
         u = found.x.array[old.dofs(found.function_space)]
-        result = ads.adapt(
+        result = adapt(
             part, eta, elements=given.first * 2**cycle, g=G, how=given.how, fields={"u": u}
         )
         if comm.rank == 0:

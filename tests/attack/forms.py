@@ -24,7 +24,7 @@ from .world import kind_for, make, owner_of
 #: Integers are labels there, which are not interpolated, as documented; and in all images.
 _KEEPS_INTEGERS = {
     "transfer_fields", "FieldTransfer.nodal", "FieldTransfer.cells",
-    "adapt", "distributed.adapt", "write", "SimplexMesh.to_meshio",
+    "adapt", "write", "SimplexMesh.to_meshio",
 }  # fmt: skip
 
 #: The finite numbers of float32.

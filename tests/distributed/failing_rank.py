@@ -6,22 +6,22 @@ import sys
 
 from mpi4py import MPI
 
-import adaptsize.distributed
-from adaptsize import remeshing
+import adaptsize
 from adaptsize.cli import console
 from adaptsize.cli.entry import main
-from adaptsize.distributed import files, pvtu
+from adaptsize.distributed import files
+from adaptsize.remeshing import driver
 
 phase, rank = sys.argv[1], int(sys.argv[2])
 
 # The module and the function in which each phase fails.  "alone" and "bug" fail where the other
 # ranks wait for this one; "killed" dies there.
 PLACES = {
-    "alone": (adaptsize.distributed, "limit_gradient"),
-    "meshing": (remeshing, "remesh"),
-    "writing": (pvtu, "write"),
+    "alone": (adaptsize, "limit_gradient"),
+    "meshing": (driver, "remesh"),
+    "writing": (files, "write"),
     "bug": (files, "read_parts"),
-    "killed": (adaptsize.distributed, "limit_gradient"),
+    "killed": (adaptsize, "limit_gradient"),
 }
 
 

@@ -11,8 +11,8 @@ sys.path.insert(0, sys.argv[1])
 import domains
 from meshes import jittered_cube, jittered_square, random_sphere
 
-from adaptsize import PointSource, limit_gradient, size_from_sources
-from adaptsize.distributed import PartitionedMesh, adapt
+from adaptsize import PointSource, adapt, limit_gradient, size_from_sources
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.ranks import as_communicator
 
 

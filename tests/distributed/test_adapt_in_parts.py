@@ -7,7 +7,7 @@ from partitions import KINDS, on_ranks, partition
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
-from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh, adapt
 from adaptsize.adaptation.in_parts import boundary_distance, compare_with, lost_tags
 from adaptsize.adaptation.next_sizes import (
     NextSizes,
@@ -15,7 +15,6 @@ from adaptsize.adaptation.next_sizes import (
     bound_by_tolerance,
     edge_weights,
 )
-from adaptsize.distributed import adapt
 from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes import predicted_elements
 

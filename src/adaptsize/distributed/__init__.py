@@ -1,7 +1,6 @@
 """Mesh sizes on meshes that are distributed over many processes."""
 
 from adaptsize.adaptation.in_parts import AdaptedParts, PartsReport
-from adaptsize.adaptation.in_parts import adapt_in_parts as adapt
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.files import read_parts, write_parts
 from adaptsize.distributed.from_dolfinx import DolfinxPart, from_dolfinx, to_dolfinx
@@ -18,7 +17,6 @@ __all__ = [
     "PartsReport",
     "PartsSources",
     "PlexPart",
-    "adapt",
     "from_dmplex",
     "from_dolfinx",
     "interface_quality",

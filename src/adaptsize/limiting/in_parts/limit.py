@@ -8,8 +8,9 @@ from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array, one_of, warn_caller
+from adaptsize._checks import STEEPEST, as_float_array, as_plain_array, one_of, warn_caller
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.exact.scheme import UNFINISHED, Exact
@@ -49,6 +50,8 @@ class _Summary(NamedTuple):
     least: float
     largest: float
     varies: bool
+    in_cells: bool
+    """Whether g is surely an array of the cells; on some parts, nodes are as many."""
     g: float | None
     method: str
     point_sources: str
@@ -60,6 +63,7 @@ class _Limit(NamedTuple):
 
     slope: Slope
     of_size: GradientOfSize | None
+    in_space: npt.ArrayLike
 
 
 def limit_in_parts(
@@ -86,6 +90,9 @@ def limit_in_parts(
     for name in ("g", "method", "point_sources", "with_info"):
         if len({getattr(summary, name) for summary in every} - {None}) > 1:
             raise ValueError(f"{name} must be the same on all ranks")
+    if any(summary.in_cells for summary in every) and np.shape(limit.in_space) == (part.n_cells,):
+        values = as_float_array("g", limit.in_space)
+        limit = limit._replace(slope=Slope(np.where(values < 1.0 / STEEPEST, 0.0, values)))
     varies, is_flat = any(summary.varies for summary in every), part.cell_dim == part.dim
     scheme = request.scheme
     if scheme is None:
@@ -154,12 +161,13 @@ def _summarized(
         float(finite.min(initial=np.inf)),
         float(finite.max(initial=0.0)),
         is_array,
+        np.shape(in_space) == (part.n_cells,) and part.n_cells != part.n_points,
         number,
         repr(scheme),
         sha256(words).hexdigest(),
         wants_info,
     )
-    return request, _Limit(slope, of_size), summary
+    return request, _Limit(slope, of_size, in_space), summary
 
 
 def _collected(
