@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.ranks import Communicator
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Share by which sizes along edges may exceed the size at a node that they explain.
@@ -30,21 +32,13 @@ class Paths(NamedTuple):
     the path runs along edges."""
 
 
-class Alone:
-    """A single process; on many processes, a subclass combines what each of them finds."""
-
-    rank = 0
-
-    def merge(self, values: FloatArray, how: Literal["min", "max"]) -> FloatArray:
-        """Return nodal values, where those of other processes for the same node count, too."""
-        return values
-
-    def any(self, flag: bool) -> bool:
-        """Return whether the flag is set on any process."""
-        return flag
+#: Returns the least or the largest of the values that all ranks have for each node.
+Merge = Callable[[FloatArray, Literal["min", "max"]], FloatArray]
 
 
-def complete(paths: Paths, rows: FloatArray, known: BoolArray, team: Alone) -> None:
+def complete(
+    paths: Paths, rows: FloatArray, known: BoolArray, ranks: Communicator, merge: Merge
+) -> None:
     """Fill the rows of nodes whose sources are not known (In/Out: rows, known).
 
     A node takes the source of the node where its path starts, else that of the neighbour that
@@ -57,9 +51,10 @@ def complete(paths: Paths, rows: FloatArray, known: BoolArray, team: Alone) -> N
         Source and last bend of the path to each node; the latter is inf if the path is straight.
         The first column holds the id of a node that is its own source.
     known : bool[n]
-    team : Alone
+    ranks : Communicator
+    merge : callable
     """
-    if not team.any(not known.all()):
+    if not ranks.allreduce(int(not known.all()), "max"):
         return
     pairs, sizes = _candidates(paths, known)
     keeps_bend = (paths.start >= 0) & np.isfinite(rows[:, -1])
@@ -68,11 +63,11 @@ def complete(paths: Paths, rows: FloatArray, known: BoolArray, team: Alone) -> N
         usable = np.flatnonzero(~known[pairs[:, 0]] & known[pairs[:, 1]])
         usable = usable[np.unique(pairs[usable, 0], return_index=True)[1]]
         reached = np.zeros(len(known), np.bool_)
-        # The smallest size counts, then the smallest id, then the first process.
-        for key in (sizes, paths.ids[pairs[:, 1]], np.full(len(pairs), team.rank)):
+        # The smallest size counts, then the smallest id, then the first rank.
+        for key in (sizes, paths.ids[pairs[:, 1]], np.full(len(pairs), ranks.rank)):
             own = np.full(len(known), np.inf)
             own[pairs[usable, 0]] = key[usable]
-            least = team.merge(own, "min")
+            least = merge(own, "min")
             reached = np.isfinite(least)
             usable = usable[key[usable] == least[pairs[usable, 0]]]
         nodes, by = pairs[usable].T
@@ -82,9 +77,9 @@ def complete(paths: Paths, rows: FloatArray, known: BoolArray, team: Alone) -> N
         found[nodes[bends], -dim:] = paths.points[by[bends]]
         kept = nodes[keeps_bend[nodes]]
         found[kept, -dim:] = rows[kept, -dim:]
-        rows[reached] = team.merge(found, "max")[reached]
+        rows[reached] = merge(found, "max")[reached]
         known |= reached
-        if not team.any(bool(reached.any())):
+        if not ranks.allreduce(int(reached.any()), "max"):
             return
 
 

@@ -15,8 +15,9 @@ from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points, Wave, node_wave
-from adaptsize.limiting.exact.origins import Alone, Paths, complete
+from adaptsize.limiting.exact.origins import Paths, complete
 from adaptsize.limiting.exact.plane import Plane, along_walls, at_nodes, plane_of, with_corners
+from adaptsize.ranks import SingleRank
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Sizes that differ by less than this share are equal.
@@ -262,7 +263,8 @@ def _name_all(component: Component, found: ComponentSolution, start: IntArray) -
         return
     rows = np.column_stack([named, np.where(np.isnan(bend), np.inf, bend)])
     ids = np.arange(mesh.n_points)
-    complete(Paths(mesh.points, ids, mesh.edges, h, component.g, start), rows, known, Alone())
+    paths = Paths(mesh.points, ids, mesh.edges, h, component.g, start)
+    complete(paths, rows, known, SingleRank(), lambda values, how: values)
     found.nodes, bend = rows[:, : mesh.dim].astype(np.int32), rows[:, mesh.dim :]
     found.bend = np.where(np.isinf(bend), np.nan, bend)
 

@@ -17,7 +17,7 @@ from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import ExactField, Points, Wave, node_wave, sorted_wave
-from adaptsize.limiting.exact.origins import Alone, Paths, complete
+from adaptsize.limiting.exact.origins import Merge, Paths, complete
 from adaptsize.limiting.exact.solve import wave_of_nodes
 from adaptsize.limiting.exact.space import (
     Bounds,
@@ -131,8 +131,14 @@ def solve_body(
     hidden = ~found.proved[body.own]
     traced = None
     if tracing:
-        team = Shared(part, piece, body)
-        traced = _traced(team, found, h0, g, named, rows[:, 9:_COLUMNS])
+        table, known = _traced(body, found, h0, named, rows[:, 9:_COLUMNS])
+        edges = piece.mesh.edges if len(body.own) else np.empty((0, 2), np.int32)
+        paths = Paths(solid.points, body.ids, body.own[edges], found.h, g, found.start)
+        complete(paths, table, known, piece.ranks, _merging(part, piece, body))
+        own = table[body.own]
+        numbers_of_sources = own[:, :4].astype(np.int64)
+        bends = np.where(np.isinf(own[:, 4:]), np.nan, own[:, 4:])
+        traced = Traced(numbers_of_sources[:, :3], numbers_of_sources[:, 3], bends)
     return Solved(
         h,
         field.n_entries,
@@ -143,50 +149,31 @@ def solve_body(
     )
 
 
-class Shared(Alone):
-    """The ranks of a communicator that share the nodes of a body."""
+def _merging(part: PartitionedMesh, piece: Piece, body: Body) -> Merge:
+    """Return the collective function that merges values at shared nodes and at reflex edges."""
+    knots = body.solid.knots.nodes
 
-    def __init__(self, part: PartitionedMesh, piece: Piece, body: Body) -> None:
-        self.part, self.piece, self.body = part, piece, body
-        self.rank = piece.ranks.rank
-
-    def merge(self, values: FloatArray, how: Literal["min", "max"]) -> FloatArray:
-        """Merge the values of shared nodes and of those of reflex edges; collective."""
-        part, piece, body = self.part, self.piece, self.body
-        knots = body.solid.knots.nodes
-        least = how == "min"
-        in_part = np.full((part.n_points, *values.shape[1:]), np.inf if least else -np.inf)
+    def merge(values: FloatArray, how: Literal["min", "max"]) -> FloatArray:
+        none, operation = (np.inf, np.minimum) if how == "min" else (-np.inf, np.maximum)
+        in_part = np.full((part.n_points, *values.shape[1:]), none)
         in_part[piece.nodes] = values[body.own]
-        in_part = part.shared.merge(in_part, np.minimum if least else np.maximum)
         merged = values.copy()
-        merged[body.own] = in_part[piece.nodes]
+        merged[body.own] = part.shared.merge(in_part, operation)[piece.nodes]
         merged[knots] = piece.ranks.allreduce(merged[knots], how)
         return merged
 
-    def any(self, flag: bool) -> bool:
-        """Return whether the flag is set on any rank; collective."""
-        return bool(self.piece.ranks.allreduce(int(flag), "max"))
+    return merge
 
 
 def _traced(
-    team: Shared, found: SpaceResult, h0: FloatArray, g: float, named: Ids, sizes: FloatArray
-) -> Traced:
-    """Return the sources of the sizes at the nodes of a piece; collective."""
-    body, piece = team.body, team.piece
+    body: Body, found: SpaceResult, h0: FloatArray, named: Ids, sizes: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return the sources of the sizes as rows for `complete`, and whether they are known."""
     solved = np.zeros(len(body.ids), np.bool_)
     solved[body.own] = solved[body.solid.knots.nodes] = True
     known = (found.entry >= 0) | (found.h >= h0) | ~solved
     nodes, first, bends = trace(body.ids, found.entry, named, sizes, found.bend)
-    rows = np.column_stack([nodes, first, np.where(np.isnan(bends), np.inf, bends)])
-    edges = piece.mesh.edges if len(body.own) else np.empty((0, 2), np.int32)
-    edges = body.own[edges]
-    paths = Paths(body.solid.points, body.ids, edges, found.h, g, found.start)
-    complete(paths, rows, known, team)
-    rows = rows[body.own]
-    numbers = rows[:, :4].astype(np.int64)
-    return Traced(
-        numbers[:, :3], numbers[:, 3], np.where(np.isinf(rows[:, 4:]), np.nan, rows[:, 4:])
-    )
+    return np.column_stack([nodes, first, np.where(np.isnan(bends), np.inf, bends)]), known
 
 
 def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray, FloatArray]:
