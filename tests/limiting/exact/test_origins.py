@@ -8,7 +8,8 @@ from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact.origins import Alone, Paths, complete
+from adaptsize.limiting.exact.origins import Paths, complete
+from adaptsize.ranks import SingleRank
 
 WALL = domains.wall_box(100, seed=893)[0]
 SQUARE = structured_square(3)
@@ -73,7 +74,8 @@ def test_sizes_that_are_equal_take_the_least_node_and_straight_paths_have_no_ben
     rows = np.column_stack([np.arange(6.0), np.full((6, 2), np.inf)])
     rows[5, 1:] = [2.0, 2.0]
     known = np.array([True, True, False, False, False, False])
-    complete(Paths(points, np.arange(6), edges, h, 1.0, start), rows, known, Alone())
+    paths = Paths(points, np.arange(6), edges, h, 1.0, start)
+    complete(paths, rows, known, SingleRank(), lambda values, how: values)
     assert_array_equal(rows[:, 0], [0, 1, 0, 0, 4, 0])
     assert_array_equal(rows[2:4, 1:], [[np.inf, np.inf], [1.0, 0.0]])
     assert_array_equal(rows[5, 1:], [2.0, 2.0])
