@@ -106,9 +106,7 @@ def regular_number(case, kind, g, goal, number):
         requested = np.abs(np.linalg.eigvalsh(hessian)).max(axis=1)[:, None, None] * np.eye(dim)
     order, before = 2.0 / dim, None
     for _ in range(8):
-        metric = ads.metric_from_hessian(
-            mesh, hessian=requested, elements=number, hmax=layers.HMAX
-        )
+        metric = ads.metric_from_hessian(mesh, hessian=requested, elements=number, hmax=layers.HMAX)
         limited = metric if g is None else ads.limit_metric(grid, metric, g)
         found = predicted_simplices(mesh, limited)
         excess = np.log(error_of_regular(mesh, limited, hessian) / goal)

@@ -121,8 +121,8 @@ COARSER = {
         ("(3, 1.0)", "(3, 4.0)"),
         ("(0.6, tags=foot)", "(3.0, tags=foot)"),
         (
-            "elements_across=1, full",
-            "elements_per_radian=1.5, elements_across=0, tolerance=0.02, full",
+            "elements_across=1)",
+            "elements_per_radian=1.5, elements_across=0, tolerance=0.02)",
         ),
         ("2.0, 0.5)", "2.0, 2.0)"),
         ("remesh(part, size)", "remesh(part, size, tolerance=0.02)"),
