@@ -26,7 +26,7 @@ NUMBERS = [
     (name, option.opts[-1])
     for name, command in COMMANDS.items()
     for option in command.params
-    if option.param_type_name == "option" and option.metavar in ("NUMBER", "LENGTH", "DEGREES")
+    if option.metavar in ("NUMBER", "LENGTH", "DEGREES") and option.name != "rounds"  # whole
 ]
 
 

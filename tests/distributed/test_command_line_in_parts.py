@@ -100,7 +100,7 @@ def test_wrong_limits_of_sizes_are_refused(mesh, tmp_path, capsys, limits, text)
     assert text in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("more", [(), ("--gather",)])
+@pytest.mark.parametrize("more", [(), ("--how", "gather")])
 def test_remeshing_on_several_ranks(mesh, tmp_path, more):
     output = tmp_path / "fine.pvtu"
     done = _mpi(RANKS, "remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", output, *more)

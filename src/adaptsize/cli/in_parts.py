@@ -10,16 +10,16 @@ import numpy as np
 from adaptsize._checks import as_limits
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import check_files, check_place, nodal_field
+from adaptsize.cli.files import Content, check_files, check_place, nodal_field
 from adaptsize.cli.options import Given
+from adaptsize.options import PartsOptions, options_of
 
 if TYPE_CHECKING:
     from adaptsize.distributed import PartitionedMesh
-    from adaptsize.ranks import Communicator
     from adaptsize.typing import FloatArray
 
 #: Options that are passed on to `adaptsize.remesh`.
-_OF_MESHING = {"tolerance", "max_elements", "timeout"}
+_OF_MESHING = {"tolerance", "max_elements", "timeout", *options_of(PartsOptions)}
 
 
 def runs_in_parts(console: Console, file: Path, output: Path, given: Given) -> bool:
@@ -39,57 +39,51 @@ def _check_options(given: Given, allowed: set[str]) -> None:
         raise ValueError(f"{', '.join(refused)} is not available for distributed meshes")
 
 
-def _ranks(console: Console) -> Communicator:
+def _read(
+    console: Console, file: Path, output: Path, content: Content, field: str
+) -> tuple[PartitionedMesh, FloatArray]:
+    """Return the mesh and the field of this rank; refuse an output that cannot be written."""
+    from adaptsize.distributed.files import read_parts
     from adaptsize.ranks import as_communicator
 
-    return as_communicator(None) if console.world is None else console.world.comm
+    def check() -> None:
+        if output.suffix.lower() != ".pvtu":
+            check_files([file], output, content)
+            return
+        check_place(output)  # one of several files
+        if output.resolve() == file.resolve():
+            raise ValueError(f"--output {output} is also the input; give another name")
 
-
-def _check_output(file: Path, output: Path, *, is_mesh: bool) -> None:
-    """Refuse an output that cannot be written.  A PVTU file is one of several."""
-    if output.suffix.lower() != ".pvtu":
-        check_files([file], output, "mesh" if is_mesh else "sizes")
-        return
-    check_place(output)
-    if output.resolve() == file.resolve():
-        raise ValueError(f"--output {output} is also the input; give another name")
-
-
-def _bounds(part: PartitionedMesh, name: str) -> FloatArray:
-    """Return the nodal field of this rank; collective."""
-
-    def find() -> FloatArray:
-        if part.mesh is None:
-            return np.empty(0)
-        return np.asarray(nodal_field(part.mesh, name), np.float64)
-
-    return part.ranks.agree(find)
+    ranks = as_communicator(None) if console.world is None else console.world.comm
+    ranks.agree(check)
+    part = read_parts(file, ranks)
+    mesh = part.mesh
+    return part, ranks.agree(
+        lambda: np.empty(0) if mesh is None else nodal_field(mesh, field).astype(np.float64)
+    )
 
 
 def limit_in_parts(console: Console, file: Path, output: Path, given: Given) -> None:
     """Limit the gradient of a nodal field of a distributed mesh."""
     from adaptsize import limit_gradient
-    from adaptsize.distributed.files import read_parts, write_parts
+    from adaptsize.distributed.files import write_parts
 
     _check_options(given, {"field", "g", "method", "mpi"})
     gradient, method = given["g"], given.get("method", "auto")
-    comm = _ranks(console)
     with console.steps(3) as steps:
         steps.begin("reading")
-        comm.agree(lambda: _check_output(file, output, is_mesh=False))
-        part = read_parts(file, comm)
-        h0 = _bounds(part, given["field"])
+        part, h0 = _read(console, file, output, "sizes", given["field"])
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, method=method, progress=steps.report)
         steps.begin("writing")
         files = write_parts(output, part, fields={"h": h})
     own = part.is_owned
-    lowered = comm.allreduce(int(np.count_nonzero((h < h0)[own])), "sum")
+    lowered = part.ranks.allreduce(int(np.count_nonzero((h < h0)[own])), "sum")
     console.record(
-        input=str(file), g=gradient, n_ranks=comm.size, n_points=part.n_global_points,
+        input=str(file), g=gradient, n_ranks=part.ranks.size, n_points=part.n_global_points,
         n_lowered=lowered,
     )  # fmt: skip
-    console.print(f"{lowered} of {part.n_global_points} nodes lowered, on {comm.size} ranks")
+    console.print(f"{lowered} of {part.n_global_points} nodes lowered, on {part.ranks.size} ranks")
     _finish(console, part, files)
 
 
@@ -97,25 +91,21 @@ def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) ->
     """Remesh a distributed mesh with the sizes in a nodal field, limited."""
     from adaptsize import limit_gradient
     from adaptsize.background import interpolate
-    from adaptsize.distributed.files import read_parts, write_parts
+    from adaptsize.distributed.files import write_parts
     from adaptsize.remeshing import remesh
     from adaptsize.remeshing.in_parts import interface_quality
 
-    known = {"field", "g", "hmin", "hmax", "target", "backend", "mpi", "gather"}
+    known = {"field", "g", "hmin", "hmax", "target", "backend", "mpi"}
     _check_options(given, known | _OF_MESHING)
     if "field" not in given:
         raise ValueError("--field is required for distributed meshes")
     gradient = given.get("g", GRADIENT_LIMIT)
     options = {name: given[name] for name in _OF_MESHING & given.keys()}
-    if "gather" in given:
-        options["how"] = "gather"
     low, high = as_limits(given.get("hmin"), given.get("hmax"))
-    comm = _ranks(console)
     with console.steps(4) as steps:
         steps.begin("reading")
-        comm.agree(lambda: _check_output(file, output, is_mesh=True))
-        part = read_parts(file, comm)
-        h0 = np.clip(_bounds(part, given["field"]), low, high)
+        part, bounds = _read(console, file, output, "mesh", given["field"])
+        h0 = np.clip(bounds, low, high)
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, progress=steps.report)
         steps.begin("meshing")
@@ -125,7 +115,7 @@ def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) ->
         steps.begin("writing")
         files = write_parts(output, made, fields={"h": sizes})
     console.record(
-        input=str(file), g=gradient, n_ranks=comm.size,
+        input=str(file), g=gradient, n_ranks=part.ranks.size,
         quality={
             "everywhere": vars(quality.everywhere), "at_interfaces": vars(quality.at_interfaces)
         },

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args
 import typer
 from typer.core import TyperCommand
 
+from adaptsize.cli.sources import FORMS
 from adaptsize.options import Option, options_of
 
 if sys.version_info >= (3, 11):
@@ -78,10 +79,8 @@ METRIC = own(
 )  # fmt: skip
 SOURCE = own(
     "Sizes", "source", list[str],
-    "point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h (segments, or a text with one "
-    "point per line), ball:x,y,z,r=h, box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h or region:tag=h; "
-    "lengths in the unit of the coordinates.  In the plane, omit the z coordinates.  May be "
-    "repeated.",
+    f"{FORMS}; a FILE has segments, or is a text with one point per line.  In the plane, omit the "
+    "z coordinates.  May be repeated.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 MPI = own(
@@ -193,8 +192,8 @@ def _place(option: Option) -> int:
 def _as_parameter(option: Option) -> inspect.Parameter:
     """Return the parameter from which typer makes an option."""
     kind, metavar = option.type, option.metavar
-    if get_args(kind) and not option.choices:
-        metavar = option.name.upper()
+    if get_args(kind):
+        metavar = "|".join(option.choices) or option.name.upper()
     if kind is Path:
         metavar = "FILE"
     elif kind not in (float, int, bool, list[int], list[str]):

@@ -39,6 +39,7 @@ from adaptsize.cli.sources import parse_source
 from adaptsize.options import (
     BudgetOptions,
     MeshOptions,
+    PartsOptions,
     RemeshToElementsOptions,
     checked,
     options_of,
@@ -82,7 +83,7 @@ _PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
         "Also write a page for the browser, with the mesh in 3-D (.html).",
     ),
     MPI,
-    own("General", "gather", bool, "Under MPI, mesh on one rank instead of in parts."),
+    PartsOptions,
 )  # fmt: skip
 def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> None:
     """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
@@ -160,7 +161,8 @@ def _made(
     from adaptsize.errors import OpenSurfaceWarning
 
     elements, nodes = given.get("elements"), given.get("nodes")
-    for_mesh = {name: given[name] for name in options_of(MeshOptions).keys() & given.keys()}
+    names = {*options_of(MeshOptions), *options_of(PartsOptions)}
+    for_mesh = {name: given[name] for name in names & given.keys()}
     for_sizes = {name: value for name, value in given.items() if name not in for_mesh}
     for_sizes["progress"] = steps.report
 

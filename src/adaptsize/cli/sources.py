@@ -17,7 +17,7 @@ _LISTED = 5
 #: Suffixes of texts with one point per line.
 _TEXTS = (".txt", ".csv", ".dat", ".xy", ".xyz")
 
-_HELP = (
+FORMS = (
     "point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h, ball:x,y,z,r=h, "
     "box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h, region:tag=h"
 )
@@ -66,7 +66,7 @@ def parse_source(text: str) -> Any:
         return sizes.BoundarySource(size, tags=int(numbers[0]) if n else None)
     if equals and kind == "region" and n == 1:
         return sizes.RegionSource(int(numbers[0]), size)
-    raise ValueError(f"--source must be one of {_HELP}; got {text!r}")
+    raise ValueError(f"--source must be one of {FORMS}; got {text!r}")
 
 
 def _curve_source(where: str, size_text: str, text: str) -> Any:
@@ -76,7 +76,7 @@ def _curve_source(where: str, size_text: str, text: str) -> Any:
     try:
         size = float(size_text)
     except ValueError as error:
-        raise ValueError(f"--source must be one of {_HELP}; got {text!r}") from error
+        raise ValueError(f"--source must be one of {FORMS}; got {text!r}") from error
     try:
         rows = [[float(word) for word in point.split(",")] for point in where.split(":")]
     except ValueError:

@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import command
@@ -58,56 +59,29 @@ def _run(name: str) -> None:
         _TASKS[name]()
 
 
-def _plane() -> None:
-    """Limit on triangles, with and without obstacles, and measure quality."""
+def _limiting(dim: int) -> None:
+    """Limit on triangles or tetrahedra, with and without obstacles, and measure quality."""
     import numpy as np
 
     import adaptsize as ads
 
-    axis = np.arange(5.0)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    corner = np.arange(25).reshape(5, 5)
-    a, b, c, d = (corner[i : i + 4, j : j + 4].ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    cells = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
-    whole = ads.SimplexMesh(points, cells)
-    middle = points[cells].mean(axis=1)
-    for mesh in (whole, ads.SimplexMesh(points, cells[~(middle > 2.0).all(axis=1)])):
-        few = np.full(mesh.n_points, np.inf)
-        few[0] = 0.1
-        for h0 in (few, 0.1 + 2.0 * np.random.default_rng(1).random(mesh.n_points)):
-            _, info = ads.limit_gradient.with_info(mesh, h0, 0.3)
-            _ = info.largest_edge_slope, info.cell_gradient_quantiles
-        size = ads.size_function(mesh)
-        ads.size_conformity(mesh, size)
-
-
-def _space() -> None:
-    """Limit on tetrahedra, with and without obstacles, and measure quality."""
-    import numpy as np
-
-    import adaptsize as ads
-
-    octree = ads.Octree.build([0.0] * 3, [4.0] * 3, lambda x, _: np.full(len(x), True), max_level=2)
-    whole = octree.mesh
+    whole = ads.CartesianGrid([0.0] * dim, 1.0, (5,) * dim).mesh
     middle = whole.points[whole.cells].mean(axis=1)
     for mesh in (whole, ads.SimplexMesh(whole.points, whole.cells[~(middle > 2.0).all(axis=1)])):
         few = np.full(mesh.n_points, np.inf)
         few[0] = 0.1
         for h0 in (few, 0.1 + 2.0 * np.random.default_rng(1).random(mesh.n_points)):
-            ads.limit_gradient(mesh, h0, 0.3)
-    ads.size_conformity(whole, few.max(initial=1.0, where=np.isfinite(few)))
+            _, info = ads.limit_gradient.with_info(mesh, h0, 0.3)
+            _ = info.largest_edge_slope, info.cell_gradient_quantiles
+        size = ads.size_function(mesh) if dim == 2 else np.ones(mesh.n_points)
+        ads.size_conformity(mesh, size)
 
 
 def _surface() -> None:
     """Make the size function of a surface."""
-    import numpy as np
-
     import adaptsize as ads
 
-    points = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 1)], dtype=float)
-    cells = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
-    cells += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    part = ads.SimplexMesh(points, cells)
+    part = ads.CartesianGrid([0.0] * 3, (2.0, 1.0, 1.0), (2, 2, 2)).mesh.boundary().mesh
     size = ads.size_function(part, sources=ads.PointSource([0.0, 0.0, 0.0], 0.1))
     size(part.points)
     ads.size_conformity(part, size, surface=part)
@@ -123,18 +97,10 @@ def _image(dim: int) -> None:
     ads.mesh_image(np.linalg.norm(axes, axis=0) < 9.0, hmin=4.0, hmax=4.0)
 
 
-def _picture() -> None:
-    _image(2)
-
-
-def _volume() -> None:
-    _image(3)
-
-
 _TASKS: dict[str, Callable[[], None]] = {
     "surfaces": _surface,
-    "tetrahedra": _space,
-    "triangles": _plane,
-    "volumes of voxels": _volume,
-    "pictures": _picture,
+    "tetrahedra": partial(_limiting, 3),
+    "triangles": partial(_limiting, 2),
+    "volumes of voxels": partial(_image, 3),
+    "pictures": partial(_image, 2),
 }
