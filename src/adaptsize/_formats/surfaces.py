@@ -284,30 +284,30 @@ def _read_records(element: _Element, body: bytes, start: int) -> tuple[_Columns,
     """Read records with lists of any length, one after the other."""
     values: dict[str, list[Any]] = {p.name: [] for p in element.properties}
     counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count_dtype}
-    for i in range(element.n):
+
+    def take(dtype: np.dtype[Any], n: int) -> npt.NDArray[Any]:
+        nonlocal start
+        end = start + n * dtype.itemsize
+        if n < 0 or end > len(body):
+            name = _PLURALS.get(element.name, f"{element.name} records")
+            raise MeshFileError(f"is truncated (promises {element.n} {name}, holds {done})")
+        found = np.frombuffer(body, dtype, n, start)
+        start = end
+        return found
+
+    for done in range(element.n):  # noqa: B007 - it is used in take
         for p in element.properties:
             n = 1
             if p.count_dtype is not None:
-                (n,) = map(int, _take(element, i, body, start, p.count_dtype, 1))
-                start += p.count_dtype.itemsize
+                n = int(take(p.count_dtype, 1)[0])
                 counts[p.name].append(n)
-            values[p.name].extend(_take(element, i, body, start, p.dtype, n).tolist())
-            start += n * p.dtype.itemsize
+            values[p.name].extend(take(p.dtype, n).tolist())
     columns: _Columns = {}
     for p in element.properties:
         column = np.array(values[p.name], p.dtype)
         is_list = p.name in counts
         columns[p.name] = _Lists(np.array(counts[p.name], np.int64), column) if is_list else column
     return columns, start
-
-
-def _take(
-    element: _Element, done: int, body: bytes, start: int, dtype: np.dtype[Any], n: int
-) -> npt.NDArray[Any]:
-    if n < 0 or start + n * dtype.itemsize > len(body):
-        name = _PLURALS.get(element.name, f"{element.name} records")
-        raise MeshFileError(f"is truncated (promises {element.n} {name}, holds {done})")
-    return np.frombuffer(body, dtype, n, start)
 
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
