@@ -15,8 +15,8 @@ grid = ads.CartesianGrid([-50.0, -50.0], 1.0, (101, 101))
 h0 = np.full(grid.shape, np.inf)
 h0[40, 50], h0[60, 50] = 1.0, 5.0
 exact = ads.limit_gradient(grid, h0, 0.3)
-for options in ({"method": "edge-based"}, {"method": "fast-marching", "order": 2}):
-    print(options, np.abs(ads.limit_gradient(grid, h0, 0.3, **options) - exact).max())
+for method in ("edge-based", ads.limiting.FastMarching(order=2)):
+    print(method, np.abs(ads.limit_gradient(grid, h0, 0.3, method=method) - exact).max())
 ads.plot.plot_size(grid, exact, path="grid_schemes.png")
 ```
 
@@ -32,10 +32,10 @@ import adaptsize as ads
 
 G = 0.3
 SCHEMES = {
-    "edge-based": {"method": "edge-based"},
-    "first order": {"method": "fast-marching"},
-    "second order": {"method": "fast-marching", "order": 2},
-    "exact": {"method": "exact"},
+    "edge-based": "edge-based",
+    "first order": "fast-marching",
+    "second order": ads.limiting.FastMarching(order=2),
+    "exact": "exact",
 }
 
 
@@ -47,8 +47,8 @@ def main(output_dir: Path, *, n_cells: int = 100, width: int = 480) -> dict[str,
     away = [np.linalg.norm(grid.points - [x, 0.0], axis=1) for x in (-10.0, 10.0)]
     true = np.minimum(1.0 + G * away[0], 5.0 + G * away[1]).reshape(grid.shape)
     titles, fields, found = ["true solution, formula (11)"], [true], {}
-    for name, options in SCHEMES.items():
-        h = ads.limit_gradient(grid, h0, G, **options)
+    for name, method in SCHEMES.items():
+        h = ads.limit_gradient(grid, h0, G, method=method)
         found[f"max error {name}"] = float(np.abs(h - true).max())
         titles.append(f"{name}, largest error {np.abs(h - true).max():.3g}")
         fields.append(h)

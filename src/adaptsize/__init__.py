@@ -72,7 +72,6 @@ _SUBMODULES = (
     "io",
     "limiting",
     "metrics",
-    "options",
     "plot",
     "quality",
     "ranks",

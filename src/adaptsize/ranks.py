@@ -15,6 +15,8 @@ import numpy.typing as npt
 from adaptsize._checks import describe
 from adaptsize.typing import IntArray
 
+__all__ = ["Communicator", "Traffic", "as_communicator"]
+
 T = TypeVar("T")
 
 #: Global numbers.
