@@ -168,8 +168,7 @@ class SizeOptions(TypedDict, total=False):
             chosen="4",
             short="-K",
             text="Elements per radian of curved boundaries; 0 disables this bound.",
-            details="See `size_from_curvature`.  In a mesh that carries its own sizes, also of "
-            "curved interfaces and of tagged facets inside.",
+            details="In a mesh, also of curved interfaces and of tagged facets inside.",
         ),
     ]
     elements_across: Annotated[
@@ -178,8 +177,7 @@ class SizeOptions(TypedDict, total=False):
             default=None,
             chosen="2",
             text="Elements across narrow regions; 0 disables this bound.",
-            details="See `size_from_feature`.  In a mesh that carries its own sizes, each region "
-            "(``cell_tags``) counts separately.",
+            details="In a mesh, each region (``cell_tags``) counts separately.",
         ),
     ]
     elements_between: Annotated[
@@ -189,8 +187,7 @@ class SizeOptions(TypedDict, total=False):
             chosen="1, or 0 on rough surfaces",
             text="Elements between features of the boundary that are close and do not meet; 0 "
             "disables this bound.",
-            details="See `size_from_separation`.  It has no effect on functions, images and level "
-            "sets.",
+            details="It has no effect on functions, images and level sets.",
         ),
     ]
     g: Annotated[
@@ -242,7 +239,7 @@ class SizeOptions(TypedDict, total=False):
             text="Allowed distance of the boundary of the mesh from that of the domain, over the "
             "diameter.",
             details="Sizes on boundaries of radius r are at most 2 sqrt(tolerance * diameter * r), "
-            "if the mesh or the surface itself carries the sizes.  inf disables this bound.",
+            "on the mesh itself.  inf disables this.",
         ),
     ]
 
@@ -317,8 +314,7 @@ class ImageOptions(TypedDict, total=False):
             unit="pixels",
             upper=1000.0,
             text="Standard deviation of the low-pass filter of the mask.",
-            details="A value of 2 removes ripples of the boundary, lines of up to 2 pixels, and "
-            "specks of up to 3 x 3 pixels.",
+            details="2 removes ripples, lines of 2 pixels, and specks of 3 x 3.",
         ),
     ]
 

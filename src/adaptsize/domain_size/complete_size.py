@@ -66,19 +66,16 @@ def size_function(
         * an image, or an array of labels or booleans;
         * a grid and the signed distance at its nodes, negative inside.
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
-        Carries the sizes.  The default depends on the domain.  For tetrahedra and triangles in
-        the plane it is the mesh itself.  For a surface it is a copy, refined where its
-        triangles are long.  For a closed polyline it is a grid around the domain, and for an
-        image the grid of its pixels.  For a callable it is an octree in ``box``, refined until
-        sizes between its nodes are right within 5 %.  For a level set it must be a grid.
+        Carries the sizes.  By default the mesh itself; of a surface a copy, refined where its
+        triangles are long; of a closed polyline, a level set or an image a grid; of a callable an
+        octree in ``box``, refined until sizes between its nodes are right within 5 %.
     box : tuple (lower, upper), optional
         Corners of a box around the domain, for callables without ``background``.
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
-        Further upper bounds: an array with a value per node of the background (of ``domain``,
-        if ``background`` is not given), or a function of points.  For a callable domain without
-        ``background`` it must be a function.
+        Further upper bounds: a value per node of the background (of ``domain`` by default), or a
+        function of points.  For a callable domain without ``background`` it must be a function.
     progress : callable or bool, optional
         Called with a text and the fraction completed.  True shows a progress bar on a terminal.
     **options
@@ -86,11 +83,9 @@ def size_function(
     Returns
     -------
     SizeFunction
-        Defined everywhere.  Outside the domain it continues with the sizes at the boundary.  For
-        a surface in space, its background is the refined copy of the surface, and the size
-        grows from there by ``g`` per unit length up to ``hmax``.  Its ``report`` is a `SizeReport`:
-        which cause controls which part and how much of it, the parameters chosen, and the
-        predicted number of elements.
+        Defined everywhere.  Outside the domain it continues with the sizes at the boundary, and
+        grows from a surface by ``g`` up to ``hmax``.  Its ``report`` is a `SizeReport`: which cause
+        controls how much, the parameters chosen, and the predicted number of elements.
 
     Raises
     ------
@@ -101,12 +96,10 @@ def size_function(
     Warns
     -----
     ResolutionWarning
-        If the given parameters require more than ``max_elements`` elements or do not allow
-        ``elements`` or ``nodes``, or if the octree of a callable domain would need more leaves
-        than allowed for an error of 5 %.
+        If the given parameters do not allow the number of elements or nodes, or if the octree of a
+        callable domain would need too many leaves.
     OutsideWarning
-        If a source lies outside the domain, or off the surface that carries the sizes, so that
-        sizes there are larger than requested.
+        If a source lies outside the domain, or off the surface that carries the sizes.
     ImageWarning
         If objects reach the border of the image, or if smoothing removes objects.
 
@@ -118,13 +111,9 @@ def size_function(
     surface) they are relaxed or tightened until the prediction is within 2 %, if the given ones
     allow that.  `remesh_to_elements` also allows for what the mesh generator makes of it.
 
-    The boundaries of objects in an image are smoothed with a radius of about ``smoothing``, and
-    objects less than one or two pixels apart merge.  The distance to them gives the curvature and
-    the local feature size, see section 7.2 of [1]_.
-
-    If the background is a mesh of the domain or a grid, sizes do not propagate from one part of
-    the domain to another through the outside, and neither do they for a callable domain.  On
-    other backgrounds they do.
+    The boundaries of objects in an image are rounded with a radius of about ``smoothing``, and
+    objects less than one or two pixels apart merge, see section 7.2 of [1]_.  On a given
+    octree, or a mesh of more than the domain, sizes propagate also through the outside.
 
     References
     ----------

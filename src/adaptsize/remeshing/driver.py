@@ -133,26 +133,9 @@ def remesh(
     Guaranteed are the checks above, positive cells, and regions and tags.  Mmg keeps regions and
     tags exactly.  For fTetWild they are looked up in the old mesh, within the tolerance.
 
-    To fill a surface, Mmg starts from a first mesh by Netgen if that is installed and can fill it,
-    otherwise by fTetWild.  If it has a dihedral angle below 2 degrees, fTetWild fills the surface
-    with the same sizes, and the mesh with the larger angle is returned.
-
-    No generator guarantees the tolerance.  On 13 closed parts with the sizes of `size_function`,
-    the meshes on a first volume by Netgen kept it (scans: 1.4 times it), those by fTetWild alone
-    too (except for sizes above 1/12 of the diagonal), and the meshes by Mmg on a first volume by
-    fTetWild were up to 4 times as far.  Where larger sizes are requested than the tolerance
-    allows, Mmg makes smaller cells.  Open or self-intersecting surfaces are closed by fTetWild and
-    may deviate more.
-
-    No generator guarantees that the edges have the requested lengths.  `size_conformity`
-    measures how closely they do.  On CAD parts with sizes that the geometry allows, 89 to 93 %
-    (Mmg) and 84 to 93 % (fTetWild) of the edges were within sqrt 2 of the size, with dihedral
-    angles above 10 degrees.  Where a size is larger than a detail of the surface, it cannot be
-    met.
-
-    fTetWild gives a different mesh in each run.  Mmg gives the same mesh for the same input.
-    fTetWild takes from ten seconds to minutes, Netgen and Mmg a few seconds for 50 000 cells.
-    Netgen has a time limit, so on a slow machine another first mesh may be used.
+    No generator guarantees the tolerance, or that the edges have the requested lengths, which
+    `size_conformity` measures.  Mmg gives the same mesh for the same input, fTetWild another one in
+    each run.  To fill a surface, Mmg starts from a first mesh by Netgen or fTetWild.
 
     Generators run in child processes in a temporary directory.  Their crashes, output
     and files do not affect the caller, and Ctrl-C stops them.
