@@ -868,6 +868,8 @@ _GROUPS: tuple[type, ...] = (
     HessianOptions,
     CurvatureOptions,
     FeatureOptions,
+    PictureOptions,
+    ScaledPictureOptions,
 )
 
 

@@ -29,9 +29,9 @@ _CHUNK = 20_000
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
 # The distance of a foot from the boundary must be below this share of that of the node, and ...
-_FOOT_SHARE = 0.01
+_NEAR_FOOT = 0.01
 # ... at least this share of the nodes must have a foot: all except those at the medial axis.
-_LEAST_FEET = 0.5
+_LEAST_NEAR_FEET = 0.5
 
 
 class Depths(NamedTuple):
@@ -179,8 +179,8 @@ class FunctionBoundary:
         # Smaller distances are dominated by rounding.
         away = np.abs(seen.depth) > 100.0 * self._step
         left = self.distance(seen.feet(background.points)[away])
-        good = left <= _FOOT_SHARE * np.abs(seen.depth[away]) + self._step
-        if away.any() and good.mean() < _LEAST_FEET:
+        good = left <= _NEAR_FOOT * np.abs(seen.depth[away]) + self._step
+        if away.any() and good.mean() < _LEAST_NEAR_FEET:
             raise ValueError(
                 "boundary must be a signed distance, for which a step of that length along the "
                 f"gradient ends at its zero level; this holds at {good.sum()} of {away.sum()} nodes"
