@@ -81,12 +81,3 @@ def test_what_does_not_fit_is_refused(capsys, solved, words, message):
     assert message in printed
     assert printed.count("\n") == 1
     assert not solved.with_name("next.vtu").exists()
-
-
-def test_a_name_of_two_fields_is_refused(capsys, solved):
-    mesh = read(solved)
-    mesh = mesh.with_data(cell_data={"u": mesh.cell_data["eta"]})
-    write(solved, mesh)
-    words = ["--field", "u", "--nodes", 9]
-    assert call("adapt", solved, "-o", solved.with_name("next.vtu"), *words) == 1
-    assert "'u' is a nodal field and a cell field" in capsys.readouterr().err

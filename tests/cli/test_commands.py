@@ -12,7 +12,7 @@ from shapes import block
 from adaptsize import SimplexMesh, __version__, read, size_function, write
 from adaptsize.cli import files
 from adaptsize.cli import steps as steps_module
-from adaptsize.cli.steps import NORMAL, QUIET, Steps
+from adaptsize.cli.steps import NORMAL, Steps
 
 DATA = Path(__file__).parents[2] / "data"
 CUBE = block(2)
@@ -60,15 +60,6 @@ def test_json_is_one_object_with_the_documented_keys(capsys, square, command):
         assert file["file"] == str(square.with_name("out.vtu"))
         assert (file["n_points"], file["n_cells"]) == (4, 2)
         assert "h" in file["fields"]
-
-
-def test_json_of_size_lists_parameters_and_causes(capsys, square):
-    assert call(*command_line("size", square), "--json") == 0
-    size = as_parsed(capsys.readouterr().out)["size"]
-    assert (size["g"], size["hmax"], size["elements_per_radian"]) == (0.25, 0.5, 4.0)
-    assert [cause["code"] for cause in size["causes"]] == list(range(len(size["causes"])))
-    assert sum(cause["domain_share"] for cause in size["causes"]) == pytest.approx(1.0)
-    assert {cause["name"] for cause in size["causes"]} >= {"hmin", "hmax"}
 
 
 def test_json_of_an_error_has_the_error(capsys, tmp_path):
@@ -183,19 +174,6 @@ def test_texts_of_a_generator_are_parts_of_one_step(clock):
     assert times == [("sizes", 1.0), ("first", 3.0), ("second", 1.0), ("writing", 0.0)]
 
 
-def test_a_step_that_fails_is_no_step(clock):
-    times = []
-
-    def fail():
-        with Steps(1, print, times, QUIET) as steps:
-            steps.begin("reading")
-            raise ValueError("no")
-
-    with pytest.raises(ValueError, match="no"):
-        fail()
-    assert times == []
-
-
 def test_the_timer_prints_the_present_step(monkeypatch):
     monkeypatch.setattr(steps_module, "PATIENCE", 0.01)
     lines = []
@@ -219,19 +197,6 @@ def test_info_tells_what_is_in_the_block(capsys):
     assert set(printed["facet_tags"]) == {"1", "2", "3", "10"}
     assert set(printed["point_fields"]) == {"temperature", "displacement", "h0"}
     assert printed["n_components"] == 1
-
-
-def test_limit_adds_the_field_h(capsys, square):
-    output = square.with_name("limited.vtu")
-    assert call("limit", square, "--field", "h0", "-g", "0.3", "-o", output) == 0
-    printed = capsys.readouterr()
-    assert "3 of 4 nodes lowered" in printed.out
-    assert printed.err == ""
-    limited = read(output).point_data
-    # Distances from the corner with 0.1: 1, sqrt 2, 1.
-    expected = 0.1 + 0.3 * np.array([0.0, 1.0, np.sqrt(2.0), 1.0])
-    np.testing.assert_allclose(limited["h"], expected, rtol=1e-12)
-    assert "h0" in limited
 
 
 def test_limit_writes_and_lists_the_nodes_that_sizes_come_from(capsys, square):
@@ -260,27 +225,6 @@ def test_limit_tells_when_the_method_knows_no_sources(capsys, square):
         "got method 'fast-marching'\n"
     )
     assert not sources.exists()
-
-
-def test_size_writes_limited_sizes_and_says_which(capsys, tmp_path):
-    output = tmp_path / "sized.vtu"
-    source = "ball:10,10,10,2=0.5"
-    assert call("size", DATA / "block.vtu", "-o", output, "--hmax", "4", "--source", source) == 0
-    printed = capsys.readouterr()
-    assert "g = 0.25" in printed.err
-    assert "hmax = 4" in printed.err
-    mesh = read(output)
-    h = mesh.point_data["h"]
-    assert h.min() == pytest.approx(0.5)
-    assert h.max() == pytest.approx(4.0)
-    i, j = mesh.edges.T
-    assert (np.abs(h[i] - h[j]) <= 0.25 * mesh.edge_lengths * (1 + 1e-6)).all()
-
-
-@pytest.mark.parametrize("name", ["h.pos", "h.sol", "h.jig.msh"])
-def test_size_writes_for_other_mesh_generators(tmp_path, name):
-    assert call("size", DATA / "lshape.vtu", "-o", tmp_path / name, "--hmax", "0.1") == 0
-    assert (tmp_path / name).stat().st_size > 1000
 
 
 @pytest.mark.parametrize("name", ["lshape.vtu", "bracket.stl"])

@@ -90,12 +90,3 @@ def test_options_for_the_other_kind_of_file_are_refused(mask, tmp_path, capsys):
     assert "--field does not apply to this kind of file" in capsys.readouterr().err
     assert call("size", DATA / "lshape.vtu", "-o", tmp_path / "a.vtu", "--label", "3") == 1
     assert "--label does not apply to this kind of file" in capsys.readouterr().err
-
-
-def test_objects_at_the_border_are_a_warning(tmp_path, capsys):
-    rows = np.zeros((40, 40), np.uint8)
-    rows[:20, 10:30] = 1
-    Pillow.fromarray(rows).save(tmp_path / "mask.png")
-    assert call("image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu") == 0
-    printed = capsys.readouterr().err
-    assert "adaptsize: warning: objects reach the border of the image at 20 pixels" in printed

@@ -47,29 +47,6 @@ def no_generator(monkeypatch):
 # --- the mesh ---------------------------------------------------------------------
 
 
-def test_remesh_makes_graded_tetrahedra_of_a_part(capsys, box):
-    output = box.with_name("box.vtu")
-    words = ["--hmax", "0.4", "-g", "0.3", "--source", "point:0,0,0=0.1"]
-    assert call("remesh", box, "-o", output, *words, "--json") == 0
-    printed = capsys.readouterr()
-    assert "adaptsize: sizes:" in printed.err
-    mesh = read(output)
-    assert mesh.cell_dim == 3
-    assert mesh.measures.sum() == pytest.approx(2.0, rel=0.01)
-    distance = np.linalg.norm(mesh.points[mesh.edges].mean(axis=1), axis=1)
-    fine, coarse = mesh.edge_lengths[distance < 0.3], mesh.edge_lengths[distance > 1.5]
-    assert np.median(fine) < 0.5 * np.median(coarse)
-    assert {"box.stl", "box.vtu"} == {path.name for path in box.parent.iterdir()}
-    steps = [step["name"] for step in json.loads(printed.out)["steps"]]
-    assert steps[:2] == ["reading", "sizes"]
-    assert steps[2:-2] in (
-        ["surface", "first volume", "Mmg"],  # with Netgen
-        ["first volume", "Mmg"],
-        ["fTetWild"],
-    )
-    assert steps[-2:] == ["writing", "checks"]
-
-
 def test_remesh_is_read_size_function_and_remesh(tmp_path):
     pytest.importorskip("mmgpy")
     output = tmp_path / "new.vtu"

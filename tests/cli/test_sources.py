@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adaptsize import CurveSource, SimplexMesh, read, size_function, write
-from adaptsize.cli.entry import run
+from adaptsize import SimplexMesh, write
 from adaptsize.cli.sources import parse_source
 
 DATA = Path(__file__).parents[2] / "data"
@@ -28,24 +27,6 @@ def test_points_and_files_give_the_same_curve(curves):
         source = parse_source(text)
         assert source.size == 0.02
         np.testing.assert_array_equal(getattr(source.curve, "points", source.curve), POINTS)
-
-
-def test_sizes_follow_the_curve_as_in_python(tmp_path, curves):
-    output = tmp_path / "h.vtu"
-    words = ["-o", str(output), "--hmax", "0.5", "-K", "0", "--elements-across", "0"]
-    assert run(["size", str(DATA / "slit.vtu"), "--source", curves[1], *words]) == 0
-    mesh = read(DATA / "slit.vtu")
-    size = size_function(
-        mesh,
-        sources=CurveSource(POINTS, 0.02),
-        hmax=0.5,
-        elements_per_radian=0,
-        elements_across=0,
-    )
-    np.testing.assert_allclose(read(output).point_data["h"], size.values, rtol=1e-9)
-    curve = SimplexMesh(POINTS, [[0, 1], [1, 2]])
-    assert size.values.min() < 0.03
-    assert curve.locator.nearest(mesh.points[size.values < 0.03])[2].max() < 0.05
 
 
 @pytest.mark.parametrize(

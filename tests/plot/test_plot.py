@@ -61,14 +61,6 @@ def test_mesh_is_coloured_by_quality_region_or_field(drawn_by, color):
     assert differs == (color != "quality")  # all triangles have the same shape
 
 
-def test_segments_can_be_drawn():
-    if not with_vtk.is_possible():
-        pytest.skip("VTK cannot draw here")
-    outline = structured_square(4).boundary().mesh
-    image = plot_size(outline, np.ones(outline.n_points), width=WIDTH)
-    assert (image.min(axis=2) < 200).mean() > 0.002
-
-
 def test_size_function_and_field_h_give_the_same_picture(drawn_by, tmp_path):
     mesh = structured_square(5)
     h = 1.0 + np.arange(36.0)
@@ -244,16 +236,6 @@ def test_bad_arguments_are_refused():
         plot_metric(mesh, metric[:2])
     with pytest.raises(ValueError, match="n_glyphs must be"):
         plot_metric(mesh, metric, n_glyphs=0)
-
-
-def test_metrics_with_the_same_limits_have_the_same_colours():
-    mesh = two_region_rectangle(4)
-    colours = []
-    for size in (0.1, 0.2):
-        metric = ads.isotropic_metric(np.full(mesh.n_points, size), 2)
-        picture = plot_metric(mesh, metric, limits=(0.1, 0.2), width=200)[:, :150]
-        colours.append(picture[picture.min(axis=2) < 200].mean(axis=0))
-    assert colours[0][0] + 100 < colours[1][0]  # purple, yellow
 
 
 def test_what_is_drawn_is_checked():

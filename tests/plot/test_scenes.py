@@ -107,17 +107,6 @@ def area_of(scene):
     return 0.5 * np.linalg.norm(np.cross(c - a, d - b), axis=1).sum()
 
 
-def test_a_plane_grid_is_its_boxes():
-    grid = CartesianGrid([1.0, 2.0], [0.5, 1.0], (4, 3))
-    values = grid.sample(lambda x: x[:, 0] + 10.0 * x[:, 1])
-    scene = scene_of(grid, values)
-    assert scene.cells.shape == (6, 4)
-    assert scene.flat
-    assert scene.on_nodes
-    assert area_of(scene) == pytest.approx(3.0)
-    np.testing.assert_allclose(scene.values, scene.points @ [1.0, 10.0, 0.0])
-
-
 def test_a_grid_in_space_shows_its_outer_faces():
     grid = CartesianGrid([0.0, 0.0, 1.0], [1.0, 2.0, 0.5], (3, 4, 5))
     values = grid.sample(lambda x: x @ [1.0, 10.0, 100.0])

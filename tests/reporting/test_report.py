@@ -10,7 +10,6 @@ from meshes import jittered_square
 from PIL import Image
 
 from adaptsize import CartesianGrid, PointSource, SimplexMesh, SizeFunction, report, size_function
-from adaptsize.cli.entry import run
 from adaptsize.reporting.figures import figure_of, scenes_of_mesh
 
 #: A cube in 4^3 smaller ones of six tetrahedra each.
@@ -127,12 +126,6 @@ def test_segments_are_refused(tmp_path):
     line = SimplexMesh([[0.0], [1.0]], [[0, 1]])
     with pytest.raises(ValueError, match="triangles or tetrahedra"):
         report(tmp_path / "line.html", line)
-
-
-def test_the_command_refuses_another_suffix_before_the_work(tmp_path, capsys):
-    words = ["remesh", "part.stl", "-o", "x.vtu", "--report", "x.pdf"]
-    assert run(words) == 1
-    assert "--report must end in .html, .htm, got 'x.pdf'" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
