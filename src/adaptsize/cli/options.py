@@ -160,7 +160,7 @@ def command(
                 values["given"] = given | {
                     name: _as_value(options[name], value)
                     for name, value in typed.items()
-                    if value is not None and value != []
+                    if value is not None and value is not False and value != []
                 }
             with console.messages_of_generators():
                 function(console, **values)
