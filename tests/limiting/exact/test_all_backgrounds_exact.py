@@ -12,7 +12,7 @@ from backgrounds import (
     square_grid,
     two_sources,
 )  # fmt: skip
-from meshes import jittered_cube, jittered_square, random_square, structured_square
+from meshes import jittered_cube, jittered_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
@@ -176,11 +176,3 @@ def test_zero_g_spreads_the_least_size(case, make):
     background = make()
     h0 = np.random.default_rng(37).uniform(1.0, 2.0, background.nodal_shape)
     assert_array_equal(case.limit(background, h0, 0.0), h0.min())
-
-
-@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
-@pytest.mark.parametrize("steepness", [0.5, 1.0])
-def test_linear_sizes_within_the_limit_stay_on_random_triangles(case, steepness):
-    mesh = random_square(500, 22)
-    h0 = 200.0 + steepness * G * mesh.points @ [np.sqrt(0.5), np.sqrt(0.5)]
-    assert_allclose(case.limit(mesh, h0, G), h0, rtol=1e-14)

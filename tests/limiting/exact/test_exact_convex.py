@@ -126,23 +126,11 @@ def test_sizes_of_larger_problems_are_those_of_the_formula(make, bounds):
 # --- special bounds and nodes --------------------------------------------------------------
 
 
-def test_a_limit_of_zero_spreads_the_least_bound():
-    for mesh in (random_square(300, 2105), jittered_cube(5, 2106)):
-        h0 = np.random.default_rng(2107).uniform(1.0, 2.0, mesh.n_points)
-        assert (limit(mesh, h0, 0.0) == h0.min()).all()
-
-
 def test_equal_bounds_and_linear_ones_within_the_limit_stay_bit_by_bit():
     mesh = random_square(500, 2108)
     assert (limit(mesh, np.full(500, 0.7), G) == 0.7).all()
     h0 = 3.0 + 0.5 * G * mesh.points @ [0.6, 0.8]
     assert np.array_equal(limit(mesh, h0, G), h0)
-
-
-def test_limiting_twice_changes_nothing():
-    mesh = random_square(1500, 2109)
-    once = limit(mesh, np.random.default_rng(2110).uniform(0.05, 1.0, 1500), G)
-    assert_allclose(limit(mesh, once, G), once, rtol=1e-14)
 
 
 def merged(mesh, seed, count):

@@ -252,12 +252,3 @@ def test_a_slope_of_zero_spreads_the_least_size_of_each_component():
     assert (h[:, :4] == 1.0).all()
     assert (h[:, 5:] == 3.0).all()
     assert np.isinf(h[:, 4]).all()
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_limiting_nodes_twice_changes_nothing(dim):
-    for seed in range(20):
-        grid, h0 = random_problem(seed, dim)
-        once = limit(grid, h0, face_sources=False)
-        again = limit(grid, once, face_sources=False)
-        assert_allclose(again, once, rtol=1e-12 if dim == 2 else 1e-9)

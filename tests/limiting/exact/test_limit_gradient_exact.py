@@ -237,14 +237,6 @@ def test_product_of_g_of_x_and_g_of_h(case):
     assert_allclose(h, np.exp(0.02 * path), rtol=1e-8)
 
 
-@pytest.mark.parametrize("case", cases("simplices", "plane"), ids=str)
-def test_constant_g_of_h_is_the_number(case):
-    mesh = random_square(300, 35)
-    h0 = np.where(np.arange(300) % 17 == 0, 0.05, np.inf)
-    h = case.limit(mesh, h0, lambda h: np.full_like(h, 0.3))
-    assert_allclose(h, case.limit(mesh, h0, 0.3), rtol=case.rounding)
-
-
 def test_published_positive_coefficient_scheme_undershoots_at_sources():
     # Why the floor is on by default: from the fast marching field, which is too large by
     # less than 0.4, the scheme as published falls to more than 1 below the true size.
@@ -261,6 +253,6 @@ def test_floored_scheme_comes_down_to_fast_marching_from_a_constant():
     mesh = jittered_square(41, seed=39)
     h0, _ = two_sources(mesh)
     h = limit_gradient(
-        mesh, h0, G, method="positive-coefficient", initial=np.full(mesh.n_points, 50.0), tol=1e-8
+        mesh, h0, G, method=PositiveCoefficient(tol=1e-8), initial=np.full(mesh.n_points, 50.0)
     )
     assert_allclose(h, limit_gradient(mesh, h0, G, method="fast-marching"), rtol=1e-7)
