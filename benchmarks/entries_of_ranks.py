@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from adaptsize.limiting.exact.field import node_wave
+from adaptsize.limiting.exact.field import node_entries
 from adaptsize.limiting.in_parts.entries import entries_in_reach
 
 G, LARGEST = 0.3, 1.0
@@ -30,7 +30,7 @@ def sources(dim, n, reach, rng):
     """Return sources in the part at 0, which act up to distances from 0 to ``reach``."""
     points = rng.random((n, dim))
     bounds = LARGEST - G * reach * (np.sin(9.0 * points[:, 0]) * np.cos(7.0 * points[:, 1])) ** 2
-    return node_wave(points, bounds, np.arange(n, dtype=np.int32))
+    return node_entries(points, bounds, np.arange(n, dtype=np.int32))
 
 
 def choose(wave, ranks):

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact.field import wave_at
+from adaptsize.limiting.exact.field import entries_at
 from adaptsize.limiting.in_parts.entries import entries_in_reach, reach_of
 
 
-def _slow(wave, boxes, g):
+def _slow(entries, boxes, g):
     """Compare all entries with all boxes."""
-    dim = wave.nodes.shape[1]
-    low, high = wave.places.min(axis=1), wave.places.max(axis=1)
+    dim = entries.nodes.shape[1]
+    low, high = entries.places.min(axis=1), entries.places.max(axis=1)
     lower, upper, largest = np.split(boxes, [dim, 2 * dim], axis=1)
     gap = np.maximum(np.maximum(lower - high[:, None], low[:, None] - upper), 0.0)
-    allowed = wave.sizes.min(axis=1)[:, None] + g * np.linalg.norm(gap, axis=2)
+    allowed = entries.sizes.min(axis=1)[:, None] + g * np.linalg.norm(gap, axis=2)
     return np.flatnonzero((allowed < largest[:, 0]).any(axis=1))
 
 
@@ -30,11 +30,11 @@ def test_entries_in_reach_are_those_of_the_definition(dim, n_vertices, g):
         k = min(n_vertices, dim)
         if n:
             named[:, :k] = rng.integers(0, n, (n, k))
-        wave = wave_at(points, sizes, named)
+        entries = entries_at(points, sizes, named)
         others = rng.uniform(-0.2, 1.2, (pieces, dim))
         boxes = reach_of(others, along_curve(others), rng.uniform(0.05, 0.4, pieces))
-        found = entries_in_reach(wave, boxes, g)
-        assert np.array_equal(found, _slow(wave, boxes, g))
+        found = entries_in_reach(entries, boxes, g)
+        assert np.array_equal(found, _slow(entries, boxes, g))
         counts.append(len(found))
     assert counts[3] == 0
     assert 0 < counts[5] < 700

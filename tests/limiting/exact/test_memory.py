@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 
 from adaptsize import SimplexMesh
-from adaptsize.limiting.exact.field import node_wave, wave_at
+from adaptsize.limiting.exact.field import entries_at, node_entries
 
 M = 1 << 15
 TABLE = 12 * 8  # bytes of an entry in space
@@ -27,8 +27,8 @@ def test_entries_are_made_once():
     points, sizes = rng.random((M, 3)), rng.random(M)
     named = rng.integers(0, M, (M, 3)).astype(np.int32)
     # Beside the table there are the tree over the entries, and nodes.  A second table makes 3.4.
-    assert _peak(lambda: wave_at(points, sizes, named)) < 2.5 * TABLE
-    assert _peak(lambda: node_wave(points, sizes, named[:, 0])) < 2.5 * TABLE
+    assert _peak(lambda: entries_at(points, sizes, named)) < 2.5 * TABLE
+    assert _peak(lambda: node_entries(points, sizes, named[:, 0])) < 2.5 * TABLE
 
 
 def test_mesh_shares_mapped_cells(tmp_path):

@@ -12,7 +12,7 @@ from adaptsize._kernels.exact import new_block
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
-from adaptsize.limiting.exact.field import ExactField, Points, Wave, Workers, wave_at
+from adaptsize.limiting.exact.field import Entries, ExactField, Points, Workers, entries_at
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def sources_on_cells(
     steep: BoolArray,
     h: FloatArray,
     found: tuple[IntArray, ExactField] | None = None,
-) -> Wave | None:
+) -> Entries | None:
     """Return the edges and faces of steep cells that may be sources.
 
     ``found``: the sources of the sizes h, and their field, in a convex domain.  There the edges and
@@ -141,7 +141,7 @@ def sources_on_cells(
         named[len(parts[0]) :] = parts[1]
     if found is not None:
         named = _undominated(component, named, h, *found)
-    return wave_at(mesh.points, h0, named) if len(named) else None
+    return entries_at(mesh.points, h0, named) if len(named) else None
 
 
 def _undominated(
@@ -156,29 +156,29 @@ def _undominated(
     axes = (0,) * mesh.dim
     below = h0 - component.margin
 
-    def kept(rows: IntArray, source: IntArray, wave: Wave) -> BoolArray:
+    def kept(rows: IntArray, source: IntArray, entries: Entries) -> BoolArray:
         keep = np.empty(len(rows), np.bool_)
-        given = (*(read_only(array) for array in (rows, below, source)), wave.table)
+        given = (*(read_only(array) for array in (rows, below, source)), entries.table)
         faces = True if mesh.dim == 3 else None
         block = new_block(mesh.dim)
         kernels.keep_undominated(mesh.points, axes, *given, g, True, faces, block, keep)
         return keep
 
-    named = named[kept(named, source, field.waves[0])]
+    named = named[kept(named, source, field.groups[0])]
     used = named >= 0
     leads = (used & (source[named] < 0)).any(axis=1)
     if leads.all() or not leads.any():
         return named
-    wave = wave_at(mesh.points, h0, named[leads])
+    entries = entries_at(mesh.points, h0, named[leads])
     others = named[~leads]
     nodes = np.unique(others[others >= 0]).astype(np.int32)
     local = np.full(mesh.n_points, -1, np.int32)
     sizes, found = h.copy(), np.full(mesh.n_points, -1, np.int32)
-    own = ExactField(g, None, True, [wave])
+    own = ExactField(g, None, True, [entries])
     places = np.ascontiguousarray(mesh.points[nodes])
     points = Points(mesh.points, nodes[along_curve(places)], local)
     own.lower_by_last(points, sizes, found, component.workers.part(0.5, 0.5))
-    others = others[kept(others, found, wave)]
+    others = others[kept(others, found, entries)]
     return np.concatenate([named[leads], others])
 
 

@@ -93,7 +93,7 @@ class Workers(NamedTuple):
                 raise
 
 
-class Wave(NamedTuple):
+class Entries(NamedTuple):
     """Entries that are processed together, along a Morton curve."""
 
     table: FloatArray
@@ -115,22 +115,25 @@ class Wave(NamedTuple):
         dim = self.nodes.shape[1]
         return self.table[:, dim * dim : dim * (dim + 1)]
 
-    def only(self, which: BoolArray) -> Wave:
-        """Return a wave of some of the entries."""
+    def only(self, which: BoolArray) -> Entries:
+        """Return some of the entries."""
         return _with_tree(self.table[which], self.nodes[which])
 
 
-def _with_tree(table: FloatArray, nodes: IntArray) -> Wave:
-    wave = Wave(table, np.empty(0), nodes)
-    lower, upper, value = wave.places[:, 0], wave.places[:, 0], wave.sizes[:, 0]
+def _with_tree(table: FloatArray, nodes: IntArray) -> Entries:
+    entries = Entries(table, np.empty(0), nodes)
+    lower, upper, value = entries.places[:, 0], entries.places[:, 0], entries.sizes[:, 0]
     for v in range(1, nodes.shape[1]):
-        lower, upper = np.minimum(lower, wave.places[:, v]), np.maximum(upper, wave.places[:, v])
-        value = np.minimum(value, wave.sizes[:, v])
-    return wave._replace(boxes=boxes_over(lower, upper, value))
+        lower, upper = (
+            np.minimum(lower, entries.places[:, v]),
+            np.maximum(upper, entries.places[:, v]),
+        )
+        value = np.minimum(value, entries.sizes[:, v])
+    return entries._replace(boxes=boxes_over(lower, upper, value))
 
 
-def sorted_wave(table: FloatArray, nodes: IntArray) -> Wave:
-    """Return entries in any order as a wave."""
+def sorted_entries(table: FloatArray, nodes: IntArray) -> Entries:
+    """Return entries in any order as entries."""
     order = along_curve(table[:, : nodes.shape[1]])
     return _with_tree(table[order], nodes[order])
 
@@ -149,16 +152,16 @@ def node_table(places: FloatArray, sizes: FloatArray) -> FloatArray:
 # is never a second one.
 
 
-def node_wave(places: FloatArray, sizes: FloatArray, names: IntArray) -> Wave:
-    """Return nodes as a wave."""
+def node_entries(places: FloatArray, sizes: FloatArray, names: IntArray) -> Entries:
+    """Return nodes as entries."""
     order = along_curve(places)
     nodes = np.full(places.shape, -1, np.int32)
     nodes[:, 0] = names[order]
     return _with_tree(node_table(places[order], sizes[order]), nodes)
 
 
-def wave_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Wave:
-    """Return nodes, edges or triangles, given by their nodes padded with -1, as a wave.
+def entries_at(points: FloatArray, sizes: FloatArray, named: IntArray) -> Entries:
+    """Return nodes, edges or triangles, given by their nodes padded with -1, as entries.
 
     Edges and triangles represent their interior only.  Their nodes, and the edges of triangles,
     are separate entries.
@@ -189,7 +192,7 @@ class Points(NamedTuple):
 class ExactField:
     """The sources that determine the size at any point of a domain.
 
-    The entries of all waves are numbered consecutively; ``source`` arrays hold these numbers.
+    The entries of all groups are numbered consecutively; ``source`` arrays hold these numbers.
     """
 
     g: float
@@ -197,20 +200,20 @@ class ExactField:
     """None in a convex domain."""
     linear: bool
     """Whether edges and faces may be among the entries; their kernels take longer to compile."""
-    waves: list[Wave] = field(default_factory=list)
+    groups: list[Entries] = field(default_factory=list)
     network: Network | None = None
     """Paths over reflex edges, in a solid that is not convex."""
     radius: float | None = None
     """Radius of a sphere around 0 along which distances run; all entries are nodes then."""
 
-    def add(self, wave: Wave) -> None:
+    def add(self, entries: Entries) -> None:
         """Add entries."""
-        self.waves.append(wave)
+        self.groups.append(entries)
 
     @property
     def n_entries(self) -> int:
-        """Number of entries of all waves."""
-        return sum(len(wave.nodes) for wave in self.waves)
+        """Number of entries of all groups."""
+        return sum(len(entries.nodes) for entries in self.groups)
 
     @property
     def edges(self) -> bool | None:
@@ -220,8 +223,8 @@ class ExactField:
     def lower_by_last(
         self, points: Points, sizes: FloatArray, source: IntArray, workers: Workers
     ) -> None:
-        """Lower sizes (In/Out, with ``source``) by the entries of the last wave."""
-        offset = self.n_entries - len(self.waves[-1].nodes)
+        """Lower sizes (In/Out, with ``source``) by the last entries."""
+        offset = self.n_entries - len(self.groups[-1].nodes)
         found = np.full(len(points.places), -1, np.int32) if offset else source
         self._lower(points, sizes, found, workers)
         if offset:
@@ -229,7 +232,7 @@ class ExactField:
             source[new] = found[new] + offset
 
     def lowers(self, points: Points, sizes: FloatArray, workers: Workers) -> BoolArray:
-        """Return which sizes (overwritten) the entries of the last wave lower."""
+        """Return which sizes (overwritten) the last entries lower."""
         found = np.full(len(sizes), -1, np.int32)
         self._lower(points, sizes, found, workers, once=True)
         return found >= 0
@@ -241,9 +244,9 @@ class ExactField:
             return sizes
         places = np.ascontiguousarray(places)
         points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
-        for wave in self.waves:
-            by_wave = replace(self, waves=[wave])
-            by_wave._lower(points, sizes, np.empty(len(places), np.int32), Workers(1))
+        for entries in self.groups:
+            by_group = replace(self, groups=[entries])
+            by_group._lower(points, sizes, np.empty(len(places), np.int32), Workers(1))
         return sizes
 
     def _lower(
@@ -256,14 +259,14 @@ class ExactField:
         once: bool = False,
     ) -> None:
         """Lower sizes (In/Out, with the numbers of entries); ``once``: by any entry."""
-        wave, sight, edges = self.waves[-1], self.sight, True if self.linear else None
+        entries, sight, edges = self.groups[-1], self.sight, True if self.linear else None
         dim = points.places.shape[1]
         places, order, on_wall = (read_only(array) for array in points)
 
         def task(first: int, last: int) -> None:
             block = kernels.new_block(dim)
-            entries = (wave.table, wave.boxes)
-            given = (places, (0,) * dim, order, first, last, *entries, self.g, sizes, found)
+            tree = (entries.table, entries.boxes)
+            given = (places, (0,) * dim, order, first, last, *tree, self.g, sizes, found)
             if sight is None:
                 faces = edges if dim == 3 else None
                 kernels.lower_sizes(*given, once, edges, faces, self.radius, block)
@@ -285,12 +288,12 @@ def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: fl
     field = ExactField(g, None, True)
     nodes = np.full((np.count_nonzero(finite), points.shape[1]), -1, np.int32)
     nodes[:, 0] = np.flatnonzero(finite)
-    field.add(wave_at(points, sizes, nodes))
+    field.add(entries_at(points, sizes, nodes))
     sides = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
     edges = unique_rows(np.concatenate(sides), len(points))[0]
     items = np.full((len(edges), points.shape[1]), -1, np.int32)
     items[:, :2] = edges
     if cells.shape[1] == 3:
         items = np.concatenate([items, cells])
-    field.add(wave_at(points, sizes, items))
+    field.add(entries_at(points, sizes, items))
     return field

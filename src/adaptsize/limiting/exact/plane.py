@@ -15,13 +15,13 @@ from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import PlaneBoundary
 from adaptsize.limiting.exact.field import (
+    Entries,
     ExactField,
     Points,
-    Wave,
     Workers,
     boxes_over,
     node_table,
-    sorted_wave,
+    sorted_entries,
 )
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -79,13 +79,13 @@ def _in_plane(table: FloatArray) -> FloatArray:
     return wide
 
 
-def at_nodes(wave: Wave, plane: Plane) -> Wave:
+def at_nodes(entries: Entries, plane: Plane) -> Entries:
     """Return sources at nodes, with one entry for each sector of the node."""
-    rows, node = plane.boundary.rows, wave.nodes[:, 0]
+    rows, node = plane.boundary.rows, entries.nodes[:, 0]
     row = np.where(node < len(rows), rows[np.minimum(node, len(rows) - 1)], -1)
-    table = _in_plane(wave.table)
+    table = _in_plane(entries.table)
     table[:, ROW] = row
-    return sorted_wave(*_by_sectors(table, wave.nodes, plane))
+    return sorted_entries(*_by_sectors(table, entries.nodes, plane))
 
 
 def _by_sectors(table: FloatArray, nodes: IntArray, plane: Plane) -> tuple[FloatArray, IntArray]:
@@ -100,39 +100,39 @@ def _by_sectors(table: FloatArray, nodes: IntArray, plane: Plane) -> tuple[Float
     return table, nodes
 
 
-def along_walls(wave: Wave, points: FloatArray, facets: IntArray) -> Wave:
+def along_walls(entries: Entries, points: FloatArray, facets: IntArray) -> Entries:
     """Return sources on edges; those on walls act on the side of the domain only."""
-    table, n = _in_plane(wave.table), len(points)
+    table, n = _in_plane(entries.table), len(points)
     if len(facets) == 0:  # the mesh is a part, without walls
-        return wave._replace(table=table)
+        return entries._replace(table=table)
     key = np.sort(facets, axis=1).astype(np.int64) @ [n, 1]
     order = np.argsort(key)
-    own = wave.nodes.astype(np.int64) @ [n, 1]
+    own = entries.nodes.astype(np.int64) @ [n, 1]
     at = order[np.minimum(np.searchsorted(key, own, sorter=order), len(order) - 1)]
     on = key[at] == own
     along = points[facets[at[on], 1]] - points[facets[at[on], 0]]
     along /= np.hypot(*along.T)[:, None]
     table[on, CONE:KIND] = np.hstack([along, -along])
     table[on, KIND] = NARROW
-    return wave._replace(table=table)
+    return entries._replace(table=table)
 
 
 def with_corners(
-    wave: Wave, g: float, plane: Plane, linear: bool, report: ProgressCallback
-) -> Wave:
-    """Return a wave together with the corners that its sources lower (In/Out: plane)."""
+    entries: Entries, g: float, plane: Plane, linear: bool, report: ProgressCallback
+) -> Entries:
+    """Return entries together with the corners that they lower (In/Out: plane)."""
     n = len(plane.nodes)
     if n == 0:
-        return wave
+        return entries
     source = np.full(n, -1, np.int32)
     order = np.arange(n, dtype=np.int32)
     places, rows = plane.table[:, :2].copy(), plane.table[:, ROW].astype(np.int32)
-    field = ExactField(g, plane.sight, linear=linear, waves=[wave])
+    field = ExactField(g, plane.sight, linear=linear, groups=[entries])
     field.lower_by_last(Points(places, order, rows), plane.sizes, source, Workers(1, report))
     lowered = source >= 0
     arrivals = np.zeros((n, 2))
-    entries = wave.table[source[lowered]]
-    arrivals[lowered] = places[lowered] - _start_points(entries, places[lowered], g)
+    acting = entries.table[source[lowered]]
+    arrivals[lowered] = places[lowered] - _start_points(acting, places[lowered], g)
     if plane.merge is not None:
         plane.merge(plane.sizes, arrivals, lowered)
     table, serves = plane.table.copy(), np.zeros(n, np.bool_)
@@ -156,10 +156,10 @@ def with_corners(
     named[:, 0] = plane.nodes
     is_free = table[:, KIND] == ANY
     free, own = serves & is_free, serves & ~is_free
-    parts = [(wave.table, wave.nodes), (table[own], named[own])]
+    parts = [(entries.table, entries.nodes), (table[own], named[own])]
     parts.append(_by_sectors(table[free], named[free], plane))
     tables, nodes = zip(*parts, strict=True)
-    return sorted_wave(np.concatenate(tables), np.concatenate(nodes))
+    return sorted_entries(np.concatenate(tables), np.concatenate(nodes))
 
 
 def _start_points(table: FloatArray, x: FloatArray, g: float) -> FloatArray:

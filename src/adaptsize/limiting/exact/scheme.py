@@ -22,12 +22,12 @@ from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact.candidates import Component, Extra, margin_for
 from adaptsize.limiting.exact.field import (
+    Entries,
     ExactField,
     Points,
-    Wave,
     Workers,
-    node_wave,
-    sorted_wave,
+    node_entries,
+    sorted_entries,
 )
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
@@ -339,9 +339,9 @@ def _on_convex_nodes(
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    wave = node_wave(places, sizes, nodes)
-    wave = survivors_of(wave, component)
-    exact = ExactField(g, None, False, [wave])
+    entries = node_entries(places, sizes, nodes)
+    entries = survivors_of(entries, component)
+    exact = ExactField(g, None, False, [entries])
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
     for first, points in _slabs_of(domain):
         last = first + len(points.places)
@@ -408,7 +408,7 @@ def _with_images(
     images = _images(found, periodicity)
     if images is None:
         return solution
-    field = ExactField(found.field.g, None, found.field.linear, [*found.field.waves, images])
+    field = ExactField(found.field.g, None, found.field.linear, [*found.field.groups, images])
     h, source = found.h.copy(), found.source.copy()
     for first, points in _slabs_of(periodicity.domain):
         span = slice(first, first + len(points.places))
@@ -417,11 +417,11 @@ def _with_images(
     return as_solution(solution.h, [Part(None, ComponentSolution(h, source, field))])
 
 
-def _images(found: ComponentSolution, periodicity: Periodicity) -> Wave | None:
+def _images(found: ComponentSolution, periodicity: Periodicity) -> Entries | None:
     """Return the images of sources that may lower a size in the cell."""
-    nodes = np.concatenate([wave.nodes for wave in found.field.waves])
-    places = np.concatenate([wave.places for wave in found.field.waves])
-    sizes = np.concatenate([wave.sizes for wave in found.field.waves])
+    nodes = np.concatenate([entries.nodes for entries in found.field.groups])
+    places = np.concatenate([entries.places for entries in found.field.groups])
+    sizes = np.concatenate([entries.sizes for entries in found.field.groups])
     if len(nodes) == 0:
         return None
     box = np.stack([places.min(axis=1), places.max(axis=1)])
@@ -435,7 +435,7 @@ def _images(found: ComponentSolution, periodicity: Periodicity) -> Wave | None:
             moved = (places[reach] + shift).reshape(int(reach.sum()), -1)
             tables.append(np.concatenate([moved, sizes[reach]], axis=1))
             named.append(nodes[reach])
-    return sorted_wave(np.concatenate(tables), np.concatenate(named)) if tables else None
+    return sorted_entries(np.concatenate(tables), np.concatenate(named)) if tables else None
 
 
 def _corners(domain: SimplexMesh | CartesianGrid) -> tuple[FloatArray, FloatArray]:
@@ -470,10 +470,10 @@ def limit_points(
     margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
     workers = Workers.of(None, report)
     nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
-    wave = node_wave(points[nodes], bounds[nodes], nodes)
+    entries = node_entries(points[nodes], bounds[nodes], nodes)
     no_mesh: Any = None  # only nodes matter
     component = Component(no_mesh, bounds, g, False, workers, margin=margin)
-    field = ExactField(g, None, False, [survivors_of(wave, component)])
+    field = ExactField(g, None, False, [survivors_of(entries, component)])
     wanted = Points(points[:n], along_curve(points[:n]), np.empty(0, np.int32))
     h, source = bounds[:n].copy(), np.full(n, -1, np.int32)
     field.lower_by_last(wanted, h, source, workers)

@@ -110,7 +110,7 @@ class _Ridges(NamedTuple):
     """Whether the number of facets with an area is not two."""
 
 
-class Knots(NamedTuple):
+class ReflexEdges(NamedTuple):
     """Reflex edges and their nodes."""
 
     nodes: IntArray
@@ -118,7 +118,7 @@ class Knots(NamedTuple):
     edges: Edges
     obstacles: FloatArray
     """float64[e, 3]: direction from each edge to the outside."""
-    knot: IntArray
+    corner: IntArray
     """int32[p], with ``edge``: pairs of a node and an edge on which it lies."""
     edge: IntArray
     beside: csr_array
@@ -193,7 +193,7 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     return np.unique(chain, return_inverse=True)[1].ravel().astype(np.int32)
 
 
-def find_knots(points: FloatArray, boundary: FlatBoundary, slack: float) -> Knots:
+def find_reflex_edges(points: FloatArray, boundary: FlatBoundary, slack: float) -> ReflexEdges:
     """Return the reflex edges of a boundary, with straight chains merged, and their nodes."""
     from scipy.sparse import csr_array
 
@@ -222,11 +222,11 @@ def find_knots(points: FloatArray, boundary: FlatBoundary, slack: float) -> Knot
     number = np.zeros(len(points), np.int32)
     number[nodes] = np.arange(len(nodes))
     pairs = np.unique(np.column_stack([number[ends].ravel(), np.repeat(chain, 2)]), axis=0)
-    knot, edge = np.ascontiguousarray(pairs.T.astype(np.int32))
-    ones = np.ones(len(knot))
-    lies_on = csr_array((ones, (knot, edge)), shape=(len(nodes), n_edges))
-    named = csr_array((ones + knot, (edge, knot)), shape=(n_edges, len(nodes)))
+    corner, edge = np.ascontiguousarray(pairs.T.astype(np.int32))
+    ones = np.ones(len(corner))
+    lies_on = csr_array((ones, (corner, edge)), shape=(len(nodes), n_edges))
+    named = csr_array((ones + corner, (edge, corner)), shape=(n_edges, len(nodes)))
     beside = (named @ lies_on).astype(np.int64)
     beside.setdiag(0)
     beside.eliminate_zeros()
-    return Knots(nodes, edges, ridges.inner[reflex], knot, edge, beside)
+    return ReflexEdges(nodes, edges, ridges.inner[reflex], corner, edge, beside)

@@ -14,7 +14,7 @@ from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
-from adaptsize.limiting.exact.field import ExactField, Points, Wave, node_wave
+from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
 from adaptsize.limiting.exact.origins import Paths, complete
 from adaptsize.limiting.exact.plane import Plane, along_walls, at_nodes, plane_of, with_corners
 from adaptsize.ranks import SingleRank
@@ -52,7 +52,7 @@ class ComponentSolution:
         """Return the nodes of the source of each size, padded with -1; the own one of a bound."""
         if self.nodes is not None:
             return self.nodes
-        every = np.concatenate([wave.nodes for wave in self.field.waves])
+        every = np.concatenate([entries.nodes for entries in self.field.groups])
         nodes = np.full((len(self.source), every.shape[1]), -1, np.int32)
         nodes[:, 0] = np.arange(len(nodes))
         has = self.source >= 0
@@ -63,11 +63,11 @@ class ComponentSolution:
         """Return the last bend of the path to each node, nan if none; no rows if convex."""
         if self.bend is not None:
             return self.bend
-        waves = self.field.waves
+        groups = self.field.groups
         if self.field.sight is None:
-            return np.empty((0, waves[0].nodes.shape[1]))
-        places = np.concatenate([wave.table[:, :2] for wave in waves])
-        is_corner = np.concatenate([wave.table[:, CORNER] > 0.0 for wave in waves])
+            return np.empty((0, groups[0].nodes.shape[1]))
+        places = np.concatenate([entries.table[:, :2] for entries in groups])
+        is_corner = np.concatenate([entries.table[:, CORNER] > 0.0 for entries in groups])
         bend = np.full((len(self.source), 2), np.nan)
         nodes = np.flatnonzero(self.source >= 0)
         nodes = nodes[is_corner[self.source[nodes]]]
@@ -115,15 +115,15 @@ def solve_by_sight(
     field.lower_by_last(points, h, source, workers.part(0.1, 0.5 if linear else 1.0))
     if not linear or steep is None:
         return ComponentSolution(h, source, field, plane=plane, points=points)
-    wave = sources_on_cells(component, steep, h, (source, field) if plane is None else None)
-    if plane is not None and wave is not None:
-        wave = along_walls(wave, mesh.points, boundary.facets)
-    if wave is None and plane is not None and plane.merge is not None:
-        wave = field.waves[0].only(np.zeros(len(field.waves[0].nodes), np.bool_))
-    if wave is not None:
+    entries = sources_on_cells(component, steep, h, (source, field) if plane is None else None)
+    if plane is not None and entries is not None:
+        entries = along_walls(entries, mesh.points, boundary.facets)
+    if entries is None and plane is not None and plane.merge is not None:
+        entries = field.groups[0].only(np.zeros(len(field.groups[0].nodes), np.bool_))
+    if entries is not None:
         if plane is not None:
-            wave = with_corners(wave, g, plane, linear, workers.report)
-        field.add(wave)
+            entries = with_corners(entries, g, plane, linear, workers.report)
+        field.add(entries)
         field.lower_by_last(points, h, source, workers.part(0.5, 1.0))
     workers.report("limiting the gradient", 1.0)
     return ComponentSolution(h, source, field)
@@ -142,30 +142,30 @@ def solve_again(component: Component, before: ComponentSolution) -> ComponentSol
         None if bounds meet in cells, in solids that are not convex, and around folds.  These
         cases are solved from scratch.
     """
-    if before.points is None or len(before.field.waves) != 1 or before.proved is not None:
+    if before.points is None or len(before.field.groups) != 1 or before.proved is not None:
         return None
     plane = None if before.plane is None else before.plane.without_sizes()
-    wave = sources_at_nodes(component, plane)
-    if wave is None:
+    entries = sources_at_nodes(component, plane)
+    if entries is None:
         return None
-    old = before.field.waves[0]
-    now = _matches(old, wave)
+    old = before.field.groups[0]
+    now = _matches(old, entries)
     h0, earlier = component.h0, before.source
     own = earlier < 0
     now = np.append(now, np.int32(-1))  # for nodes that kept their bound
     anew: BoolArray = np.where(own, h0 != before.h, now[earlier] < 0) | (h0 < before.h)
     h = np.where(anew, h0, before.h)
     source = np.where(anew, np.int32(-1), now[earlier]).astype(np.int32)
-    field = ExactField(component.g, before.field.sight, linear=False, waves=[wave])
+    field = ExactField(component.g, before.field.sight, linear=False, groups=[entries])
     points = before.points
     some = points._replace(order=points.order[anew[points.order]])
     field.lower_by_last(some, h, source, component.workers)
-    fresh = np.ones(len(wave.nodes), np.bool_)
+    fresh = np.ones(len(entries.nodes), np.bool_)
     fresh[now[now >= 0]] = False
     if fresh.any():
         rest = points._replace(order=points.order[~anew[points.order]])
         numbers, found = np.flatnonzero(fresh), np.full(len(source), -1, np.int32)
-        by_fresh = replace(field, waves=[wave.only(fresh)])
+        by_fresh = replace(field, groups=[entries.only(fresh)])
         by_fresh.lower_by_last(rest, h, found, component.workers)
         source[found >= 0] = numbers[found[found >= 0]]
     if plane is not None and rises_too_fast(component, h):
@@ -173,8 +173,8 @@ def solve_again(component: Component, before: ComponentSolution) -> ComponentSol
     return ComponentSolution(h, source, field, plane=plane, points=points)
 
 
-def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:
-    """Return the number of each entry of a wave in another wave, -1 if it is not there."""
+def _matches(old: Entries, new: Entries) -> npt.NDArray[np.int32]:
+    """Return the number of each entry of entries among others, -1 if it is not there."""
     rows = [_rows(old), _rows(new)]
     _, number = np.unique(np.concatenate(rows), return_inverse=True)
     number = number.ravel()
@@ -184,13 +184,13 @@ def _matches(old: Wave, new: Wave) -> npt.NDArray[np.int32]:
     return now
 
 
-def _rows(wave: Wave) -> npt.NDArray[np.void]:
+def _rows(entries: Entries) -> npt.NDArray[np.void]:
     """Return one value for each entry that identifies it."""
-    flat = np.column_stack([wave.nodes.astype(np.float64), wave.table]) + 0.0
+    flat = np.column_stack([entries.nodes.astype(np.float64), entries.table]) + 0.0
     return np.ascontiguousarray(flat).view(np.dtype((np.void, flat.shape[1] * 8))).ravel()
 
 
-def sources_at_nodes(component: Component, plane: Plane | None) -> Wave | None:
+def sources_at_nodes(component: Component, plane: Plane | None) -> Entries | None:
     """Return nodes and corners as sources; None if edges may be sources, too."""
     component = component.with_margin()
     nodes, steep = candidates_of(component)
@@ -201,43 +201,43 @@ def sources_at_nodes(component: Component, plane: Plane | None) -> Wave | None:
 
 def _node_sources(
     component: Component, nodes: IntArray, meet: bool, plane: Plane | None, linear: bool
-) -> Wave:
+) -> Entries:
     """Return the survivors among nodes, and corners; in the plane all nodes if no bounds meet."""
-    wave = wave_of_nodes(component, nodes)
+    entries = entries_of_nodes(component, nodes)
     if plane is None:
-        return survivors_of(wave, component, linear)
-    wave = at_nodes(wave, plane)
+        return survivors_of(entries, component, linear)
+    entries = at_nodes(entries, plane)
     if meet:
-        wave = survivors_of(wave, component, linear, plane)
-    return with_corners(wave, component.g, plane, linear, component.workers.report)
+        entries = survivors_of(entries, component, linear, plane)
+    return with_corners(entries, component.g, plane, linear, component.workers.report)
 
 
 def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSolution:
     """Solve in a solid that is not convex."""
-    from adaptsize.limiting.exact.space import Bounds, Entries, solid_of, solve_in_space
+    from adaptsize.limiting.exact.space import Bounds, SolidSources, solid_of, solve_in_space
 
     mesh, h0, g = component.mesh, component.h0, component.g
     nodes, steep = candidates_of(component)
     solid = solid_of(mesh, boundary)
     linear = steep is not None and component.face_sources
-    field = ExactField(g, None, linear, [wave_of_nodes(component, nodes)])
+    field = ExactField(g, None, linear, [entries_of_nodes(component, nodes)])
     lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, solid.nodes, np.empty(0, np.int32))
     field.lower_by_last(points, lower, source, component.workers)
     if linear and steep is not None:
-        wave = sources_on_cells(component, steep, lower)
-        if wave is not None:
-            field.add(wave)
+        entries = sources_on_cells(component, steep, lower)
+        if entries is not None:
+            field.add(entries)
             field.lower_by_last(points, lower, source, component.workers)
-    named = np.concatenate([wave.nodes for wave in field.waves])
+    named = np.concatenate([entries.nodes for entries in field.groups])
     order = np.lexsort(named.T[::-1]).astype(np.int32)
     place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
     place[order], place[-1] = np.arange(len(order)), -1
     named[named >= mesh.n_points] = -1  # a point source is not a node and has no cells
-    table = np.concatenate([wave.table for wave in field.waves])[order]
+    table = np.concatenate([entries.table for entries in field.groups])[order]
     spread = partial(limit_along_edges, mesh, g=g, report=component.workers.report)
     bounds = Bounds(h0, lower, place[source], spread)
-    result = solve_in_space(solid, Entries(table, named[order]), bounds, g, component.workers)
+    result = solve_in_space(solid, SolidSources(table, named[order]), bounds, g, component.workers)
     field.network = result.network
     found = ComponentSolution(
         result.h,
@@ -273,7 +273,7 @@ def _along_edges(component: Component) -> ComponentSolution:
     """Solve if no cell has a measure: sizes propagate along edges, and nothing is proved."""
     mesh, h0, g = component.mesh, component.h0, component.g
     nowhere = np.empty((0, mesh.dim))
-    none = node_wave(nowhere, np.empty(0), np.empty(0, np.int32))
+    none = node_entries(nowhere, np.empty(0), np.empty(0, np.int32))
     field = ExactField(g, None, False, [none])
     found = ComponentSolution(h0.copy(), np.full(mesh.n_points, -1, np.int32), field, nowhere)
     _keep_edges(component, found)
@@ -290,7 +290,7 @@ def _keep_edges(component: Component, found: ComponentSolution) -> None:
     along = limit_along_edges(mesh, found.h, g, component.workers.report)
     with np.errstate(invalid="ignore"):
         lowered = along < found.h * (1.0 - _EQUAL)
-    if len(found.field.waves[0].nodes) and not lowered.any():
+    if len(found.field.groups[0].nodes) and not lowered.any():
         return
     found.h[lowered] = along[lowered]
     found.source[lowered] = -1
@@ -298,31 +298,31 @@ def _keep_edges(component: Component, found: ComponentSolution) -> None:
     lower, source = component.h0.copy(), np.full(mesh.n_points, -1, np.int32)
     points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
     unhidden = ExactField(g, None, found.field.linear)
-    for wave in found.field.waves:
-        unhidden.add(wave)
+    for entries in found.field.groups:
+        unhidden.add(entries)
         unhidden.lower_by_last(points, lower, source, component.workers)
     found.lower, found.proved = lower, found.h <= lower * (1.0 + _EQUAL)
 
 
 def survivors_of(
-    wave: Wave, component: Component, linear: bool = False, plane: Plane | None = None
-) -> Wave:
+    entries: Entries, component: Component, linear: bool = False, plane: Plane | None = None
+) -> Entries:
     """Return the nodes whose bound no visible other one undercuts by the margin."""
-    if len(wave.nodes) == 0:
-        return wave
-    dim = wave.nodes.shape[1]
-    rows = np.empty(0, np.int32) if plane is None else wave.table[:, ROW].astype(np.int32)
-    order = np.arange(len(wave.nodes), dtype=np.int32)
-    points = Points(wave.table[:, :dim].copy(), order, rows)
-    field = ExactField(component.g, None if plane is None else plane.sight, linear, [wave])
-    sizes = wave.sizes[:, 0] - component.margin
-    return wave.only(~field.lowers(points, sizes, component.workers.part(0.0, 0.1)))
+    if len(entries.nodes) == 0:
+        return entries
+    dim = entries.nodes.shape[1]
+    rows = np.empty(0, np.int32) if plane is None else entries.table[:, ROW].astype(np.int32)
+    order = np.arange(len(entries.nodes), dtype=np.int32)
+    points = Points(entries.table[:, :dim].copy(), order, rows)
+    field = ExactField(component.g, None if plane is None else plane.sight, linear, [entries])
+    sizes = entries.sizes[:, 0] - component.margin
+    return entries.only(~field.lowers(points, sizes, component.workers.part(0.0, 0.1)))
 
 
-def wave_of_nodes(component: Component, nodes: IntArray) -> Wave:
-    """Return nodes, and sources between nodes, as a wave."""
+def entries_of_nodes(component: Component, nodes: IntArray) -> Entries:
+    """Return nodes, and sources between nodes, as entries."""
     places, sizes, extra = component.mesh.points[nodes], component.h0[nodes], component.extra
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    return node_wave(places, sizes, nodes)
+    return node_entries(places, sizes, nodes)

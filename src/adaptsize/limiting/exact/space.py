@@ -19,7 +19,7 @@ from adaptsize._kernels.space_sight import Sight
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.limiting.exact.field import Workers, boxes_over, node_table
-from adaptsize.limiting.exact.solid import GRAZING, Knots, build_sight, find_knots
+from adaptsize.limiting.exact.solid import GRAZING, ReflexEdges, build_sight, find_reflex_edges
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Network:
 
     g: float
     sight: Sight
-    knots: Knots
+    reflex_edges: ReflexEdges
     ways: Ways
     n_sources: int
     depth: IntArray
@@ -102,7 +102,7 @@ class Network:
 
         workers.in_chunks(task, len(order))
 
-    def set_knots(self, sizes: FloatArray) -> None:
+    def set_reflex_nodes(self, sizes: FloatArray) -> None:
         """Set the sizes at the nodes of reflex edges."""
         m = self.n_sources
         self.ways.bases.table[m:, 9] = sizes
@@ -129,17 +129,17 @@ class Network:
         self, changed: IntArray, field: Field
     ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
         """Return edges, the paths to extend, the nodes where these end, and the next nodes."""
-        knots = self.knots
-        marked = np.zeros(len(knots.nodes), bool)
+        reflex_edges = self.reflex_edges
+        marked = np.zeros(len(reflex_edges.nodes), bool)
         marked[changed] = True
-        here = np.flatnonzero(marked[knots.knot])
-        node, edge = knots.nodes[knots.knot[here]], knots.edge[here]
-        beside = knots.beside[edge]
+        here = np.flatnonzero(marked[reflex_edges.corner])
+        node, edge = reflex_edges.nodes[reflex_edges.corner[here]], reflex_edges.edge[here]
+        beside = reflex_edges.beside[edge]
         near = beside.tocoo()
         node = np.concatenate([node, node[near.row]])
         source = node
         edge = np.concatenate([edge, near.col])
-        goal = np.concatenate([node[: len(here)], knots.nodes[near.data - 1]])
+        goal = np.concatenate([node[: len(here)], reflex_edges.nodes[near.data - 1]])
         return edge, field.way[source], source, goal
 
     def _append(
@@ -151,7 +151,7 @@ class Network:
         field: Field,
     ) -> None:
         """Add paths to ``source`` that continue over edges at ``node``, if they may be shortest."""
-        ways, edges, points = self.ways, self.knots.edges, self.sight.stars.points
+        ways, edges, points = self.ways, self.reflex_edges.edges, self.sight.stars.points
         straight = ways.edge[parent] < 0
         away = np.linalg.norm(points[source] - field.last[source], axis=1)
         away += 2.0 * self._extent(ways.base[parent], field.last[source])
@@ -190,7 +190,7 @@ class Network:
         )
         for end in range(2):
             beside = np.cross(ahead[end], along)
-            turned = np.einsum("ra,ra->r", beside, self.knots.obstacles[edge]) < 0.0
+            turned = np.einsum("ra,ra->r", beside, self.reflex_edges.obstacles[edge]) < 0.0
             shade[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -beside, beside)
         self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
         self.ways = Ways(
@@ -234,7 +234,7 @@ def _key_of(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
 
 
 def _network_of(
-    table: FloatArray, nodes: IntArray, g: float, sight: Sight, knots: Knots
+    table: FloatArray, nodes: IntArray, g: float, sight: Sight, reflex_edges: ReflexEdges
 ) -> Network:
     """Return a network of straight paths; the sizes at the nodes of reflex edges are inf.
 
@@ -244,19 +244,19 @@ def _network_of(
         Entries (see exact.py).
     nodes : int32[m, 3]
         Their nodes, padded with -1.
-    g, sight, knots
+    g, sight, reflex_edges
     """
-    m, k = len(table), len(knots.nodes)
-    ends = node_table(sight.stars.points[knots.nodes], np.full(k, np.inf))
+    m, k = len(table), len(reflex_edges.nodes)
+    ends = node_table(sight.stars.points[reflex_edges.nodes], np.full(k, np.inf))
     all_nodes = np.full((m + k, 3), -1, np.int32)
     all_nodes[:m] = nodes
-    all_nodes[m:, 0] = knots.nodes
+    all_nodes[m:, 0] = reflex_edges.nodes
     table = np.concatenate([table, ends])
     counts = np.concatenate([np.isfinite(table[:m, 9:]).sum(axis=1), np.ones(k)]).astype(np.int8)
     none = np.full(m + k, -1, np.int32)
     ways = Ways(
         Bases(table, counts, all_nodes),
-        knots.edges,
+        reflex_edges.edges,
         np.arange(m + k, dtype=np.int32),
         none,
         none.copy(),
@@ -265,7 +265,7 @@ def _network_of(
         np.zeros((m + k, 9)),
         np.zeros(m + k, np.bool_),
     )
-    return Network(g, sight, knots, ways, m, np.zeros(m + k, np.int32))
+    return Network(g, sight, reflex_edges, ways, m, np.zeros(m + k, np.int32))
 
 
 class Solid(NamedTuple):
@@ -276,10 +276,10 @@ class Solid(NamedTuple):
     nodes: IntArray
     """int32[k]: the nodes to solve along a Morton curve; nodes of reflex edges are among them."""
     sight: Sight
-    knots: Knots
+    reflex_edges: ReflexEdges
 
 
-class Entries(NamedTuple):
+class SolidSources(NamedTuple):
     """The sources, in lexicographic order of their nodes.
 
     The first of several sources that allow the same size counts, so that their order matters.
@@ -341,16 +341,16 @@ def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None =
         Nodes to solve besides those of reflex edges; by default all.
     """
     sight = build_sight(mesh, boundary)
-    knots = find_knots(mesh.points, boundary, sight.walls.slack)
+    reflex_edges = find_reflex_edges(mesh.points, boundary, sight.walls.slack)
     if nodes is None:
-        return Solid(mesh.points, along_curve(mesh.points), sight, knots)
-    nodes = np.union1d(nodes, knots.nodes).astype(np.int32)
+        return Solid(mesh.points, along_curve(mesh.points), sight, reflex_edges)
+    nodes = np.union1d(nodes, reflex_edges.nodes).astype(np.int32)
     order = along_curve(np.ascontiguousarray(mesh.points[nodes]))
-    return Solid(mesh.points, nodes[order], sight, knots)
+    return Solid(mesh.points, nodes[order], sight, reflex_edges)
 
 
 def solve_in_space(
-    solid: Solid, entries: Entries, bounds: Bounds, g: float, workers: Workers
+    solid: Solid, sources: SolidSources, bounds: Bounds, g: float, workers: Workers
 ) -> SpaceResult:
     """Return the limited sizes in a solid that is not convex.
 
@@ -362,15 +362,15 @@ def solve_in_space(
     source it is, and the first one counts.
     """
     h0, lower, nearest, spread = bounds
-    n, nodes, knots = len(solid.points), solid.nodes, solid.knots.nodes
-    network = _network_of(*entries, g, solid.sight, solid.knots)
+    n, nodes, reflex_nodes = len(solid.points), solid.nodes, solid.reflex_edges.nodes
+    network = _network_of(*sources, g, solid.sight, solid.reflex_edges)
     nearly = lower + _EQUAL * np.abs(lower)
     field = Field(nearly.copy(), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
     none = network.choice(np.empty(0, np.int32))
-    is_knot = np.isin(nodes, knots)
-    others = nodes[~is_knot]
+    on_reflex_edge = np.isin(nodes, reflex_nodes)
+    others = nodes[~on_reflex_edge]
     network.lower(others, none, field, workers, nearest)
-    hidden = nodes[is_knot | ((field.way < 0) & (h0 > lower))[nodes]]
+    hidden = nodes[on_reflex_edge | ((field.way < 0) & (h0 > lower))[nodes]]
     network.lower(hidden, network.sources(), field, workers)
     proved = (field.way >= 0) | (h0 <= lower)
     upper = spread(np.where(proved, lower, h0))
@@ -393,37 +393,37 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
 
     Returns whether the iteration converged within _ROUNDS iterations.
     """
-    knots = network.knots.nodes
+    reflex_nodes = network.reflex_edges.nodes
     network.lower(hidden, network.sources(), field, workers)
-    waiting = np.isin(knots, hidden)
-    order = knots[waiting]
-    changed = np.flatnonzero(field.way[knots] >= 0).astype(np.int32)
+    waiting = np.isin(reflex_nodes, hidden)
+    order = reflex_nodes[waiting]
+    changed = np.flatnonzero(field.way[reflex_nodes] >= 0).astype(np.int32)
     for _ in range(_ROUNDS):
         if len(changed) == 0:
             break
-        network.set_knots(field.sizes[knots])
+        network.set_reflex_nodes(field.sizes[reflex_nodes])
         fresh = np.concatenate([network.n_sources + changed, network.extend(changed, field)])
         if len(order) == 0:  # all paths are built, and no node of an edge is left
             changed = order
             break
-        before = field.sizes[knots]
+        before = field.sizes[reflex_nodes]
         network.lower(order, network.choice(fresh), field, workers)
-        fallen = before - field.sizes[knots]
+        fallen = before - field.sizes[reflex_nodes]
         changed = np.flatnonzero(fallen > _EQUAL * np.abs(before)).astype(np.int32)
-    network.set_knots(field.sizes[knots])
+    network.set_reflex_nodes(field.sizes[reflex_nodes])
     network.used = network.choice(_in_use(network, field))
-    rest = hidden[~np.isin(hidden, knots)]
+    rest = hidden[~np.isin(hidden, reflex_nodes)]
     network.lower(rest, network.used, field, workers)
     return len(changed) == 0
 
 
 def _in_use(network: Network, field: Field) -> IntArray:
     """Return the paths from nodes of reflex edges, and those over edges that reach such a node."""
-    ways, knots = network.ways, network.knots
+    ways, reflex_edges = network.ways, network.reflex_edges
     bent = np.flatnonzero(ways.edge >= 0)
-    edge, way, _, _ = network.candidates(np.arange(len(knots.nodes), dtype=np.int32), field)
+    edge, way, _, _ = network.candidates(np.arange(len(reflex_edges.nodes), dtype=np.int32), field)
     used = np.isin(_key_of(ways.edge[bent], ways.parent[bent]), _key_of(edge, way))
-    straight = network.n_sources + np.arange(len(knots.nodes))
+    straight = network.n_sources + np.arange(len(reflex_edges.nodes))
     return np.concatenate([straight, bent[used]])
 
 
@@ -440,6 +440,6 @@ def _origins(
     bent = reached[ways.edge[field.way[reached]] >= 0]
     bend[bent] = field.last[bent]
     entry = np.where(base < m, base, -1).astype(np.int32)
-    knots = np.append(network.knots.nodes, np.int32(-1))
-    start = knots[np.where(base < m, -1, base - m)].astype(np.int32)
+    reflex_nodes = np.append(network.reflex_edges.nodes, np.int32(-1))
+    start = reflex_nodes[np.where(base < m, -1, base - m)].astype(np.int32)
     return entry, start, bend

@@ -9,7 +9,7 @@ import numpy as np
 from adaptsize._kernels.exact import list_entries_in_reach
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._kernels.trees import DEPTH
-from adaptsize.limiting.exact.field import Wave, sorted_wave
+from adaptsize.limiting.exact.field import Entries, sorted_entries
 from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import FloatArray, IntArray
 
@@ -32,13 +32,13 @@ def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> FloatArray:
     return np.column_stack([lower, upper, np.maximum.reduceat(h[order], first)])
 
 
-def entries_in_reach(wave: Wave, boxes: FloatArray, g: float) -> IntArray:
+def entries_in_reach(entries: Entries, boxes: FloatArray, g: float) -> IntArray:
     """Return the entries that may allow less than the largest size in any of the boxes."""
-    found = np.empty(len(wave.nodes), np.int32)
+    found = np.empty(len(entries.nodes), np.int32)
     count = list_entries_in_reach(
-        wave.table,
-        wave.boxes,
-        (0,) * wave.nodes.shape[1],
+        entries.table,
+        entries.boxes,
+        (0,) * entries.nodes.shape[1],
         g,
         boxes,
         np.empty(len(boxes), np.int32),
@@ -48,30 +48,30 @@ def entries_in_reach(wave: Wave, boxes: FloatArray, g: float) -> IntArray:
     return found[:count]
 
 
-def of_this_rank(wave: Wave, n_points: int) -> Wave:
+def of_this_rank(entries: Entries, n_points: int) -> Entries:
     """Return the entries without those that all ranks have: corners, sources between the nodes."""
-    kept = wave.nodes[:, 0] < n_points
-    if wave.table.shape[1] > CORNER:
-        kept &= wave.table[:, CORNER] == 0.0
-    return wave if kept.all() else wave.only(kept)
+    kept = entries.nodes[:, 0] < n_points
+    if entries.table.shape[1] > CORNER:
+        kept &= entries.table[:, CORNER] == 0.0
+    return entries if kept.all() else entries.only(kept)
 
 
 def exchange_rows(
     comm: Communicator,
-    waves: Sequence[Wave],
+    groups: Sequence[Entries],
     rows: Sequence[FloatArray],
     own: FloatArray,
     g: float,
 ) -> FloatArray:
     """Return the rows of other ranks whose entries may act on this one; one exchange.
 
-    ``rows`` holds what is sent of the entries of each wave, float64[m, k]; ``own`` are the boxes of
-    this rank.
+    ``rows`` holds what is sent of the entries of each group, float64[m, k]; ``own`` are the boxes
+    of this rank.
     """
     sent = []
     for rank, boxes in enumerate(comm.allgather(own)):
         few = boxes if rank != comm.rank else boxes[:0]
-        chosen = [entries_in_reach(wave, few, g) for wave in waves]
+        chosen = [entries_in_reach(entries, few, g) for entries in groups]
         pairs = zip(rows, chosen, strict=True)
         sent.append(np.concatenate([some[which] for some, which in pairs]))
     received: FloatArray = np.concatenate(comm.alltoallv(sent))
@@ -80,22 +80,22 @@ def exchange_rows(
 
 def exchange_entries(
     comm: Communicator,
-    waves: Sequence[Wave],
+    groups: Sequence[Entries],
     own: FloatArray,
     g: float,
     named: Sequence[Ids] | None = None,
-) -> tuple[Wave, Ids]:
+) -> tuple[Entries, Ids]:
     """Return the entries of other ranks that may act on this one; one exchange.
 
     The global numbers of their nodes are returned, too, if those of the own entries are given.
     """
-    rows = [wave.table for wave in waves]
+    rows = [entries.table for entries in groups]
     if named is not None:
         rows = [np.column_stack(pair) for pair in zip(rows, named, strict=True)]
     table, ids = np.split(
-        exchange_rows(comm, waves, rows, own, g), [waves[0].table.shape[1]], axis=1
+        exchange_rows(comm, groups, rows, own, g), [groups[0].table.shape[1]], axis=1
     )
-    nodes = np.full((len(table), waves[0].nodes.shape[1]), -1, np.int32)
+    nodes = np.full((len(table), groups[0].nodes.shape[1]), -1, np.int32)
     nodes[:, 0] = np.arange(len(table))
-    wave = sorted_wave(table, nodes)
-    return wave, ids[wave.nodes[:, 0]].astype(np.int64)
+    entries = sorted_entries(table, nodes)
+    return entries, ids[entries.nodes[:, 0]].astype(np.int64)

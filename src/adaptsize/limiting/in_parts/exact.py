@@ -22,10 +22,10 @@ from adaptsize.limiting.exact.plane import Plane, plane_of
 from adaptsize.limiting.exact.scheme import OUTSIDE
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
+    entries_of_nodes,
     rises_too_fast,
     solve_by_sight,
     survivors_of,
-    wave_of_nodes,
 )
 from adaptsize.limiting.in_parts.domain import (
     Piece,
@@ -159,11 +159,11 @@ def _solve_interval(
     component = Component(
         mesh, bound, g, False, workers, extra, margin=margin_for(least, g, ends[1] - ends[0])
     )
-    wave = wave_of_nodes(component, nodes)
-    wave = survivors_of(wave, component)
+    entries = entries_of_nodes(component, nodes)
+    entries = survivors_of(entries, component)
     h, source = bound.copy(), np.full(len(bound), -1, np.int32)
     points = Points(places, order, np.empty(0, np.int32))
-    found = ComponentSolution(h, source, ExactField(g, None, False, [wave]))
+    found = ComponentSolution(h, source, ExactField(g, None, False, [entries]))
     found.field.lower_by_last(points, h, source, workers)
     ids = numbers_of(piece, component, part.n_global_points)
     numbers = Numbers(ids, piece.ids[:0]) if settings.trace else None
@@ -208,11 +208,11 @@ def _exchanged(
     Sources are traced if the numbers of their nodes are given.
     """
     field = found.field
-    sent = [of_this_rank(wave, component.mesh.n_points) for wave in field.waves]
+    sent = [of_this_rank(entries, component.mesh.n_points) for entries in field.groups]
     reach = reach_of(points.places, points.order, found.h)
-    named = None if numbers is None else [numbers.of(wave) for wave in sent]
+    named = None if numbers is None else [numbers.of(entries) for entries in sent]
     received, ids = exchange_entries(piece.ranks, sent, reach, component.g, named)
-    own = field.waves.copy()
+    own = field.groups.copy()
     field.add(received)
     field.lower_by_last(points, found.h, found.source, component.workers)
     solved = Solved(found.h, field.n_entries)
@@ -220,7 +220,7 @@ def _exchanged(
         return solved
     n = len(piece.ids)
     every = np.concatenate([*map(numbers.of, own), ids])
-    sizes = np.concatenate([wave.sizes for wave in field.waves])
+    sizes = np.concatenate([entries.sizes for entries in field.groups])
     traced = trace(piece.ids, found.source[:n], every, sizes, found.bends()[:n])
     return solved._replace(traced=traced)
 

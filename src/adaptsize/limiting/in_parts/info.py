@@ -12,7 +12,7 @@ from adaptsize._kernels.exact_plane import CORNER
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.limiting import LimitingInfo
 from adaptsize.limiting.exact.candidates import Component
-from adaptsize.limiting.exact.field import Wave
+from adaptsize.limiting.exact.field import Entries
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts.domain import Piece
 from adaptsize.limiting.info import QUANTILES, slopes_on_mesh
@@ -246,13 +246,13 @@ class Numbers(NamedTuple):
     """int64: those of the nodes of the boundary, which corners refer to; empty if there are
     none."""
 
-    def of(self, wave: Wave) -> Ids:
+    def of(self, entries: Entries) -> Ids:
         """Return those of the entries, padded with -1."""
         if len(self.of_corners) == 0:
-            return self.of_nodes[wave.nodes]
-        is_corner = wave.table[:, CORNER] > 0.0
-        named: Ids = self.of_nodes[np.where(is_corner[:, None], np.int32(-1), wave.nodes)]
-        named[is_corner, 0] = self.of_corners[wave.nodes[is_corner, 0]]
+            return self.of_nodes[entries.nodes]
+        is_corner = entries.table[:, CORNER] > 0.0
+        named: Ids = self.of_nodes[np.where(is_corner[:, None], np.int32(-1), entries.nodes)]
+        named[is_corner, 0] = self.of_corners[entries.nodes[is_corner, 0]]
         return named
 
 

@@ -16,13 +16,13 @@ from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
-from adaptsize.limiting.exact.field import ExactField, Points, Wave, node_wave, sorted_wave
+from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries, sorted_entries
 from adaptsize.limiting.exact.origins import Merge, Paths, complete
-from adaptsize.limiting.exact.solve import wave_of_nodes
+from adaptsize.limiting.exact.solve import entries_of_nodes
 from adaptsize.limiting.exact.space import (
     Bounds,
-    Entries,
     Solid,
+    SolidSources,
     SpaceResult,
     Spread,
     solid_of,
@@ -99,12 +99,12 @@ def solve_body(
     linear = steep is not None and component.face_sources
     field = ExactField(g, None, linear)
 
-    def lower_by(wave: Wave) -> FloatArray:
+    def lower_by(entries: Entries) -> FloatArray:
         """Lower sizes by the sources of all ranks, and return these."""
-        rows = _with_others(piece, wave, numbers, reach, g)
+        rows = _with_others(piece, entries, numbers, reach, g)
         places = np.full((len(rows), 3), -1, np.int32)
         places[:, 0] = np.arange(len(rows))
-        added = sorted_wave(rows[:, :_COLUMNS], places)
+        added = sorted_entries(rows[:, :_COLUMNS], places)
         found = np.full(len(source), -1, np.int32)
         by_last = ExactField(g, None, linear, [added])
         by_last.lower_by_last(points, lower, found, component.workers)
@@ -113,20 +113,20 @@ def solve_body(
         field.add(added)
         return rows
 
-    rows = lower_by(wave_of_nodes(component, nodes))
+    rows = lower_by(entries_of_nodes(component, nodes))
     if linear and steep is not None:
         h = lower[body.own] if len(body.own) else component.h0
         on_cells = sources_on_cells(component, steep, h)
         if on_cells is None:
-            on_cells = node_wave(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
+            on_cells = node_entries(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
         rows = np.concatenate([rows, lower_by(on_cells)])
     order, place = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
     named = rows[:, _COLUMNS:].astype(np.int64)
-    entries = Entries(rows[:, :_COLUMNS].copy(), body.rows(named))
+    sources = SolidSources(rows[:, :_COLUMNS].copy(), body.rows(named))
     nearest = np.append(place, np.int32(-1))[source]
     bounds = Bounds(h0, lower, nearest, _spread(part, piece, body, component))
-    found = solve_in_space(solid, entries, bounds, g, component.workers)
+    found = solve_in_space(solid, sources, bounds, g, component.workers)
     h, least = found.h[body.own], found.lower[body.own]
     hidden = ~found.proved[body.own]
     traced = None
@@ -151,7 +151,7 @@ def solve_body(
 
 def _merging(part: PartitionedMesh, piece: Piece, body: Body) -> Merge:
     """Return the collective function that merges values at shared nodes and at reflex edges."""
-    knots = body.solid.knots.nodes
+    reflex_nodes = body.solid.reflex_edges.nodes
 
     def merge(values: FloatArray, how: Literal["min", "max"]) -> FloatArray:
         none, operation = (np.inf, np.minimum) if how == "min" else (-np.inf, np.maximum)
@@ -159,7 +159,7 @@ def _merging(part: PartitionedMesh, piece: Piece, body: Body) -> Merge:
         in_part[piece.nodes] = values[body.own]
         merged = values.copy()
         merged[body.own] = part.shared.merge(in_part, operation)[piece.nodes]
-        merged[knots] = piece.ranks.allreduce(merged[knots], how)
+        merged[reflex_nodes] = piece.ranks.allreduce(merged[reflex_nodes], how)
         return merged
 
     return merge
@@ -170,7 +170,7 @@ def _traced(
 ) -> tuple[FloatArray, BoolArray]:
     """Return the sources of the sizes as rows for `complete`, and whether they are known."""
     solved = np.zeros(len(body.ids), np.bool_)
-    solved[body.own] = solved[body.solid.knots.nodes] = True
+    solved[body.own] = solved[body.solid.reflex_edges.nodes] = True
     known = (found.entry >= 0) | (found.h >= h0) | ~solved
     nodes, first, bends = trace(body.ids, found.entry, named, sizes, found.bend)
     return np.column_stack([nodes, first, np.where(np.isnan(bends), np.inf, bends)]), known
@@ -182,7 +182,7 @@ def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray,
     The latter are sizes that grow along the edges of the own cells, at the own nodes and at the
     nodes of reflex edges.
     """
-    mesh, knots = piece.mesh, body.solid.knots.nodes
+    mesh, reflex_nodes = piece.mesh, body.solid.reflex_edges.nodes
     both = np.full((2, len(body.ids)), np.inf)
     order = np.empty(0, np.int32)
     if not piece.is_empty:
@@ -190,11 +190,13 @@ def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray,
         both[0, body.own], both[1, body.own] = component.h0, alone
         assert component.order is not None
         order = component.order
-    both[:, knots] = piece.ranks.allreduce(both[:, knots], "min")
+    both[:, reflex_nodes] = piece.ranks.allreduce(both[:, reflex_nodes], "min")
     largest = _ABOVE * both[1]
-    along = np.arange(len(knots), dtype=np.int32)
+    along = np.arange(len(reflex_nodes), dtype=np.int32)
     own = reach_of(mesh.points, order, largest[body.own])
-    return both[0], np.concatenate([own, reach_of(body.solid.points[knots], along, largest[knots])])
+    return both[0], np.concatenate(
+        [own, reach_of(body.solid.points[reflex_nodes], along, largest[reflex_nodes])]
+    )
 
 
 def _candidates(
@@ -216,15 +218,17 @@ def _candidates(
     return np.flatnonzero(merged == 1).astype(np.int32), steep
 
 
-def _with_others(piece: Piece, wave: Wave, numbers: Ids, reach: FloatArray, g: float) -> FloatArray:
+def _with_others(
+    piece: Piece, entries: Entries, numbers: Ids, reach: FloatArray, g: float
+) -> FloatArray:
     """Return own entries, and those of other ranks that may act here; one exchange.
 
     Each row holds the table of an entry and the global numbers of its nodes, and is unique.
     """
-    own = np.column_stack([wave.table, numbers[wave.nodes].astype(np.float64)])
+    own = np.column_stack([entries.table, numbers[entries.nodes].astype(np.float64)])
     n = piece.mesh.n_points
-    sent = own[wave.nodes[:, 0] < n]
-    others = exchange_rows(piece.ranks, [of_this_rank(wave, n)], [sent], reach, g)
+    sent = own[entries.nodes[:, 0] < n]
+    others = exchange_rows(piece.ranks, [of_this_rank(entries, n)], [sent], reach, g)
     rows = np.concatenate([own, others])
     order, _ = _in_order(rows[:, _COLUMNS:])
     rows = rows[order]
@@ -244,7 +248,7 @@ def _in_order(ids: FloatArray) -> tuple[IntArray, IntArray]:
 
 def _spread(part: PartitionedMesh, piece: Piece, body: Body, component: Component) -> Spread:
     """Return the collective function that lowers sizes along the edges of the whole mesh."""
-    knots, slope = body.solid.knots.nodes, Slope(np.array([component.g]))
+    reflex_nodes, slope = body.solid.reflex_edges.nodes, Slope(np.array([component.g]))
 
     def spread(h: FloatArray) -> FloatArray:
         in_part = np.full(part.n_points, np.inf)
@@ -252,7 +256,7 @@ def _spread(part: PartitionedMesh, piece: Piece, body: Body, component: Componen
         lowered = h.copy()
         spread_out = solve_along_edges(part, in_part, slope, component.workers.report).h
         lowered[body.own] = spread_out[piece.nodes]
-        lowered[knots] = piece.ranks.allreduce(lowered[knots], "min")
+        lowered[reflex_nodes] = piece.ranks.allreduce(lowered[reflex_nodes], "min")
         return lowered
 
     return spread
