@@ -16,6 +16,7 @@ LEFT_OUT = {
     "Background": "a protocol",
     "SizeLike": "a type",
     "MedialAxis": "a result",
+    "Communicator": "a base class",
     "Scheme": "a base class",
     "supports": "called by limit_gradient, as are the next four, which has checked the problem",
     "solve": "",
