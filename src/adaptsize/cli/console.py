@@ -13,12 +13,12 @@ import json
 import logging
 import math
 import os
+import re
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from adaptsize.cli.options import as_typed
 from adaptsize.cli.steps import NORMAL, QUIET, VERBOSE, Steps
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class Console:
 
     def warn(self, text: str) -> None:
         """Print a warning, unless the same has been printed before."""
-        text = as_typed(text, self._flags)
+        text = _as_typed(text, self._flags)
         if text not in self.warnings:
             self.warnings.append(text)
             self.say(f"warning: {text}")
@@ -176,7 +176,7 @@ class Console:
 
     def fail(self, text: str) -> None:
         """Print an error, also in the JSON object; on several ranks, only keep it."""
-        self._failure = as_typed(text, self._flags)
+        self._failure = _as_typed(text, self._flags)
         if self.world is None:
             self.print_failure()
 
@@ -240,6 +240,16 @@ class Console:
             },
         }
         print(json.dumps(_plain(whole), indent=2, allow_nan=False))
+
+
+def _as_typed(text: str, flags: Mapping[str, str]) -> str:
+    """Return a message in which options have the names that they have on the command line.
+
+    Names that are also words count only before "must", "=" and the like.
+    """
+    names = [f"{name}(?= must | = | is in )" if "_" not in name else name for name in flags]
+    pattern = rf"(?<![\w.'\"-])(?:{'|'.join(names)})(?!\w|\.\w)"
+    return re.sub(pattern, lambda match: flags[match[0]], text) if flags else text
 
 
 def _print_message(text: str) -> None:

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import functools
 import inspect
-import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args
+from typing import Annotated, Any, TypeAlias, get_args
 
 import typer
 from typer.core import TyperCommand
 
+from adaptsize.cli.console import Console
 from adaptsize.cli.sources import FORMS
 from adaptsize.options import Option, options_of
 
@@ -25,9 +25,6 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-if TYPE_CHECKING:
-    from adaptsize.cli.console import Console
 
 Given: TypeAlias = dict[str, Any]
 
@@ -263,13 +260,3 @@ def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
     return given
-
-
-def as_typed(text: str, flags: Mapping[str, str]) -> str:
-    """Return a message in which options have the names that they have on the command line.
-
-    Names that are also words count only before "must", "=" and the like.
-    """
-    names = [f"{name}(?= must | = | is in )" if "_" not in name else name for name in flags]
-    pattern = rf"(?<![\w.'\"-])(?:{'|'.join(names)})(?!\w|\.\w)"
-    return re.sub(pattern, lambda match: flags[match[0]], text) if flags else text
