@@ -219,12 +219,6 @@ def test_bad_arguments_are_named():
         size_from_error(mesh, eta, order=1, tolerance=1.0, elements=10)
     with pytest.raises(ValueError, match=r"one of tolerance and elements .* got none"):
         size_from_hessian(mesh, u)
-    with pytest.raises(ValueError, match="max_refine must be finite and >= 1"):
-        size_from_error(mesh, eta, order=1, tolerance=1.0, max_refine=0.5)
-    with pytest.raises(ValueError, match="max_coarsen must be >= 1"):
-        size_from_error(mesh, eta, order=1, tolerance=1.0, max_coarsen=0.5)
-    with pytest.raises(ValueError, match="norm must be >= 1"):
-        size_from_hessian(mesh, u, tolerance=1.0, norm=0.5)
     with pytest.raises(ValueError, match="values must be finite"):
         recovered_hessian(mesh, np.full(mesh.n_points, np.nan))
     with pytest.raises(ValueError, match="g must be"):

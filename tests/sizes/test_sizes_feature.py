@@ -250,12 +250,10 @@ def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [
-        ((structured_square(2),), {"elements_across": 0.0}, "elements_across must be finite and >"),
         ((CartesianGrid([0, 0], 1.0, (3, 3)),), {}, "boundary must be given"),
         ((structured_square(2).boundary().mesh, structured_square(2)), {}, "consist of segments"),
         ((structured_square(2), np.zeros(9)), {}, "nodes are for a CartesianGrid"),
         ((SimplexMesh([[0.0], [1.0]], [[0, 1]]),), {}, "background must be a volume"),
-        ((structured_square(2), outline(circle(8))), {"tolerance": -1.0}, "tolerance must be"),
     ],
 )
 def test_bad_arguments_are_named(arguments, options, message):
@@ -288,12 +286,3 @@ def test_hmin_and_hmax():
 def test_options_without_effect_are_refused(arguments, options, message):
     with pytest.raises(ValueError, match=message):
         size_from_feature(*arguments, **options)
-
-
-@pytest.mark.parametrize("angle", [[np.inf, -np.inf], 200.0])
-def test_a_bad_corner_angle_is_refused_for_all_methods(angle):
-    def distance(x):
-        return np.linalg.norm(x, axis=1) - 30.0
-
-    with pytest.raises(ValueError, match="corner_angle must be"):
-        size_from_feature(jittered_cube(3, 842), distance, corner_angle=angle)

@@ -19,6 +19,9 @@ from adaptsize.typing import BoolArray, FloatArray
 
 _Indices = npt.NDArray[np.int64]
 
+#: Returns the requested sizes at some distances from a source.
+SizeAt = Callable[[FloatArray], FloatArray]
+
 
 def nodes_around(grid: CartesianGrid, points: FloatArray) -> Nearby:
     """Return the active corners of the boxes around points.
@@ -50,12 +53,7 @@ def pieces_along(grid: CartesianGrid, curve: SimplexMesh) -> Pieces:
 
 
 def lower_in_box(
-    grid: CartesianGrid,
-    lower: FloatArray,
-    upper: FloatArray,
-    size: float,
-    g: float,
-    h0: FloatArray,
+    grid: CartesianGrid, lower: FloatArray, upper: FloatArray, size_at: SizeAt, h0: FloatArray
 ) -> None:
     """Lower ``h0`` (In/Out) at the corners of the boxes that meet a box."""
     window = _window(grid, lower, upper)
@@ -63,11 +61,11 @@ def lower_in_box(
         np.maximum(np.maximum(lower[d] - x, x - upper[d]), 0.0)
         for d, x in enumerate(_axes_of(grid, window))
     ]
-    _lower_window(grid, window, size + g * np.sqrt(_sum_of_squares(gaps)), h0)
+    _lower_window(grid, window, size_at(np.sqrt(_sum_of_squares(gaps))), h0)
 
 
 def lower_in_ball(
-    grid: CartesianGrid, centre: FloatArray, radius: float, size: float, g: float, h0: FloatArray
+    grid: CartesianGrid, centre: FloatArray, radius: float, size_at: SizeAt, h0: FloatArray
 ) -> None:
     """Lower ``h0`` (In/Out) at the corners of the boxes that meet a ball."""
     window = _window(grid, centre - radius, centre + radius)
@@ -80,7 +78,7 @@ def lower_in_ball(
         inside = np.clip(centre[d], grid.lower[d], grid.upper[d])
         beyond = np.maximum(np.abs(x - inside) - grid.spacing[d], 0.0)
         of_boxes.append(beyond + abs(centre[d] - inside))
-    requested = size + g * np.maximum(np.sqrt(_sum_of_squares(away)) - radius, 0.0)
+    requested = size_at(np.maximum(np.sqrt(_sum_of_squares(away)) - radius, 0.0))
     requested[_sum_of_squares(of_boxes) > radius**2] = np.inf
     _lower_window(grid, window, requested, h0)
 

@@ -246,7 +246,7 @@ class BoxSource:
         if (lower > upper).any():
             raise ValueError(f"lower must be at most upper = {upper}, got {lower}")
         if isinstance(mesh, CartesianGrid):
-            _on_grid.lower_in_box(mesh, lower, upper, size, g, h0)
+            _on_grid.lower_in_box(mesh, lower, upper, lambda away: size + g * away, h0)
             return
         touched = (
             _touched.cells_with_edge_in_box(mesh, lower, upper),
@@ -290,7 +290,7 @@ class BallSource:
         centre = _one_point("centre", self.centre, mesh.dim)
         radius = as_number("radius", self.radius, lower=0.0)
         if isinstance(mesh, CartesianGrid):
-            _on_grid.lower_in_ball(mesh, centre, radius, size, g, h0)
+            _on_grid.lower_in_ball(mesh, centre, radius, lambda away: size + g * away, h0)
             return
         touched = (
             _touched.cells_with_edge_in_ball(mesh, centre, radius),

@@ -76,7 +76,7 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> So
         piece = piece_of(part, number)
         extra = None if located is None else located.extra(number, piece)
         solve = _solve_interval if part.dim == 1 else _solve_piece
-        found = solve(part, number, piece, h0, settings, extra)
+        found = solve(part, number, h0, settings, extra)
         if found is None:
             return None
         whole.h[piece.nodes] = found.h[: len(piece.nodes)]
@@ -93,15 +93,10 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> So
 
 
 def _solve_piece(
-    part: PartitionedMesh,
-    number: int,
-    piece: Piece,
-    h0: FloatArray,
-    settings: Settings,
-    extra: Extra | None,
+    part: PartitionedMesh, number: int, h0: FloatArray, settings: Settings, extra: Extra | None
 ) -> Solved | None:
     """Return the sizes in one component; None if its cells overlap."""
-    workers = Workers.of(settings.threads, settings.report)
+    piece, workers = piece_of(part, number), Workers.of(settings.threads, settings.report)
     skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, workers.threads))
     if skeleton is None:
         return None
@@ -141,15 +136,11 @@ def _least(bound: FloatArray, extra: Extra | None) -> float:
 
 
 def _solve_interval(
-    part: PartitionedMesh,
-    number: int,
-    piece: Piece,
-    h0: FloatArray,
-    settings: Settings,
-    extra: Extra | None,
+    part: PartitionedMesh, number: int, h0: FloatArray, settings: Settings, extra: Extra | None
 ) -> Solved:
     """Return the sizes in one component of segments on a line; one exchange."""
     g, workers = settings.g, Workers.of(settings.threads, settings.report)
+    piece = piece_of(part, number)
     mesh, bound = piece.mesh, piece.bounds(h0)
     places = mesh.points
     order = along_curve(places)[: len(piece.ids)]

@@ -53,7 +53,7 @@ def solve_fast_marching(
     Returns None, on all ranks, if dependencies between nodes are cyclic (see
     `adaptsize.limiting.FastMarching`).
     """
-    marched = _in_rounds(part, h0, slope, _window(part, slope), report, along_edges=False)
+    marched = _in_rounds(part, h0, slope, _window(part, slope), report)
     if marched is None:
         return None
     excess = 0.0
@@ -71,7 +71,7 @@ def solve_along_edges(
     the minimum of the same sums over paths.  Rounds have no windows, since few nodes are lowered
     by other ranks.
     """
-    marched = _in_rounds(part, h0, slope, np.inf, report, along_edges=True)
+    marched = _in_rounds(part, h0, slope, None, report)
     assert marched is not None  # no dependencies are cyclic
     return marched
 
@@ -80,16 +80,14 @@ def _in_rounds(
     part: PartitionedMesh,
     h0: FloatArray,
     slope: Slope,
-    window: float,
+    window: float | None,
     report: ProgressCallback,
-    *,
-    along_edges: bool,
 ) -> Marched | None:
-    """March and exchange sizes until no node waits on any rank."""
+    """March and exchange sizes until no node waits on any rank; without a window along edges."""
     comm, n = part.ranks, part.n_points
     sweep, march = kernels.sweep_cells, kernels.march
     keep = KEEP
-    if along_edges:
+    if window is None:
         sweep, march, keep = kernels.sweep_edges, kernels.march_edges, 1.0
     h, heap = h0.copy(), new_heap(n)
     stars: tuple[Any, ...] = ()
@@ -101,15 +99,16 @@ def _in_rounds(
     accepted = 0
     while True:
         waiting = float(heap.key[0]) if heap.size[0] > 0 else np.inf
-        impatient = not along_edges and accepted > patience(n)
+        impatient = window is not None and accepted > patience(n)
         least, go_on = comm.allreduce(np.array([waiting, 0.0 if impatient else 1.0]), "min")
         if least == np.inf:
             return Marched(h, accepted)
         if not go_on:
             return None
+        until = np.inf if window is None else least + window
         count = CHUNK if part.mesh is not None else 0
         while count == CHUNK:
-            count = march(stars, h, limit, heap, (keep, float(least + window), CHUNK))
+            count = march(stars, h, limit, heap, (keep, float(until), CHUNK))
             accepted += count
             report("limiting the gradient", min(accepted / n, 1.0))
         _exchange(part, h, known, heap)
