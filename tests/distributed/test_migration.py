@@ -123,7 +123,7 @@ def test_meshes_of_different_kinds_are_refused():
         with pytest.raises(ValueError, match="old and new must be meshes of one kind"):
             transfer_fields(old, new, cell_fields={"c": np.ones(old.n_cells)})
     line = PartitionedMesh.from_serial(plane.mesh.boundary().mesh)
-    with pytest.raises(ValueError, match="old must consist of triangles or tetrahedra"):
+    with pytest.raises(ValueError, match="old must be a SimplexMesh of triangles or tetrahedra"):
         transfer_fields(line, line, cell_fields={"c": np.ones(line.n_cells)})
     with pytest.raises(ValueError, match="old must be a PartitionedMesh"):
         interpolate(3, [1.0], [[0.0, 0.0]])
