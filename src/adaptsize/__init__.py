@@ -72,6 +72,7 @@ _SUBMODULES = (
     "io",
     "limiting",
     "metrics",
+    "options",
     "plot",
     "quality",
     "ranks",

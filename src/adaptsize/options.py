@@ -41,6 +41,8 @@ from adaptsize._defaults import (
 from adaptsize.errors import UnitWarning
 from adaptsize.typing import GradientLimit
 
+__all__ = ["Option", "options_of"]
+
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
 

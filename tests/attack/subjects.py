@@ -16,6 +16,8 @@ LEFT_OUT = {
     "Background": "a protocol",
     "SizeLike": "a type",
     "MedialAxis": "a result",
+    "Option": "declares an option of the library",
+    "options_of": "takes a record of such options",
     "Communicator": "a base class",
     "Scheme": "a base class",
     "supports": "called by limit_gradient, as are the next four, which has checked the problem",
