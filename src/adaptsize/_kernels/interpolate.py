@@ -5,11 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import kernel, lean, lean_kernel
 from adaptsize._kernels.distance import closest_on_cell, find_inside
 from adaptsize._kernels.trees import (
-    DEPTH,
-    Stack,
     cells_of_leaf,
     descent,
     descent_by_bound,
@@ -36,7 +34,7 @@ class Located(NamedTuple):
     distance: np.ndarray
 
 
-@inner
+@lean
 def _distance_to_centre(boxes, node, x):
     """Return twice the Manhattan distance of x to the centre of a box; inf outside of the box."""
     total = 0.0
@@ -50,7 +48,7 @@ def _distance_to_centre(boxes, node, x):
 _holding_leaf = descent_by_bound(_distance_to_centre)
 
 
-@inner
+@lean
 def _distance2_to_cell_box(tree, c, x):
     """Return the squared distance of x to the bounding box of cell c, 0 inside."""
     points, cells = tree.points, tree.cells
@@ -67,10 +65,10 @@ def _distance2_to_cell_box(tree, c, x):
     return total
 
 
-@inner
+@lean
 def _find_cell(tree, x, stack):
     """Return a cell that contains x and its weights, or -1; boxes with the nearer centre first."""
-    stack.box[0], stack.bound[0] = 1, _distance_to_centre(tree.boxes, 1, x)
+    stack.box[0], stack.bound[0] = 1, 0.0
     height = np.int64(1)
     while height > 0:
         leaf, height = _holding_leaf(tree.boxes, stack, height, math.inf, x)
@@ -83,11 +81,11 @@ def _find_cell(tree, x, stack):
     return -1, (0.0, 0.0, 0.0, 0.0)
 
 
-@inner
+@lean
 def _find_closest(tree, x, stack):
     """Return the closest cell, the weights of the closest point, the squared distance."""
     best, best_cell, best_weights = math.inf, -1, (1.0, 0.0, 0.0, 0.0)
-    stack.box[0], stack.bound[0] = 1, distance2_to_box(tree.boxes, 1, x)
+    stack.box[0], stack.bound[0] = 1, 0.0
     height = np.int64(1)
     while height > 0:
         leaf, height = nearest_leaf(tree.boxes, stack, height, best, x)
@@ -100,8 +98,8 @@ def _find_closest(tree, x, stack):
     return best_cell, best_weights, best
 
 
-@kernel
-def locate(tree, full, queries, which, found):
+@lean_kernel
+def locate(tree, full, queries, which, stack, found):
     """Find the cell that contains each query point, or else the closest point of the mesh.
 
     The answer for a point does not depend on the other points.
@@ -114,10 +112,11 @@ def locate(tree, full, queries, which, found):
     queries : float64[n_queries, 3]
     which : int64[n]
         The queries to process.  Neighbours should be near each other, for the cache.
+    stack : Stack
+        Scratch.
     found : Located
         Out.
     """
-    stack = Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))
     for q in which:
         x = (queries[q, 0], queries[q, 1], queries[q, 2])
         cell = -1
@@ -133,7 +132,7 @@ def locate(tree, full, queries, which, found):
             found.weights[q, v] = w[v]
 
 
-@inner
+@lean
 def _is_within(boxes, node, near):
     """Return whether a box is near a point, ``near``: the point and the squared distance."""
     return distance2_to_box(boxes, node, near[0]) <= near[1]
@@ -142,8 +141,8 @@ def _is_within(boxes, node, near):
 _leaf_within = descent(_is_within)
 
 
-@kernel
-def list_within(tree, queries, reach, rows):
+@lean_kernel
+def list_within(tree, queries, reach, stack, rows):
     """List the cells that are at most a given distance away from each query point.
 
     Parameters
@@ -152,6 +151,8 @@ def list_within(tree, queries, reach, rows):
         As in `locate`.
     reach : float64[n_queries]
         Largest distance, >= 0.
+    stack : int64[DEPTH]
+        Scratch.
     rows : int32[room, 2]
         Out: query and cell, as numbered in the tree, as far as there is room.
 
@@ -160,7 +161,6 @@ def list_within(tree, queries, reach, rows):
     int
         Number of rows, which may exceed the room.
     """
-    stack = np.empty(DEPTH, np.int64)
     count = 0
     for q in range(queries.shape[0]):
         x = (queries[q, 0], queries[q, 1], queries[q, 2])

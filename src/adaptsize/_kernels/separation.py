@@ -13,7 +13,6 @@ from adaptsize._kernels.trees import (
     Stack,
     Tree,
     cells_of_leaf,
-    distance2_to_box,
     nearest_leaf,
 )
 
@@ -154,7 +153,7 @@ def _distance(x, y):
 
 
 @inner
-def _counts(elements, queries, r, t, length):
+def _counts(elements, queries, r, t, x, length):
     """Return whether element t, at a distance from query r, belongs to no feature at its ends.
 
     Or else is so near that the features form no corner there.
@@ -162,7 +161,8 @@ def _counts(elements, queries, r, t, length):
     for e in range(2):
         corner = queries.ends[r, e]
         if corner >= 0 and holds(elements.touched, np.int64(elements.owner[t]), corner):
-            away = _distance(queries.places[r], queries.end_places[r, e])
+            end = queries.end_places[r, e]
+            away = _distance(x, (end[0], end[1], end[2]))
             if not length < queries.sine * away:
                 return False
     return True
@@ -186,7 +186,7 @@ def lower_separations(elements, queries, walls, part, distances):
     stack, node_stack = Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH)), np.empty(DEPTH, np.int64)
     for r in range(part[0], part[1]):
         x = (queries.places[r, 0], queries.places[r, 1], queries.places[r, 2])
-        stack.box[0], stack.bound[0] = 1, distance2_to_box(tree.boxes, 1, x)
+        stack.box[0], stack.bound[0] = 1, 0.0
         height = np.int64(1)
         while height > 0:
             limit = distances[r] * distances[r]
@@ -198,7 +198,7 @@ def lower_separations(elements, queries, walls, part, distances):
                 length = _distance(x, y)
                 if not walls.slack < length < distances[r]:
                     continue
-                if not _counts(elements, queries, r, t, length):
+                if not _counts(elements, queries, r, t, x, length):
                     continue
                 way = ((y[0] - x[0]) / length, (y[1] - x[1]) / length, (y[2] - x[2]) / length)
                 if _side_of(queries, r, way) > 0.0:

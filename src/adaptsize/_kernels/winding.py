@@ -16,8 +16,8 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
+from adaptsize._kernels.compiling import inner, kernel, lean, lean_kernel
+from adaptsize._kernels.trees import cells_of_leaf
 
 #: Columns of the array of moments, see `fill_moments`.
 N_MOMENTS = 34
@@ -108,7 +108,7 @@ def _oriented(points, cells, c, normal, middle):
     return math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
 
 
-@inner
+@lean
 def _angle(points, cells, c, x):
     """Return the share of directions from x that cell c takes, with its sign.
 
@@ -134,19 +134,10 @@ def _angle(points, cells, c, x):
     return math.atan2(volume, rest) / (2.0 * math.pi)
 
 
-@inner
-def _is_close(moments, node, given):
-    """Return whether a node is too close to be expanded, or else add its expansion to ``total``.
-
-    ``given``: the point, the number of radii, whether in the plane, and ``total``, float64[1].
-    """
-    x, far, in_plane, total = given
-    m = moments[node]
-    rx, ry, rz = m[0] - x[0], m[1] - x[1], m[2] - x[2]
+@lean
+def _expansion(m, rx, ry, rz, in_plane):
+    """Return the share of directions that a node takes at (-rx, -ry, -rz) from its centre."""
     r2 = rx * rx + ry * ry + rz * rz
-    close = far * m[3]
-    if not r2 > close * close:
-        return True
     per_angle = 1.0 / (2.0 * math.pi) if in_plane else 1.0 / (4.0 * math.pi)
     power = 2.0 if in_plane else 3.0
     flux = m[4] * rx + m[5] * ry + m[6] * rz
@@ -167,15 +158,11 @@ def _is_close(moments, node, given):
     once += rz * (m[28] + m[31] + m[33] + 2.0 * (m[18] + m[26] + m[33]))
     per_r = 1.0 / r2 if in_plane else 1.0 / (r2 * math.sqrt(r2))
     second = 0.5 * power * ((power + 2.0) * thrice / r2 - once) / r2
-    total[0] += (flux + trace - power * twice / r2 + second) * per_r * per_angle
-    return False
+    return (flux + trace - power * twice / r2 + second) * per_r * per_angle
 
 
-_close_leaf = descent(_is_close)
-
-
-@kernel
-def wind(tree, moments, far, queries, numbers):
+@lean_kernel
+def wind(tree, moments, far, queries, stack, numbers):
     """Fill the winding number at points.
 
     Parameters
@@ -186,17 +173,30 @@ def wind(tree, moments, far, queries, numbers):
     far : float
         A node of the tree is expanded as a whole beyond this number of its radii.
     queries : float64[n_queries, 3]
+    stack : int64[DEPTH]
+        Scratch.
     numbers : float64[n_queries]
         Out.
     """
     points, cells = tree.points, tree.cells
-    stack, total = np.empty(DEPTH, np.int64), np.empty(1)
+    n_leaves = moments.shape[0] // 2
     for q in range(queries.shape[0]):
         x = (queries[q, 0], queries[q, 1], queries[q, 2])
-        given = (x, far, cells.shape[1] == 2, total)
-        total[0], stack[0], height = 0.0, 1, np.int64(1)
+        total = 0.0
+        # Unlike in the descents of trees.py, nodes that are not entered count, too.
+        stack[0], height = 1, 1
         while height > 0:
-            leaf, height = _close_leaf(moments, stack, height, given)
-            for c in range(*cells_of_leaf(leaf, moments, cells.shape[0])):
-                total[0] += _angle(points, cells, c, x)
-        numbers[q] = total[0]
+            height -= 1
+            node = stack[height]
+            m = moments[node]
+            rx, ry, rz = m[0] - x[0], m[1] - x[1], m[2] - x[2]
+            close = far * m[3]
+            if rx * rx + ry * ry + rz * rz > close * close:
+                total += _expansion(m, rx, ry, rz, cells.shape[1] == 2)
+            elif node < n_leaves:
+                stack[height], stack[height + 1] = 2 * node, 2 * node + 1
+                height += 2
+            else:
+                for c in range(*cells_of_leaf(node - n_leaves, moments, cells.shape[0])):
+                    total += _angle(points, cells, c, x)
+        numbers[q] = total

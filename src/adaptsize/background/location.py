@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import Located, interpolate, list_within, locate
+from adaptsize._kernels.trees import new_stack
 from adaptsize.background._curve import along_curve, tree_over
 from adaptsize.typing import FloatArray, IntArray
 
@@ -117,9 +118,9 @@ class SimplexLocator:
         found = Located(np.empty(n, np.int32), np.empty((n, mesh.cell_dim + 1)), np.empty(n))
         # Sorting queries along a space-filling curve pays once they outgrow the cache.
         order = along_curve(queries).astype(np.int64) if n >= 2000 else np.arange(n)
-        full = mesh.cell_dim == mesh.dim >= 2
+        full, stack = mesh.cell_dim == mesh.dim >= 2, new_stack()
         for first, last in parts_of(n):
-            locate(self.tree, full, queries, order[first:last], found)
+            locate(self.tree, full, queries, order[first:last], stack, found)
         return self.cell_of_row[found.cell], found.weights, found.distance / self.scale
 
     def within(
@@ -157,7 +158,7 @@ class SimplexLocator:
         limit = limit * self.scale
         while True:
             rows = np.empty((room, 2), np.int32)
-            count = list_within(self.tree, queries, limit, rows)
+            count = list_within(self.tree, queries, limit, new_stack().box, rows)
             if count <= room:
                 break
             room = count

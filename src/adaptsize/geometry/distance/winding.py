@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from adaptsize._kernels.trees import new_stack
 from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
@@ -48,10 +49,11 @@ class WindingNumber:
         queries = in_space(points)
         n = len(queries)
         numbers = np.empty(n)
+        stack = new_stack().box
         for first in range(0, n, _CHUNK):
             last = min(first + _CHUNK, n)
             # Parts of the surface are expanded as a whole beyond this number of their radii.
-            wind(self._tree, self._moments, 1.5, queries[first:last], numbers[first:last])
+            wind(self._tree, self._moments, 1.5, queries[first:last], stack, numbers[first:last])
             if report is not None:
                 report("sign", last / n)
         return numbers
