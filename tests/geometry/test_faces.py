@@ -150,15 +150,6 @@ def sheet(n, lifted=(), height=0.0):
     return points, cells, nodes
 
 
-def test_feature_edges_with_a_loose_end_are_removed_and_leave_a_face_that_meets_itself():
-    # Two edges in line fold by twice 25 degrees; all around them fold less than 40.
-    points, cells, ridge = sheet(8, [(3, 4), (4, 4), (5, 4)], np.tan(np.radians(25.0)))
-    faces = Faces.of(SimplexMesh(points, cells))
-    assert numbers(faces) == (1, 4, 4)
-    assert not np.isin(faces.features, ridge).any()
-    assert meeting(faces) == {(0, 0)}
-
-
 def test_a_face_meets_itself_only_because_of_what_was_removed_from_it():
     for height, expected in ((0.0, set()), (np.tan(np.radians(25.0)), {(0, 0)})):
         points, cells, _ = sheet(8, [(3, 4), (4, 4), (5, 4)], height)

@@ -122,26 +122,6 @@ def test_a_throat_between_two_edges_in_space_is_found_inside_the_edges(seed):
     assert gap <= found.distances.min() < np.hypot(gap, 0.5 * gap)
 
 
-def test_a_pin_near_a_wall_of_two_triangles_is_as_far_as_the_wall():
-    pin = np.column_stack([0.1 * circle(16), np.zeros(16)])
-    pin = hull(np.concatenate([pin + np.array([1.03, 2.0, z]) for z in (1.0, 2.0)]))
-    mesh = joined(shifted(box(4, 4, 4), [0.9, 0.0, 0.0]), cavity(pin))
-    found = boundary_separation(mesh)
-    for z in (1.0, 2.0):
-        assert_allclose(at(found, 0.93, 2.0, z), 0.03, rtol=ROUNDING)
-    assert_allclose(boundary_separation(turned(mesh)).distances.min(), 0.03, rtol=1e-11)
-
-
-def test_a_step_is_as_wide_as_it_is_high():
-    block = Manifold.cube([3.0, 2.0, 1.0]) + Manifold.cube([1.0, 2.0, 1.01])
-    found = boundary_separation(mesh_of(block))
-    x, _, z = found.points.T
-    step = (np.abs(x - 1.0) < 1e-9) & ((np.abs(z - 1.0) < 1e-9) | (np.abs(z - 1.01) < 1e-9))
-    assert step.sum() > 400  # at most .01 apart along two edges of length 2
-    assert_allclose(found.distances[step], 0.01, rtol=1e-9)
-    assert (found.distances[~step] >= 0.01 - 1e-9).all()
-
-
 def test_a_narrow_face_is_as_wide_as_it_is():
     cut = 0.02
     chamfered = prism([[cut, 0], [1, 0], [1, 1], [0, 1], [0, cut]], 3.0)
@@ -159,42 +139,6 @@ def test_the_end_of_a_slit_is_as_wide_as_the_slit():
         assert_allclose(at(found, x, 0.8), 0.04, rtol=ROUNDING)
     # The width sees only what is narrow inside: the slit is not.
     assert boundary_width(slit).min() > 0.2
-
-
-def test_a_corner_opposite_a_wall_is_as_far_as_the_wall():
-    square = [[0, 0], [3, 0], [3, 3], [0, 3]]
-    found = boundary_separation(outline(square, diamond((1.4, 0.6), 0.5)[::-1]))
-    assert_allclose(at(found, 1.4, 0.1), 0.1, rtol=ROUNDING)
-    octahedron = hull(0.5 * np.concatenate([np.eye(3), -np.eye(3)]))
-    mesh = joined(box(4, 4, 4), cavity(shifted(octahedron, [2.0, 1.7, 0.6])))
-    found = boundary_separation(turned(mesh))
-    assert_allclose(found.distances.min(), 0.1, rtol=1e-11)
-
-
-@pytest.mark.parametrize("seed", [None, 12, 904])
-def test_the_rim_of_a_thin_plate_is_as_wide_as_the_plate_is_thick(seed):
-    plate = box(4, 3, 0.1)
-    found = boundary_separation(plate if seed is None else turned(plate, seed))
-    # All but the middles of the four short edges, which are .1 long themselves.
-    assert_allclose(np.sort(found.distances)[:-4], 0.1, rtol=1e-11)
-    assert len(found.distances) > 4 * (30 + 40)  # at most .1 apart on four edges of 3 and of 4
-
-
-def test_curves_without_corners_have_separations():
-    n = 24
-    rim = np.column_stack([0.5 * circle(n), np.zeros(n)])
-    for height in (0.05, 3.0):
-        found = boundary_separation(hull(np.concatenate([rim, rim + np.array([0.0, 0.0, height])])))
-        assert_allclose(found.distances, height, rtol=ROUNDING)
-
-
-def test_two_corners_at_the_ends_of_one_curve_count():
-    found = boundary_separation(prism([[0, 0], [2, 0], [2, 1], [0.03, 1], [0, 0.97]], 4.0))
-    short = 0.03 * np.sqrt(2.0)
-    for x, y in ((0.03, 1.0), (0.0, 0.97)):
-        assert_allclose([at(found, x, y, z) for z in (0.0, 4.0)], short, rtol=ROUNDING)
-    flat = boundary_separation(outline([[0, 0], [2, 0], [2, 1], [0.03, 1], [0, 0.97]]))
-    assert_allclose(np.sort(flat.distances)[:2], short, rtol=ROUNDING)
 
 
 # --- corner angles ----------------------------------------------------------------
@@ -320,6 +264,3 @@ def test_flat_facets_that_close_a_gap_change_nothing():
         mesh = with_flat_facet(block, edge)
         assert_allclose(boundary_separation(mesh).distances.min(), 1.0, rtol=ROUNDING)
         assert np.isfinite(boundary_width(mesh)[:-1]).all()
-
-
-# --- arguments --------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 import width_oracle
-from manifold3d import CrossSection, Manifold
+from manifold3d import Manifold
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from shapes import joined
@@ -49,10 +49,6 @@ def normals(mesh):
         return along[:, ::-1] * [1, -1] / np.linalg.norm(along, axis=1)[:, None]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return across / np.linalg.norm(across, axis=1)[:, None]
-
-
-def extruded(points, height):
-    return mesh_of(Manifold.extrude(CrossSection([points]), height))
 
 
 def divided(mesh, n):
@@ -113,43 +109,6 @@ def test_the_error_on_a_ball_is_of_second_order():
     assert errors[-1] < 0.01
 
 
-def torus(n, big=1.0, small=0.3):
-    """Twice as many facets around the hole as around the tube, all in the same direction."""
-    i, j = np.meshgrid(np.arange(2 * n), np.arange(n), indexing="ij")
-    u, v = np.pi * i / n, 2.0 * np.pi * j / n
-    away = big + small * np.cos(v)
-    points = np.stack([away * np.cos(u), away * np.sin(u), small * np.sin(v)], axis=-1)
-
-    def node(a, b):
-        return ((i + a) % (2 * n) * n + (j + b) % n).ravel()
-
-    lower = np.column_stack([node(0, 0), node(1, 0), node(1, 1)])
-    upper = np.column_stack([node(0, 0), node(1, 1), node(0, 1)])
-    return SimplexMesh(points.reshape(-1, 3), np.concatenate([lower, upper]))
-
-
-def test_the_error_on_a_torus_is_of_second_order():
-    # Rays through the tube. Steeper ones, from inside the hole, would cross it lengthwise.
-    errors = [np.abs(boundary_width(torus(n)) - 0.6).max() for n in (16, 32, 64)]
-    assert of_second_order(errors)
-    assert errors[-1] < 0.002
-
-
-def test_a_ligament_between_two_holes_is_as_wide_as_the_least_distance():
-    n, gap = 40, 0.2
-    # Facets face each other in the middle of the ligament.
-    turn = Rotation.from_euler("z", 180.0 / n, degrees=True).as_matrix()[:2, :2]
-    holes = [0.5 * circle(n)[::-1] @ turn.T + [x, 0.0] for x in (-0.6, 0.6)]
-    least = gap + 1.0 - np.cos(np.pi / n)
-    plate = outline([[-3, -2], [3, -2], [3, 2], [-3, 2]], *holes)
-    assert_allclose(boundary_width(plate).min(), least, rtol=ROUNDING)
-    solid = Manifold.cube([6.0, 4.0, 1.0], True)
-    for hole in holes:
-        solid -= Manifold.extrude(CrossSection([hole[::-1]]), 4.0).translate([0.0, 0.0, -2.0])
-    # Cross sections are rounded to some 1e-9.
-    assert_allclose(boundary_width(turned(mesh_of(solid))).min(), least, rtol=1e-7)
-
-
 @pytest.mark.parametrize("turn", range(4))
 def test_a_ray_that_passes_within_rounding_of_a_wall_hits_it(turn):
     # A ledge 1 above the bottom ends 3e-10 left of the ray from x = .5; beyond it, the top is 2.
@@ -175,54 +134,14 @@ def wedge(degrees, length=3.0):
     return outline(np.concatenate([along[:, None] * [1.0, 0.0], along[:0:-1, None] * far]))
 
 
-def prism(degrees, height=4.0):
-    """The wedge as a body; its ends are strips between the two sides."""
-    flat = wedge(degrees).points
-    m, n = (len(flat) - 1) // 2, len(flat)
-    low, up = 1 + np.arange(m), n - 1 - np.arange(m)
-    ends = [[0, low[0], up[0]]]
-    for k in range(m - 1):
-        ends += [[low[k], low[k + 1], up[k + 1]], [low[k], up[k + 1], up[k]]]
-    ends, i = np.array(ends), np.arange(n)
-    j = np.roll(i, -1)
-    sides = [np.column_stack([i, j, j + n]), np.column_stack([i, j + n, i + n])]
-    points = [np.column_stack([flat, np.full(n, z)]) for z in (0.0, height)]
-    return SimplexMesh(np.concatenate(points), np.concatenate([ends[:, ::-1], ends + n, *sides]))
-
-
-def tapers_from_edge(mesh, axis_distance, width, degrees):
-    """Return which facets have the width of the wedge at their distance from its edge."""
-    expected = axis_distance * np.tan(np.radians(degrees))
-    return np.abs(width - expected) <= 1e-9 * expected
-
-
-@pytest.mark.parametrize("degrees", [10.0, 20.0, 29.0])
-def test_a_wedge_below_the_corner_angle_is_narrow_to_its_edge(degrees):
+@pytest.mark.parametrize("degrees", [10.0, 20.0, 29.0, 30.0, 31.0, 40.0, 60.0])
+def test_a_wedge_is_narrow_to_its_edge_below_the_corner_angle_only(degrees):
     mesh = wedge(degrees)
     distance = np.linalg.norm(middles(mesh), axis=1)
     near = distance < 2.0  # farther away, rays meet the third side
-    assert tapers_from_edge(mesh, distance, boundary_width(mesh), degrees)[near].all()
+    expected = distance * np.tan(np.radians(degrees)) if degrees < 30.0 else np.inf * distance
+    assert_allclose(boundary_width(mesh)[near], expected[near], rtol=1e-9)
     assert distance.min() < 0.001
-
-
-@pytest.mark.parametrize("degrees", [30.0, 31.0, 40.0, 60.0])
-def test_a_wedge_above_the_corner_angle_is_a_corner_and_not_narrow(degrees):
-    mesh = wedge(degrees)
-    distance = np.linalg.norm(middles(mesh), axis=1)
-    assert np.isinf(boundary_width(mesh)[distance < 2.0]).all()
-
-
-@pytest.mark.parametrize("degrees", [10.0, 20.0, 29.0, 31.0, 40.0, 60.0])
-def test_a_prism_over_a_wedge_is_narrow_where_the_wedge_is(degrees):
-    mesh = prism(degrees)
-    width, middle = boundary_width(turned(mesh)), middles(mesh)
-    distance = np.linalg.norm(middle[:, :2], axis=1)
-    sides = (np.abs(normals(mesh)[:, 2]) < 0.5) & (distance < 2.0)
-    assert sides.sum() > 40
-    if degrees < 30.0:
-        assert tapers_from_edge(mesh, distance, width, degrees)[sides].all()
-    else:
-        assert np.isinf(width[sides]).all()
 
 
 def trapezoid(slope, *, gap=0.1, height=1.0):
@@ -252,34 +171,6 @@ def test_walls_steeper_than_75_degrees_do_not_count(slope, counts):
     expected = 0.1 + x * np.tan(np.radians(slope)) if counts else np.full(len(x), np.inf)
     assert_allclose(width[below], expected[below], rtol=ROUNDING)
     assert_allclose(width[bottom & (x > end)], 1.0, rtol=ROUNDING)
-
-
-def test_a_blunt_trailing_edge_is_as_wide_as_its_thickness():
-    x = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 81)))  # NACA 0012, .00252 thick at its end
-    half = 0.6 * (0.2969 * np.sqrt(x) - 0.126 * x - 0.3516 * x**2 + 0.2843 * x**3 - 0.1015 * x**4)
-    lower, upper = np.column_stack([x, -half]), np.column_stack([x, half])[:0:-1]
-    mesh = outline(np.concatenate([lower, upper]))
-    width, at = boundary_width(mesh), middles(mesh)
-    side = (at[:, 0] > 0.3) & (np.abs(normals(mesh)[:, 0]) < 0.5)
-    thickness = 2.0 * np.interp(at[side, 0], x, half)
-    # A ray is 1/cos longer than the way straight up and meets a wall inclined by up to 17 degrees.
-    assert_allclose(width[side], thickness, rtol=0.05)
-    assert width[side].min() < 0.003
-
-
-def test_a_trailing_edge_of_40_degrees_is_a_corner_and_the_middle_is_narrow():
-    rise = np.tan(np.radians(20.0)) / np.pi
-    x = np.linspace(0.0, 1.0, 101)
-    half = rise * np.sin(np.pi * x)
-    lower, upper = np.column_stack([x, -half]), np.column_stack([x, half])[-2:0:-1]
-    mesh = outline(np.concatenate([lower, upper]))
-    width, at = boundary_width(mesh), middles(mesh)[:, 0]
-    # The walls are at twice the slope to each other: 30 degrees at x = .24 and .76.
-    middle, ends = np.abs(at - 0.5) < 0.2, np.abs(at - 0.5) > 0.3
-    expected = 2.0 * np.interp(at, x, half)
-    assert_allclose(width[middle], expected[middle], rtol=0.1)
-    assert_allclose(width[np.abs(at - 0.5) < 0.01], 2.0 * rise, rtol=0.002)
-    assert np.isinf(width[ends]).all()
 
 
 def cone(degrees, n=48, rings=8):
@@ -318,22 +209,12 @@ def test_a_cone_of_19_degrees_is_narrow_to_its_tip():
 # --- what is outside, other bodies, sheets ----------------------------------------
 
 
-def c_ring(gap, *, n=60, inner=0.8):
-    """A ring without a piece of ``gap`` at its right."""
-    half = np.arcsin(0.5 * gap)
-    angle = np.linspace(half, 2.0 * np.pi - half, n)
-    arc = np.column_stack([np.cos(angle), np.sin(angle)])
-    ends = inner * arc
-    ends[[0, -1], 1] = arc[[0, -1], 1]  # the walls of the gap are parallel
-    return np.concatenate([arc, ends[::-1]])
-
-
 def test_a_gap_outside_the_domain_is_not_seen():
-    ring = c_ring(0.01)
-    assert_allclose(boundary_width(outline(ring)).min(), 0.2, rtol=0.01)
-    assert_allclose(boundary_width(extruded(ring, 1.0)).min(), 0.2, rtol=0.01)
-    pair = joined(box(1, 1, 1), shifted(box(1, 1, 1), [1.001, 0.0, 0.0]))
-    assert_allclose(boundary_width(pair), 1.0, rtol=ROUNDING)
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    flat = outline(square, square + np.array([1.001, 0.0]))
+    solid = joined(box(1, 1, 1), shifted(box(1, 1, 1), [1.001, 0.0, 0.0]))
+    for pair in (flat, solid):
+        assert_allclose(boundary_width(pair), 1.0, rtol=ROUNDING)
 
 
 def test_a_body_in_another_is_transparent_and_a_cavity_is_a_wall():
@@ -342,15 +223,8 @@ def test_a_body_in_another_is_transparent_and_a_cavity_is_a_wall():
     assert_allclose(filled[:12], 5.0, rtol=ROUNDING)
     assert np.isinf(filled[12:]).all()  # not part of the boundary
     hollow = boundary_width(joined(big, inside_out(small)))
-    at, out = middles(big), normals(big)
-    # Rays that miss the cavity cross the box, as those of the cavity's end at the sides of the box.
-    for k, (width, x, n) in enumerate(zip(hollow[:12], at, out, strict=True)):
-        lower, upper = small.points.min(axis=0), small.points.max(axis=0)
-        axis = np.abs(n).argmax()
-        across = [d for d in range(3) if d != axis]
-        meets = all(lower[d] < x[d] < upper[d] for d in across)
-        wall = (5.0 - upper[axis] if n[axis] > 0.0 else lower[axis]) if meets else 5.0
-        assert_allclose(width, wall, rtol=ROUNDING, err_msg=str(k))
+    # The middles of the box's triangles, at a third of its sides, are beside the cavity.
+    assert_allclose(hollow[:12], 5.0, rtol=ROUNDING)
     out = normals(small)
     room = np.where(out > 0.0, 5.0 - small.points.max(axis=0), small.points.min(axis=0))
     assert_allclose(hollow[12:], (np.abs(out) * room).sum(axis=1), rtol=ROUNDING)
@@ -424,42 +298,18 @@ def test_the_arms_of_a_line_in_the_plane_are_walls():
 
 # --- what files contain -----------------------------------------------------------
 
-PARTS = {
-    "union": lambda: width_oracle.random_union(np.random.default_rng(5081)),
-    "ball": lambda: width_oracle.noisy_ball(np.random.default_rng(5082)),
-    "polygon": lambda: width_oracle.random_polygon(np.random.default_rng(5083)),
-}
 
-
-@pytest.mark.parametrize("part", PARTS)
-def test_widths_do_not_change_if_a_tenth_of_the_facets_is_flipped(part):
-    mesh = PARTS[part]()
-    cells = mesh.cells.copy()
-    flipped = np.random.default_rng(8112).random(len(cells)) < 0.1
-    cells[flipped] = cells[flipped][:, ::-1]
-    assert flipped.sum() > 2
-    assert_array_equal(boundary_width(SimplexMesh(mesh.points, cells)), boundary_width(mesh))
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_widths_do_not_change_if_facets_are_repeated(part):
-    mesh = PARTS[part]()
-    again = np.arange(0, mesh.n_cells, 3)
-    cells = mesh.cells[again]
-    if mesh.dim == 3:
-        cells = np.roll(cells, 1, axis=1)  # the same facet, from another corner
-    twice = SimplexMesh(mesh.points, np.concatenate([mesh.cells, cells]))
-    assert_array_equal(boundary_width(twice)[: mesh.n_cells], boundary_width(mesh))
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_widths_do_not_change_if_each_facet_has_nodes_of_its_own(part):
-    mesh = PARTS[part]()
+@pytest.mark.parametrize("make", [width_oracle.random_union, width_oracle.random_polygon])
+def test_widths_do_not_change_if_each_facet_has_nodes_of_its_own(make):
+    mesh = make(np.random.default_rng(5081))
     soup = SimplexMesh(
         mesh.points[mesh.cells].reshape(-1, mesh.dim),
         np.arange(mesh.cells.size).reshape(mesh.cells.shape),
     )
     assert_array_equal(boundary_width(soup), boundary_width(mesh))
+    # Nodes that are merged have the width of their place.
+    at_nodes = [Width(Faces.of(m), 30.0).at_nodes(quiet) for m in (mesh, soup)]
+    assert_array_equal(at_nodes[1], at_nodes[0][mesh.cells.ravel()])
 
 
 def test_facets_without_area_have_no_width_and_change_nothing():
@@ -483,15 +333,6 @@ def test_nodes_have_the_least_width_of_the_facets_around_them():
     assert np.isinf(Width(Faces.of(lonely), 30.0).at_nodes(quiet)[-1])
 
 
-def test_nodes_that_were_merged_have_the_width_of_their_place():
-    mesh = PARTS["union"]()
-    soup = SimplexMesh(
-        mesh.points[mesh.cells].reshape(-1, 3), np.arange(mesh.cells.size).reshape(-1, 3)
-    )
-    at_nodes = [Width(Faces.of(m), 30.0).at_nodes(quiet) for m in (mesh, soup)]
-    assert_array_equal(at_nodes[1], at_nodes[0][mesh.cells.ravel()])
-
-
 def test_points_have_the_width_at_the_closest_place_of_the_boundary():
     shape, end = trapezoid(40.0)
     width = Width(Faces.of(shape), 30.0)
@@ -502,6 +343,3 @@ def test_points_have_the_width_at_the_closest_place_of_the_boundary():
     assert_allclose(width.near(np.array([[2.0, 0.3]]), quiet), 1.0, rtol=1e-9)
     # As far from the bottom as from the right side, where the channel is 3 long.
     assert_allclose(width.near(np.array([[2.75, 0.25]]), quiet), 1.0, rtol=1e-9)
-
-
-# --- arguments --------------------------------------------------------------------

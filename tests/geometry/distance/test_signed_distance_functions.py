@@ -114,22 +114,6 @@ def test_distances_go_straight_through_thin_parts_and_between_parts():
     assert_allclose(phi, np.minimum(to_left, to_right), atol=2e-3 * 0.13)
 
 
-def test_a_torus_in_space():
-    def torus(x):
-        # Without its square root, x^2 + ... of degree 4.
-        ring = x[:, 0] ** 2 + x[:, 1] ** 2
-        return (ring + x[:, 2] ** 2 + 1.0 - 0.16) ** 2 - 4.0 * ring
-
-    grid = CartesianGrid([-1.7, -1.71, -0.72], 0.07, (50, 50, 22))
-    ring = np.hypot(*grid.points[:, :2].T)
-    exact = np.hypot(ring - 1.0, grid.points[:, 2]) - 0.4
-    phi = signed_distance(grid, torus).ravel()
-    near = np.abs(exact) < 3.0 * 0.07
-    assert_allclose(phi[near], exact[near], atol=1e-8)
-    # On the circle inside the tube, the focus of feet all around, a few hundredths of a spacing.
-    assert_allclose(phi, exact, atol=0.05 * 0.07)
-
-
 def test_meshes_and_octrees():
     function = FAR_FROM_DISTANCES["waves"]
     mesh = jittered_square(41, 613, half_width=1.8)
