@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from meshes import random_sphere, random_square
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
 from adaptsize import SimplexMesh
@@ -48,21 +47,6 @@ def excesses(mesh, free):
 
 
 # --- what flips keep and what they reach ------------------------------------------------
-
-
-def test_flipping_gives_the_delaunay_triangulation_of_a_stretched_one():
-    # On the hull nothing can be flipped.
-    mesh = stretched(300, 621)
-    flipped = flip_edges(mesh, NONE)
-    hull = mesh.edges[mesh.facet_cell_counts == 1]
-    wanted = SimplexMesh(mesh.points, Delaunay(mesh.points).simplices)
-    assert edge_set(flipped) != edge_set(mesh)
-    assert {tuple(edge) for edge in hull.tolist()} <= edge_set(flipped)
-    assert flipped.signed_measures.min() > 0.0
-    assert flipped.measures.sum() == pytest.approx(mesh.measures.sum(), rel=1e-12)
-    same = edge_set(flipped) & edge_set(wanted)
-    # Both fill the hull of the points but for slivers on its outside.
-    assert len(same) > 0.98 * len(mesh.edges)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -134,23 +118,6 @@ def test_the_middle_of_a_long_edge_with_many_nodes_on_it_is_reached():
 
 
 # --- what is not flipped ------------------------------------------------------------------
-
-
-def test_kept_edges_and_borders_of_tags_are_not_flipped():
-    assert (2, 3) in edge_set(flip_edges(SimplexMesh(KITE, ACROSS_KITE), NONE))
-    kept = flip_edges(SimplexMesh(KITE, ACROSS_KITE), np.array([[0, 1]], np.int32))
-    tagged = flip_edges(SimplexMesh(KITE, ACROSS_KITE, cell_tags=[1, 2]), NONE)
-    assert (0, 1) in edge_set(kept)
-    assert (0, 1) in edge_set(tagged)
-
-
-def test_tagged_edges_are_not_flipped():
-    mesh = SimplexMesh(KITE, ACROSS_KITE, tagged_facets=[[1, 0]], facet_tags=[7])
-    assert flip_edges(mesh, NONE).cells.tolist() == [[0, 1, 2], [1, 0, 3]]
-    plain = SimplexMesh(KITE, mesh.cells, tagged_facets=[[0, 2]], facet_tags=[7])
-    flipped = flip_edges(plain, NONE)
-    assert flipped.cells.tolist() == [[2, 0, 3], [2, 3, 1]]
-    assert flipped.facet_tags.tolist() == [7]
 
 
 @pytest.mark.parametrize(

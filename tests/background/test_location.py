@@ -98,20 +98,6 @@ def test_nearest_agrees_with_a_look_at_every_cell_of_nasty_meshes(case):
     check_against_all_cells(*case)
 
 
-@pytest.mark.parametrize("name", ["triangles", "tetrahedra"])
-def test_points_inside_have_distance_zero_and_their_own_cell(name):
-    mesh = MESHES[name]()
-    rng = np.random.default_rng(60161)
-    own = rng.integers(0, mesh.n_cells, 500)
-    # At least 0.05 away from every face, measured by the weights: no tie with a neighbour.
-    weights = 0.8 * rng.dirichlet(np.ones(mesh.cells.shape[1]), 500) + 0.2 / mesh.cells.shape[1]
-    cells, found, distances = mesh.locator.nearest(closest_points(mesh, own, weights))
-    assert_array_equal(distances, 0.0)
-    assert_array_equal(cells, own)
-    # Slivers lose digits in proportion to their flatness; these are above 1e-4.
-    assert_allclose(found, weights, rtol=0.0, atol=1e-10)
-
-
 def test_the_answer_for_a_point_does_not_depend_on_the_other_points():
     mesh = structured_square(12, half_width=1.0)  # many ties: nodes, edges, diagonals
     rng = np.random.default_rng(2903)

@@ -72,17 +72,6 @@ def test_rings_list_the_cells_of_each_node_in_order(mesh):
         assert ring[ring_ptr[i] : ring_ptr[i + 1]].tolist() == around
 
 
-def test_three_triangles_at_one_edge_are_counted():
-    points = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]]
-    mesh = SimplexMesh(points, [[0, 1, 2], [0, 1, 3], [1, 0, 4]])
-    counts = dict(
-        zip(map(tuple, mesh.facets.tolist()), mesh.facet_cell_counts.tolist(), strict=True)
-    )
-    assert counts[0, 1] == 3
-    assert sorted(counts.values()) == [1] * 6 + [3]
-    assert len(mesh.boundary().mesh.cells) == 6
-
-
 # Measures.
 
 

@@ -49,6 +49,3 @@ def test_between_inf_and_finite_nodes_is_inf():
     on_axis = np.where(tree.points[:, 1] == 0.0, 2.0, np.inf)
     values, _ = tree.locator.interpolate(on_axis, [[0.3, 0.0], [0.3, 1e-12]])
     assert_array_equal(values, [2.0, np.inf])
-
-
-# Sizes on octrees

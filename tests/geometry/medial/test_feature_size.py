@@ -67,16 +67,6 @@ def test_in_the_middle_of_a_thin_box_it_is_half_the_thickness(turn):
     assert size.min() > 0.15 - 0.5 * step
 
 
-def test_on_an_ellipse_it_is_the_distance_from_the_ends_of_the_axis():
-    step = 1.0 / 80.0
-    grid, phi = planar.sampled(planar.ellipse(1.0, 0.5), step)
-    size = feature_size(grid, phi)
-    # b^2 / a at the vertices, b beside the middle.
-    assert at(grid, size, (1.0 - step, 0.0)) == pytest.approx(0.25, abs=3.0 * step)
-    assert at(grid, size, (0.0, 0.5 - step)) == pytest.approx(0.5, abs=step)
-    assert size.min() > 0.25 - 3.0 * step
-
-
 def test_on_an_annulus_it_converges():
     error = []
     for n in (20, 40, 80):
@@ -143,17 +133,6 @@ def test_at_a_polygon_it_is_at_most_a_side_and_not_small(sides):
     at_boundary = (phi <= 0.0) & (phi > -1.5 * step)
     assert size[at_boundary].max() < min(side, 1.0) + 2.5 * step
     assert size[phi <= 0.0].min() > min(side, inner) - 2.5 * step
-
-
-def test_a_chamfer_bounds_the_size_by_its_length():
-    step = 0.02
-    shape = planar.polygon([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.7), (0.7, 0.9), (-0.9, 0.9)])
-    grid, phi = planar.sampled(shape, step)
-    size = feature_size(grid, phi)
-    length = 0.2 * 2.0**0.5
-    assert at(grid, size, (0.78, 0.78)) == pytest.approx(length, abs=2.0 * step)
-    assert at(grid, size, (0.88, 0.68)) == pytest.approx(length, abs=3.0 * step)
-    assert at(grid, size, (-0.88, -0.88)) > 0.8
 
 
 def test_a_hub_between_flanges_is_as_wide_as_it_is():

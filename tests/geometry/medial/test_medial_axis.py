@@ -101,41 +101,6 @@ def test_without_corners_the_branches_into_them_are_found(degrees):
         assert covered(branch * sign, found.points @ back, 1.5 * step) > 0.95
 
 
-def test_axis_of_an_l_is_two_middle_lines_and_a_parabola():
-    step = 1.0 / 50.0
-    grid, phi = planar.sampled(planar.letter_l(1.0, 0.8), step, shift=(0.31, 0.77))
-    found = medial_axis(grid, phi)
-    # Equally far from the vertex at (-0.2, -0.2) and a wall at -1: a parabola through (-0.2, -0.6).
-    along = between(-0.2, 0.2 - 2.0 * 0.8 + 0.8, 400)
-    bent = np.column_stack([along, -0.6 + (along + 0.2) ** 2 / 1.6])
-    bent = bent[bent[:, 0] >= bent[:, 1]]
-    axis = np.concatenate(
-        [
-            bent,
-            bent[:, ::-1],
-            between((-0.2, -0.6), (0.6, -0.6)),
-            between((-0.6, -0.2), (-0.6, 0.6)),
-        ]
-    )
-    assert cKDTree(axis).query(found.points)[0].max() < 0.5 * step
-    assert covered(axis, found.points, 1.5 * step) > 0.97
-
-
-@pytest.mark.parametrize("curvature", [2.0, 3.0])
-def test_axis_of_three_parabolas_ends_at_their_centres_of_curvature(curvature):
-    step, reach = 1.0 / 80.0, 0.8
-    shape = planar.three_parabolas(curvature, reach)
-    grid, phi = planar.sampled(shape, step, shift=(0.31, 0.77))
-    found = medial_axis(grid, phi)
-    lowest = reach - 1.0 / curvature
-    ends = [lowest * np.array([np.sin(t), -np.cos(t)]) for t in np.radians([0.0, 120.0, 240.0])]
-    off = np.min([planar.to_segment(found.points, (0.0, 0.0), end) for end in ends], axis=0)
-    assert off.max() < 2.5 * step
-    assert np.quantile(off, 0.9) < 0.2 * step
-    for end in ends:
-        assert covered(between((0.0, 0.0), 0.93 * end), found.points, 2.0 * step) > 0.97
-
-
 # False points
 
 

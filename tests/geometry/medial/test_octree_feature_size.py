@@ -22,19 +22,6 @@ def inside_and(tree, boundary):
     return signed_distance(tree, boundary) <= 0.0
 
 
-def test_between_parallel_walls_it_is_half_their_distance():
-    boundary = moved(box(1.6, 1.2, 0.3), TURN, (-0.8, -0.6, -0.15))
-    tree = around(to(boundary), 0.1, 3)
-    size = feature_size(tree, boundary)
-    x, y, z = np.abs(tree.points @ TURN).T
-    middle = (x < 0.5) & (y < 0.3) & (z <= 0.15)
-    assert middle.sum() > 100
-    # Seeds are exact; marching between seeds on both sides bends ways by some per cent.
-    np.testing.assert_allclose(size[middle], 0.15, rtol=0.05)
-    assert np.isfinite(size[inside_and(tree, boundary)]).all()
-    assert size.min() > 0.14
-
-
 @pytest.mark.parametrize("turn", [np.eye(3), TURN])
 @pytest.mark.parametrize("thickness", [0.02, 0.05, 0.11])
 def test_a_plate_thinner_than_the_leaves_is_seen(turn, thickness):
