@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from curved_shapes import sliver_cylinder
 from meshes import random_sphere, random_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -174,16 +175,7 @@ def test_nodes_on_a_circle_or_at_one_place_do_not_matter():
 
 def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
     n = 24
-    angle = 2 * np.pi * np.arange(n) / n
-    ring = np.column_stack([np.cos(angle), np.sin(angle)])
-    points = np.vstack([np.c_[ring, np.zeros(n)], np.c_[ring, np.full(n, 20.0)]])
-    cells = []
-    for i in range(n):
-        j = (i + 1) % n
-        cells += [[i, j, j + n], [i, j + n, i + n]]
-    for i in range(1, n - 1):
-        cells += [[0, i + 1, i], [n, n + i, n + i + 1]]
-    bent, sharp = folds_of(SimplexMesh(points, cells), np.deg2rad(40.0))
+    bent, sharp = folds_of(sliver_cylinder(n, 630, height=20.0), np.deg2rad(40.0))
     i, j = bent.T
     assert len(i) == n
     np.testing.assert_array_equal(j - i, n)

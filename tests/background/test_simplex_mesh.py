@@ -12,166 +12,71 @@ SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 HALVES = [[0, 1, 2], [0, 2, 3]]
 TETRAHEDRON = [[0.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
 
-REFUSED = {
-    "nan": (
-        [[0, 0], [np.nan, 0], [0, 1]],
-        [[0, 1, 2]],
-        {},
-        "points must be finite, got points[1, 0] = nan",
-    ),
-    "inf": (
-        [[0, 0], [1, 0], [0, -np.inf]],
-        [[0, 1, 2]],
-        {},
-        "points must be finite, got points[2, 1] = -inf",
-    ),
-    "flat points": (
-        [0.0, 1.0],
-        [[0, 1]],
-        {},
-        "points must have shape (n, dim) with dim 1, 2 or 3, got (2,)",
-    ),
-    "four coordinates": (
+#: Bad nodes or cells.
+REFUSED = [
+    ([[0, 0], [np.nan, 0], [0, 1]], [[0, 1, 2]], "points must be finite, got points[1, 0] = nan"),
+    (
         np.zeros((3, 4)),
         [[0, 1, 2]],
-        {},
         "points must have shape (n, dim) with dim 1, 2 or 3, got (3, 4)",
     ),
-    "words": ([["a", "b"]], [[0, 1]], {}, "points must be an array of numbers, got [['a', 'b']]"),
-    "index too large": (
-        SQUARE,
-        [[0, 1, 2], [0, 2, 4]],
-        {},
-        "cells must be indices from 0 to 3, got cells[1, 2] = 4",
-    ),
-    "negative index": (
-        SQUARE,
-        [[0, -1, 2]],
-        {},
-        "cells must be indices from 0 to 3, got cells[0, 1] = -1",
-    ),
-    "two bad ones": (SQUARE, [[0, 9, 8]], {}, "got cells[0, 1] = 9 (and 1 more)"),
-    "fraction": (SQUARE, [[0, 1, 1.5]], {}, "cells must be integers, got [[0, 1, 1.5]]"),
-    "flat cells": (SQUARE, [0, 1, 2], {}, "cells must have shape (m, k), got (3,)"),
-    "no cell": (
-        SQUARE,
-        np.zeros((0, 3), int),
-        {},
-        "cells must hold at least one cell, got an empty array",
-    ),
-    "one node": (SQUARE, [[0], [1]], {}, "cells must have 2 to 3 nodes each in 2-D, got 1"),
-    "tetrahedra in the plane": (
-        SQUARE,
-        [[0, 1, 2, 3]],
-        {},
-        "cells must have 2 to 3 nodes each in 2-D, got 4",
-    ),
-    "node twice": (
-        SQUARE,
-        [[0, 1, 2], [3, 0, 3]],
-        {},
-        "cells must not name a node twice, got cells[1] = [3, 0, 3]",
-    ),
-    "cell tags": (SQUARE, HALVES, {"cell_tags": [1]}, "cell_tags must have shape (2,), got (1,)"),
-    "half a tag": (
-        SQUARE,
-        HALVES,
-        {"cell_tags": [1.0, 2.5]},
-        "cell_tags must be integers, got cell_tags[1] = 2.5",
-    ),
-    "tag in words": (
-        SQUARE,
-        HALVES,
-        {"cell_tags": ["a", "b"]},
-        "cell_tags must be integers, got <U1",
-    ),
-    "facets without tags": (
-        SQUARE,
-        HALVES,
-        {"tagged_facets": [[0, 1]]},
-        "tagged_facets and facet_tags must be given together",
-    ),
-    "tags without facets": (
-        SQUARE,
-        HALVES,
-        {"facet_tags": [1]},
-        "tagged_facets and facet_tags must be given together",
-    ),
-    "facets too wide": (
-        SQUARE,
-        HALVES,
+    (SQUARE, [[0, 1, 2], [0, 2, 4]], "cells must be indices from 0 to 3, got cells[1, 2] = 4"),
+    (SQUARE, [[0, -1, 2]], "cells must be indices from 0 to 3, got cells[0, 1] = -1"),
+    (SQUARE, [[0, 9, 8]], "got cells[0, 1] = 9 (and 1 more)"),
+    (SQUARE, [[0, 1, 1.5]], "cells must be integers, got [[0, 1, 1.5]]"),
+    (SQUARE, np.zeros((0, 3), int), "cells must hold at least one cell, got an empty array"),
+    (SQUARE, [[0], [1]], "cells must have 2 to 3 nodes each in 2-D, got 1"),
+    (SQUARE, [[0, 1, 2, 3]], "cells must have 2 to 3 nodes each in 2-D, got 4"),
+    (SQUARE, [[0, 1, 2], [3, 0, 3]], "cells must not name a node twice, got cells[1] = [3, 0, 3]"),
+]
+#: Bad tags or fields of the square.
+REFUSED_KEYWORDS = [
+    ({"cell_tags": ["a", "b"]}, "cell_tags must be integers, got <U1"),
+    ({"tagged_facets": [[0, 1]]}, "tagged_facets and facet_tags must be given together"),
+    ({"facet_tags": [1]}, "tagged_facets and facet_tags must be given together"),
+    (
         {"tagged_facets": [[0, 1, 2]], "facet_tags": [1]},
         "tagged_facets must have shape (m, 2), got (1, 3)",
     ),
-    "facet index": (
-        SQUARE,
-        HALVES,
+    (
         {"tagged_facets": [[0, 1], [1, 4]], "facet_tags": [1, 2]},
         "tagged_facets must be indices from 0 to 3, got tagged_facets[1, 1] = 4",
     ),
-    "facet tags": (
-        SQUARE,
-        HALVES,
+    (
         {"tagged_facets": [[0, 1]], "facet_tags": [1, 2]},
         "facet_tags must have shape (1,), got (2,)",
     ),
-    "tag beyond 32 bits": (
-        SQUARE,
-        HALVES,
+    (
         {"cell_tags": [1, 2**31]},
         "cell_tags must fit into 32 bits, from -2147483648 to 2147483647, "
         "got cell_tags[1] = 2147483648",
     ),
-    "tag below 32 bits": (
-        SQUARE,
-        HALVES,
-        {"tagged_facets": [[0, 1]], "facet_tags": [-1e10]},
-        "facet_tags must fit into 32 bits",
-    ),
-    "infinite tag": (
-        SQUARE,
-        HALVES,
-        {"cell_tags": [np.inf, 1]},
-        "cell_tags must fit into 32 bits",
-    ),
-    "name of a tag without dimension": (
-        SQUARE,
-        HALVES,
-        {"tag_names": {7: "wall"}},
-        "tag_names must have keys (dimension 0 to 3, tag), got 7",
-    ),
-    "name of a tag of dimension 4": (
-        SQUARE,
-        HALVES,
+    ({"tagged_facets": [[0, 1]], "facet_tags": [-1e10]}, "facet_tags must fit into 32 bits"),
+    ({"cell_tags": [np.inf, 1]}, "cell_tags must fit into 32 bits"),
+    ({"tag_names": {7: "wall"}}, "tag_names must have keys (dimension 0 to 3, tag), got 7"),
+    (
         {"tag_names": {(4, 7): "wall"}},
         "tag_names must have keys (dimension 0 to 3, tag), got (4, 7)",
     ),
-    "name that is no text": (
-        SQUARE,
-        HALVES,
+    (
         {"tag_names": {(1, 7): 8}},
         "tag_names[(1, 7)] must be a name on one line, without double quotes, got 8",
     ),
-    "nodal field": (
-        SQUARE,
-        HALVES,
-        {"point_data": {"u": [1, 2]}},
-        "point_data['u'] must have 4 rows, got shape (2,)",
-    ),
-    "field of cells": (
-        SQUARE,
-        HALVES,
-        {"cell_data": {"u": 7}},
-        "cell_data['u'] must have 2 rows, got shape ()",
-    ),
-}
+    ({"point_data": {"u": [1, 2]}}, "point_data['u'] must have 4 rows, got shape (2,)"),
+    ({"cell_data": {"u": 7}}, "cell_data['u'] must have 2 rows, got shape ()"),
+]
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_refuses_and_says_why(case):
-    points, cells, others, expected = REFUSED[case]
+@pytest.mark.parametrize(("points", "cells", "expected"), REFUSED)
+def test_refuses_nodes_and_cells_and_says_why(points, cells, expected):
     with pytest.raises(ValueError, match=re.escape(expected)):
-        SimplexMesh(points, cells, **others)
+        SimplexMesh(points, cells)
+
+
+@pytest.mark.parametrize(("keywords", "expected"), REFUSED_KEYWORDS)
+def test_refuses_tags_and_fields_and_says_why(keywords, expected):
+    with pytest.raises(ValueError, match=re.escape(expected)):
+        SimplexMesh(SQUARE, HALVES, **keywords)
 
 
 def test_whole_floats_and_every_integer_type_are_indices():
@@ -218,13 +123,6 @@ def test_writes_through_a_view_of_other_memory_do_not_reach_the_mesh():
     mesh = SimplexMesh(block[:4], HALVES)
     block[:] = 7.0
     assert mesh.points.tolist() == SQUARE
-
-
-def test_the_arrays_of_the_caller_stay_writable():
-    given, fields = _tagged_square()
-    SimplexMesh(**given, **fields)
-    assert all(array.flags.writeable for array in given.values())
-    assert fields["point_data"]["u"].flags.writeable
 
 
 def test_every_array_of_a_mesh_is_read_only():

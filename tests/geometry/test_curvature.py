@@ -14,7 +14,7 @@ from curved_shapes import (
 from meshes import random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
-from solids import box
+from solids import box, outline
 
 from adaptsize import SimplexMesh
 from adaptsize.geometry import (
@@ -29,7 +29,7 @@ from adaptsize.geometry import (
 def circle(n, seed, radius=1.0):
     angle = uneven_angles(n, seed)
     points = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return SimplexMesh(points, np.column_stack([np.arange(n), (np.arange(n) + 1) % n]))
+    return outline(points)
 
 
 def with_random_orientation(mesh, seed):
@@ -192,7 +192,7 @@ def test_second_order_along_an_ellipse():
     for n in (40, 80, 160):
         t = 2.0 * np.pi * np.arange(n) / n
         points = np.column_stack([2.0 * np.cos(t), np.sin(t)])
-        line = SimplexMesh(points, np.column_stack([np.arange(n), (np.arange(n) + 1) % n]))
+        line = outline(points)
         exact = 2.0 / (4.0 * np.sin(t) ** 2 + np.cos(t) ** 2) ** 1.5
         error.append(errors(polyline_curvature(line), exact).max())
     order = np.log2(np.divide(error[:-1], error[1:]))

@@ -5,13 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from adaptsize import Octree
+from adaptsize._progress import silent
 from adaptsize.geometry.distance.closest_points import ZeroLevelBoundary, is_distance
 from adaptsize.geometry.distance.projection import project
 from adaptsize.geometry.implicit_surface import largest_curvature
-
-
-def quiet(text, share):
-    pass
 
 
 def on_sphere(n, dim, seed):
@@ -61,7 +58,7 @@ def test_points_project_to_corners_edges_and_faces_of_a_cube(dim):
     x = x[np.abs(x).max(axis=1) > 1.1]
     wanted = np.clip(x, -1.0, 1.0)
     start = wanted + np.random.default_rng(6).uniform(-0.1, 0.1, x.shape)
-    feet = project(cube, x, start, 0.3, quiet)
+    feet = project(cube, x, start, 0.3, silent)
     off = np.linalg.norm(feet - wanted, axis=1)
     # Starts on another face may end beside the edge.
     assert np.quantile(off, 0.99) < 1e-10
@@ -95,5 +92,7 @@ def test_zero_level_boundary_gives_exact_depths():
     assert_allclose(seen.outward, x / r[:, None], atol=1e-5)
     assert_allclose(boundary.distance(x), np.abs(1.0 - r), atol=1e-8)
     assert_allclose(
-        boundary.from_nodes(tree, quiet).depth, 1.0 - np.linalg.norm(tree.points, axis=1), atol=1e-8
+        boundary.from_nodes(tree, silent).depth,
+        1.0 - np.linalg.norm(tree.points, axis=1),
+        atol=1e-8,
     )

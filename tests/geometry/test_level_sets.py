@@ -7,7 +7,6 @@ from distance_shapes import (
     Ellipse,
     ball,
     box,
-    cylinder,
     slope,
     torus,
     torus_curvature,
@@ -47,14 +46,6 @@ def test_circles_and_spheres_to_the_accuracy_of_the_differences(dim, sign):
     bound = h**2 / (4.0 * (RADIUS - 2.0 * h) * RADIUS) / RADIUS
     error = largest_error(grid, lambda x: sign * ball(x), sign / RADIUS)
     assert 0.1 * bound < error < 1.02 * bound  # and terms in h^4
-
-
-def test_cylinders_are_curved_around_and_not_along():
-    grid = box(40, 3)
-    error = largest_error(grid, cylinder, np.array([1.0 / RADIUS, 0.0]))
-    assert error < 0.01 / RADIUS
-    error = largest_error(grid, lambda x: -cylinder(x), np.array([0.0, -1.0 / RADIUS]))
-    assert error < 0.01 / RADIUS
 
 
 SMOOTH = {

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 import width_oracle
 from manifold3d import Manifold
+from meshes import structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
-from shapes import joined
-from solids import box, circle, hull, outline
+from shapes import joined, moved
+from solids import box, circle, hull, inside_out, outline, turned
 from width_oracle import AllFeatures, mesh_of
 
 from adaptsize import SimplexMesh, io
+from adaptsize._progress import silent
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import FeaturePoints, Separation, boundary_separation
 from adaptsize.geometry.width import Walls, boundary_width
@@ -20,23 +22,6 @@ from adaptsize.geometry.width import Walls, boundary_width
 DATA = Path(__file__).parents[2] / "data"
 # Of exact cases: coordinates are rounded to 2e-16, and the least distances are a hundredth.
 ROUNDING = 1e-12
-
-
-def quiet(*_):
-    """A report of progress that goes nowhere."""
-
-
-def turned(mesh, seed=60311):
-    turn = Rotation.random(random_state=seed).as_matrix()
-    return SimplexMesh(mesh.points @ turn.T, mesh.cells)
-
-
-def shifted(mesh, by):
-    return SimplexMesh(mesh.points + np.asarray(by, float), mesh.cells)
-
-
-def cavity(mesh):
-    return SimplexMesh(mesh.points, mesh.cells[:, ::-1])
 
 
 def prism(corners, height):
@@ -72,7 +57,7 @@ def test_the_trees_find_what_all_features_and_all_facets_give(part, seed):
         for node, edge in zip(nodes.node, nodes.edge, strict=True)
     ]
     # The frame is of size 1; rounding of coordinates is 1e-16.
-    assert_allclose(separation.at(nodes, quiet), expected, rtol=1e-12, atol=1e-15)
+    assert_allclose(separation.at(nodes, silent), expected, rtol=1e-12, atol=1e-15)
     if mesh.dim == 3 and len(faces.features) > 0:
         rng = np.random.default_rng(seed + 1)
         edge = rng.integers(0, len(faces.features), 60)
@@ -81,7 +66,7 @@ def test_the_trees_find_what_all_features_and_all_facets_give(part, seed):
         expected = [
             features.on_curve(x, int(c)) for x, c in zip(places, faces.curve[edge], strict=True)
         ]
-        found = separation.at(FeaturePoints(places, np.full(60, -1), edge), quiet)
+        found = separation.at(FeaturePoints(places, np.full(60, -1), edge), silent)
         assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
 
 
@@ -105,7 +90,7 @@ def crossed_bars(gap):
     bar = Manifold.cube([3.0, 0.5, 0.5], True).rotate([45.0, 0.0, 0.0])
     half = np.sqrt(0.125) + 0.5 * gap
     lower, upper = bar.translate([0, 0, -half]), bar.rotate([0, 0, 90]).translate([0, 0, half])
-    return joined(box(5, 5, 5), *(cavity(shifted(mesh_of(b), [2.5] * 3)) for b in (lower, upper)))
+    return joined(box(5, 5, 5), *(inside_out(moved(mesh_of(b), [2.5] * 3)) for b in (lower, upper)))
 
 
 @pytest.mark.parametrize("seed", [None, 3, 58])
@@ -183,7 +168,7 @@ def test_a_gap_outside_the_domain_is_not_seen():
     solid -= Manifold.cube([2.0, 0.2, 4.0]).translate([1.5, 1.4, -1])
     for mesh in (mesh_of(solid), turned(mesh_of(solid))):
         assert_allclose(boundary_separation(mesh).distances.min(), 0.4, rtol=1e-9)
-    pair = joined(box(1, 1, 1), shifted(box(1, 1, 1), [1.001, 0.0, 0.0]))
+    pair = joined(box(1, 1, 1), moved(box(1, 1, 1), [1.001, 0.0, 0.0]))
     assert_allclose(boundary_separation(turned(pair)).distances, 1.0, rtol=ROUNDING)
 
 
@@ -192,7 +177,7 @@ def bar_above_a_block(degrees):
     inset = 0.4 / np.tan(np.radians(degrees))
     profile = ((0.0, 0.0), (1.0, 0.0), (1.0 - inset, 0.4), (inset, 0.4))
     bar = hull([[x, y, z] for y in (0.0, 1.0) for x, z in profile])
-    return bar, joined(shifted(bar, [0.0, 0.0, 0.05]), shifted(box(5, 5, 1), [-2.0, -2.0, -1.0]))
+    return bar, joined(moved(bar, [0.0, 0.0, 0.05]), moved(box(5, 5, 1), [-2.0, -2.0, -1.0]))
 
 
 @pytest.mark.parametrize("degrees", [45.0, 60.0, 75.0, 90.0, 120.0])
@@ -209,12 +194,11 @@ def test_a_gap_below_an_edge_is_not_seen(degrees):
 
 def ridge(n=9, slope=25.0):
     """A block whose top has a ridge that begins and ends inside it."""
-    x, y = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    flat = structured_square(n - 1, half_width=0.5 * (n - 1))
+    x, y = np.rint(flat.points + 0.5 * (n - 1)).T
     top = np.zeros(n * n)
     top[(np.abs(x - n // 2) <= 1) & (y == n // 2)] = np.tan(np.radians(slope))
-    i = (n * x + y).reshape(n, n)
-    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
-    cells = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    i = np.arange(n * n).reshape(n, n)
     rim = np.concatenate([i[:, 0], i[-1, 1:], i[-2::-1, -1], i[0, -2:0:-1]])
     after, m = np.roll(rim, -1), n * n
     low = m + np.arange(len(rim))
@@ -226,7 +210,7 @@ def ridge(n=9, slope=25.0):
     below = np.column_stack([x[rim], y[rim], np.full(len(rim), -3.0)])
     middle = [[(n - 1) / 2, (n - 1) / 2, -3.0]]
     tagged = [[i[n // 2, n // 2], i[n // 2 + 1, n // 2]]]
-    cells = np.concatenate([cells, *sides, base])
+    cells = np.concatenate([flat.cells, *sides, base])
     return np.concatenate([points, below, middle]), cells, tagged
 
 

@@ -8,34 +8,17 @@ import trimesh
 import width_oracle
 from manifold3d import Manifold
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial.transform import Rotation
-from shapes import joined
-from solids import box, circle, outline
+from shapes import joined, moved
+from solids import box, circle, inside_out, outline, turned
 from width_oracle import mesh_of
 
 from adaptsize import SimplexMesh
+from adaptsize._progress import silent
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.width import Width, boundary_width
 
 # Of exact cases: coordinates and normals are rounded to 2e-16, and near slivers lose some digits.
 ROUNDING = 1e-12
-
-
-def quiet(*_):
-    """A report of progress that goes nowhere."""
-
-
-def turned(mesh, seed=20261):
-    turn = Rotation.random(random_state=seed).as_matrix()
-    return SimplexMesh(mesh.points @ turn.T, mesh.cells)
-
-
-def shifted(mesh, by):
-    return SimplexMesh(mesh.points + np.asarray(by, float), mesh.cells)
-
-
-def inside_out(mesh):
-    return SimplexMesh(mesh.points, mesh.cells[:, ::-1])
 
 
 def middles(mesh):
@@ -67,7 +50,7 @@ def test_the_tree_finds_what_all_facets_give_bit_by_bit(part, seed):
     makers = width_oracle.SOUND_PARTS | width_oracle.OTHER_PARTS
     mesh = makers[part](np.random.default_rng(seed))
     faces = Faces.of(mesh)
-    found = Width(faces, 30.0).samples(quiet)
+    found = Width(faces, 30.0).samples(silent)
     expected = width_oracle.widths(faces, found.points, found.cell)
     assert_array_equal(found.widths, expected)
     assert np.isfinite(expected).any()
@@ -212,13 +195,13 @@ def test_a_cone_of_19_degrees_is_narrow_to_its_tip():
 def test_a_gap_outside_the_domain_is_not_seen():
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     flat = outline(square, square + np.array([1.001, 0.0]))
-    solid = joined(box(1, 1, 1), shifted(box(1, 1, 1), [1.001, 0.0, 0.0]))
+    solid = joined(box(1, 1, 1), moved(box(1, 1, 1), [1.001, 0.0, 0.0]))
     for pair in (flat, solid):
         assert_allclose(boundary_width(pair), 1.0, rtol=ROUNDING)
 
 
 def test_a_body_in_another_is_transparent_and_a_cavity_is_a_wall():
-    big, small = box(5, 5, 5), shifted(box(1, 1, 1), [2.1, 2.2, 2.3])
+    big, small = box(5, 5, 5), moved(box(1, 1, 1), [2.1, 2.2, 2.3])
     filled = boundary_width(joined(big, small))
     assert_allclose(filled[:12], 5.0, rtol=ROUNDING)
     assert np.isinf(filled[12:]).all()  # not part of the boundary
@@ -231,17 +214,17 @@ def test_a_body_in_another_is_transparent_and_a_cavity_is_a_wall():
 
 
 def test_a_ray_ends_where_it_leaves_the_last_of_several_bodies():
-    bars = [box(4, 1, 1), shifted(box(1, 4, 0.9), [1.5, -1.5, 0.05]),
-            shifted(box(0.5, 0.7, 0.7), [1.6, 0.2, 0.15])]  # fmt: skip
+    bars = [box(4, 1, 1), moved(box(1, 4, 0.9), [1.5, -1.5, 0.05]),
+            moved(box(0.5, 0.7, 0.7), [1.6, 0.2, 0.15])]  # fmt: skip
     width = boundary_width(joined(*bars))
     for bar, own in zip(bars, (width[:12], width[12:24]), strict=False):
         lengths = np.ptp(bar.points, axis=0)
         long = np.abs(normals(bar)) @ lengths == 4.0
         assert_allclose(own[long], 4.0, rtol=ROUNDING)
-    half = shifted(box(4, 0.8, 0.8), [2.5, 0.1, 0.1])  # from inside the first to beyond its end
+    half = moved(box(4, 0.8, 0.8), [2.5, 0.1, 0.1])  # from inside the first to beyond its end
     left = normals(bars[0])[:, 0] < -0.5
     assert_allclose(boundary_width(joined(bars[0], half))[:12][left], 6.5, rtol=ROUNDING)
-    row = [shifted(box(1, 1 + 0.01 * k, 1 + 0.01 * k), [0.9 * k, 0, 0]) for k in range(40)]
+    row = [moved(box(1, 1 + 0.01 * k, 1 + 0.01 * k), [0.9 * k, 0, 0]) for k in range(40)]
     left = np.flatnonzero(normals(row[0])[:, 0] < -0.5)
     assert_allclose(boundary_width(joined(*row))[left], 0.9 * 39 + 1.0, rtol=ROUNDING)
 
@@ -249,18 +232,18 @@ def test_a_ray_ends_where_it_leaves_the_last_of_several_bodies():
 @pytest.mark.parametrize("place", [[0.5, 0.25, 0.0], [1.0, 0.25, 0.25], [0.7, 0.5, 0.25]])
 def test_overlapping_bodies_may_have_walls_in_one_plane(place):
     # Of 2 x 1 x 1, on one base, or with one end or side. Rays that end there leave both at once.
-    width = boundary_width(joined(box(2, 1, 1), shifted(box(1, 0.5, 0.5), place)))[:12]
+    width = boundary_width(joined(box(2, 1, 1), moved(box(1, 0.5, 0.5), place)))[:12]
     assert_allclose(width, np.abs(normals(box(2, 1, 1))) @ [2.0, 1.0, 1.0], rtol=ROUNDING)
 
 
 def test_the_depth_to_which_bodies_overlap_is_no_width():
     # Walls of the one inside the other do not bound the domain; 1 is its least width.
-    other = shifted(box(2, 1.2, 1.2), [1.999, -0.1, -0.1])
+    other = moved(box(2, 1.2, 1.2), [1.999, -0.1, -0.1])
     assert boundary_width(joined(box(2, 1, 1), other)).min() > 0.999
 
 
 def test_bodies_that_touch_in_another_are_transparent():
-    row = [shifted(box(1, 1, 1), [x, 0.4, 0.4]) for x in (3.0, 4.0)]
+    row = [moved(box(1, 1, 1), [x, 0.4, 0.4]) for x in (3.0, 4.0)]
     width = boundary_width(joined(box(10, 2, 2), *row))[:12]
     assert_allclose(width, np.abs(normals(box(10, 2, 2))) @ [10.0, 2.0, 2.0], rtol=ROUNDING)
 
@@ -308,7 +291,7 @@ def test_widths_do_not_change_if_each_facet_has_nodes_of_its_own(make):
     )
     assert_array_equal(boundary_width(soup), boundary_width(mesh))
     # Nodes that are merged have the width of their place.
-    at_nodes = [Width(Faces.of(m), 30.0).at_nodes(quiet) for m in (mesh, soup)]
+    at_nodes = [Width(Faces.of(m), 30.0).at_nodes(silent) for m in (mesh, soup)]
     assert_array_equal(at_nodes[1], at_nodes[0][mesh.cells.ravel()])
 
 
@@ -328,9 +311,9 @@ def test_facets_without_area_have_no_width_and_change_nothing():
 def test_nodes_have_the_least_width_of_the_facets_around_them():
     block = box(1, 2, 3)
     width = Width(Faces.of(block), 30.0)
-    assert_allclose(width.at_nodes(quiet), 1.0, rtol=ROUNDING)
+    assert_allclose(width.at_nodes(silent), 1.0, rtol=ROUNDING)
     lonely = SimplexMesh(np.concatenate([block.points, [[9, 9, 9]]]), block.cells)
-    assert np.isinf(Width(Faces.of(lonely), 30.0).at_nodes(quiet)[-1])
+    assert np.isinf(Width(Faces.of(lonely), 30.0).at_nodes(silent)[-1])
 
 
 def test_points_have_the_width_at_the_closest_place_of_the_boundary():
@@ -339,7 +322,7 @@ def test_points_have_the_width_at_the_closest_place_of_the_boundary():
     x = np.linspace(0.2, end - 0.1, 7)
     below = np.column_stack([x, np.full(7, -0.01)])
     expected = 0.1 + x * np.tan(np.radians(40.0))
-    assert_allclose(width.near(below, quiet), expected, rtol=1e-9)
-    assert_allclose(width.near(np.array([[2.0, 0.3]]), quiet), 1.0, rtol=1e-9)
+    assert_allclose(width.near(below, silent), expected, rtol=1e-9)
+    assert_allclose(width.near(np.array([[2.0, 0.3]]), silent), 1.0, rtol=1e-9)
     # As far from the bottom as from the right side, where the channel is 3 long.
-    assert_allclose(width.near(np.array([[2.75, 0.25]]), quiet), 1.0, rtol=1e-9)
+    assert_allclose(width.near(np.array([[2.75, 0.25]]), silent), 1.0, rtol=1e-9)

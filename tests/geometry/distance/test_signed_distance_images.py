@@ -115,13 +115,6 @@ def test_no_smoothing_gives_the_staircase_roughly():
     assert_allclose(rough[~mask], to_pixels[~mask] - 0.5, atol=0.5)
 
 
-def test_masks_of_one_kind_are_refused():
-    grid = CartesianGrid([0.0, 0.0], 1.0, (5, 5))
-    for mask in (np.zeros((5, 5), bool), np.ones((5, 5), bool)):
-        with pytest.raises(ValueError, match="boundary must change its sign"):
-            signed_distance(grid, mask)
-
-
 @pytest.mark.parametrize("boundary", ["function", "floats", "surface"])
 def test_smoothing_is_refused_for_other_boundaries(boundary):
     grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))

@@ -7,6 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import jittered_cube, jittered_square, random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
+from planar_shapes import polygon as to_polygon
+from solids import inside_out, outline
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
 
@@ -24,10 +26,6 @@ def to_box(x):
     return np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
 
 
-def turn(mesh, turned=True):
-    return SimplexMesh(mesh.points, mesh.cells[:, ::-1]) if turned else mesh
-
-
 def torus(n=24):
     return smooth_torus(n)[0]
 
@@ -42,7 +40,7 @@ def test_box_of_few_large_slanting_triangles(turned):
     q = rotation(731)
     surface = SimplexMesh(BOX.points @ q, BOX.cells)
     grid = CartesianGrid([-2.2, -2.1, -2.3], [0.15, 0.17, 0.2], (30, 26, 24))
-    phi = signed_distance(grid, turn(surface, turned))
+    phi = signed_distance(grid, inside_out(surface) if turned else surface)
     # On flat faces no two facets compete at a distance: all is exact, also beyond the band.
     assert_allclose(phi, to_box(grid.points @ q.T).reshape(grid.shape), atol=1e-12)
 
@@ -165,7 +163,7 @@ def test_what_is_enclosed_twice_is_inside_and_a_cavity_is_not():
     shifted = np.concatenate([one.points, aside])
     both = SimplexMesh(shifted, np.concatenate([one.cells, other.cells + one.n_points]))
     points = np.concatenate([one.points, 0.5 * other.points])
-    inner = turn(other).cells + one.n_points
+    inner = inside_out(other).cells + one.n_points
     shell = SimplexMesh(points, np.concatenate([one.cells, inner]))
     grid = CartesianGrid([-1.31, -1.31, -1.31], 0.13, (29, 21, 21))
     to_one = signed_distance(grid, one)
@@ -231,36 +229,21 @@ def polygons(draw):
     n = draw(st.integers(3, 30))
     angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))
     points = rng.uniform(0.2, 1.0, n)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    cells = np.stack([np.arange(n), (np.arange(n) + 1) % n], axis=1)
+    cells = outline(points).cells.copy()
     turned = rng.random(n) < draw(st.sampled_from([0.0, 0.5, 1.0]))
     cells[turned] = cells[turned][:, ::-1]
-    return points, cells, SimplexMesh(points, cells[rng.permutation(n)])
-
-
-def crossings_to_the_right(points, cells, x):
-    """Inside by counting the sides that a ray to the right crosses: right for closed polygons."""
-    a, b = points[cells[:, 0]], points[cells[:, 1]]
-    count = np.zeros(len(x), int)
-    for p, q in zip(a, b, strict=True):
-        spans = (p[1] > x[:, 1]) != (q[1] > x[:, 1])
-        at = p[0] + (x[spans, 1] - p[1]) * (q[0] - p[0]) / (q[1] - p[1])
-        count[spans] += at > x[spans, 0]
-    return count % 2 == 1
+    return points, SimplexMesh(points, cells[rng.permutation(n)])
 
 
 @given(polygons())
 @settings(max_examples=25)
 def test_polygons_by_brute_force(polygon):
-    points, cells, mesh = polygon
+    points, mesh = polygon
     grid = CartesianGrid([-1.213, -1.207], 0.1017, (25, 25))
-    phi = signed_distance(grid, mesh, band=2.0).ravel()
-    x, a = grid.points[:, None], points[cells[:, 0]]
-    e = points[cells[:, 1]] - a
-    t = np.clip(((x - a) * e).sum(axis=2) / (e**2).sum(axis=1), 0.0, 1.0)
-    exact = np.linalg.norm(x - a - t[..., None] * e, axis=2).min(axis=1)
-    near = exact <= 2.0 * 0.1017
-    assert_allclose(np.abs(phi[near]), exact[near], atol=1e-12)
-    assert (np.abs(phi) >= exact - 1e-12).all()
-    assert (np.abs(phi) <= exact + 0.1017).all()
-    clear = exact > 1e-9
-    assert_array_equal(phi[clear] < 0.0, crossings_to_the_right(points, cells, grid.points)[clear])
+    phi, exact = signed_distance(grid, mesh, band=2.0).ravel(), to_polygon(points)(grid.points)
+    near = np.abs(exact) <= 2.0 * 0.1017
+    assert_allclose(np.abs(phi[near]), np.abs(exact[near]), atol=1e-12)
+    assert (np.abs(phi) >= np.abs(exact) - 1e-12).all()
+    assert (np.abs(phi) <= np.abs(exact) + 0.1017).all()
+    clear = np.abs(exact) > 1e-9
+    assert_array_equal(phi[clear] < 0.0, exact[clear] < 0.0)

@@ -81,26 +81,6 @@ def test_axis_of_a_rectangle_is_its_middle_line(degrees, shift):
     assert covered(between(-0.9 * end, 0.9 * end), found.points, 1.5 * step) > 0.99
 
 
-@pytest.mark.parametrize("degrees", [0.0, 10.0, 30.0, 45.0])
-def test_without_corners_the_branches_into_them_are_found(degrees):
-    step = 1.0 / 50.0
-    shape = planar.turned(planar.rectangle(1.6, 0.8), degrees)
-    grid, phi = planar.sampled(shape, step, shift=(0.31, 0.77))
-    found = medial_axis(grid, phi, corner_angle=180.0)
-    angle = np.radians(degrees)
-    back = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    middle, corner = (0.4, 0.0), (0.8, 0.4)
-    away = np.abs(found.points @ back)  # four branches in one quarter
-    off = np.minimum(
-        planar.to_segment(away, (0.0, 0.0), middle), planar.to_segment(away, middle, corner)
-    )
-    assert off.max() < 0.5 * step
-    # Up to the corner, but for the last three nodes.
-    branch = between(middle, np.array(corner) - 4.0 * step)
-    for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        assert covered(branch * sign, found.points @ back, 1.5 * step) > 0.95
-
-
 # False points
 
 
@@ -138,6 +118,32 @@ def test_walls_that_turn_by_less_than_is_resolved_do_not_meet():
         points = medial_axis(grid, phi, corner_angle=180.0).points
         assert (len(points) > 0.75 / step) == is_found
         np.testing.assert_allclose(points[:, 0], 0.0, atol=1e-12)
+
+
+# Corners
+
+
+@pytest.mark.parametrize("angle", [20.0, 40.0, 90.0, 140.0])
+def test_walls_form_a_corner_from_the_corner_angle_on(angle):
+    half = np.radians(0.5 * angle)
+    wedge = planar.polygon([(-1.0, 0.0), (1.0, -2.0 * np.tan(half)), (1.0, 2.0 * np.tan(half))])
+    grid, phi = planar.sampled(wedge, 0.02, shift=(0.31, 0.77), half=1.1)
+    for corner_angle in (30.0, 60.0):
+        found = medial_axis(grid, phi, corner_angle=corner_angle)
+        # Equally far from both sides, and closer to them than to the third.
+        at_wedge = found.points[np.abs(found.points[:, 1]) < 1e-9]
+        assert (len(at_wedge) > 20) == (angle < corner_angle)
+
+
+def test_corners_are_reported_where_they_are():
+    shape = planar.turned(planar.rectangle(1.6, 0.8), 20.0)
+    grid, phi = planar.sampled(shape, 0.02)
+    corners = medial_axis(grid, phi).corners
+    angle = np.radians(20.0)
+    back = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    np.testing.assert_allclose(np.abs(corners @ back), [[0.8, 0.4]] * len(corners), atol=0.002)
+    assert len({tuple(np.sign(c)) for c in corners @ back}) == 4
+    assert len(medial_axis(*planar.sampled(planar.wavy_disc(0.9, 0.005, 24), 0.02)).corners) == 0
 
 
 # In space
@@ -212,14 +218,8 @@ def test_inactive_nodes_do_not_count():
 # Arguments
 
 
-def test_progress_ends_at_one_and_an_exception_in_it_stops_the_work():
-    grid, phi = planar.sampled(planar.disc(0.9), 0.1)
+def test_progress_ends_at_one():
     shares = []
+    grid, phi = planar.sampled(planar.disc(0.9), 0.1)
     medial_axis(grid, phi, progress=lambda text, share: shares.append(share))
     assert shares[-1] == 1.0
-
-    def stop(text, share):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        medial_axis(grid, phi, progress=stop)

@@ -6,7 +6,6 @@ import pytest
 from curved_shapes import irregular_torus
 from meshes import structured_square
 from octrees_around import TURN, around, covered, moved, to
-from scipy.spatial import cKDTree
 from solids import box, outline
 
 from adaptsize import (
@@ -75,17 +74,6 @@ def test_axis_of_a_box_is_the_middle_sheet(turn):
     assert x.max() < 0.25 + 1e-2
     assert y.max() < 0.15 + 1e-2
     assert found.radii.min() > 0.24
-
-
-def test_a_function_and_its_surface_give_the_same():
-    shape = planar.letter_l(1.0, 0.8)
-    corners = [(-1, -1), (1, -1), (1, -0.2), (-0.2, -0.2), (-0.2, 1), (-1, 1)]
-    tree = around(shape, 0.1)
-    one, other = medial_axis(tree, shape), medial_axis(tree, outline(corners))
-    near = cKDTree(one.points).query(other.points)[0]
-    assert len(one.points) > 20
-    assert len(one.points) == pytest.approx(len(other.points), abs=2)
-    assert np.quantile(near, 0.9) < 1e-4
 
 
 # Where none are
