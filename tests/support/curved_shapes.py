@@ -34,9 +34,9 @@ def sliver_cylinder(n_around, seed, *, radius=1.0, height=2.0, rings=()):
     return SimplexMesh(points, cells)
 
 
-def free_cylinder(n_around, seed, *, height=2.0):
+def free_cylinder(n_around, seed):
     """Irregular Delaunay triangles on a unit cylinder and its caps; all nodes lie on the mantle."""
-    spacing = 2.0 * np.pi / n_around
+    spacing, height = 2.0 * np.pi / n_around, 2.0
     u, v = _jittered(n_around, round(height / spacing), seed, open_in_v=True)
     cells = _periodic_delaunay(u, v, 2.0 * np.pi, height, periodic_v=False)
     angle = 2.0 * np.pi * u
@@ -49,8 +49,9 @@ def free_cylinder(n_around, seed, *, height=2.0):
     return SimplexMesh(points, np.concatenate([cells, *caps]))
 
 
-def irregular_torus(n_around, seed, *, big=1.0, small=0.4):
+def irregular_torus(n_around, seed):
     """Jittered Delaunay triangles on a torus, and the larger principal curvature at the nodes."""
+    big, small = 1.0, 0.4
     u, v = _jittered(round(n_around * big / small), n_around, seed)
     cells = _periodic_delaunay(u, v, 2.0 * np.pi * big, 2.0 * np.pi * small, periodic_v=True)
     return _on_torus(u, v, cells, big, small)
@@ -69,10 +70,10 @@ def smooth_torus(n_around, *, big=1.0, small=0.4):
     return _on_torus(u.ravel(), v.ravel(), quads.transpose(0, 2, 1).reshape(-1, 3), big, small)
 
 
-def irregular_ellipsoid(spacing, seed, *, axes=(1.0, 1.5, 2.0)):
+def irregular_ellipsoid(spacing, seed):
     """Hull of random points no closer than ``spacing``, and the larger principal curvature."""
     rng = np.random.default_rng(seed)
-    axes = np.asarray(axes)
+    axes = np.array([1.0, 1.5, 2.0])
     points = rng.normal(size=(20_000, 3))
     points *= (1.0 / np.linalg.norm(points, axis=1))[:, None]
     points = points * axes

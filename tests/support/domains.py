@@ -97,14 +97,15 @@ def disc_field(radius):
     return 6.0 + 0.59 / wave_number * np.cos(wave_number * radius)
 
 
-def leaking_slit(n, *, width=0.5, tip=-20.0, seed=1006):
-    """The slit square with h0 = 1 on the left face of the slit and 8 on the right one.
+def leaking_slit(n):
+    """The slit square with h0 = 1 on the left face of a slit of width 0.5, and 8 on the right one.
 
     Returns mesh, rings, h0 (inf elsewhere), and the exact sources of that: the two faces,
     float64[2, 2, 2], with their sizes, float64[2, 2].  The bottom of the slit, on which
     linear data rise by 7 within 0.5, adds nothing for g < 14.
     """
-    mesh, rings = slit_square(n, width=width, tip=tip, seed=seed)
+    width, tip = 0.5, -20.0
+    mesh, rings = slit_square(n, width=width, tip=tip, seed=1006)
     x, y = mesh.points.T
     h0 = np.full(mesh.n_points, np.inf)
     h0[(x == -0.5 * width) & (y >= tip)] = 1.0
@@ -113,30 +114,23 @@ def leaking_slit(n, *, width=0.5, tip=-20.0, seed=1006):
     return mesh, rings, h0, faces, np.array([[1.0, 1.0], [8.0, 8.0]])
 
 
-def wall_box(n, *, width=2.0, tip=0.0, seed=1007):
-    """The box (-50, 50)^3 with a wall |x| < width/2, y > tip: a slit square times an interval.
+def wall_box(n, *, seed=1007):
+    """The box (-50, 50)^3 with a wall |x| < 1, y > 0: a slit square times an interval.
 
     The wall reaches the three sides y = 50, z = -50 and z = 50; its end, two reflex edges
     along z, leaves an opening.  Returns tetrahedra and the rings of the section z = const.
-    The wall is to be thinner than the spacing.
     """
-    mesh = _walled_box(
-        n,
-        width,
-        (-HALF_WIDTH, tip, HALF_WIDTH),
-        (-HALF_WIDTH, HALF_WIDTH),
-        lambda y, z: y < tip,
-        seed,
-    )
-    return mesh, (slit_polygon(width, tip),)
+    y, z = (-HALF_WIDTH, 0.0, HALF_WIDTH), (-HALF_WIDTH, HALF_WIDTH)
+    return _walled_box(n, 2.0, y, z, lambda y, z: y < 0.0, seed), (slit_polygon(2.0, 0.0),)
 
 
-def window_box(n, *, width=2.0, lower=(-20.0, -8.0), upper=(10.0, 16.0), seed=1008):
-    """The box with a wall |x| < width/2 that has a window, lower < (y, z) < upper.
+def window_box(n, *, seed=1008):
+    """The box with a wall |x| < 1 that has a window, -20 < y < 10, -8 < z < 16.
 
     Eight reflex edges, which meet in eight corners.  Returns tetrahedra, and the arguments
     (width, lower, upper) that `geodesics.window_sizes` takes for the domain.
     """
+    width, lower, upper = 2.0, (-20.0, -8.0), (10.0, 16.0)
 
     def is_open(y, z):
         return (y > lower[0]) & (y < upper[0]) & (z > lower[1]) & (z < upper[1])
@@ -154,7 +148,7 @@ def blocks(n, *, seed=1009):
     return _triangulated(rings, n, seed), rings
 
 
-def spiral(n, *, turns=3, width=2.0, seed=1010):
+def spiral(n, *, turns=3, seed=1010):
     """The square with a wall that winds inwards and leaves one corridor, for n >= 1000."""
     w, pitch = HALF_WIDTH, HALF_WIDTH / (turns + 0.5)
     centre = [(-w, w - pitch)]
@@ -165,7 +159,7 @@ def spiral(n, *, turns=3, width=2.0, seed=1010):
     centre = np.array(centre[:-1])  # the last part has no length
     along = np.diff(centre, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    left = 0.5 * width * along[:, ::-1] * [-1.0, 1.0]
+    left = along[:, ::-1] * [-1.0, 1.0]
     ends = np.concatenate([left[:1], left[:-1] + left[1:], left[-1:]])
     wall = np.concatenate([centre + ends, (centre - ends)[::-1]])
     rings = (np.concatenate([[[-w, -w], [w, -w], [w, w], [-w, w]], wall]),)

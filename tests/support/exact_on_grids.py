@@ -113,13 +113,7 @@ def fill_lengths(active, shape, nodes, spacing, lengths):
 def sees(active, shape, p, q):
     """Return whether the line between two points stays inside.
 
-    Parameters
-    ----------
-    active : bool[n]
-        All nodes of the grid.
-    shape : int64[dim]
-    p, q : float64[dim]
-        In multiples of the spacings; axes along which they are the same lie at nodes.
+    They are in multiples of the spacings; axes along which they are the same lie at nodes.
     """
     dim = len(shape)
     low, high = np.empty(dim, np.int64), np.empty(dim, np.int64)

@@ -23,23 +23,9 @@ _RELATIVE_DEPTH = 1e-11
 def limited_sizes(rings, points, g, sources=None, sizes=None, *, segments=None, segment_sizes=None):
     """Return min over sources of size + g * geodesic distance, float64[n].
 
-    Parameters
-    ----------
-    rings : tuple of float64[m, 2]
-        The domain; the holes may not touch each other.
-    points : float64[n, 2]
-        Where to evaluate; in the domain or on its boundary.
-    g : float
-        Gradient limit, > 0.
-    sources, sizes : float64[k, 2], float64[k], optional
-        Points of the domain and their sizes (any sign).
-    segments, segment_sizes : float64[m, 2, 2], float64[m, 2], optional
-        Segments in the domain, and the sizes at their ends, linear in between.
-
-    Notes
-    -----
-    Exact to about 1e-12 of the extent.  Cost: n times (sources + corners), and for the
-    few candidates tried per point a pass over all edges of the rings.  +inf if nothing reaches x.
+    ``rings`` are the domain, whose holes may not touch each other.  Sources are points, float64[k,
+    2], and segments, float64[m, 2, 2], with the sizes at their ends, linear in between.  Exact to
+    about 1e-12 of the extent; inf if nothing reaches a point.
     """
     starts, start_sizes = _as_segments(sources, sizes, segments, segment_sizes)
     walls, depth = _walls(rings)

