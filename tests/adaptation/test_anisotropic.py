@@ -67,15 +67,6 @@ def test_the_error_falls_with_the_number_of_cells():
     assert order > 0.9  # 1 in theory; here more, because aspect ratios still grow
 
 
-def test_cells_are_stretched_along_the_layer():
-    mesh = loop(anisotropic=True).mesh
-    implied = implied_metric(mesh)
-    thin = implied.aspect_ratio > 10.0
-    across = np.array([1.0, -0.1]) / np.hypot(1.0, 0.1)
-    assert thin.sum() > 300
-    assert np.quantile(np.abs(implied.directions[thin, :, 0] @ across), 0.1) > 0.98
-
-
 def test_tags_fields_and_the_report():
     result = loop(anisotropic=True)
     mesh = result.mesh
@@ -100,16 +91,10 @@ def test_a_mesh_that_has_the_metric_is_returned():
     assert again.mesh is first.mesh
 
 
-def test_the_gradient_limit_may_be_any_number_and_has_the_default_of_metrics():
+def test_the_gradient_limit_has_the_default_of_metrics():
     metric = isotropic_metric(np.where(MESH.points[:, 0] < 0.5, 0.05, 0.6), 2)
-    limited = [
-        adapt(MESH, h0=metric, enough=0.0, **g).metric.metric.sizes
-        for g in ({"g": 1}, {"g": np.int64(1)}, {"g": np.float32(1.0)}, {})
-    ]
-    for sizes in limited[1:]:
-        np.testing.assert_array_equal(sizes, limited[0])
-    expected = limit_metric(MESH, metric, METRIC_GRADIENT_LIMIT).sizes
-    np.testing.assert_array_equal(limited[3], expected)
+    found = adapt(MESH, h0=metric, enough=0.0).metric.metric.sizes
+    np.testing.assert_array_equal(found, limit_metric(MESH, metric, METRIC_GRADIENT_LIMIT).sizes)
 
 
 def test_a_metric_is_scaled_to_the_number_of_elements():
@@ -127,17 +112,6 @@ def test_isotropic_bounds_and_limits_hold():
     sizes = result.metric.metric.sizes
     assert sizes.max() <= 0.07 * (1.0 + 1e-9)
     assert sizes.min() >= 0.02 * (1.0 - 1e-9)
-
-
-def test_a_smaller_tolerance_needs_more_elements():
-    fields = {"u": layer(MESH.points)}
-    predicted = [
-        adapt(MESH, anisotropic=True, fields=fields, tolerance=t, hmax=0.3, enough=0.0).report
-        for t in (4e-2, 1e-2)
-    ]
-    assert (
-        predicted[1].predicted_elements > 2.0 * predicted[0].predicted_elements
-    )  # 4 without limits
 
 
 def test_two_fields_give_the_intersection():
@@ -172,19 +146,9 @@ def test_tetrahedra_are_stretched_too(monkeypatch):
         ({"anisotropic": "w", "elements": 100}, "anisotropic must name fields.*got 'w'"),
         ({"anisotropic": "n", "elements": 100}, "anisotropic must name fields.*got 'n'"),
         ({"anisotropic": len, "elements": 100}, "anisotropic must be True, False or names"),
-        (
-            {"anisotropic": ["u", 1], "elements": 100},
-            "anisotropic must be .*names of fields",
-        ),
         ({"anisotropic": np.True_}, "anisotropic needs a field in fields"),
         ({"anisotropic": ["u"]}, "fields need tolerance or elements"),
-        ({"anisotropic": np.array(["u"])}, "fields need tolerance or elements"),
         ({"anisotropic": "u"}, "fields need tolerance or elements"),
-        ({"anisotropic": "u", "tolerance": -1.0}, "tolerance must be"),
-        ({"anisotropic": "u", "elements": 0.0}, "elements must be"),
-        ({"anisotropic": "u", "elements": 100, "g": "steep"}, "g must be one of"),
-        ({"anisotropic": "u", "elements": 100, "g": -1.0}, "g must be finite"),
-        ({"anisotropic": "u", "elements": 100, "norm": 0.5}, "norm must be"),
         ({"h0": isotropic_metric([1.0], 2)}, "metric must have .* nodes"),
         ({"h0": isotropic_metric(np.ones(MESH.n_points), 2), "tolerance": 1.0}, "tolerance needs"),
         ({"h0": isotropic_metric(np.full(MESH.n_points, np.inf), 2)}, "finite size at one node"),

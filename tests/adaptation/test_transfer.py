@@ -8,7 +8,6 @@ from meshes import (
     jittered_cube,
     jittered_square,
     random_sphere,
-    random_square,
     slit_square,
     structured_square,
 )
@@ -83,17 +82,6 @@ def test_overlaps_are_those_of_a_slow_twin(dim):
     )
 
 
-def test_overlaps_of_simplices_known_by_hand():
-    # Two tetrahedra x, y, z >= 0 with x + y + z <= 1 and <= 1/2 share the smaller one; the
-    # tetrahedron moved by 1/2 along x shares one of half the edge; moved by 1 a corner only.
-    corner = np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    shifts = [np.zeros(3), [0.5, 0.0, 0.0], [1.0, 0.0, 0.0]]
-    points = np.concatenate([0.5 * corner, *[corner + shift for shift in shifts]])
-    cells = np.arange(16).reshape(4, 4)[:, [1, 0, 2, 3]]  # inverted, too
-    overlap = FieldTransfer(SimplexMesh(corner, [[0, 1, 2, 3]]), SimplexMesh(points, cells)).overlap
-    assert_allclose(overlap.toarray().ravel(), np.array([0.125, 1.0, 0.125, 0.0]) / 6.0, atol=1e-17)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("scale", "shift"), [(1.0, 0.0), (1e-9, 0.0), (1e7, 3e7)])
 def test_overlaps_fill_the_cells_of_both_meshes(dim, scale, shift):
@@ -166,16 +154,6 @@ def test_linear_nodal_fields_are_exact(dim):
     made = FieldTransfer(old, new).nodal(old.points @ a + 7.0)
     # Barycentric coordinates of slivers: a few digits less than 1e-16.
     assert_allclose(made, new.points @ a + 7.0, rtol=1e-12)
-
-
-def test_a_mesh_to_itself_changes_nothing():
-    for mesh in (random_square(60, SEED), jittered_cube(4, SEED)):
-        rng = np.random.default_rng(SEED)
-        nodal, by_cell = rng.random(mesh.n_points), rng.random(mesh.n_cells)
-        made = transfer_fields(mesh, mesh, fields={"u": nodal}, cell_fields={"q": by_cell})
-        assert_allclose(made.fields["u"], nodal, rtol=1e-13)
-        # Slivers as flat as 1e-5 lose as many digits to their neighbours.
-        assert_allclose(made.cell_fields["q"], by_cell, rtol=1e-9)
 
 
 def wave(x):
@@ -333,13 +311,3 @@ def test_meshes_of_two_kinds_are_refused():
         FieldTransfer(structured_square(1), jittered_cube(2, SEED))
     with pytest.raises(ValueError, match="new must be a SimplexMesh of triangles or tetrahedra"):
         FieldTransfer(structured_square(1), SimplexMesh([[0.0], [1.0]], [[0, 1]]))
-
-
-def test_progress_stops_the_work():
-    old, new = pair(2, (10, 12))
-
-    def stop(text, share):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        transfer_fields(old, new, cell_fields={"q": np.ones(old.n_cells)}, progress=stop)
