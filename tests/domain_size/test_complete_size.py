@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from meshes import random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
+from solids import circle, outline
 from upper_bounds import limit_bounds
 
 from adaptsize import (
@@ -34,27 +35,6 @@ def strip(points, half=0.2):
 
 
 # --- what is asked ----------------------------------------------------------------
-
-
-def test_on_a_disc_the_size_is_the_radius_over_k_and_grows_inwards_by_g():
-    size = size_function(
-        disc, background=GRID, elements_per_radian=5.0, elements_across=0.0, g=G, hmax=10.0
-    )
-    angle = np.linspace(0.0, 2.0 * np.pi, 37)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    for r in (1.0, 0.8, 0.5, 0.2):
-        # Curvature to h^2 / (3 r^2) of the spacing 0.02, interpolation to g h / 2 at the most.
-        assert_allclose(size(r * circle), 0.2 + G * (1.0 - r), atol=0.5 * G * 0.02)
-
-
-def test_a_bar_has_so_many_elements_across():
-    size = size_function(
-        strip, background=GRID, elements_per_radian=0.0, elements_across=5.0, g=G, hmax=10.0
-    )
-    x = np.linspace(-0.5, 0.5, 11)
-    for y in (-0.19, 0.0, 0.1):
-        # The feature size, half the width, is exact to a share of the spacing on straight walls.
-        assert_allclose(size(np.column_stack([x, np.full(11, y)])), 0.4 / 5.0, atol=0.2 * 0.02)
 
 
 def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
@@ -90,13 +70,12 @@ def test_sources_may_come_from_a_generator():
     assert size([[0.3, 0.1]]) < 0.006
 
 
-def test_sizes_do_not_pass_through_the_outside():
+@pytest.mark.parametrize("on", [{"background": GRID}, {"box": BOX}])
+def test_sizes_do_not_pass_through_the_outside(on):
     def two(points):  # a small disc 0.2 beside a large one
         return np.minimum(disc(points, (-0.3, 0.0), 0.8), disc(points, (0.8, 0.0), 0.1))
 
-    size = size_function(
-        two, background=GRID, elements_per_radian=4.0, elements_across=0.0, g=G, hmax=10.0
-    )
+    size = size_function(two, **on, elements_per_radian=4.0, elements_across=0.0, g=G, hmax=10.0)
     # 0.8 / 4 on the large disc; straight from the small one it would be 0.1 / 4 + 0.2 g.
     assert_allclose(size([[0.5, 0.0]]), 0.2, atol=0.01)
     assert_allclose(size([[0.7, 0.0]]), 0.025, atol=0.004)
@@ -223,12 +202,6 @@ def test_measures_of_nodes_fill_the_domain():
 # --- domains and backgrounds ------------------------------------------------------
 
 
-def polygon(n, radius=1.0):
-    angle = 2.0 * np.pi * np.arange(n) / n
-    points = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return SimplexMesh(points, np.column_stack([np.arange(n), (np.arange(n) + 1) % n]))
-
-
 @pytest.mark.parametrize("domain", ["callable", "level set", "polyline"])
 def test_one_disc_in_three_forms_has_the_same_sizes(domain):
     options = {"elements_per_radian": 5.0, "elements_across": 0.0, "g": G, "hmax": 10.0}
@@ -237,7 +210,7 @@ def test_one_disc_in_three_forms_has_the_same_sizes(domain):
     elif domain == "level set":
         size = size_function((GRID, disc(GRID.points).reshape(GRID.shape)), **options)
     else:
-        size = size_function(polygon(120), **options)
+        size = size_function(outline(circle(120)), **options)
     assert isinstance(size.background, Octree if domain == "callable" else CartesianGrid)
     assert_allclose(size([[1.0, 0.0], [0.0, -0.6], [0.1, 0.0]]), [0.2, 0.3, 0.425], atol=0.01)
 
@@ -305,8 +278,16 @@ def test_an_open_line_is_its_own_domain():
         (disc, {"box": [0.0]}, "box must be a pair"),
         (disc, {"box": ([1, 1], [0, 0])}, r"lower < upper"),
         (disc, {"box": ([2.0, 2.0], [3.0, 3.0])}, "zero|negative|boundary"),
-        (disc, {"background": polygon(8)}, "background must be a CartesianGrid or an Octree for a"),
-        (polygon(8), {"background": Octree([0, 0, 0], [1, 1, 1], (1, 1, 1), [0])}, "must be 2-D"),
+        (
+            disc,
+            {"background": outline(circle(8))},
+            "background must be a CartesianGrid or an Octree for a",
+        ),
+        (
+            outline(circle(8)),
+            {"background": Octree([0, 0, 0], [1, 1, 1], (1, 1, 1), [0])},
+            "must be 2-D",
+        ),
         ((GRID, GRID), {"background": Octree([0, 0], [1, 1], (1, 1), [0])}, "must be a Cartesian"),
         ((GRID, np.ones((3, 3))), {}, "phi must have shape"),
         ((GRID, np.ones(GRID.shape)), {}, "negative at a node"),

@@ -4,7 +4,8 @@ import warnings
 
 import numpy as np
 import pytest
-from meshes import random_sphere, random_square
+from implicit_domains import disc
+from meshes import random_sphere
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
 from adaptsize.background.splitting import with_short_edges
@@ -17,10 +18,6 @@ LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
 
 def sphere():
     return random_sphere(400, 616, radius=3.0)
-
-
-def disc(x):
-    return np.linalg.norm(x, axis=1) - 1.0
 
 
 BOX = {"box": ([-1.1, -1.1], [1.1, 1.1])}
@@ -41,12 +38,6 @@ def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
     report = size_function(domain, nodes=7_000).report
     assert report.n_nodes == pytest.approx(7_000, rel=0.025)
     assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
-
-
-@pytest.mark.parametrize("name", ["elements", "nodes"])
-def test_the_type_of_the_number_does_not_matter(name):
-    first, second = (size_function(SQUARE, **{name: number}) for number in (500, np.float32(500.0)))
-    np.testing.assert_array_equal(first.values, second.values)
 
 
 def test_nodes_need_a_domain_with_a_mesh():
@@ -161,14 +152,6 @@ def test_the_nearest_of_three_meshes_is_returned_with_a_warning():
         mesh, _ = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
     assert mesh.n_cells == 1300
     assert len(generator.wanted) == 3
-
-
-def test_the_mesh_of_a_plane_domain_has_the_number():
-    pytest.importorskip("mmgpy")
-    mesh, size = remesh_to_elements(random_square(100, 1301), 3000)
-    assert mesh.n_cells == pytest.approx(3000, rel=0.15)
-    assert size.report.n_elements > 0
-    assert size(mesh.points).min() > 0
 
 
 def grid(n):

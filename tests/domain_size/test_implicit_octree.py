@@ -1,13 +1,12 @@
 """Implicit domains on octrees: sizes between the nodes against closed forms, and refinement."""
 
-import warnings
-
 import numpy as np
 import pytest
+from implicit_domains import disc
 from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
-from adaptsize import CartesianGrid, Octree, PointSource, size_function
+from adaptsize import Octree, PointSource, size_function
 
 G, K = 0.25, 4.0
 FREE = {"g": G, "hmax": 100.0, "max_elements": np.inf}
@@ -16,10 +15,6 @@ CURVATURE = {**FREE, "elements_per_radian": K, "elements_across": 0.0}
 COARSE = {**CURVATURE, "elements_per_radian": 0.5 * K}
 WIDTH = {**FREE, "elements_per_radian": 0.0, "elements_across": 2.0}
 TOLERANCE = 0.05
-
-
-def disc(x):
-    return np.linalg.norm(x, axis=1) - 1.0
 
 
 def square(x):
@@ -179,17 +174,6 @@ def test_of_too_many_elements_the_octree_stays_small():
     assert size.background.n_points < 100_000
 
 
-def test_between_two_parts_sizes_do_not_pass():
-    def two(x):  # a small disc 0.1 beside a large one
-        return np.minimum(
-            np.hypot(x[:, 0] + 0.3, x[:, 1]) - 0.8, np.hypot(x[:, 0] - 0.7, x[:, 1]) - 0.1
-        )
-
-    size = size_function(two, box=([-1.2, -1.0], [1.0, 1.0]), **CURVATURE)
-    assert_allclose(size([[0.49, 0.0]]), 0.2, rtol=TOLERANCE)
-    assert_allclose(size([[0.61, 0.0]]), 0.025, rtol=2.0 * TOLERANCE)
-
-
 @pytest.mark.parametrize(
     ("function", "box", "expected"),
     [
@@ -215,11 +199,3 @@ def test_the_limit_on_leaves_is_reported(monkeypatch):
 
     with pytest.warns(ResolutionWarning, match="background"):
         size_function(holes, box=([-1.1, -1.1], [1.1, 1.1]), **{**WIDTH, "hmax": 0.1})
-
-
-def test_a_grid_is_still_a_background_for_functions():
-    grid = CartesianGrid([-1.3, -1.3], 0.02, (131, 131))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        size = size_function(disc, background=grid, **CURVATURE)
-    assert size.background == grid or size.background.shape == grid.shape

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from solids import circle, outline
 
 from adaptsize import (
     BallSource,
@@ -46,23 +47,6 @@ def corners_of_boxes_around(grid, points):
 # --- points ---------------------------------------------------------------------------
 
 
-def test_point_inside_a_box_shows_at_its_corners():
-    h0 = size_from_sources(GRID, PointSource([1.25, 0.5], 0.01), g=0.5)
-    expected = np.full((4, 3), INF)
-    expected[1, :2] = 0.01 + 0.5 * np.hypot(0.25, [0.5, 1.5])
-    expected[2, :2] = 0.01 + 0.5 * np.hypot(0.75, [0.5, 1.5])
-    assert_allclose(h0, expected, rtol=1e-14)
-
-
-def test_point_outside_counts_its_distance():
-    with pytest.warns(UserWarning, match="outside the domain: it acts only on the nodes"):
-        h0 = size_from_sources(GRID, PointSource([-3.0, 1.0], 1.0), g=0.2)
-    expected = np.full((4, 3), INF)
-    expected[0, :2] = 1.0 + 0.2 * np.hypot(3.0, 1.0)
-    expected[1, :2] = 1.0 + 0.2 * np.hypot(4.0, 1.0)
-    assert_allclose(h0, expected, rtol=1e-14)
-
-
 @pytest.mark.filterwarnings("ignore:the source at")
 @pytest.mark.parametrize("shape", SHAPES)
 def test_points_lower_the_corners_of_their_boxes_and_no_other_node(shape):
@@ -77,24 +61,6 @@ def test_points_lower_the_corners_of_their_boxes_and_no_other_node(shape):
 
 
 # --- curves ---------------------------------------------------------------------------
-
-
-def test_curve_between_the_nodes_shows_at_all_boxes_it_passes():
-    h0 = size_from_sources(GRID, CurveSource([[-1.0, 3.0], [9.0, 3.0]], 0.1), g=0.25)
-    assert_allclose(h0[:, 1:], 0.1 + 0.25 * 1.0, rtol=1e-14)
-    assert np.isinf(h0[:, 0]).all()
-
-
-def test_curve_along_nodes_gives_its_size_exactly():
-    h0 = size_from_sources(GRID, CurveSource([[0.0, 2.0], [3.0, 2.0]], [0.1, 0.4]))
-    assert_allclose(h0[:, 1], [0.1, 0.2, 0.3, 0.4], rtol=1e-12)
-
-
-def test_curve_with_a_steep_size_is_seen_from_its_small_end():
-    # Slope 1 > g: for a node one unit above x = 0.5 the end of the curve in its box counts.
-    grid = CartesianGrid([0.0, 0.0], 1.0, (2, 2))
-    h0 = size_from_sources(grid, CurveSource([[0.5, 0.0], [1.0, 0.0]], [0.1, 0.6]), g=0.25)
-    assert_allclose(h0[1], 0.1 + 0.25 * np.hypot(0.5, [0.0, 1.0]), rtol=1e-14)
 
 
 def test_curve_with_a_free_end():
@@ -233,20 +199,6 @@ def test_sources_with_tags_are_refused():
             size_from_sources(GRID, source)
 
 
-def test_bad_arguments_are_named():
-    cases = [
-        (PointSource([0.5, 0.5, 0.5], 0.1), r"points must have shape \(n, 2\)"),
-        (CurveSource([[0.5, 0.5]], 0.1), "curve must have at least 2 points"),
-        (BoxSource([1, 1], [0, 2], 0.1), "lower must be at most upper"),
-        (lambda x: -x[:, 0] - 1.0, r"sources\[0\]\(points\) must be positive.*\[0, 0\] = -1"),
-        (lambda x: [1.0], r"sources\[0\]\(points\) must have shape \(12,\), got \(1,\)"),
-        ([3.0], r"sources\[0\] must be a source or a function, got 3.0"),
-    ]
-    for source, message in cases:
-        with pytest.raises(ValueError, match=message):
-            size_from_sources(GRID, source)
-
-
 def test_an_octree_is_served_by_its_mesh():
     tree = Octree([0, 0], [1, 1], (1, 1), [1, 1, 1, 2, 2, 2, 2])
     sources = [
@@ -262,19 +214,13 @@ def test_an_octree_is_served_by_its_mesh():
 # --- curvature of a boundary beside the nodes -----------------------------------------------
 
 
-def circle(n, radius):
-    angle = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
-    points = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return SimplexMesh(points, np.column_stack([np.arange(n), np.roll(np.arange(n), -1)]))
-
-
 @pytest.mark.parametrize("masked", [False, True])
 def test_nodes_near_a_mesh_are_found_by_halving(masked):
     rng = np.random.default_rng(107)
     grid = CartesianGrid([-1.0, -0.7], [0.03, 0.05], (61, 37))
     if masked:
         grid = grid.with_active(rng.random(grid.shape) < 0.5)
-    curve = circle(5, 0.6)
+    curve = outline(circle(5, 0.6))
     for within in (0.0, 0.02, 0.3):
         near = curve.locator.nearest(grid.points)[2] <= within
         expected = np.argwhere(near.reshape(grid.shape) & (not masked or grid.active))
@@ -284,7 +230,7 @@ def test_nodes_near_a_mesh_are_found_by_halving(masked):
 
 def test_curvature_of_a_circle_shows_at_the_boxes_that_it_passes():
     # Radius 2 and 4 elements per radian: 0.5.
-    boundary = circle(200, 2.0)
+    boundary = outline(circle(200, 2.0))
     grid = CartesianGrid.around(boundary.points, 0.2, margin=0.5)
     tree = Octree([-4, -4], [4, 4], (16, 16), np.zeros(256, int))
     for background, spacing in ((grid, 0.2), (tree, 0.5)):

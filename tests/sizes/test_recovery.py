@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from recovery import (
     MESHES,
     gradient_errors,
-    means_of_cell_gradients,
     root_mean_square,
     solve_poisson,
     wave,
@@ -108,22 +107,6 @@ def test_hessian_is_of_second_order_inside_regular_meshes():
         inside = np.abs(mesh.points).max(axis=1) < 0.7  # three layers in on the coarser one
         error.append(np.abs(recovered_hessian(mesh, u) - hessian)[inside].max())
     assert np.log2(error[0] / error[1]) > 1.9
-
-
-def test_means_of_cell_gradients_taken_twice_do_not_converge():
-    # The reason for the fits.
-    error = []
-    for n in (41, 81):
-        mesh = MESHES["jittered"](n)
-        u, _, hessian = wave(mesh.points)
-        inside = np.abs(mesh.points).max(axis=1) < 0.7
-        first = means_of_cell_gradients(mesh, u)
-        twice = np.stack([means_of_cell_gradients(mesh, part) for part in first.T], axis=1)
-        fitted = recovered_hessian(mesh, u)
-        error.append([root_mean_square((h - hessian)[inside]) for h in (twice, fitted)])
-    assert error[1][0] > 0.8 * error[0][0]
-    assert error[1][1] < 0.6 * error[0][1]
-    assert error[1][1] < 0.1 * error[1][0]
 
 
 @pytest.mark.parametrize("kind", ["jittered", "regular"])

@@ -254,22 +254,6 @@ def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
         ((structured_square(2).boundary().mesh, structured_square(2)), {}, "consist of segments"),
         ((structured_square(2), np.zeros(9)), {}, "nodes are for a CartesianGrid"),
         ((SimplexMesh([[0.0], [1.0]], [[0, 1]]),), {}, "background must be a volume"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, options, message):
-    with pytest.raises(ValueError, match=message):
-        size_from_feature(*arguments, **options)
-
-
-def test_hmin_and_hmax():
-    h0 = size_from_feature(structured_square(2), hmin=30.0)
-    np.testing.assert_array_equal(h0, 30.0)
-    assert size_from_feature(structured_square(2), hmax=5.0).max() == 5.0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "options", "message"),
-    [
         ((structured_square(2),), {"tolerance": 0.1}, "tolerance is for method='rays'"),
         (
             (structured_square(2), outline(circle(8))),
@@ -283,6 +267,12 @@ def test_hmin_and_hmax():
         ),
     ],
 )
-def test_options_without_effect_are_refused(arguments, options, message):
+def test_bad_arguments_are_named(arguments, options, message):
     with pytest.raises(ValueError, match=message):
         size_from_feature(*arguments, **options)
+
+
+def test_hmin_and_hmax():
+    h0 = size_from_feature(structured_square(2), hmin=30.0)
+    np.testing.assert_array_equal(h0, 30.0)
+    assert size_from_feature(structured_square(2), hmax=5.0).max() == 5.0
