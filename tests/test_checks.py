@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import adaptsize as ads
-from adaptsize import CartesianGrid, Octree, SimplexMesh, geometry, limit_gradient, quality, sizes
+from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient, quality
 from adaptsize._checks import (
     as_float_array,
     as_index_array,
@@ -207,38 +207,14 @@ MESH = "mesh must be a SimplexMesh, got "
 #: Of functions that take meshes in parts.
 ANY_OR_PARTS = ANY.replace("Mesh,", "Mesh, a PartitionedMesh,")
 MESH_OR_PARTS = MESH.replace("Mesh,", "Mesh or a PartitionedMesh,")
-TRIANGLE = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 CALLS = {
     "limit_gradient": (lambda x: ads.limit_gradient(x, np.ones(4), 0.2), ANY_OR_PARTS),
-    "size_from_curvature": (ads.size_from_curvature, ANY_OR_PARTS),
-    "size_from_feature": (ads.size_from_feature, ANY_OR_PARTS),
-    "size_from_sources": (
-        lambda x: ads.size_from_sources(x, ads.BoundarySource(0.1)),
-        ANY_OR_PARTS,
-    ),
     "signed_distance": (ads.signed_distance, ANY),
-    "medial_axis": (lambda x: ads.medial_axis(x, TRIANGLE), ANY),
-    "feature_size": (lambda x: ads.feature_size(x, TRIANGLE), ANY),
     "size_from_error": (
         lambda x: ads.size_from_error(x, [0.1], order=1, tolerance=1),
         MESH_OR_PARTS,
     ),
-    "size_from_hessian": (
-        lambda x: ads.size_from_hessian(x, np.ones(4), tolerance=0.1),
-        MESH_OR_PARTS,
-    ),
-    "zz_indicator": (lambda x: ads.zz_indicator(x, np.ones(4)), MESH),
-    "predicted_elements": (lambda x: sizes.predicted_elements(x, np.ones(4)), MESH_OR_PARTS),
-    "recovered_hessian": (lambda x: sizes.recovered_hessian(x, np.ones(4)), MESH_OR_PARTS),
-    "size_conformity": (lambda x: ads.size_conformity(x, 0.1), MESH),
-    "surface of size_conformity": (
-        lambda x: ads.size_conformity(SQUARE, 0.1, surface=x),
-        "surface must be a SimplexMesh, got ",
-    ),
     "summarize": (quality.summarize, MESH),
-    "radius_ratios": (quality.radius_ratios, MESH),
-    "minimum_angles": (quality.minimum_angles, MESH),
-    "adapt": (lambda x: ads.adapt(x, h0=0.1), MESH),
     "old of transfer_fields": (
         lambda x: ads.transfer_fields(x, SQUARE, fields={}),
         "old must be a SimplexMesh or a PartitionedMesh, got ",
@@ -246,31 +222,6 @@ CALLS = {
     "fields of transfer_fields": (
         lambda x: ads.transfer_fields(SQUARE, SQUARE, fields=x),
         "fields must be a Mapping, got ",
-    ),
-    "point_data": (
-        lambda x: SimplexMesh(SQUARE.points, SQUARE.cells, point_data=x),
-        "point_data must be a Mapping, got ",
-    ),
-    "boundary_width": (geometry.boundary_width, "boundary must be a SimplexMesh, got "),
-    "boundary_separation": (
-        geometry.boundary_separation,
-        "boundary must be a SimplexMesh, got ",
-    ),
-    "size_from_separation": (
-        ads.size_from_separation,
-        "background must be a SimplexMesh, got ",
-    ),
-    "surface_curvature": (
-        geometry.surface_curvature,
-        "surface must be a SimplexMesh, got ",
-    ),
-    "polyline_curvature": (
-        geometry.polyline_curvature,
-        "line must be a SimplexMesh, got ",
-    ),
-    "level_set_curvature": (
-        lambda x: geometry.level_set_curvature(x, np.ones(4)),
-        "grid must be a CartesianGrid, got ",
     ),
 }
 
@@ -281,28 +232,6 @@ def test_another_type_is_refused_by_the_name_of_the_argument(name, bad):
     call, expected = CALLS[name]
     with message(f"{expected}{bad!r}"):
         call(bad)
-
-
-def test_smoothing_without_end_is_refused():
-    grid = CartesianGrid([-1.0, -1.0], 0.2, (11, 11))
-    phi = grid.sample(lambda x: np.linalg.norm(x, axis=1) - 0.5)
-    expected = f"smoothing must be at most 1000, got {2.0**40:g}"
-    with message(expected):
-        ads.size_from_curvature(TRIANGLE, smoothing=2**40)
-    with message(expected):
-        ads.size_from_curvature(grid, phi, smoothing=2**40)
-
-
-def test_slopes_whose_square_overflows_are_refused():
-    grid = CartesianGrid([-1.0, -1.0], 0.2, (11, 11))
-    phi = grid.sample(lambda x: np.linalg.norm(x, axis=1) - 0.5)
-    expected = "g must be at most 1e+30, got 1e+300"
-    with message(expected):
-        ads.size_from_curvature(grid, phi, g=1e300)
-    with message(expected):
-        ads.size_from_sources(SQUARE, ads.PointSource([0.4, 0.5], 0.1), g=1e300)
-    with message(expected):
-        ads.limit_gradient(SQUARE, np.ones(4), 1e300)
 
 
 @pytest.mark.parametrize("three", [3, 3.0, np.int8(3), np.array(3), np.float32(3.0)])
