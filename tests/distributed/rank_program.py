@@ -4,9 +4,9 @@ import sys
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-sys.path.insert(0, sys.argv[1])
+if __name__ == "__main__":
+    sys.path.insert(0, sys.argv[1])
 
 import domains
 from meshes import jittered_cube, jittered_square, random_sphere
@@ -94,7 +94,10 @@ def cycle(comm):
     assert comm.allgather(str(result)) == [str(result)] * comm.size
 
 
-ranks = as_communicator(MPI.COMM_WORLD)
-for task in (operations, compare, report, cycle):
-    task(ranks)
-print(f"rank {ranks.rank} done", flush=True)
+if __name__ == "__main__":
+    from mpi4py import MPI
+
+    ranks = as_communicator(MPI.COMM_WORLD)
+    for task in (operations, compare, report, cycle):
+        task(ranks)
+    print(f"rank {ranks.rank} done", flush=True)

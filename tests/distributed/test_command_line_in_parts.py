@@ -85,21 +85,6 @@ def test_one_process_takes_pvtu(mesh, tmp_path, capsys):
         assert text in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("limits", "text"),
-    [
-        (["--hmin", "2", "--hmax", "1"], "--hmin must be at most --hmax = 1, got 2"),
-        (["--hmax", "-1"], "hmax must be finite and > 0, got -1"),
-    ],
-)
-def test_wrong_limits_of_sizes_are_refused(mesh, tmp_path, capsys, limits, text):
-    words = ["remesh", str(mesh[0]), "--field", "h0", "-o", str(tmp_path / "a.vtu"), *limits]
-    with pytest.raises(SystemExit) as end:
-        main(words)
-    assert end.value.code == 1
-    assert text in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("more", [(), ("--how", "gather")])
 def test_remeshing_on_several_ranks(mesh, tmp_path, more):
     output = tmp_path / "fine.pvtu"

@@ -1,31 +1,26 @@
 """Cells that move between ranks, and the interfaces between parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import CartesianGrid, SimplexMesh, interpolate, transfer_fields
+from adaptsize import CartesianGrid, interpolate, transfer_fields
 from adaptsize.background.migration import balanced, displaced, interface_facets, migrate
 from adaptsize.distributed import PartitionedMesh
 
 
 def _square(n):
-    x, y = np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij")
-    number = np.arange(n * n).reshape(n, n)
-    a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
-    c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
-    cells = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    points = np.column_stack([x.ravel(), y.ravel()])
-    mesh = SimplexMesh(points, cells)
+    mesh = CartesianGrid((0.0, 0.0), 1.0 / (n - 1), (n, n)).mesh
     edges = mesh.boundary()
-    return SimplexMesh(
-        points,
-        cells,
-        cell_tags=(points[cells].mean(axis=1)[:, 0] > 0.5).astype(int),
+    return replace(
+        mesh,
+        cell_tags=(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5).astype(int),
         tagged_facets=edges.nodes[edges.mesh.cells],
         facet_tags=np.arange(len(edges.cells)),
-        point_data={"x": points[:, 0]},
-        cell_data={"number": np.arange(len(cells))},
+        point_data={"x": mesh.points[:, 0]},
+        cell_data={"number": np.arange(mesh.n_cells)},
     )
 
 

@@ -91,21 +91,3 @@ def test_collected_meshes_and_marching():
         return limit_gradient.with_info(part, 1.0, 0.3, method="fast-marching")[1].sources
 
     assert on_ranks(square, None, SIZE, work)[0] == [None] * SIZE
-
-
-def test_numbers_of_nodes_are_sent_for_sources_only():
-    h0 = bounds(SQUARE, "noise", np.random.default_rng(897))
-
-    def work(part):
-        counts = []
-        for full in (False, False, True):
-            before = part.ranks.traffic.bytes_sent
-            limit = limit_gradient.with_info if full else limit_gradient
-            found = limit(part, h0[part.global_ids], 0.3, method=Exact(False))
-            counts.append(part.ranks.traffic.bytes_sent - before)
-        assert repr(found[1].sources).startswith("PartsSources(")
-        return counts[1:]
-
-    sent = np.sum(on_ranks(SQUARE, None, SIZE, work)[0], axis=0)
-    assert sent[0] % 48 == 0 < sent[0]
-    assert sent[1] == sent[0] // 48 * (48 + 16)
