@@ -26,16 +26,14 @@ def main() -> int:
     tried, failed, kinds = Counter(), Counter(), Counter()
     with open(arguments.report, "a", encoding="utf-8") as report:
         for done, outcome in enumerate(found, 1):
-            has_failed = outcome["status"] != "ok"
             tried[outcome["class"]] += 1
-            if has_failed:
-                failed[outcome["class"]] += 1
-                kinds[_kind(outcome)] += 1
-                print(json.dumps(outcome), file=report, flush=True)
             if arguments.seed is not None:
                 print("\n".join(f"{key}: {value}" for key, value in outcome.items()))
-            elif has_failed:
-                print(json.dumps(outcome), flush=True)
+            if outcome["status"] != "ok":
+                failed[outcome["class"]] += 1
+                kinds[_kind(outcome)] += 1
+                for file in (report, sys.stdout):
+                    print(json.dumps(outcome), file=file, flush=True)
             if done % 500 == 0:
                 print(f"{done} of {len(numbers)}, {failed.total()} failed", file=sys.stderr)
     for name, count in tried.items():

@@ -1,7 +1,9 @@
 """The classes of cases, and the class of each number."""
 
+import contextlib
 import os
 import signal
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -14,14 +16,25 @@ SHARES = {"calls": 50, "forms": 10, "limiting": 18, "files": 20, "faults": 2}
 SWEEP = 1 << 40
 
 #: Seconds of processor time and of wall time after which a case counts as hanging.
-LIMITS = {"files": (30.0, 120.0), "faults": (300.0, 2000.0), "selftest": (3.0, 60.0)}
-USUAL_LIMITS = (60.0, 300.0)
+_LIMITS = {"files": (30.0, 120.0), "faults": (300.0, 2000.0), "selftest": (3.0, 60.0)}
 
 _CLASSES = [name for name, share in SHARES.items() for _ in range(share)]
+
+#: Characters of the longest message that is clear.
+LONGEST = 1000
 
 
 class Failure(Exception):
     """What adaptsize must not do; the text says what it was."""
+
+
+@contextlib.contextmanager
+def told_with(what: str) -> Iterator[None]:
+    """Add what was tried to a failure in the block."""
+    try:
+        yield
+    except Failure as failure:
+        raise Failure(f"{failure}: {what}") from failure.__cause__
 
 
 def class_of(number: int) -> str:
@@ -30,6 +43,11 @@ def class_of(number: int) -> str:
         return "selftest"
     # A step without a common factor mixes the classes.
     return "sweep" if number >= SWEEP else _CLASSES[number * 37 % len(_CLASSES)]
+
+
+def limits_of(number: int) -> tuple[float, float]:
+    """Return after how many seconds of processor time and of wall time a case hangs."""
+    return _LIMITS.get(class_of(number), (60.0, 300.0))
 
 
 def run(number: int, folder: Path) -> str:

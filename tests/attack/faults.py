@@ -19,15 +19,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from backgrounds import active_nodes
 
 import adaptsize as ads
 
-from .cases import Failure
+from .cases import LONGEST, Failure, told_with
 from .world import any_background, make
 
 _MARK = "ADAPTSIZE_ATTACK"
 _BEFORE = b"the file that was here before"
-_LONGEST = 1000
 #: Seconds after which a program counts as hanging; many times what it takes on a busy machine.
 _PATIENCE = 900.0
 
@@ -38,21 +38,10 @@ class Fault(NamedTuple):
     what: str
     options: dict[str, Any] | None = None
     """Of `subprocess.Popen`."""
-    number: signal.Signals | None = None
-    """A signal."""
-    after: float = 0.0
-    """Seconds until then."""
+    send: tuple[signal.Signals, float] | None = None
+    """A signal, and the seconds until then."""
     codes: tuple[int, ...] | None = None
     """Exit codes allowed besides that of a run without a fault; None: all."""
-
-
-class _Job(NamedTuple):
-    """A command, and the file that it writes."""
-
-    command: list[str]
-    output: str | None = None
-    code: int = 0
-    """The exit code if nothing goes wrong."""
 
 
 def run(rng: np.random.Generator, folder: Path) -> str:
@@ -60,46 +49,42 @@ def run(rng: np.random.Generator, folder: Path) -> str:
     name = str(rng.choice([*_FAULTS, "signal", "two at once", "interrupted call"]))
     if name == "interrupted call":
         return f"{name}: {_interrupted_call(rng)}"
-    job = _job(rng, folder)
-    if name == "two at once":
-        fault, n_programs = Fault("", codes=()), 2
-    else:
-        fault, n_programs = _FAULTS[name](rng, folder), 1
-    what = f"{name} {fault.what}, {job.command[2]}"
-    try:
+    arguments, output, code = _command(rng, folder)
+    is_pair = name == "two at once"
+    fault = Fault("", codes=()) if is_pair else _FAULTS[name](rng, folder)
+    what = f"{name} {fault.what}, {arguments}"
+    with told_with(what):
         programs = [
-            _Program(folder, job.command, **(fault.options or {})) for _ in range(n_programs)
+            _Program(folder, arguments, **(fault.options or {})) for _ in range(1 + is_pair)
         ]
-        if fault.number:
-            programs[0].send(fault.number, fault.after)
+        if fault.send:
+            programs[0].send(*fault.send)
         for program in programs:
-            code, errors = program.finish()
-            what += f", exit {code}"
+            found, errors = program.finish()
+            what += f", exit {found}"
             check_errors(errors)
-            if fault.codes is not None and code not in (job.code, *fault.codes):
-                raise Failure(errors[-200:])
-            if code == 0 and job.output and (folder / job.output).read_bytes() == _BEFORE:
+            if fault.codes is not None and found not in (code, *fault.codes):
+                raise Failure(f"exit {found}, {errors[-200:]}")
+            if found == 0 and output and (folder / output).read_bytes() == _BEFORE:
                 raise Failure("nothing was written")
-            _check_files(folder, job, program, code == -signal.SIGKILL)
-    except Failure as failure:
-        raise Failure(f"{failure}: {what}") from None
+            _check_files(folder, output, program.scratch, found == -signal.SIGKILL)
     return what
 
 
 class _Program:
     """A command of adaptsize in a folder with temporary files of its own."""
 
-    def __init__(self, folder: Path, command: list[str], **options: Any) -> None:
+    def __init__(self, folder: Path, arguments: str, **options: Any) -> None:
         self.mark = secrets.token_hex(8)
         self.scratch = folder / f"tmp-{self.mark}"
         self.scratch.mkdir()
-        environment = {**os.environ, _MARK: self.mark, "TMPDIR": str(self.scratch)}
-        environment |= options.get("env", {})
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
-        options |= {"cwd": folder, "stdin": subprocess.DEVNULL, "env": environment}
+        own = {_MARK: self.mark, "TMPDIR": str(self.scratch)}
+        options |= {"cwd": folder, "env": os.environ | own | options.get("env", {})}
         self.process = subprocess.Popen(
-            [sys.executable, *command], start_new_session=True, **options
-        )
+            [sys.executable, "-m", "adaptsize", *arguments.split()],
+            stdin=subprocess.DEVNULL, start_new_session=True, **options,
+        )  # fmt: skip
 
     def send(self, number: signal.Signals, after: float) -> None:
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -142,47 +127,48 @@ def _marked(mark: str) -> dict[int, str]:
     return found
 
 
-def _job(rng: np.random.Generator, folder: Path) -> _Job:
-    """Return a random command on a small surface; its output exists before or does not."""
+def _command(rng: np.random.Generator, folder: Path) -> tuple[str, str | None, int]:
+    """Return a random command on a small surface, its output, and its code without a fault."""
     sphere = make("grid 3-D", rng).boundary
     field = np.full(sphere.n_points, 0.2)
     field[0] = 0.05
     ads.write(folder / "part.vtu", sphere, fields={"h0": field, "h": field})
-    jobs = (
-        _Job(["info", "part.vtu"]),
-        _Job(["check", "part.vtu"], code=1),  # its edges are not as long as its sizes
-        _Job(["limit", "part.vtu", "-g", "0.3", "--field", "h0", "-o", "out.vtu"], "out.vtu"),
-        _Job(["size", "part.vtu", "-o", "out.vtu"], "out.vtu"),
-        _Job(["remesh", "part.vtu", "--hmax", "0.3", "-o", "out.vtu"], "out.vtu"),
-        _Job(["remesh", "part.vtu", "--hmax", "0.3", "-o", "out.mesh"], "out.mesh"),
+    writing = (
+        "limit part.vtu -g 0.3 --field h0 -o out.vtu",
+        "size part.vtu -o out.vtu",
+        "remesh part.vtu --hmax 0.3 -o out.vtu",
+        "remesh part.vtu --hmax 0.3 -o out.mesh",
     )
-    job = jobs[int(rng.integers(0, len(jobs)))]
-    if job.output and rng.random() < 0.5:
-        (folder / job.output).write_bytes(_BEFORE)
-    return job._replace(command=["-m", "adaptsize", *job.command])
+    # The edges of the part are not as long as its sizes, so that the check fails.
+    at = int(rng.integers(0, 6))
+    if at >= 4:
+        return ("info part.vtu", "check part.vtu")[at - 4], None, at - 4
+    output = writing[at].split()[-1]
+    if rng.random() < 0.5:
+        (folder / output).write_bytes(_BEFORE)
+    return writing[at], output, 0
 
 
-def _check_files(folder: Path, job: _Job, program: _Program, is_killed: bool) -> None:
+def _check_files(folder: Path, output: str | None, scratch: Path, is_killed: bool) -> None:
     """Raise a `Failure` if the output is neither whole nor as before, or other files are left."""
-    hidden = [p.name for p in folder.iterdir() if p.name.startswith((".", "adaptsize-"))]
-    left = hidden + sorted(path.name for path in program.scratch.iterdir())
+    left = [p.name for p in folder.iterdir() if p.name.startswith((".", "adaptsize-"))]
+    left += [path.name for path in scratch.iterdir()]
     if left and not is_killed:
         raise Failure(f"unfinished or temporary files are left: {left}")
-    output = folder / (job.output or "")
-    if not output.is_file() or output.read_bytes() == _BEFORE:
-        return
-    try:
-        ads.read(output)
-    except ValueError as error:
-        raise Failure(f"an output that is not whole, {error}") from error
+    path = folder / (output or "")
+    if path.is_file() and path.read_bytes() != _BEFORE:
+        try:
+            ads.read(path)
+        except ValueError as error:
+            raise Failure(f"an output that is not whole, {error}") from error
 
 
 def check_errors(errors: str) -> None:
     """Raise a `Failure` for a traceback or a long message."""
     if "Traceback" in errors and not _interrupts_the_start(errors):
         raise Failure(f"a traceback, {errors[-300:]!r}")
-    if any(len(line) > _LONGEST for line in errors.splitlines()):
-        raise Failure(f"a message of more than {_LONGEST} characters")
+    if any(len(line) > LONGEST for line in errors.splitlines()):
+        raise Failure(f"a message of more than {LONGEST} characters")
 
 
 def _interrupts_the_start(errors: str) -> bool:
@@ -195,11 +181,10 @@ def _interrupts_the_start(errors: str) -> bool:
 
 
 def _signal(rng: np.random.Generator, folder: Path) -> Fault:
-    number = signal.Signals(
-        rng.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
-    )
+    names = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
+    number = signal.Signals(rng.choice(names))
     after = float(rng.choice([0.3, 1.0, 3.0, 8.0]) * rng.random())
-    return Fault(f"{number.name} after {after:.2f} s", number=number, after=after)
+    return Fault(f"{number.name} after {after:.2f} s", send=(number, after))
 
 
 def _disk_full(rng: np.random.Generator, folder: Path) -> Fault:
@@ -234,17 +219,15 @@ def _damaged_cache(rng: np.random.Generator, folder: Path) -> Fault:
     for path in files:
         if rng.random() >= 0.3:
             continue
-        data = bytearray(path.read_bytes())
+        data = path.read_bytes()
         cut = int(rng.integers(0, len(data) + 1))
         damage = str(rng.choice(["empty", "cut", "noise", "gone"]))
-        if damage == "gone":
-            path.unlink()
-            continue
         if damage == "noise" and path.suffix == ".nbi":
-            data[cut : cut + 20] = rng.bytes(20)
+            path.write_bytes(data[:cut] + rng.bytes(20) + data[cut + 20 :])
+        elif damage == "gone":
+            path.unlink()
         else:
-            data = data[: 0 if damage == "empty" else cut]
-        path.write_bytes(data)
+            path.write_bytes(data[: 0 if damage == "empty" else cut])
     return Fault(f"of {len(files)} files", {"env": {"NUMBA_CACHE_DIR": str(cache)}}, codes=())
 
 
@@ -260,15 +243,12 @@ def _interrupted_call(rng: np.random.Generator) -> str:
     """Interrupt a call in the middle, then repeat it: the result must be that of a new process."""
     background = any_background(rng)
     h0 = np.full(background.nodal_shape, np.inf)
-    active = getattr(background, "active", None)
-    h0.flat[0 if active is None else int(np.flatnonzero(active)[0])] = 0.1
+    h0.flat[int(np.flatnonzero(active_nodes(background))[0])] = 0.1
     expected = ads.limit_gradient(background, h0, 0.3)
-    count = int(rng.integers(0, 4))
+    left = iter(range(int(rng.integers(0, 4))))
 
     def stop(text: str, share: float | None) -> None:
-        nonlocal count
-        count -= 1
-        if count < 0:
+        if next(left, None) is None:
             raise KeyboardInterrupt
 
     with contextlib.suppress(KeyboardInterrupt):

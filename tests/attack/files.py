@@ -20,7 +20,7 @@ from meshes import random_cube, random_square
 import adaptsize as ads
 
 from .calls import check_error
-from .cases import Failure
+from .cases import Failure, told_with
 
 #: Formats without a count of cells or a mark of the end.
 _ENDLESS = (".inp", ".obj")
@@ -45,10 +45,8 @@ def run(rng: np.random.Generator, folder: Path) -> str:
         try:
             found = _reader(name)(path)
         except Exception as error:
-            try:
+            with told_with(what):
                 check_error(error)
-            except Failure as failure:
-                raise Failure(f"{failure}: {what}") from error
             return f"{type(error).__name__}: {what}"
     has_end = path.suffix not in _ENDLESS
     if change == "cut" and has_end and not warned and _size(found) < _size_of_original(name):
@@ -85,10 +83,10 @@ def _size(found: Any) -> int:
 
 
 def _flipped(data: bytes, rng: np.random.Generator) -> bytes:
-    changed = bytearray(data)
-    for _ in range(int(rng.choice([1, 3, 10]))):
-        changed[int(rng.integers(0, len(changed)))] = int(rng.integers(0, 256))
-    return bytes(changed)
+    changed = np.frombuffer(data, np.uint8).copy()
+    count = int(rng.choice([1, 3, 10]))
+    changed[rng.integers(0, len(data), count)] = rng.integers(0, 256, count)
+    return changed.tobytes()
 
 
 def _other_number(data: bytes, rng: np.random.Generator) -> bytes:
@@ -106,18 +104,10 @@ def _overwritten(data: bytes, rng: np.random.Generator, new: bytes) -> bytes:
     return data[:first] + new[: len(data) - first] + data[first + len(new) :]
 
 
-def _part(data: bytes, rng: np.random.Generator) -> list[int]:
-    return sorted(map(int, rng.integers(0, len(data), 2)))
-
-
-def _without_part(data: bytes, rng: np.random.Generator) -> bytes:
-    first, last = _part(data, rng)
-    return data[:first] + data[min(last, first + 100) :]
-
-
-def _twice(data: bytes, rng: np.random.Generator) -> bytes:
-    first, last = _part(data, rng)
-    return data[:last] + data[first:]
+def _joined(data: bytes, rng: np.random.Generator, is_twice: bool) -> bytes:
+    """Leave out a part of up to 100 bytes, or repeat a part."""
+    first, last = sorted(map(int, rng.integers(0, len(data), 2)))
+    return data[:last] + data[first:] if is_twice else data[:first] + data[min(last, first + 100) :]
 
 
 def _lines_exchanged(data: bytes, rng: np.random.Generator) -> bytes:
@@ -132,8 +122,8 @@ _CHANGES: dict[str, Callable[[bytes, np.random.Generator], bytes]] = {
     "bytes flipped": _flipped,
     "header flipped": lambda data, rng: _flipped(data[:200], rng) + data[200:],
     "another number": _other_number,
-    "a part left out": _without_part,
-    "a part twice": _twice,
+    "a part left out": lambda data, rng: _joined(data, rng, False),
+    "a part twice": lambda data, rng: _joined(data, rng, True),
     "zeros": lambda data, rng: _overwritten(data, rng, bytes(int(rng.choice([4, 8, 100])))),
     "noise": lambda data, rng: _overwritten(data, rng, rng.bytes(50)),
     "lines exchanged": _lines_exchanged,
@@ -213,21 +203,17 @@ def _by_trimesh(folder: Path) -> Iterator[tuple[str, bytes]]:
             yield f"trimesh {suffix}.{suffix.split('_')[0]}", data
 
 
-def _ball() -> np.ndarray:
-    ball = np.zeros((6, 6, 6), np.uint8)
-    ball[2:4, 2:4, 2:4] = 1
-    return ball
+_BALL = np.pad(np.ones((2, 2, 2), np.uint8), 2)
 
 
 def _images(folder: Path) -> Iterator[tuple[str, bytes]]:
     for name, save in (("image.npy", np.save), ("image.npz", np.savez_compressed)):
         stored = io.BytesIO()
-        save(stored, _ball())
+        save(stored, _BALL)
         yield name, stored.getvalue()
     from PIL import Image
 
-    disc = np.zeros((12, 10), np.uint8)
-    disc[3:8, 3:8] = 255
+    disc = np.pad(np.full((5, 5), 255, np.uint8), 3)
     for suffix, file_format in {"png": "PNG", "tif": "TIFF", "bmp": "BMP"}.items():
         stored = io.BytesIO()
         Image.fromarray(disc).save(stored, format=file_format)
@@ -238,9 +224,9 @@ def _volumes(folder: Path) -> Iterator[tuple[str, bytes]]:
     import nibabel
     import nrrd
 
-    nibabel.save(nibabel.Nifti1Image(_ball(), np.eye(4)), folder / "ball.nii")
+    nibabel.save(nibabel.Nifti1Image(_BALL, np.eye(4)), folder / "ball.nii")
     data = (folder / "ball.nii").read_bytes()
     yield "image.nii", data
     yield "image.nii.gz", gzip.compress(data, mtime=0)
-    nrrd.write(str(folder / "ball.nrrd"), _ball())
+    nrrd.write(str(folder / "ball.nrrd"), _BALL)
     yield "image.nrrd", (folder / "ball.nrrd").read_bytes()

@@ -16,7 +16,7 @@ import numpy as np
 import adaptsize as ads
 
 from .calls import SLOW, arguments_for, call, described, leaves
-from .cases import Failure
+from .cases import Failure, told_with
 from .subjects import subjects
 from .values import OfTheCaller
 from .world import kind_for, make, owner_of
@@ -48,14 +48,13 @@ def run(rng: np.random.Generator, folder: Path) -> str:
     owner = owner_of(subject, world)
     what = described(subject, other, world)
     try:
-        expected, found = call(subject, owner, plain), call(subject, owner, other)
-        difference = _difference(expected, found)
-        if difference and not _difference(expected, call(subject, owner, plain)):
-            raise Failure(difference)
+        with told_with(what):
+            expected, found = call(subject, owner, plain), call(subject, owner, other)
+            difference = _difference(expected, found)
+            if difference and not _difference(expected, call(subject, owner, plain)):
+                raise Failure(difference)
     except OfTheCaller:
         return f"raised by an argument: {what}"
-    except Failure as failure:
-        raise Failure(f"{failure}: {what}") from failure.__cause__
     return f"{type(expected).__name__ if isinstance(expected, Exception) else 'ok'}: {what}"
 
 
@@ -134,14 +133,9 @@ def _is_source(value: Any) -> bool:
     return dataclasses.is_dataclass(value) and type(value).__name__.endswith("Source")
 
 
-def _read_only(array: np.ndarray) -> np.ndarray:
-    array = array.copy()
-    array.flags.writeable = False
-    return array
-
-
 _LAYOUTS: list[Callable[[np.ndarray], Any]] = [
-    np.ndarray.tolist, list, np.asfortranarray, _read_only,
+    np.ndarray.tolist, list, np.asfortranarray,
+    lambda a: np.broadcast_to(a, a.shape),  # read-only
     lambda a: np.repeat(a, 2, axis=0)[::2] if a.ndim else a,
     lambda a: a[::-1].copy()[::-1] if a.ndim else a,
     lambda a: a.astype(a.dtype.newbyteorder()),

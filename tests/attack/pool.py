@@ -3,19 +3,18 @@
 import contextlib
 import json
 import os
-import queue
-import select
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from .cases import LIMITS, USUAL_LIMITS, class_of
+from .cases import class_of, limits_of
 
 _ROOT = Path(__file__).parents[2]
 
@@ -41,34 +40,27 @@ class _Child:
         self.is_usable = True
 
     def run(self, number: int) -> dict[str, Any]:
-        """Run a case and return its outcome, also if the child crashes or hangs."""
+        """Run a case and return its outcome, also if the child crashes or ends itself."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.n_cases += 1
-        began, processor_began = time.monotonic(), self._processor_time()
+        began = time.monotonic()
         # A child that is gone answers with the end of its output.
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(b"%d\n" % number)
             self.process.stdin.flush()
-        processor, wall = LIMITS.get(class_of(number), USUAL_LIMITS)
-        answer, what = b"", ""
-        while not what and not answer.endswith(b"\n"):
-            if select.select([self.process.stdout], [], [], 1.0)[0]:
-                part = os.read(self.process.stdout.fileno(), 1 << 16)
-                answer += part
-                if not part:
-                    code = self.process.wait()
-                    died = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-                    what = f"the interpreter died: {died}"
-            elif self._processor_time() - processor_began > processor:
-                what = f"no end after {processor:g} s of processor time"
-            elif time.monotonic() - began > wall:
-                what = f"no end after {wall:g} s"
+        answer = self.process.stdout.readline()
         seconds = round(time.monotonic() - began, 3)
-        if not what:
-            self.is_usable = self.n_cases < _MOST_CASES
+        self.is_usable = answer.endswith(b"\n") and self.n_cases < _MOST_CASES
+        if answer.endswith(b"\n"):
             return {**json.loads(answer), "seconds": seconds}
-        self.is_usable = False
+        code = self.process.wait()
+        died = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        processor, wall = limits_of(number)
+        what = {
+            "SIGPROF": f"no end after {processor:g} s of processor time",
+            "SIGALRM": f"no end after {wall:g} s",
+        }.get(died, f"the interpreter died: {died}")
         self.log.seek(max(0, self.log.seek(0, os.SEEK_END) - 2500))
         where = self.log.read().decode("utf-8", "replace")
         about = {"seed": number, "class": class_of(number), "status": "failed"}
@@ -83,49 +75,31 @@ class _Child:
             with contextlib.suppress(OSError):
                 stream.close()
 
-    def _processor_time(self) -> float:
-        """Return the seconds that the child itself has computed."""
-        try:
-            stat = Path(f"/proc/{self.process.pid}/stat").read_text()
-        except OSError:
-            return 0.0
-        words = stat.rpartition(")")[2].split()
-        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-
 
 def outcomes(numbers: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
     """Run the cases in ``jobs`` children and return the outcome of each as it comes."""
-    waiting, lock = iter(numbers), threading.Lock()
-    found: queue.SimpleQueue = queue.SimpleQueue()
+    waiting = iter(numbers)
+    idle: list[_Child] = []
     children: set[_Child] = set()
-    is_over = threading.Event()
 
-    def serve() -> None:
-        child = None
-        try:
-            while not is_over.is_set():
-                with lock:
-                    number = next(waiting, None)
-                if number is None:
-                    break
-                if child is None:
-                    child = _Child()
-                    children.add(child)
-                found.put(child.run(number))
-                if not child.is_usable:
-                    children.discard(child)
-                    child.end()
-                    child = None
-        finally:
-            found.put(None)
-
-    threads = [threading.Thread(target=serve, daemon=True) for _ in range(jobs)]
-    try:
-        for thread in threads:
-            thread.start()
-        for _ in range(jobs):
-            yield from iter(found.get, None)
-    finally:
-        is_over.set()
-        for child in list(children):
+    def run(number: int) -> dict[str, Any]:
+        child = idle.pop() if idle else _Child()
+        children.add(child)
+        outcome = child.run(number)
+        if child.is_usable:
+            idle.append(child)
+        else:
+            children.discard(child)
             child.end()
+        return outcome
+
+    with ThreadPoolExecutor(jobs) as threads:
+        try:
+            running = {threads.submit(run, number) for number in islice(waiting, jobs)}
+            while running:
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                running |= {threads.submit(run, n) for n in islice(waiting, len(done))}
+                yield from (future.result() for future in done)
+        finally:
+            for child in list(children):
+                child.end()

@@ -8,33 +8,20 @@ from typing import Any, NamedTuple
 
 import adaptsize as ads
 
-#: What is not called, and why.
-LEFT_OUT = {
-    "register_backend": "changes the process for all later cases",
-    "Backend": "a protocol",
-    "Source": "a protocol",
-    "Background": "a protocol",
-    "SizeLike": "a type",
-    "MedialAxis": "a result",
-    "Option": "declares an option of the library",
-    "options_of": "takes a record of such options",
-    "Communicator": "a base class",
-    "Scheme": "a base class",
-    "supports": "called by limit_gradient, as are the next four, which has checked the problem",
-    "solve": "",
-    "solve_again": "",
-    "iterate": "",
-    "march_again": "",
-    "on_whole": "called by functions that have checked their arguments, as is the next",
-    "split": "",
-    "Problem": "the input of a mesh generator, checked before",
-    "to_dolfinx": "needs DOLFINx, which pip cannot install",
-    "of": "takes what the library has computed, without checks",
-    "once": "keeps what the library computes",
-    "lower_sizes": "called by size_from_sources, which has checked its arguments",
-    "refuse_surfaces": "called by the other methods",
-    "rows": "called by lower_sizes",
+#: Why some are not called, and which.
+_REASONS = {
+    "changes the process for all later cases": "register_backend",
+    "a protocol, a type, a base class or a result": (
+        "Backend Source Background SizeLike Communicator Scheme MedialAxis"
+    ),
+    "declares an option of the library, or takes a record of such options": "Option options_of",
+    "called by functions that have checked the arguments": (
+        "supports solve solve_again iterate march_again on_whole split Problem of once"
+        " lower_sizes refuse_surfaces rows"
+    ),
+    "needs DOLFINx, which pip cannot install": "to_dolfinx",
 }
+LEFT_OUT = {name for names in _REASONS.values() for name in names.split()}
 
 
 class Subject(NamedTuple):

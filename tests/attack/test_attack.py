@@ -10,7 +10,7 @@ import pytest
 
 import adaptsize as ads
 
-from . import faults, forms
+from . import forms
 from .calls import n_sweep, sweep
 from .cases import SHARES, Failure
 from .subjects import LEFT_OUT, Subject, subjects
@@ -63,25 +63,6 @@ def test_a_result_that_depends_on_the_form_of_an_argument_is_noticed(monkeypatch
     assert len(list(outcomes(good))) == 20
     with pytest.raises(Failure, match="not float64"):
         list(outcomes(bad))
-
-
-@pytest.mark.parametrize(("file", "is_ours"), [("__init__.py", False), ("cli/entry.py", True)])
-def test_tracebacks_of_interrupts_count_once_the_command_runs(file, is_ours):
-    package = "".join(f'  File "/x/adaptsize/{name}", line 7\n' for name in ("__init__.py", file))
-    errors = f'Traceback (most recent call last):\n  File "<frozen runpy>"\n{package}'
-    if is_ours:
-        with pytest.raises(Failure, match="a traceback"):
-            faults.check_errors(errors + "KeyboardInterrupt\n")
-    else:
-        faults.check_errors(errors + "KeyboardInterrupt\n")
-    with pytest.raises(Failure, match="a traceback"):
-        faults.check_errors(errors + "ValueError\n")
-
-
-def test_no_case_starts_after_the_time_limit():
-    done = attack("--start", 20260214, "--cases", 1000, "--only", "files", "--seconds", 0)
-    assert done.returncode == 0
-    assert "0 cases in 0 s" in done.stdout
 
 
 def test_a_case_is_repeated_by_its_number():

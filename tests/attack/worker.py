@@ -5,6 +5,7 @@ import json
 import os
 import resource
 import shutil
+import signal
 import sys
 import tempfile
 import traceback
@@ -13,10 +14,13 @@ from pathlib import Path
 
 import numba
 
-from .cases import Failure, class_of, run
+from .cases import Failure, class_of, limits_of, run
 
 #: Bytes of private memory that a case may use.
 _MEMORY = 4 << 30
+
+#: Of processor time, whose signal is SIGPROF, and of wall time, whose signal is SIGALRM.
+_TIMERS = (signal.ITIMER_PROF, signal.ITIMER_REAL)
 
 
 def main() -> None:
@@ -27,8 +31,13 @@ def main() -> None:
     os.dup2(2, 1)
     for line in sys.stdin:
         number = int(line)
-        answers.write(json.dumps(run_case(number)) + "\n")
-        answers.flush()
+        # The kernel ends a child that hangs, also inside of compiled code.
+        for timer, limit in zip(_TIMERS, limits_of(number), strict=True):
+            signal.setitimer(timer, limit)
+        answer = json.dumps(run_case(number))
+        for timer in _TIMERS:
+            signal.setitimer(timer, 0.0)
+        print(answer, file=answers, flush=True)
 
 
 def run_case(number: int) -> dict[str, object]:
