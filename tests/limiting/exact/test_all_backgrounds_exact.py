@@ -44,8 +44,6 @@ def rounding_of(case):
     return ROUNDING.get(case.method, case.rounding)
 
 
-# Figure 11
-
 HUNDRED = {
     "simplices": lambda: structured_square(100),
     "grid": lambda: square_grid(101),
@@ -90,17 +88,6 @@ def test_second_order_on_the_grid_of_the_paper_has_the_errors_seen_before():
         assert error.max() == pytest.approx(seen, abs=1e-4)
 
 
-@pytest.mark.parametrize("case", [c for c in CASES if c.method == "exact"], ids=str)
-def test_the_paper_problem_is_met_to_rounding(case):
-    for name, (background, kind, make) in PLACES.items():
-        if background == case.background and kind in case.all_kinds:
-            place = make()
-            h0, exact = two_sources(place)
-            assert_allclose(case.limit(place, h0, G), exact, rtol=1e-14, err_msg=name)
-
-
-# Figure 4
-
 # The exact method wants flat domains: lines in the plane, which the laws draw, are none.
 ON_LINES = [
     case
@@ -124,9 +111,6 @@ def test_one_dimensional_example_for_four_g(case, g):
     assert_allclose(h, exact, rtol=max(rounding_of(case), 1e-13))
     assert (h < h0).any()
     assert (h == h0).any()
-
-
-# Waves along an axis, and sizes that need no limiting
 
 
 @pytest.mark.parametrize(("case", "make"), EVERYWHERE)

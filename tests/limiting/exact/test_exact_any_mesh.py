@@ -9,15 +9,11 @@ import pytest
 from exact_oracle import edge_sizes, straight_sizes
 from hypothesis import given
 from hypothesis import strategies as st
-from meshes import random_square
 from numpy.testing import assert_array_equal
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
-
-METHOD = "exact"
-G = 0.3
 
 #: Meshes tried in one test.
 N_MESHES = 300
@@ -52,17 +48,6 @@ def any_mesh(draw):
 @given(any_mesh(), st.sampled_from([0.0, 0.1, 1.0]), st.booleans())
 def test_no_size_is_below_that_of_straight_lines_or_above_that_of_edges(case, g, face_sources):
     assert_between_bounds(*case, g, face_sources)
-
-
-@given(st.integers(0, 2**32 - 1), st.booleans(), st.booleans())
-def test_random_holes_bend_paths_and_never_shorten_them(seed, everywhere, face_sources):
-    rng = np.random.default_rng(seed)
-    mesh = random_square(60, seed)
-    mesh = SimplexMesh(mesh.points, mesh.cells[rng.random(mesh.n_cells) < 0.7])
-    bounded = rng.random(60) < (1.0 if everywhere else 0.1)
-    h0 = np.where(bounded, rng.uniform(0.05, 1.0, 60), np.inf)
-    h0[7] = 0.1
-    assert_between_bounds(mesh, h0, G, face_sources)
 
 
 def with_a_moved_node(dim, seed):

@@ -6,14 +6,13 @@ A source of size 1 is at one node; ``lengths`` are those of the shortest paths f
 import numpy as np
 import pytest
 from exact_oracle import edge_sizes, plane_domain, plane_sizes, straight_sizes
-from meshes import jittered_cube, jittered_square, random_square, slit_square, structured_square
+from meshes import slit_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
 
-METHOD = "exact"
 G = 0.3
 INF = np.inf
 SQRT2, SQRT5 = np.sqrt(2.0), np.sqrt(5.0)
@@ -50,8 +49,6 @@ def assert_between_bounds(mesh, h0):
             assert (h >= straight_sizes(mesh.points, h0, G) * (1.0 - 1e-12)).all()
 
 
-# --- cells given twice, and cells without area ------------------------------------------------
-
 # Three unit squares, an L, its reflex corner at node 4.  From node 5 = (2, 1): node 7 = (1, 2) by
 # the corner 1 + 1, node 6 = (0, 2) by the corner 1 + sqrt 2.
 L_POINTS = [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1], [0, 2], [1, 2]]
@@ -64,17 +61,6 @@ L_LENGTHS = [SQRT5, SQRT2, 1.0, 2.0, 1.0, 0.0, 1.0 + SQRT2, 2.0]
 def test_cells_given_twice_have_no_effect(again, order):
     twice = np.array(L_CELLS)[again][:, order]
     assert_lengths(SimplexMesh(L_POINTS, np.concatenate([L_CELLS, twice])), 5, L_LENGTHS)
-
-
-def test_cells_given_three_times_around_holes_have_no_effect():
-    mesh = jittered_square(8, 2301)
-    cells = np.delete(mesh.cells, [10, 30, 60], axis=0)
-    rng = np.random.default_rng(2302)
-    h0 = np.where(rng.random(64) < 0.3, rng.uniform(1.0, 20.0, 64), INF)
-    h0[0] = 1.0
-    expected = plane_sizes(plane_domain(SimplexMesh(mesh.points, cells)), h0, G)
-    thrice = SimplexMesh(mesh.points, np.concatenate([cells, cells[::2], cells[::2, ::-1]]))
-    assert_allclose(limit(thrice, h0, face_sources=False), expected, rtol=1e-12)
 
 
 def test_flat_cells_on_the_hull_have_no_effect():
@@ -124,34 +110,6 @@ def test_nodes_on_the_two_sides_of_a_crack_do_not_see_each_other_along_it():
     assert_lengths(SimplexMesh(points, cells), 2, [1.0, 1.0, 0.0, to_3, SQRT2, SQRT2, 1.5])
 
 
-# --- slits, pinched nodes, components ---------------------------------------------------------
-
-
-def around_the_tip(points, source, is_above):
-    """Shortest paths in the square with a slit y = 0, x > 0: straight, or by the tip (0, 0)."""
-    straight = np.linalg.norm(points - points[source], axis=1)
-    y = points[:, 1]
-    share = np.where(is_above != is_above[source], points[source, 1], 0.0)
-    share = np.divide(share, points[source, 1] - y, out=np.zeros_like(y), where=share != 0.0)
-    crosses_at = points[source, 0] + share * (points[:, 0] - points[source, 0])
-    # On the slit itself the line to a node of the other side runs along it.
-    hidden = (is_above != is_above[source]) & (crosses_at > 1e-12)
-    by_tip = np.linalg.norm(points, axis=1) + np.linalg.norm(points[source])
-    return np.where(hidden, by_tip, straight)
-
-
-@pytest.mark.parametrize("place", [(1.0, 0.5), (0.5, 0.25), (0.75, 0.0), (-1.0, 1.0), (0.25, -0.5)])
-def test_paths_go_around_the_tip_of_a_slit_of_no_width(place):
-    mesh = slit_square(8)
-    is_above = np.zeros(mesh.n_points, bool)
-    is_above[mesh.cells[mesh.points[mesh.cells].mean(axis=1)[:, 1] > 0.0]] = True
-    # Nodes of the line y = 0 left of the tip belong to both sides.
-    y, x = mesh.points[:, 1], mesh.points[:, 0]
-    for source in np.flatnonzero(np.linalg.norm(mesh.points - place, axis=1) < 1e-12):
-        side = np.where((np.abs(y) < 1e-12) & (x < 1e-12), is_above[source], is_above)
-        assert_lengths(mesh, source, around_the_tip(mesh.points, source, side))
-
-
 def test_twins_on_a_slit_are_as_far_apart_as_twice_from_the_tip():
     mesh = slit_square(8)
     pairs = [np.flatnonzero((mesh.points == [x, 0.0]).all(axis=1)) for x in (0.25, 0.75, 1.0)]
@@ -183,15 +141,6 @@ def test_information_passes_a_node_of_three_sectors():
     assert_lengths(mesh, 1, [1.0, 0.0, 1.0, 2.0, 2.0, 2.0, 2.0])
 
 
-def test_a_node_in_no_cell_keeps_its_bound_and_does_not_act():
-    points = [*L_POINTS, [0.5, 0.5], [1.5, 1.5], [1.0, 1.0]]
-    for bound in (INF, 0.01):
-        h0 = np.array([INF] * 5 + [1.0] + [INF] * 2 + [bound] * 3)
-        h = limit(SimplexMesh(points, L_CELLS), h0)
-        assert_array_equal(h[8:], [bound] * 3)
-        assert_allclose(h[:8], 1.0 + G * np.array(L_LENGTHS), rtol=1e-13)
-
-
 @pytest.mark.parametrize("gap", [0.0, 0.1])
 def test_nothing_crosses_between_components(gap):
     one = structured_square(5, half_width=1.0)
@@ -207,42 +156,6 @@ def test_nothing_crosses_between_components(gap):
     assert_allclose(limit(mesh, h0), expected, rtol=1e-13)
 
 
-def test_an_island_in_a_hole_is_a_component():
-    mesh = structured_square(6, half_width=3.0)
-    centres = np.abs(mesh.points[mesh.cells].mean(axis=1)).max(axis=1)
-    island = mesh.points[mesh.cells[centres < 1.0].ravel()].reshape(-1, 3, 2) * 0.9
-    cells = np.concatenate(
-        [mesh.cells[centres > 2.0], mesh.n_points + np.arange(3 * len(island)).reshape(-1, 3)]
-    )
-    points = np.concatenate([mesh.points, island.reshape(-1, 2)])
-    h0 = np.full(len(points), INF)
-    h0[0], h0[mesh.n_points] = 1.0, 0.01
-    h = limit(SimplexMesh(points, cells), h0)
-    expected = plane_sizes(plane_domain(SimplexMesh(points, cells)), h0, G)
-    assert_allclose(h, expected, rtol=1e-13)
-    # From corner to corner by a corner of the hole: 3 sqrt 2 would be through the island.
-    corner, opposite = np.array([-2.0, 2.0]), np.array([3.0, 3.0])
-    length = np.linalg.norm([1.0, 5.0]) + np.linalg.norm(opposite - corner)
-    assert_allclose(h[np.flatnonzero((points == opposite).all(axis=1))], 1.0 + G * length)
-
-
-# --- folds ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", range(2303, 2311))
-def test_folded_cells_keep_sizes_between_straight_lines_and_edges(seed):
-    rng = np.random.default_rng(seed)
-    mesh = (random_square(60, seed), jittered_cube(4, seed))[seed % 2]
-    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.boundary().nodes)
-    points = mesh.points.copy()
-    moved = rng.choice(inner, 3, replace=False)
-    points[moved] += rng.normal(size=(3, mesh.dim)) * 0.5 * np.ptp(points, axis=0)
-    folded = SimplexMesh(points, mesh.cells)
-    h0 = np.where(rng.random(mesh.n_points) < 0.2, rng.uniform(1.0, 3.0, mesh.n_points), INF)
-    h0[inner[0]] = 1.0
-    assert_between_bounds(folded, h0)
-
-
 def test_segments_apart_doubled_and_back_over_each_other():
     # 0-1-3 with one segment twice, and apart from it 4-6-5, of which the last goes back.
     points = [[0.0], [1.0], [3.0], [4.0], [6.0], [5.0]]
@@ -251,9 +164,6 @@ def test_segments_apart_doubled_and_back_over_each_other():
     expected = [1.0, 1.0 + G, 1.0 + 3.0 * G, 2.0, 2.0 + 2.0 * G, INF]
     assert_allclose(limit(straight, h0), expected, rtol=1e-14)
     assert_between_bounds(SimplexMesh(points, [[0, 1], [2, 1], [3, 4], [4, 5]]), np.array(h0))
-
-
-# --- space ------------------------------------------------------------------------------------
 
 
 def boxes(*corners):

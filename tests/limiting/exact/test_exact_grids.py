@@ -38,9 +38,6 @@ def points_only(grid, nodes, sizes):
     return h0
 
 
-# --- random grids ----------------------------------------------------------------------------
-
-
 def random_problem(seed, dim):
     """Return a small grid, mostly with inactive nodes, and bounds at few or many nodes."""
     rng = np.random.default_rng(seed)
@@ -62,13 +59,6 @@ def test_sizes_in_the_plane_are_those_of_the_definition(face_sources, seed):
     h = limit(grid, h0, face_sources=face_sources)
     exact = exact_sizes(grid.shape, grid.spacing, grid.active, h0, G, segments=face_sources)
     assert_allclose(h, exact, rtol=0.0, atol=TOLERANCE)  # inf where that is
-
-
-def test_sizes_in_the_plane_of_many_small_grids():
-    for seed in range(300):  # bounds at nodes only, which are quick to check
-        grid, h0 = random_problem(seed, 2)
-        h = limit(grid, h0, face_sources=False)
-        assert_allclose(h, fine_grid_sizes(grid, h0, G, 2), rtol=0.0, atol=TOLERANCE)
 
 
 def assert_in_space(seed, face_sources):
@@ -142,9 +132,6 @@ def test_segments_of_boxes_carry_linear_data_without_a_mask(shape):
             assert_allclose(limit(grid, h0, face_sources=False), nodes_only, rtol=1e-13)
 
 
-# --- obstacles -----------------------------------------------------------------------------------
-
-
 def ring(x0, x1, y0, y1):
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
 
@@ -209,23 +196,6 @@ def test_sizes_behind_a_wall_in_space_are_exact():
     assert info.largest_gap == pytest.approx(gap.max(), rel=1e-9)
 
 
-def test_nothing_leaks_through_a_staircase_of_inactive_nodes():
-    i, j = np.indices((12, 12))
-    grid = CartesianGrid([0.0, 0.0], 1.0, (12, 12), active=i != j)
-    h = limit(grid, points_only(grid, [(8, 3)], [1.0]))
-    assert np.isinf(h[j > i]).all()
-    assert np.isfinite(h[i > j]).all()
-
-
-def test_corridors_of_one_node_are_passed_node_by_node():
-    active = np.zeros((5, 5), bool)
-    active[0, :] = active[:, 4] = True
-    grid = CartesianGrid([0.0, 0.0], [1.0, 2.0], (5, 5), active=active)
-    h = limit(grid, points_only(grid, [(0, 0)], [1.0]))
-    assert_allclose(h[4, 4], 1.0 + G * (4 * 2.0 + 4 * 1.0), rtol=1e-14)
-    assert_allclose(h[0], 1.0 + G * 2.0 * np.arange(5), rtol=1e-14)
-
-
 def test_boxes_that_share_a_node_or_an_edge():
     # Two unit squares at (1, 1): from (0, 1) to (2, 1) by it, 1 + 1; straight on to (2, 2).
     active = np.ones((3, 3), bool)
@@ -242,13 +212,3 @@ def test_boxes_that_share_a_node_or_an_edge():
     assert_allclose(h[1, 2, 0], 1.0 + G * 2.0, rtol=1e-14)
     assert h[1, 2, 1] >= (1.0 + G * np.sqrt(5.0)) * (1.0 - 1e-12)
     assert h[1, 2, 1] <= (1.0 + G * (1.0 + np.sqrt(2.0))) * (1.0 + 1e-12)
-
-
-def test_a_slope_of_zero_spreads_the_least_size_of_each_component():
-    active = np.ones((5, 9), bool)
-    active[:, 4] = False
-    grid = CartesianGrid([0.0, 0.0], 1.0, (5, 9), active=active)
-    h = limit(grid, points_only(grid, [(1, 1), (3, 2), (0, 8)], [2.0, 1.0, 3.0]), g=0.0)
-    assert (h[:, :4] == 1.0).all()
-    assert (h[:, 5:] == 3.0).all()
-    assert np.isinf(h[:, 4]).all()

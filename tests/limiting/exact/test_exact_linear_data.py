@@ -269,23 +269,6 @@ def test_smooth_data_everywhere_are_of_second_order():
     assert (orders(errors) > 1.6).all(), f"errors {errors}, orders {orders(errors)}"
 
 
-def test_smooth_data_on_a_circle_are_of_second_order():
-    def circle(theta):
-        return 50.0 * np.column_stack([np.cos(theta), np.sin(theta)])
-
-    errors = []
-    for n in (400, 1600, 6400):
-        mesh, (ring,) = domains.disc(n, seed=2521)
-        rim = np.arange(len(ring))  # nodes of the rings come first
-        h0 = np.full(mesh.n_points, np.inf)
-        h0[rim] = domains.disc_data(np.arctan2(*mesh.points[rim].T[::-1]))
-        some = np.arange(0, mesh.n_points, mesh.n_points // 300)
-        interval = (0.0, 2.0 * np.pi)
-        exact = curve_sizes(circle, domains.disc_data, interval, mesh.points[some], G)
-        errors.append(np.abs(limit(mesh, h0)[some] - exact).mean())
-    assert (orders(errors) > 1.7).all(), f"errors {errors}, orders {orders(errors)}"
-
-
 def test_smooth_data_on_a_side_of_an_l_are_of_second_order():
     # Data on the right side, x = 50, -50 < y < 0, and what they give beyond the corner.
     def data(y):

@@ -4,14 +4,10 @@ The reference is the visibility graph of `exact_oracle`.
 """
 
 import domains
-import geodesics
 import numpy as np
 import pytest
 from exact_oracle import (
-    edge_sizes,
-    fine_graph_sizes,
     plane_domain,
-    plane_sees,
     plane_sizes,
     straight_sizes,
 )
@@ -21,7 +17,6 @@ from numpy.testing import assert_allclose
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
 
-METHOD = "exact"
 G = 0.3
 
 #: Sizes are up to 60; lines that touch a corner are recognised to 1e-11 of the extent.
@@ -63,47 +58,6 @@ def assert_exact(mesh, h0, g=G, nodes=None):
     return h
 
 
-# --- the references agree ------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["slit", "blocks", "maze", "spiral", "6 holes of 40 corners"])
-def test_the_reference_agrees_with_that_of_the_polygon(name):
-    mesh, rings = SHAPES[name](2000, seed=2201)
-    h0, nodes = domains.point_sources(mesh, *PLACES["five"])
-    expected = geodesics.limited_sizes(rings, mesh.points, G, mesh.points[nodes], h0[nodes])
-    domain = plane_domain(mesh)
-    assert_allclose(plane_sizes(domain, h0, G), expected, rtol=0.0, atol=1e-12)
-    pairs = np.random.default_rng(2202).integers(0, mesh.n_points, (2000, 2))
-    visible = geodesics.sees(rings, *mesh.points[pairs.T])
-    assert np.array_equal(plane_sees(domain, pairs), visible)
-
-
-def test_the_reference_is_between_straight_lines_and_paths_in_cells():
-    for seed in range(2203, 2213):
-        mesh, _ = domains.with_removed_cells(random_square(150, seed), seed, 12)
-        h0 = random_bounds(mesh, np.random.default_rng(seed), 0.2)
-        exact = plane_sizes(plane_domain(mesh), h0, G)
-        assert (exact >= straight_sizes(mesh.points, h0, G) - 1e-12).all()
-        assert (exact <= edge_sizes(mesh, h0, G) + 1e-12).all()
-        excess = [fine_graph_sizes(mesh, h0, G, parts) - exact for parts in (3, 9)]
-        assert min(e.min() for e in excess) > -1e-12
-        assert excess[1].max() < 0.02
-
-
-@pytest.mark.parametrize("name", [*SHAPES, "1000 holes of 6 corners"])
-def test_meshes_end_at_the_polygons(name):
-    make = SHAPES.get(name, lambda n, seed: domains.holes(n, 1000, 6, seed=seed))
-    mesh, rings = make(4000, seed=2200)
-    assert_allclose(mesh.measures.sum(), geodesics.area(rings), rtol=1e-12)
-    walls = domains.boundary_segments(mesh)
-    lengths = np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
-    assert_allclose(lengths.sum(), geodesics.perimeter(rings), rtol=1e-12)
-    assert len(plane_domain(mesh).corners) == len(geodesics.reflex_corners(rings))
-
-
-# --- domains with obstacles ----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("places", PLACES)
 @pytest.mark.parametrize("name", SHAPES)
 def test_sizes_from_points_are_exact(name, places):
@@ -111,27 +65,6 @@ def test_sizes_from_points_are_exact(name, places):
     h0, _ = domains.point_sources(mesh, *PLACES[places])
     h = assert_exact(mesh, h0)
     assert (h > straight_sizes(mesh.points, h0, G) + 0.1).any() or name == "L"
-
-
-@pytest.mark.parametrize("seed", [2217, 2218])
-@pytest.mark.parametrize("name", ["blocks", "star holes", "6 holes of 40 corners"])
-def test_sizes_from_corners_of_holes_do_not_grow_through_them(name, seed):
-    mesh, rings = SHAPES[name](1500, seed=2219)
-    rng = np.random.default_rng(seed)
-    h0 = np.full(mesh.n_points, np.inf)
-    for ring in rings[1:]:
-        corner = ring[rng.integers(len(ring))]
-        node = np.argmin(np.linalg.norm(mesh.points - corner, axis=1))
-        h0[node] = rng.uniform(1.0, 10.0)
-    assert_exact(mesh, h0)
-
-
-@pytest.mark.parametrize("seed", [2215])
-def test_sizes_among_a_thousand_holes_are_exact(seed):
-    mesh, _ = domains.holes(9000, 1000, 6, seed=seed)
-    h0, _ = domains.point_sources(mesh, *PLACES["five"])
-    some = np.random.default_rng(seed).choice(mesh.n_points, 800, replace=False)
-    assert_exact(mesh, h0, nodes=some)
 
 
 @pytest.mark.parametrize("bounds", ["a third", "noise", "field"])
@@ -160,21 +93,12 @@ def test_numbering_and_threads_do_not_matter(name):
     assert_allclose(limit(other, h0[old_of_new]), h[old_of_new], rtol=1e-13)
 
 
-def test_limiting_twice_changes_nothing():
-    mesh, _ = domains.star_holes(3000, seed=2221)
-    once = limit(mesh, random_bounds(mesh, np.random.default_rng(2222), 1.0))
-    assert_allclose(limit(mesh, once), once, rtol=1e-13)
-
-
 def test_every_node_of_the_plane_is_proved():
     mesh, _ = domains.maze(2000, seed=2223)
     h0, _ = domains.point_sources(mesh, *PLACES["two"])
     _, info = limit_gradient.with_info(mesh, h0, G, method=Exact(face_sources=False))
     assert info.n_proved == mesh.n_points
     assert info.largest_gap == 0.0
-
-
-# --- holes of single cells -------------------------------------------------------------------
 
 
 def random_bounds(mesh, rng, share):
@@ -204,47 +128,12 @@ def test_sizes_around_holes_of_one_triangle_are_exact(share):
     assert n_bent > 200
 
 
-def test_the_boundary_of_holes_of_one_triangle_is_as_long_as_their_sides():
-    mesh = jittered_square(12, 2224)
-    for pinched in (False, True):
-        rest, walls = domains.with_removed_cells(mesh, 2224, 15, pinched=pinched)
-        assert rest.n_cells == mesh.n_cells - 15
-        assert len(walls) == 4 * 11 + 3 * 15
-        assert_allclose(walls.sum(axis=0)[0], walls.sum(axis=0)[1])  # closed rings
-        ends = np.unique(walls[:, 0], axis=0)
-        assert (len(ends) < len(walls)) == pinched
-
-
 def test_holes_in_slits_and_slits_between_holes():
     # Doubled nodes along y = 0, x > 0, and triangles out of the rest.
     for seed in range(2225, 2235):
         mesh, _ = domains.with_removed_cells(slit_square(8), seed, 8)
         h0 = 0.02 * random_bounds(mesh, np.random.default_rng(seed), 0.1)
         assert_exact(mesh, h0)
-
-
-def test_around_the_hole_of_one_triangle_in_a_square_of_eight_nodes():
-    # The square (0, 8)^2 without the triangle of the nodes 4, 5, 6, an isosceles one with sides
-    # 6, 5, 5.  From node 5 to node 7 over the top of it: 5 + 3; below it: 6 + 4; straight
-    # through it sqrt(6^2 + 4^2) = 7.2.
-    points = [[0, 0], [8, 0], [8, 8], [0, 8], [1, 1], [7, 1], [4, 5], [1, 5]]
-    cells = [[0, 1, 5], [0, 5, 4], [1, 2, 5], [5, 2, 6], [2, 3, 6], [6, 3, 7], [3, 0, 7],
-             [7, 0, 4], [7, 4, 6]]  # fmt: skip
-    mesh = SimplexMesh(points, cells)
-    assert_allclose(mesh.measures.sum(), 64.0 - 0.5 * 6 * 4)
-    h0 = np.full(8, np.inf)
-    h0[5] = 1.0
-    h = assert_exact(mesh, h0)
-    assert_allclose(h[7], 1.0 + G * 8.0, rtol=1e-14)
-    # Straight along the lower side, and over the top to the upper left: 5 + 5.
-    assert_allclose(h[[4, 3]], 1.0 + G * np.array([6.0, 10.0]), rtol=1e-14)
-    # The other way round all of the square is seen but for what is behind the top.
-    h0 = np.full(8, np.inf)
-    h0[7] = 1.0
-    assert_allclose(assert_exact(mesh, h0)[[5, 4]], 1.0 + G * np.array([8.0, 4.0]), rtol=1e-14)
-
-
-# --- slits of no width that bend -----------------------------------------------------------
 
 
 def cut_along(mesh, is_cut):

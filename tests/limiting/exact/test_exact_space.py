@@ -62,9 +62,6 @@ def exact_of(reference, domain, mesh, h0):
     return reference(domain, mesh.points, G, mesh.points[sources], h0[sources])
 
 
-# --- walls and windows -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", [2401, 2402])
 def test_sizes_behind_a_wall_are_exact(seed):
     case = domains.CASES["wall"]
@@ -101,9 +98,6 @@ def test_sizes_behind_a_window_are_nearly_exact(seed):
     assert error.min() > -TOO_SMALL
     assert np.mean(error > 1e-9) <= WINDOW_SHARE
     assert error.max() <= WINDOW_ERROR
-
-
-# --- solids of cubes -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n_sources", [1, 5, 25])
@@ -209,9 +203,6 @@ def test_a_search_for_paths_that_stops_early_warns_and_says_so_in_the_info(monke
         cut_short, info = limit_gradient.with_info(mesh, h0, G)
     assert not info.converged
     assert (cut_short >= h * (1.0 - 1e-12)).all()
-
-
-# --- jagged parts ------------------------------------------------------------------------------
 
 
 def parts_of_cube(seed, n_side=14):
