@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from adaptsize import SimplexMesh, limit_gradient
+from adaptsize import SimplexMesh
 from adaptsize.limiting.gradient_limit import SizeTransform, resolve
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -45,13 +45,6 @@ def test_phi_is_the_integral_of_one_over_g(name):
         # Linear interpolation over steps of h / 8192: 2e-9 of h dPhi/dh at most.
         bound = 1e-10 * exact[0] + 4e-9 * upper / float(g(np.array([upper]))[0])
         assert abs(float(transform.forward(np.array([upper]))[0]) - exact[0]) <= bound
-
-
-def test_phi_of_a_proportional_limit_is_a_logarithm():
-    # At the ends of the table no interpolation is done: only the Gauss rule errs,
-    # by (1/8192)^4 / 4320 = 5e-20 relative.
-    transform = SizeTransform(lambda h: 0.2 * h, 0.01, 50.0)
-    assert_allclose(transform.forward(np.array([50.0])), np.log(5000.0) / 0.2, rtol=1e-12)
 
 
 def test_the_table_grows_as_far_as_sizes_reach():
@@ -98,20 +91,21 @@ def test_g_of_h_is_asked_between_the_sizes_only():
     assert max(high for _, high in asked) <= 8.0
 
 
-def test_one_number_is_one_slope():
-    slope, transform = resolve(SQUARE, 0.3, BOUND)
-    assert slope.values.tolist() == [0.3]
-    assert slope.step == 0
+@pytest.mark.parametrize(
+    ("g", "values"),
+    [
+        (0.3, [0.3]),
+        ([0.1, 0.2, 0.6, 0.8], [0.3, 0.5]),  # of nodes: the means in cells
+        ([0.1, 0.7], [0.1, 0.7]),
+        ((0.1, 0.7), [0.1, 0.7]),  # a pair of numbers is no product
+        ([1e-200, 1e-31], [0.0, 0.0]),  # too small to square
+    ],
+)
+def test_numbers_give_a_slope_for_all_cells_or_one_for_each(g, values):
+    slope, transform = resolve(SQUARE, g, BOUND)
+    assert_allclose(slope.values, values, rtol=1e-15)
+    assert slope.step == (len(values) > 1)
     assert transform is None
-
-
-def test_nodal_limits_are_averaged_and_cell_limits_kept():
-    nodal, _ = resolve(SQUARE, [0.1, 0.2, 0.6, 0.8], BOUND)
-    assert_allclose(nodal.values, [0.3, 0.5], rtol=1e-15)
-    assert nodal.step == 1
-    cells, _ = resolve(SQUARE, [0.1, 0.7], BOUND)
-    assert cells.values.tolist() == [0.1, 0.7]
-    assert cells.step == 1
 
 
 def test_functions_and_products_give_slope_and_transform():
@@ -124,20 +118,3 @@ def test_functions_and_products_give_slope_and_transform():
     slope, transform = resolve(SQUARE, ([0.1, 0.7], lambda h: 0.5 * h), BOUND)
     assert slope.values.tolist() == [0.1, 0.7]
     assert_allclose(transform.forward(BOUND)[3], np.log(2) / 0.5, rtol=1e-8)
-
-
-def test_a_pair_of_numbers_is_an_array_per_cell():
-    slope, transform = resolve(SQUARE, (0.1, 0.7), BOUND)
-    assert slope.values.tolist() == [0.1, 0.7]
-    assert transform is None
-
-
-def test_limits_too_small_to_square_count_as_none():
-    slope, _ = resolve(SQUARE, [1e-200, 1e-31], BOUND)
-    assert slope.values.tolist() == [0.0, 0.0]
-
-
-def test_a_pair_of_limits_may_be_a_list():
-    slopes = 0.5 * np.arange(1.0, SQUARE.n_points + 1.0)
-    pair = limit_gradient(SQUARE, BOUND, (slopes, lambda h: h))
-    assert np.array_equal(limit_gradient(SQUARE, BOUND, [slopes, lambda h: h]), pair)

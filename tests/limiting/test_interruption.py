@@ -10,8 +10,6 @@ from meshes import jittered_square
 
 from adaptsize import limit_gradient
 
-MARCHING = ("fast-marching", "edge-based")
-
 
 def _long_problem():
     mesh = jittered_square(250, seed=93)
@@ -30,19 +28,6 @@ def test_progress_is_reported_and_ends_at_one():
     assert {text for text, _ in reports} == {"limiting the gradient"}
     assert shares == sorted(shares)
     assert 0.0 < shares[0] < shares[-1] == 1.0
-
-
-@pytest.mark.parametrize("method", MARCHING)
-def test_an_exception_of_the_callback_stops_the_work(method):
-    calls = []
-
-    def stop(text, share):
-        calls.append(text)
-        raise LookupError("enough")
-
-    with pytest.raises(LookupError, match="enough"):
-        limit_gradient(*_long_problem(), 0.3, method=method, progress=stop)
-    assert len(calls) == 1
 
 
 INTERRUPTED = """

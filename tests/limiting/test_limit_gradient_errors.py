@@ -8,7 +8,7 @@ from meshes import jittered_square, random_sphere
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
-from adaptsize.limiting import Exact, FastMarching, PositiveCoefficient
+from adaptsize.limiting import FastMarching, PositiveCoefficient
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 H0 = [0.1, np.inf, np.inf, np.inf]
@@ -20,82 +20,52 @@ def message(expected):
     return pytest.raises(ValueError, match=re.escape(expected))
 
 
-SIZES = {
-    "nan": (
-        [1.0, np.nan, 1.0, 1.0],
-        "h0 must be positive (inf where there is no bound), got h0[1] = nan",
-    ),
-    "zero": ([1.0, 1.0, 0.0, 1.0], "got h0[2] = 0.0"),
-    "negative": ([1.0, 1.0, 1.0, -2.0], "got h0[3] = -2.0"),
-    "minus inf": ([-np.inf, 1.0, 1.0, 1.0], "got h0[0] = -inf"),
-    "several": ([1.0, -1.0, 0.0, np.nan], "got h0[1] = -1.0 (and 2 more)"),
-    "inf throughout": (
-        [np.inf] * 4,
-        "h0 must be finite at one node at least, got inf at all of them",
-    ),
-    "too short": ([1.0], "h0 must have shape (4,), got (1,)"),
-    "a number below zero": (-1.0, "h0 must be positive (inf where there is no bound), got -1.0"),
-    "infinity": (np.inf, "h0 must be finite at one node at least, got inf at all of them"),
-    "a column": (np.ones((4, 1)), "h0 must have shape (4,), got (4, 1)"),
-    "words": (["a"] * 4, "h0 must be an array of numbers, got ['a', 'a', 'a', 'a']"),
-}
-
-
-@pytest.mark.parametrize("method", ALL)
-@pytest.mark.parametrize("case", SIZES)
-def test_refuses_bad_sizes(case, method):
-    h0, expected = SIZES[case]
-    with message(expected):
-        limit_gradient(SQUARE, h0, 0.3, method=method)
-
-
-LIMITS = {
-    "negative": (-0.1, "g must be finite and >= 0, got -0.1"),
-    "nan": (np.nan, "g must be finite and >= 0, got nan"),
-    "inf": (np.inf, "g must be finite and >= 0, got inf"),
-    "beyond squares": (1e200, "g must be at most 1e+30, got 1e+200"),
-    "node": ([0.1, 0.2, -0.3, 0.1], "g must be finite and >= 0, got g[2] = -0.3"),
-    "cell": ([0.1, np.nan], "g must be finite and >= 0, got g[1] = nan"),
-    "length": (
-        [0.1, 0.2, 0.3],
-        "g must be a number, an array per node (4,) or per cell (2,), or callable; got shape (3,)",
-    ),
-    "shape": (np.full((4, 2), 0.1), "got shape (4, 2)"),
-    "word": ("steep", "g must be an array of numbers, got 'steep'"),
-    "a of a product": ((-1.0, lambda h: 0.1 * h), "g must be finite and >= 0, got -1.0"),
-}
-
-
-@pytest.mark.parametrize("method", ALL)
-@pytest.mark.parametrize("case", LIMITS)
-def test_refuses_bad_limits(case, method):
-    g, expected = LIMITS[case]
-    with message(expected):
-        limit_gradient(SQUARE, H0, g, method=method)
-
-
-LIMITS_OF_SIZE = {
-    "zero": (lambda h: 0.0 * h, "g(h) must be positive and finite, got g(0.1"),
-    "negative somewhere": (
-        lambda h: np.where(h > 0.2, -1.0, 1.0),
+POSITIVE = "h0 must be positive (inf where there is no bound), got "
+FREE = "h0 must be finite at one node at least, got inf at all of them"
+AS_G = "g must be a number, an array per node (4,) or per cell (2,), or callable; got shape "
+REFUSED = [
+    ({"h0": [1.0, np.nan, 1.0, 1.0]}, POSITIVE + "h0[1] = nan"),
+    ({"h0": [1.0, 1.0, 0.0, 1.0]}, POSITIVE + "h0[2] = 0.0"),
+    ({"h0": [-np.inf, 1.0, 1.0, 1.0]}, POSITIVE + "h0[0] = -inf"),
+    ({"h0": [1.0, -1.0, 0.0, np.nan]}, POSITIVE + "h0[1] = -1.0 (and 2 more)"),
+    ({"h0": -1.0}, POSITIVE + "-1.0"),
+    ({"h0": [np.inf] * 4}, FREE),
+    ({"h0": np.inf}, FREE),
+    ({"h0": [1.0]}, "h0 must have shape (4,), got (1,)"),
+    ({"h0": np.ones((4, 1))}, "h0 must have shape (4,), got (4, 1)"),
+    ({"h0": ["a"] * 4}, "h0 must be an array of numbers, got ['a', 'a', 'a', 'a']"),
+    ({"g": -0.1}, "g must be finite and >= 0, got -0.1"),
+    ({"g": np.nan}, "g must be finite and >= 0, got nan"),
+    ({"g": np.inf}, "g must be finite and >= 0, got inf"),
+    ({"g": 1e200}, "g must be at most 1e+30, got 1e+200"),
+    ({"g": [0.1, 0.2, -0.3, 0.1]}, "g must be finite and >= 0, got g[2] = -0.3"),
+    ({"g": [0.1, np.nan]}, "g must be finite and >= 0, got g[1] = nan"),
+    ({"g": [0.1, 0.2, 0.3]}, AS_G + "(3,)"),
+    ({"g": np.full((4, 2), 0.1)}, AS_G + "(4, 2)"),
+    ({"g": "steep"}, "g must be an array of numbers, got 'steep'"),
+    ({"g": (-1.0, lambda h: 0.1 * h)}, "g must be finite and >= 0, got -1.0"),
+    ({"g": lambda h: 0.0 * h}, "g(h) must be positive and finite, got g(0.1"),
+    (
+        {"g": lambda h: np.where(h > 0.2, -1.0, 1.0)},
         "g(h) must be positive and finite, got g(0.2",
     ),
-    "nan": (lambda h: h * np.nan, "= nan"),
-    "inf": (lambda h: h * np.inf, "= inf"),
-    "too few": (lambda h: h[1:], "g(h) must return one limit per size, shape"),
-    "grows too fast": (
-        lambda h: h**2,
+    ({"g": lambda h: h * np.nan}, "= nan"),
+    ({"g": lambda h: h * np.inf}, "= inf"),
+    ({"g": lambda h: h[1:]}, "g(h) must return one limit per size, shape"),
+    (
+        {"g": lambda h: h**2},
         "g(h) must be bounded: it grows so fast that the sizes overflow",
     ),
-}
+]
 
 
-@pytest.mark.parametrize("case", LIMITS_OF_SIZE)
-def test_refuses_bad_functions_of_the_size(case):
-    g, expected = LIMITS_OF_SIZE[case]
+@pytest.mark.parametrize("method", ALL)
+@pytest.mark.parametrize(("arguments", "expected"), REFUSED)
+def test_refuses_bad_bounds_and_limits(arguments, expected, method):
     far = SimplexMesh(1000.0 * SQUARE.points, SQUARE.cells)
+    given = {"h0": H0, "g": 0.3, **arguments}
     with message(expected):
-        limit_gradient(far, H0, g)
+        limit_gradient(far, given["h0"], given["g"], method=method)
 
 
 def test_what_g_of_h_raises_comes_through():
@@ -106,14 +76,13 @@ def test_what_g_of_h_raises_comes_through():
         limit_gradient(SQUARE, H0, g)
 
 
-@pytest.mark.parametrize("method", ["fastmarching", "", "Exact"])
-def test_refuses_unknown_methods_and_lists_the_known(method):
+def test_refuses_unknown_methods_and_lists_the_known():
     expected = "method must be one of 'auto', 'exact', "
     expected += (
-        f"'fast-marching', 'positive-coefficient', 'hamilton-jacobi', 'edge-based', got {method!r}"
+        "'fast-marching', 'positive-coefficient', 'hamilton-jacobi', 'edge-based', got 'Exact'"
     )
     with message(expected):
-        limit_gradient(SQUARE, H0, 0.3, method=method)
+        limit_gradient(SQUARE, H0, 0.3, method="Exact")
 
 
 @pytest.mark.parametrize("background", [None, np.zeros((4, 2)), "mesh"])
@@ -170,39 +139,32 @@ def test_a_scheme_on_a_background_that_it_does_not_support_says_what_it_needs():
         limit_gradient(GRID, np.ones((2, 2)), 0.3, method="positive-coefficient")
 
 
-BAD_OPTIONS = {
-    "floor": ({"floor": "none"}, "floor must be 'hopf-lax' or None, got 'none'"),
-    "tol zero": ({"tol": 0.0}, "tol must be finite and > 0, got 0"),
-    "tol nan": ({"tol": np.nan}, "tol must be finite and > 0, got nan"),
-    "tol word": ({"tol": "small"}, "tol must be a number, got 'small'"),
-    "no step": ({"max_iter": 0}, "max_iter must be finite and >= 1, got 0"),
-    "half a step": ({"max_iter": 1.5}, "max_iter must be a whole number, got 1.5"),
-}
-
-
-@pytest.mark.parametrize("case", BAD_OPTIONS)
-def test_a_scheme_refuses_bad_options(case):
-    options, expected = BAD_OPTIONS[case]
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"floor": "none"}, "floor must be 'hopf-lax' or None, got 'none'"),
+        ({"tol": 0.0}, "tol must be finite and > 0, got 0"),
+        ({"max_iter": 0}, "max_iter must be finite and >= 1, got 0"),
+        ({"max_iter": 1.5}, "max_iter must be a whole number, got 1.5"),
+    ],
+)
+def test_a_scheme_refuses_bad_options(options, expected):
     with message(expected):
         PositiveCoefficient(**options)
 
 
-STARTS = {
-    "start shape": ({"initial": np.ones(3)}, "initial must have shape (4,), got (3,)"),
-    "start nan": ({"initial": [1.0, np.nan, 1.0, 1.0]}, "got initial[1] = nan"),
-    "start zero": ({"initial": [1.0, 1.0, 0.0, 1.0]}, "got initial[2] = 0.0"),
-    "start inf": (
-        {"initial": [1.0, np.inf, 1.0, 1.0]},
-        "initial must be finite in every component",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", STARTS)
-def test_an_iteration_refuses_bad_starts(case):
-    options, expected = STARTS[case]
+@pytest.mark.parametrize(
+    ("start", "expected"),
+    [
+        (np.ones(3), "initial must have shape (4,), got (3,)"),
+        ([1.0, np.nan, 1.0, 1.0], "got initial[1] = nan"),
+        ([1.0, 1.0, 0.0, 1.0], "got initial[2] = 0.0"),
+        ([1.0, np.inf, 1.0, 1.0], "initial must be finite in every component"),
+    ],
+)
+def test_an_iteration_refuses_bad_starts(start, expected):
     with message(expected):
-        limit_gradient(SQUARE, H0, 0.3, method="positive-coefficient", **options)
+        limit_gradient(SQUARE, H0, 0.3, method="positive-coefficient", initial=start)
 
 
 def test_stopping_at_max_iter_warns_and_is_in_the_info():
@@ -219,12 +181,6 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
     assert info.residual > 1e-12
     assert (h <= h0).all()
     assert h[60] == 1.0
-
-
-def test_a_long_argument_gives_a_short_message():
-    with pytest.raises(ValueError, match="threads must be") as caught:
-        Exact(threads="x" * 5000)
-    assert len(str(caught.value)) < 200
 
 
 def test_point_sources_may_be_a_list_of_two_arrays():

@@ -161,17 +161,6 @@ def test_a_hole_is_gone_around_through_the_sides():
         limit_gradient(mesh, h0, G, periodic=SQUARE, method="exact")
 
 
-def test_one_point_on_a_circle():
-    # A closed line of length 1: the distance is that of the shorter way around.
-    x = np.linspace(0.0, 1.0, 21)[:, None]
-    mesh = SimplexMesh(x, np.column_stack([np.arange(20), np.arange(1, 21)]))
-    h0 = np.full(21, np.inf)
-    h0[4] = 0.1
-    away = np.abs(x[:, 0] - 0.2)
-    expected = 0.1 + G * np.minimum(away, 1.0 - away)
-    assert_allclose(limit_gradient(mesh, h0, G, periodic=[[1]]), expected, rtol=1e-14)
-
-
 def test_paired_nodes_get_equal_sizes_and_the_smaller_bound():
     mesh = unit_square(5)
     h0 = np.full(mesh.n_points, np.inf)
