@@ -80,21 +80,6 @@ def test_slivers_agree_with_the_search_over_faces(seed, height):
     check(corners @ turn, x @ turn, 1e-12 if height > 1e-6 else 1e-12 + 5.0 * height)
 
 
-def test_corner_of_the_unit_tetrahedron_by_hand():
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
-    cases = [
-        ((0.25, 0.25, 0.25), 0.0, (0.25, 0.25, 0.25, 0.25)),  # inside
-        ((-1.0, -1.0, -1.0), np.sqrt(3.0), (1, 0, 0, 0)),  # corner
-        ((0.5, -2.0, -2.0), np.sqrt(8.0), (0.5, 0.5, 0, 0)),  # edge
-        ((0.2, 0.3, -0.7), 0.7, (0.5, 0.2, 0.3, 0)),  # face
-        ((1.0, 1.0, 1.0), 2.0 / np.sqrt(3.0), (0, 1 / 3, 1 / 3, 1 / 3)),  # slanted face
-    ]
-    for x, distance, weights in cases:
-        found, at = closest(corners, x)
-        assert_allclose(found, distance, rtol=1e-15)
-        assert_allclose(at, weights, atol=1e-15)
-
-
 @pytest.mark.parametrize("width", KINDS.values())
 def test_all_corners_in_one_point_give_the_distance_to_it(width):
     distance, weights = closest(np.ones((width, 3)), (1.0, 4.0, 5.0))

@@ -1,10 +1,9 @@
-"""Grouping of index rows and rings against sets and dictionaries."""
+"""Distinct index rows and rings against their definitions."""
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adaptsize._kernels.topology import group_rows
 from adaptsize.background.topology import rings, unique_rows
 
 
@@ -14,21 +13,6 @@ def index_rows(draw):
     n_points = draw(st.integers(1, 9))
     shape = (draw(st.integers(1, 40)), draw(st.integers(1, 4)))
     return rng.integers(0, n_points, shape).astype(np.int32), n_points
-
-
-@given(index_rows())
-def test_groups_are_the_sorted_distinct_rows_and_first_is_met_first(problem):
-    rows, n_points = problem
-    rows = np.sort(rows, axis=1)
-    first, group = np.full((2, len(rows)), -7, np.int32)
-    start, free = np.zeros((2, n_points + 1), np.int64)
-    count = group_rows(rows, (start, free, np.empty(len(rows), np.int32)), first, group)
-    distinct = sorted(set(map(tuple, rows.tolist())))
-    assert count == len(distinct)
-    for number, row in enumerate(distinct):
-        met = [r for r, other in enumerate(rows.tolist()) if tuple(other) == row]
-        assert first[number] == met[0]
-        assert (group[met] == number).all()
 
 
 @given(index_rows())

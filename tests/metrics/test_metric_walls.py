@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from domains import l_shape, maze, round_holes, slit_square, star_holes
+from domains import l_shape, maze, slit_square, star_holes
 from geodesics import area, distances
 from metric_oracle import largest_ratio, limited_by_all, random_metric
 from numpy.testing import assert_allclose, assert_array_equal
@@ -50,18 +50,6 @@ def test_one_source_keeps_its_directions_around_corners():
     assert_allclose(limited.sizes, sizes[first] + G * length[:, None], rtol=1e-12)
     along = limited.directions.swapaxes(1, 2) @ directions
     assert_allclose(np.abs(along), np.broadcast_to(np.eye(2), along.shape), atol=1e-12)
-
-
-@pytest.mark.parametrize("domain", [maze, round_holes])
-def test_isotropic_metrics_are_limited_as_sizes(domain):
-    mesh, _ = domain(800)
-    rng = np.random.default_rng(1203)
-    h = np.where(
-        rng.random(mesh.n_points) < 0.05, 10.0 ** rng.uniform(-1, 1, mesh.n_points), np.inf
-    )
-    expected = ads.limit_gradient(mesh, h, G, method=ads.limiting.Exact(face_sources=False))
-    limited = limit_metric(mesh, isotropic_metric(h, 2), G)
-    assert_allclose(limited.sizes, np.repeat(expected[:, None], 2, axis=1), rtol=1e-12)
 
 
 def test_the_two_faces_of_a_slit_without_width_have_sizes_of_their_own():
