@@ -104,10 +104,3 @@ def test_sizes_do_not_depend_on_the_order_of_nodes_and_cells(part):
             assert_allclose(h[number], expected[name], rtol=1e-14)
         else:
             assert_array_equal(h[number], expected[name], err_msg=name)
-
-
-def test_repeated_facets_change_no_bit():
-    mesh, hmin, expected = original("bracket")
-    twice = ads.SimplexMesh(mesh.points, np.concatenate([mesh.cells, mesh.cells[::3]]))
-    for name, h in sizes_of(twice, hmin).items():
-        assert_array_equal(h, expected[name], err_msg=name)

@@ -165,31 +165,25 @@ def turn_of(dim, seed):
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-@pytest.mark.parametrize("seed", [1861, 55013])
+CHANGES = {
+    "turned": lambda x, far: x @ turn_of(x.shape[1], 1861).T,
+    "turned again": lambda x, far: x @ turn_of(x.shape[1], 55013).T,
+    "mirrored": lambda x, far: x * np.array([-1.0, 1.0, 1.0])[: x.shape[1]],
+    "moved": lambda x, far: x + far[: x.shape[1]],
+    "in another unit": lambda x, far: 3.7 * x,
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("part", PARTS)
-def test_directions_do_not_matter(part, seed):
-    assert_same(*moved(part, lambda x: x @ turn_of(x.shape[1], seed).T))
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_left_and_right_are_the_same(part):
-    assert_same(*moved(part, lambda x: x * np.array([-1.0, 1.0, 1.0])[: x.shape[1]]))
-
-
-# In curved.vtu, a ray from the middle of an arc hits a corner of two sides, of which one meets
-# the arc: there the least rounding decides which.
-@pytest.mark.parametrize("part", [part for part in PARTS if part not in ("deer", "curved")])
-def test_the_place_does_not_matter_even_a_million_diagonals_away(part):
-    way = np.array([1.0e6, -2.0e6, 1.5e6])
-    diagonal = original(part)[0].diagonal
-    # Coordinates are rounded to 2e-10 of the diagonal; facets and widths are at least a thousandth.
-    assert_same(*moved(part, lambda x: x + diagonal * way[: x.shape[1]]))
-
-
-@pytest.mark.parametrize("part", ["curved", "deer", "flange"])
-def test_the_place_does_not_matter_a_few_diagonals_away(part):
-    diagonal = original(part)[0].diagonal
-    assert_same(*moved(part, lambda x: x + diagonal * np.array([7.0, -3.0, 5.0])[: x.shape[1]]))
+def test_direction_place_and_unit_do_not_matter_up_to_rounding(part, change):
+    # A million diagonals away coordinates are rounded to 2e-10 of the diagonal; facets and
+    # widths are at least a thousandth.  In curved.vtu, a ray from the middle of an arc hits a
+    # corner of two sides, of which one meets the arc: there the least rounding decides which.
+    near = part in ("deer", "curved")
+    far = original(part)[0].diagonal * np.array([7.0, -3.0, 5.0] if near else [1e6, -2e6, 1.5e6])
+    found, expected = moved(part, lambda x: CHANGES[change](x, far))
+    assert_same(found, expected, scale=3.7 if change == "in another unit" else 1.0)
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -199,11 +193,6 @@ def test_powers_of_two_scale_bit_by_bit(part):
         found, expected = moved(part, lambda x, scale=scale: scale * x)
         for one, other in zip(found, expected, strict=True):
             assert_array_equal(one, scale * other)
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_other_units_scale_up_to_rounding(part):
-    assert_same(*moved(part, lambda x: 3.7 * x), scale=3.7)
 
 
 class Renumbered(NamedTuple):
