@@ -80,13 +80,6 @@ def test_slivers_agree_with_the_search_over_faces(seed, height):
     check(corners @ turn, x @ turn, 1e-12 if height > 1e-6 else 1e-12 + 5.0 * height)
 
 
-@pytest.mark.parametrize("width", KINDS.values())
-def test_all_corners_in_one_point_give_the_distance_to_it(width):
-    distance, weights = closest(np.ones((width, 3)), (1.0, 4.0, 5.0))
-    assert distance == 5.0
-    assert weights.sum() == 1.0
-
-
 @pytest.mark.parametrize("scale", [1e-120, 1e-60, 1e60])
 @pytest.mark.parametrize("width", KINDS.values())
 def test_very_small_and_large_cells_give_no_nan(width, scale):
