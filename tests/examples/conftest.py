@@ -7,13 +7,27 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+#: Pictures of more than 10 kB at the width of the tests; the others have more than 1 kB.
+LARGE = [
+    "two_sources", "exact_maze", "grid_schemes", "sources", "point_source", "distance", "image",
+    "feature_and_curvature", "volume", "level_set_curvature", "medial_axis", "octree_feature_size",
+    "width", "euler_bump", "lshape", "front", "fichera", "hot_spot",
+]  # fmt: skip
 
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    """Import an example by name, as if started in its folder, and call its main."""
+    """Import an example by name, as if started in its folder, and call its main; it draws."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
-    yield lambda name, **settings: load(name).main(tmp_path, width=160, **settings)
+
+    def call(name, **settings):
+        found = load(name).main(tmp_path, width=160, **settings)
+        picture = name.removeprefix("plot_")
+        smallest = 10_000 if picture in LARGE else 1_000
+        assert (tmp_path / f"{picture}.png").stat().st_size > smallest
+        return found
+
+    yield call
     sys.modules.pop("_gallery", None)
 
 

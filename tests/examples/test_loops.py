@@ -7,7 +7,7 @@ pytest.importorskip("skfem", reason="the examples solve with it")
 pytest.importorskip("mmgpy", reason="the examples remesh with it")
 
 
-def test_meshes_of_the_l_shape_have_the_best_rates(run, tmp_path):
+def test_meshes_of_the_l_shape_have_the_best_rates(run):
     found = run("plot_lshape", n_targets=4, also_not_limited=False)
     # r^(2/3) is in H^(5/3) and no more: h^(2/3) on uniform meshes, that is N^(-1/3).
     for order in (1, 2):
@@ -24,10 +24,9 @@ def test_meshes_of_the_l_shape_have_the_best_rates(run, tmp_path):
     assert found["marked limited: smallest angle"] > 15.0
     assert found["marked not limited: smallest angle"] < 12.0
     assert found["marked limited: error"] < 0.95 * found["marked not limited: error"]
-    assert (tmp_path / "lshape.png").stat().st_size > 10_000
 
 
-def test_meshes_that_follow_a_burner_beat_a_uniform_one_of_as_many_nodes(run, tmp_path):
+def test_meshes_that_follow_a_burner_beat_a_uniform_one_of_as_many_nodes(run):
     found = run("plot_front", radius=0.04, end=0.3)
     assert found["times fewer nodes"] > 4.0
     assert found["error"] < 0.6 * found["error, uniform with as few nodes"]
@@ -37,10 +36,9 @@ def test_meshes_that_follow_a_burner_beat_a_uniform_one_of_as_many_nodes(run, tm
     # Some 3000 sums of sizes up to 0.1.
     assert found["largest difference, warm and cold"] < 1e-13
     assert 0.0 < found["share of bounds changed"] < 0.2
-    assert (tmp_path / "front.png").stat().st_size > 10_000
 
 
-def test_tetrahedra_for_the_fichera_corner_beat_uniform_ones(run, tmp_path):
+def test_tetrahedra_for_the_fichera_corner_beat_uniform_ones(run):
     found = run("plot_fichera", targets=(3000, 9000), tetwild_targets=(3000,), finest=8)
     # r^(2/3) along edges: h^(2/3) on uniform meshes, that is N^(-2/9), and N^(-1/3) at best.
     assert found["uniform: rate"] == pytest.approx(-2.0 / 9.0, abs=0.04)
@@ -53,10 +51,9 @@ def test_tetrahedra_for_the_fichera_corner_beat_uniform_ones(run, tmp_path):
     assert found["fTetWild: unknowns"] < 600
     assert found["fTetWild: error"] < 0.9
     assert 1.0 < found["Mmg: estimate over error"] < 1.4
-    assert (tmp_path / "fichera.png").stat().st_size > 10_000
 
 
-def test_a_hot_spot_read_from_a_file_is_refined_and_materials_stay(run, tmp_path):
+def test_a_hot_spot_read_from_a_file_is_refined_and_materials_stay(run):
     found = run("plot_hot_spot", sizes=(1.0, 0.5))
     assert found["triangles in the file"] < found["triangles, 1 mm"] < found["triangles, 0.5 mm"]
     assert found["triangles, 0.5 mm"] < 3000
@@ -71,4 +68,3 @@ def test_a_hot_spot_read_from_a_file_is_refined_and_materials_stay(run, tmp_path
         share = found[f"area of material 10{way}, after over before"]
         assert share == pytest.approx(exact, abs=2e-4)
         assert found[f"area of material 20{way}, after over before"] == pytest.approx(1, abs=3e-3)
-    assert (tmp_path / "hot_spot.png").stat().st_size > 10_000
