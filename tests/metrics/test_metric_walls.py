@@ -38,20 +38,6 @@ def test_equals_the_search_of_all_nodes_along_paths_in_the_domain(name, share):
     assert largest_ratio(found[nodes], expected) < 1e-10
 
 
-def test_one_source_keeps_its_directions_around_corners():
-    mesh, rings = maze(600)
-    sizes = np.full((mesh.n_points, 2), np.inf)
-    first = np.linalg.norm(mesh.points + 50.0, axis=1).argmin()
-    sizes[first] = 0.1, 5.0
-    c, s = np.cos(0.4), np.sin(0.4)
-    directions = np.tile([[c, -s], [s, c]], (mesh.n_points, 1, 1))
-    limited = limit_metric(mesh, Metric(sizes, directions), G)
-    length = distances(rings, mesh.points[first], mesh.points)
-    assert_allclose(limited.sizes, sizes[first] + G * length[:, None], rtol=1e-12)
-    along = limited.directions.swapaxes(1, 2) @ directions
-    assert_allclose(np.abs(along), np.broadcast_to(np.eye(2), along.shape), atol=1e-12)
-
-
 def test_the_two_faces_of_a_slit_without_width_have_sizes_of_their_own():
     # Nodes of the slit x = 0, y > 0 are there twice: as 3, 4 to its left, 8, 9 to its right.
     points = [[-1, -1], [0, -1], [-1, 0], [-1, 1], [0, 1], [0, 0]]

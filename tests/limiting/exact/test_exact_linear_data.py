@@ -269,25 +269,6 @@ def test_smooth_data_everywhere_are_of_second_order():
     assert (orders(errors) > 1.6).all(), f"errors {errors}, orders {orders(errors)}"
 
 
-def test_smooth_data_on_a_side_of_an_l_are_of_second_order():
-    # Data on the right side, x = 50, -50 < y < 0, and what they give beyond the corner.
-    def data(y):
-        return 4.0 + 2.0 * np.sin(0.25 * y)
-
-    y = np.linspace(-50.0, 0.0, 3001)
-    fine = np.column_stack([np.full(3001, 50.0), y])
-    pieces = np.stack([fine[:-1], fine[1:]], axis=1)
-    values = np.column_stack([data(y[:-1]), data(y[1:])])
-    errors = []
-    for n in (500, 2000, 8000):
-        mesh, rings = domains.l_shape(n, seed=2522)
-        h0 = np.where(mesh.points[:, 0] == 50.0, data(mesh.points[:, 1]), np.inf)
-        some = np.arange(0, mesh.n_points, mesh.n_points // 250)
-        exact = limited_sizes(rings, mesh.points[some], G, segments=pieces, segment_sizes=values)
-        errors.append(np.abs(limit(mesh, h0)[some] - exact).mean())
-    assert (orders(errors) > 1.7).all(), f"errors {errors}, orders {orders(errors)}"
-
-
 def test_smooth_data_in_a_cube_are_of_second_order():
     # Waves along an axis, of slopes up to 0.27, in five phases: where the valleys are among
     # the nodes matters.
