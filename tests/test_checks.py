@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pytest
 
-import adaptsize as ads
-from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient, quality
+from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
 from adaptsize._checks import (
     as_float_array,
     as_index_array,
@@ -22,7 +21,6 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize.background import Image
-from adaptsize.limiting import Exact
 
 
 def message(expected):
@@ -136,10 +134,6 @@ def test_masked_entries_are_refused_and_named():
         as_number("x", np.ma.masked, lower=0.0)
 
 
-def test_masked_arrays_without_a_masked_entry_are_arrays():
-    assert as_float_array("h", np.ma.masked_array([1.0, 2.0])).tolist() == [1.0, 2.0]
-
-
 @pytest.mark.parametrize("imaginary", [0.0, 1.0])
 def test_complex_numbers_are_refused_where_real_ones_are_wanted(imaginary):
     given = np.array([1.0, complex(1.0, imaginary)])
@@ -200,46 +194,3 @@ def test_numbers_are_in_a_range_in_which_they_can_be_squared():
         as_number("h", 5e-324, lower=0.0)
     with message("h must be at most 1e+60, got 1e+155"):
         as_number("h", 1e155, lower=0.0)
-
-
-ANY = "background must be a SimplexMesh, a CartesianGrid or an Octree, got "
-MESH = "mesh must be a SimplexMesh, got "
-#: Of functions that take meshes in parts.
-ANY_OR_PARTS = ANY.replace("Mesh,", "Mesh, a PartitionedMesh,")
-MESH_OR_PARTS = MESH.replace("Mesh,", "Mesh or a PartitionedMesh,")
-CALLS = {
-    "limit_gradient": (lambda x: ads.limit_gradient(x, np.ones(4), 0.2), ANY_OR_PARTS),
-    "signed_distance": (ads.signed_distance, ANY),
-    "size_from_error": (
-        lambda x: ads.size_from_error(x, [0.1], order=1, tolerance=1),
-        MESH_OR_PARTS,
-    ),
-    "summarize": (quality.summarize, MESH),
-    "old of transfer_fields": (
-        lambda x: ads.transfer_fields(x, SQUARE, fields={}),
-        "old must be a SimplexMesh or a PartitionedMesh, got ",
-    ),
-    "fields of transfer_fields": (
-        lambda x: ads.transfer_fields(SQUARE, SQUARE, fields=x),
-        "fields must be a Mapping, got ",
-    ),
-}
-
-
-@pytest.mark.parametrize("bad", ["mesh.vtu", 3.5])
-@pytest.mark.parametrize("name", CALLS)
-def test_another_type_is_refused_by_the_name_of_the_argument(name, bad):
-    call, expected = CALLS[name]
-    with message(f"{expected}{bad!r}"):
-        call(bad)
-
-
-@pytest.mark.parametrize("three", [3, 3.0, np.int8(3), np.array(3), np.float32(3.0)])
-def test_a_whole_number_may_have_any_type(three):
-    tree = ads.Octree.build([0, 0], [1, 1], lambda x, s: s[:, 0] > 0.1, max_level=three)
-    assert tree.n_leaves == 64
-    assert ads.isotropic_metric([0.5], three).dim == 3
-    grid = ads.CartesianGrid([0, 0], 1.0, (three, three))
-    assert grid.shape == (3, 3)
-    assert all(type(n) is int for n in grid.shape)
-    assert (ads.limit_gradient(grid, 0.5, 0.3, method=Exact(threads=three)) == 0.5).all()

@@ -137,16 +137,3 @@ def test_vanished_tags_are_warned_of(generator):
         result = adapt(tagged, h0=0.1)
     assert result.report.lost_tags == ("cell tag 1",)
     assert "tags lost: cell tag 1" in str(result)
-
-
-def test_progress_stops_the_work(generator):
-    texts = []
-
-    def stop(text, share):
-        texts.append(text)
-        if text.startswith("overlaps"):
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        adapt(MESH, h0=0.1, cell_fields={"q": ETA}, progress=stop)
-    assert texts[0] == "sizes"

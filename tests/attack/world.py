@@ -10,7 +10,7 @@ import numpy as np
 from meshes import random_sphere
 from scipy.spatial import Delaunay
 from shapes import moved
-from solids import box
+from solids import box, circle, outline
 
 import adaptsize as ads
 
@@ -21,6 +21,7 @@ GRIDS = ("grid 1-D", "grid 2-D", "grid 3-D")
 TREES = ("quadtree", "octree")
 MESHES = (PLANE, SURFACE, SOLID, LINE)
 KINDS = (*MESHES, *GRIDS, *TREES)
+_CIRCLE = moved(outline(circle(24)), 0.5, 0.3)
 
 
 class World(NamedTuple):
@@ -48,7 +49,7 @@ class World(NamedTuple):
     @property
     def boundary(self) -> Any:
         """A closed line or surface inside the background."""
-        return _background(SURFACE, 0) if self.dim == 3 else _circle()
+        return _background(SURFACE, 0) if self.dim == 3 else _CIRCLE
 
     @property
     def size(self) -> ads.SizeFunction:
@@ -113,13 +114,6 @@ def _background(kind: str, seed: int) -> Any:
     # The last has a hole and a part of its own.
     return ads.SimplexMesh(points, cells[:: dim if seed == 2 else 1],
                            cell_tags=half + 1 if seed == 1 else None)  # fmt: skip
-
-
-@cache
-def _circle() -> Any:
-    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    points = 0.5 + 0.3 * np.column_stack([np.cos(turn), np.sin(turn)])
-    return ads.SimplexMesh(points, np.column_stack([np.arange(24), (np.arange(24) + 1) % 24]))
 
 
 # --- arguments ------------------------------------------------------------------------------------

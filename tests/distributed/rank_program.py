@@ -11,7 +11,7 @@ if __name__ == "__main__":
 import domains
 from meshes import jittered_cube, jittered_square, random_sphere
 
-from adaptsize import PointSource, adapt, limit_gradient, size_from_sources
+from adaptsize import adapt, limit_gradient
 from adaptsize.distributed import PartitionedMesh
 from adaptsize.ranks import as_communicator
 
@@ -31,27 +31,6 @@ def compare(comm):
         assert np.array_equal(part.exchange(h), h)
         gathered = part.gather()
         assert gathered is None or np.array_equal(gathered.cells, mesh.cells)
-    compare_in_solid(comm)
-
-
-def compare_in_solid(comm):
-    """Limit in a solid that is not convex, with sources between the nodes and figures."""
-    mesh, rng = domains.wall_box(100, seed=888)[0], np.random.default_rng(889)
-    point = mesh.points[mesh.cells[5]].mean(axis=0)
-    part = PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, None, comm)
-    source = PointSource(point, 2.0)
-    h0 = size_from_sources(mesh, source, g=0.3)
-    assert np.array_equal(size_from_sources(part, source, g=0.3), h0[part.global_ids])
-    noise = rng.uniform(5.0, 30.0, mesh.n_points)
-    noise[rng.random(mesh.n_points) < 0.7] = np.inf
-    points = np.concatenate([point, -point]).reshape(2, 3), [1.0, 3.0]
-    for bound, options in [(h0, {}), (noise, {"point_sources": points})]:
-        whole, expected = limit_gradient.with_info(mesh, bound, 0.3, **options)
-        h, info = limit_gradient.with_info(part, bound[part.global_ids], 0.3, **options)
-        assert np.array_equal(h, whole[part.global_ids])
-        assert (info.n_proved, info.largest_gap) == (expected.n_proved, expected.largest_gap)
-        assert info.cell_gradient_quantiles == expected.cell_gradient_quantiles
-        assert comm.allgather(info) == [info] * comm.size
 
 
 def operations(comm):

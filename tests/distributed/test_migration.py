@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import CartesianGrid, interpolate, transfer_fields
+from adaptsize import CartesianGrid, transfer_fields
 from adaptsize.background.migration import balanced, displaced, interface_facets, migrate
 from adaptsize.distributed import PartitionedMesh
 
@@ -120,7 +120,3 @@ def test_meshes_of_different_kinds_are_refused():
     line = PartitionedMesh.from_serial(plane.mesh.boundary().mesh)
     with pytest.raises(ValueError, match="old must be a SimplexMesh of triangles or tetrahedra"):
         transfer_fields(line, line, cell_fields={"c": np.ones(line.n_cells)})
-    with pytest.raises(ValueError, match="background must be a SimplexMesh, a PartitionedMesh"):
-        interpolate(3, [1.0], [[0.0, 0.0]])
-    with pytest.raises(ValueError, match=r"points must have shape \(n, 2\)"):
-        interpolate(plane, np.ones(9), [[0.0]])

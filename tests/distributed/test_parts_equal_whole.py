@@ -473,7 +473,6 @@ WRONG = {
         lambda m, bad: limit_gradient(m, 1.0, 0.3, method="fast-marching" if bad else "auto"),
         "method must be the same on all ranks",
     ),
-    "scheme": (lambda m, _: limit_gradient(m, 1.0, 0.3, method="edge-based"), "rank 0: method"),
     "initial": (lambda m, _: limit_gradient(m, 1.0, 0.3, initial=1.0), "initial and periodic must"),
     "no bound": (lambda m, _: limit_gradient(m, np.inf, 0.3), "h0 must be finite at one node"),
     "exact": (
@@ -487,12 +486,6 @@ WRONG = {
     "info": (
         lambda m, bad: (limit_gradient.with_info if bad else limit_gradient)(m, 1.0, 0.3),
         "with_info must be the same on all ranks",
-    ),
-    "indicator": (
-        lambda m, bad: ads.size_from_error(
-            m, np.full(m.n_cells, -1.0 if bad else 1.0), order=1.0, tolerance=1.0
-        ),
-        "rank 2: indicator must be finite and >= 0",
     ),
     "other source": (
         lambda m, bad: ads.size_from_sources(m, ads.PointSource([0.5, 0.5 + 0.1 * bad], 0.1)),
@@ -509,14 +502,6 @@ WRONG = {
     "tag": (
         lambda m, _: ads.size_from_sources(m, ads.RegionSource(9, 0.1)),
         "tags must be among the cell_tags 1, 2, got 9",
-    ),
-    "field": (
-        lambda m, bad: ads.transfer_fields(m, m, fields={"u": np.zeros(m.n_points + bad)}),
-        r"rank 2: fields\['u'\] must have",
-    ),
-    "integral": (
-        lambda m, _: ads.transfer_fields(m, m, keep_integral=True),
-        "rank 0: keep_integral must",
     ),
 }  # fmt: skip
 

@@ -291,7 +291,6 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
             {},
             "objects at least 4 pixels across, got one object of at most 1 pixels",
         ),
-        (block(slice(5, 8), slice(5, 8)), {}, "objects at least 4 pixels across"),
         (
             np.ones(7),
             {},
@@ -302,13 +301,9 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
         (NOISE, {}, "as in a photo: segment it first, or pass threshold= or label="),
         (NOISE / 255.0, {}, "must hold labels.*got float64 from .* pass threshold="),
         (3 * disc(9.0), {"label": 4}, "label must be one of 0, 3, got 4"),
-        (3 * disc(9.0), {"label": 2.5}, "label must be an integer or several"),
         (3 * disc(9.0), {"label": 3, "threshold": 1}, "label or threshold must be given, got both"),
-        (disc(9.0), {"spacing": -1.0}, "spacing must be finite and > 0"),
         (disc(9.0), {"spacing": 1e300}, r"spacing must be from 1e-50 to 1e\+50.*got .* = 1e\+300"),
-        (disc(9.0), {"spacing": 1e-300}, "spacing must be from 1e-50"),
         (disc(9.0), {"spacing": [1.0, 1.0, 1.0]}, r"spacing must be a number or have shape \(2,\)"),
-        (disc(9.0), {"hmin": 3.0, "hmax": 2.0}, "hmin must be at most hmax"),
     ],
 )
 def test_bad_input_is_one_clear_line(image, options, message):

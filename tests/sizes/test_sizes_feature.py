@@ -270,9 +270,3 @@ def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
 def test_bad_arguments_are_named(arguments, options, message):
     with pytest.raises(ValueError, match=message):
         size_from_feature(*arguments, **options)
-
-
-def test_hmin_and_hmax():
-    h0 = size_from_feature(structured_square(2), hmin=30.0)
-    np.testing.assert_array_equal(h0, 30.0)
-    assert size_from_feature(structured_square(2), hmax=5.0).max() == 5.0
