@@ -18,7 +18,7 @@ import adaptsize as ads
 from .calls import SLOW, arguments_for, call, described, leaves
 from .cases import Failure, told_with
 from .subjects import subjects
-from .values import OfTheCaller
+from .values import OfTheCaller, pick
 from .world import kind_for, make, owner_of
 
 #: Integers are labels there, which are not interpolated, as documented; and in all images.
@@ -100,11 +100,11 @@ def _converted(value: Any, whole: bool, rng: np.random.Generator) -> Any:
     if isinstance(value, int):
         ranges = map(np.iinfo, (np.int16, np.uint16, np.int64))
         kinds = [kind.dtype.type for kind in ranges if kind.min <= value <= kind.max]
-        return _pick([*kinds, np.array, float], rng)(value)
+        return pick(rng, [*kinds, np.array, float])(value)
     if isinstance(value, float):
         if whole and value.is_integer() and abs(value) < 2.0**31:
-            return _pick([int, np.int64, np.int32], rng)(value)
-        return _pick([np.float32, np.float64, np.longdouble, np.array], rng)(value)
+            return pick(rng, [int, np.int64, np.int32])(value)
+        return pick(rng, [np.float32, np.float64, np.longdouble, np.array])(value)
     if inspect.isfunction(value):
         change = _form_of_array("f", whole, rng)
         return lambda *a: change(value(*a))
@@ -147,12 +147,8 @@ def _form_of_array(kind: str, whole: bool, rng: np.random.Generator) -> Callable
     types = {"f": [np.float32, np.longdouble], "i": [np.int32, np.int64]}.get(kind, [])
     if kind == "f" and whole:
         integers = [lambda a, t=t: a.astype(t) for t in (int, np.int32, np.int16)]
-        return _pick([*integers, lambda a: a.astype(int).tolist()], rng)
-    return _pick([*_LAYOUTS, *(lambda a, t=t: a.astype(t) for t in types)], rng)
-
-
-def _pick(forms: list[Any], rng: np.random.Generator) -> Any:
-    return forms[int(rng.integers(0, len(forms)))]
+        return pick(rng, [*integers, lambda a: a.astype(int).tolist()])
+    return pick(rng, [*_LAYOUTS, *(lambda a, t=t: a.astype(t) for t in types)])
 
 
 # --- results --------------------------------------------------------------------------------------
@@ -171,11 +167,6 @@ def _difference(one: Any, other: Any) -> str:
         b, where = yours[place], f"the result{place}"
         if (a.dtype, a.shape) != (b.dtype, b.shape):
             return f"{where} is {b.dtype}{list(b.shape)}, not {a.dtype}{list(a.shape)}"
-        if a.dtype.hasobject or np.array_equal(a, b, equal_nan=a.dtype.kind in "fc"):
-            continue
-        if a.dtype.kind != "f":
+        if not (a.dtype.hasobject or np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")):
             return f"{where} has {int((a != b).sum())} other entries of {a.size}"
-        with np.errstate(all="ignore"):
-            worst = np.nanmax(np.abs(a - b) / np.maximum(np.abs(a), 1e-300))
-        return f"{where} differs by {worst:.2g} of its value"
     return ""

@@ -83,7 +83,7 @@ def nonsense(rng: np.random.Generator) -> Any:
     at = rng.random()
     for share, values in kinds:
         if at < share:
-            return _pick(rng, values)
+            return pick(rng, values)
         at -= share
     return (value for value in (0.1, 0.2)) if at < 0.05 else any_background(rng)
 
@@ -92,13 +92,13 @@ def spoiled(value: Any, rng: np.random.Generator) -> Any:
     """Return a value like the given one, but wrong in one respect or in an unusual form."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.ndim > 0:
         with np.errstate(all="ignore"):
-            return _pick(rng, _SPOILED_ARRAYS)(value, rng)
+            return pick(rng, _SPOILED_ARRAYS)(value, rng)
     if isinstance(value, int | float) and not isinstance(value, bool):
-        factor = _pick(rng, (-1.0, 0.0, 1e-12, 1e-3, 1e3, 1e12, np.nan, np.inf))
+        factor = pick(rng, (-1.0, 0.0, 1e-12, 1e-3, 1e3, 1e12, np.nan, np.inf))
         return type(value)(value * factor) if np.isfinite(value * factor) else value * factor
     if isinstance(value, ads.SimplexMesh):
         try:
-            return ads.SimplexMesh(*_pick(rng, _HARD_MESHES)(value.points, value.cells, rng))
+            return ads.SimplexMesh(*pick(rng, _HARD_MESHES)(value.points, value.cells, rng))
         except ValueError:  # refused when it is made
             return value
     return nonsense(rng)
@@ -113,7 +113,7 @@ def _strange_at(array: np.ndarray, share: float, rng: np.random.Generator) -> np
     """Return the array with one strange value in an entry, or in a share of them."""
     changed = array.astype(float)
     count = max(min(1, array.size), int(share * array.size))
-    changed.flat[rng.permutation(array.size)[:count]] = _pick(rng, _STRANGE)
+    changed.flat[rng.permutation(array.size)[:count]] = pick(rng, _STRANGE)
     return changed
 
 
@@ -159,5 +159,6 @@ _HARD_MESHES: tuple[Callable[[np.ndarray, np.ndarray, np.random.Generator], Any]
 """Meshes that are allowed, but hard: flat, doubled, huge, far away, tangled."""
 
 
-def _pick(rng: np.random.Generator, values: Any) -> Any:
+def pick(rng: np.random.Generator, values: Any) -> Any:
+    """Return one of the values."""
     return values[int(rng.integers(0, len(values)))]

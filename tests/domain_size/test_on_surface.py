@@ -67,16 +67,6 @@ def test_splitting_keeps_area_orientation_and_boundary(seed):
     )
 
 
-def test_new_nodes_are_midpoints():
-    mesh = random_square(30, 614)
-    chosen = np.zeros(len(mesh.edges), bool)
-    chosen[[3, 8]] = True
-    split = split_edges(mesh, chosen)
-    assert split.split_edges.tolist() == [3, 8]
-    middle = mesh.points[mesh.edges[[3, 8]]].mean(axis=1)
-    np.testing.assert_array_equal(split.mesh.points[mesh.n_points :], middle)
-
-
 def test_splitting_wants_triangles():
     with pytest.raises(ValueError, match="must consist of triangles"):
         split_edges(jittered_cube(3, 615), np.ones(1, bool))

@@ -140,14 +140,6 @@ def test_boundary_mesh_gives_its_curvature_to_the_nodes_on_it():
     assert_allclose(h0, [0.5, 0.5, np.inf, np.inf, 0.5], rtol=1e-10)
 
 
-def test_boundary_polyline_gives_its_curvature():
-    fine = disk(60, 5).boundary().mesh
-    coarse = disk(20, 19)
-    h0 = size_from_curvature(coarse, fine, tolerance=0.01)
-    assert_allclose(h0[:20], 0.25, rtol=1e-10)
-    assert np.isinf(h0[20:]).all()
-
-
 @pytest.mark.parametrize("kind", ["surface", "tetrahedra"])
 def test_own_boundary_given_as_boundary_changes_nothing(kind):
     if kind == "surface":
