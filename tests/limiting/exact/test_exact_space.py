@@ -133,17 +133,20 @@ def bent_in_cut(axes, a, b, rectangle):
     return place[:, np.argsort(axes)]
 
 
+def corridor(width, height, seed):
+    """A corridor along x to 2 widths, along y to 3, and up along z."""
+
+    def keep(x):
+        (x, y, z), w = x.T, width
+        return ((y < w) & (z < w)) | ((x > w) & (z < w)) | ((x > w) & (y > 2 * w))
+
+    return solid_of_cubes(keep, (2 * width, 3 * width, height), seed)
+
+
 @pytest.mark.parametrize("seed", [2410, 2411])
 def test_sizes_in_a_corridor_around_two_bends(seed):
-    # Along x to x = 8, along y to y = 12, and up along z: the reflex edges are x = y = 4, and
-    # y = 8, z = 4.
-    def keep(x):
-        first = (x[:, 1] < 4) & (x[:, 2] < 4)
-        second = (x[:, 0] > 4) & (x[:, 2] < 4)
-        third = (x[:, 0] > 4) & (x[:, 1] > 8)
-        return first | second | third
-
-    mesh = solid_of_cubes(keep, (8, 12, 10), seed)
+    # The reflex edges are x = y = 4, and y = 8, z = 4.
+    mesh = corridor(4, 10, seed)
     source = int(np.argmin(np.linalg.norm(mesh.points - [0.0, 1.0, 1.0], axis=1)))
     h0 = np.full(mesh.n_points, np.inf)
     h0[source] = 1.0
@@ -188,13 +191,7 @@ def test_the_two_faces_of_a_crack_are_seen_from_their_own_side_only(seed):
 
 
 def test_a_search_for_paths_that_stops_early_warns_and_says_so_in_the_info(monkeypatch):
-    def keep(x):
-        first = (x[:, 1] < 2) & (x[:, 2] < 2)
-        second = (x[:, 0] > 2) & (x[:, 2] < 2)
-        third = (x[:, 0] > 2) & (x[:, 1] > 4)
-        return first | second | third
-
-    mesh = solid_of_cubes(keep, (4, 6, 4), 2412)
+    mesh = corridor(2, 4, 2412)
     h0 = np.where(np.arange(mesh.n_points) == 0, 1.0, np.inf)
     h, info = limit_gradient.with_info(mesh, h0, G)
     assert info.converged
