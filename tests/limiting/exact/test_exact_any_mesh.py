@@ -25,6 +25,9 @@ def assert_between_bounds(mesh, h0, g, face_sources):
     assert_array_equal(np.isfinite(h), np.isfinite(upper))
     assert (h <= upper * (1.0 + 1e-12)).all()
     assert (h <= h0).all()
+    i, j = mesh.edges[np.isfinite(h[mesh.edges]).all(axis=1)].T
+    rise = np.abs(h[i] - h[j]) - g * np.linalg.norm(mesh.points[i] - mesh.points[j], axis=1)
+    assert (rise <= 1e-12 * h[i]).all()
     if not face_sources:
         assert (h >= straight_sizes(mesh.points, h0, g) * (1.0 - 1e-12)).all()
     return h

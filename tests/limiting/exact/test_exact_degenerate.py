@@ -5,10 +5,11 @@ A source of size 1 is at one node; ``lengths`` are those of the shortest paths f
 
 import numpy as np
 import pytest
-from exact_oracle import edge_sizes, plane_domain, plane_sizes, straight_sizes
+from exact_oracle import plane_domain, plane_sizes
 from meshes import slit_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
+from test_exact_any_mesh import assert_between_bounds
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
@@ -31,22 +32,6 @@ def assert_lengths(mesh, source, lengths):
         assert_allclose(plane_sizes(plane_domain(mesh), h0, G), expected, rtol=1e-13)
     for face_sources in (False, True):
         assert_allclose(limit(mesh, h0, face_sources=face_sources), expected, rtol=1e-13)
-
-
-def assert_between_bounds(mesh, h0):
-    """Assert what holds for any mesh: straight lines below, paths along edges above."""
-    upper = edge_sizes(mesh, h0, G)
-    for face_sources in (False, True):
-        h = limit(mesh, h0, face_sources=face_sources)
-        assert_array_equal(np.isfinite(h), np.isfinite(upper))
-        assert (h <= upper * (1.0 + 1e-12)).all()
-        assert (h <= h0).all()
-        i, j = mesh.edges.T
-        finite = np.isfinite(h[i])
-        rise = np.abs(h[i][finite] - h[j][finite])
-        assert (rise <= G * mesh.edge_lengths[finite] + 1e-12 * h[i][finite]).all()
-        if not face_sources:
-            assert (h >= straight_sizes(mesh.points, h0, G) * (1.0 - 1e-12)).all()
 
 
 # Three unit squares, an L, its reflex corner at node 4.  From node 5 = (2, 1): node 7 = (1, 2) by
@@ -163,7 +148,9 @@ def test_segments_apart_doubled_and_back_over_each_other():
     straight = SimplexMesh(points, [[0, 1], [2, 1], [1, 2], [3, 4]])
     expected = [1.0, 1.0 + G, 1.0 + 3.0 * G, 2.0, 2.0 + 2.0 * G, INF]
     assert_allclose(limit(straight, h0), expected, rtol=1e-14)
-    assert_between_bounds(SimplexMesh(points, [[0, 1], [2, 1], [3, 4], [4, 5]]), np.array(h0))
+    back = SimplexMesh(points, [[0, 1], [2, 1], [3, 4], [4, 5]])
+    for face_sources in (False, True):
+        assert_between_bounds(back, np.array(h0), G, face_sources)
 
 
 def boxes(*corners):
@@ -203,14 +190,14 @@ def test_cubes_that_share_an_edge_a_node_or_nothing():
     h = limit(mesh, h0)
     assert h[node_at(mesh, (1, 2, 1))] > (1.0 + G * SQRT5) * (1.0 - 1e-12)
     assert_allclose(h[node_at(mesh, (1, 2, 0))], 1.0 + G * 2.0, rtol=1e-12)
-    assert_between_bounds(mesh, h0)
+    assert_between_bounds(mesh, h0, G, face_sources=False)
     # By the common node (1, 1, 1): sqrt 2 + sqrt 2 from (0, 1, 0) to (2, 1, 2).
     mesh = boxes((0, 0, 0), (1, 1, 1))
     h0 = np.full(mesh.n_points, INF)
     h0[node_at(mesh, (0, 1, 0))] = 1.0
     h = limit(mesh, h0)
     assert_allclose(h[node_at(mesh, (2, 1, 2))], 1.0 + G * 2.0 * SQRT2, rtol=1e-12)
-    assert_between_bounds(mesh, h0)
+    assert_between_bounds(mesh, h0, G, face_sources=False)
     mesh = boxes((0, 0, 0), (1.5, 0, 0))
     h0 = np.full(mesh.n_points, INF)
     h0[node_at(mesh, (1, 0, 0))] = 1.0
