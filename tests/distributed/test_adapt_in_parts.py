@@ -222,15 +222,3 @@ def test_metrics_are_refused():
     metric = ads.metrics.isotropic_metric(np.ones(mesh.n_points), 2)
     with pytest.raises(ValueError, match="h0 must be sizes on several ranks, got a metric"):
         adapt(ads.distributed.PartitionedMesh.from_serial(mesh), h0=metric)
-
-
-def test_fields_must_be_the_same_on_all_ranks():
-    mesh = jittered_square(5, 82)
-
-    def run(part):
-        values = np.ones(part.n_points)
-        names = {"u": values} if part.ranks.rank else {"u": values, "v": values}
-        with pytest.raises(ValueError, match=r"^fields must be the same on all ranks"):
-            ads.transfer_fields(part, part, fields=names)
-
-    on_ranks(mesh, None, 2, run)
