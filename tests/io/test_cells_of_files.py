@@ -14,9 +14,6 @@ from adaptsize.errors import MeshFileError, MeshRepairWarning
 CUBE = np.array([[x, y, z] for z in (0, 1) for x, y in SQUARE], dtype=float)  # as VTK numbers it
 
 
-# ---------------------------------------------------------------- cells that are no simplices
-
-
 def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
     points = [[0, 0, 0], [3, 0, 0], [4, 1, 0], [1, 1, 0]]  # 0-2 is longer than 1-3
     file = write_raw(tmp_path / "quad.vtu", points, [("quad", [[0, 1, 2, 3]])])
@@ -42,21 +39,9 @@ def test_a_dented_quadrilateral_is_cut_inside(tmp_path, turn):
 
 def hexahedra(n):
     """n x n x n cubes of side 1, in VTK's numbering."""
-    i = np.arange((n + 1) ** 3).reshape(n + 1, n + 1, n + 1)
-    x, y, z = np.meshgrid(*[np.arange(n + 1.0)] * 3, indexing="ij")
-    points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    a, b = slice(None, -1), slice(1, None)
-    corners = [
-        (a, a, a),
-        (b, a, a),
-        (b, b, a),
-        (a, b, a),
-        (a, a, b),
-        (b, a, b),
-        (b, b, b),
-        (a, b, b),
-    ]
-    return points, np.stack([i[c].ravel() for c in corners], axis=1)
+    points = np.indices((n + 1,) * 3).reshape(3, -1).T.astype(float)
+    first = np.flatnonzero((points < n).all(axis=1))
+    return points, first[:, None] + CUBE.astype(int) @ [(n + 1) ** 2, n + 1, 1]
 
 
 @settings(max_examples=30)
@@ -151,9 +136,6 @@ def test_cells_that_cannot_be_split_are_refused(tmp_path):
         read(file)
 
 
-# ---------------------------------------------------------------- which cells, which tags
-
-
 def mixed_file(tmp_path):
     """A tetrahedron, two of its faces, one edge, and a node of its own."""
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [5, 5, 5]]
@@ -190,31 +172,24 @@ def test_a_kind_that_is_absent_or_unknown_is_refused(tmp_path):
         read(file, kind="tets")
 
 
+def with_cell_data(tmp_path, data):
+    points, cells = np.pad(SQUARE, ((0, 0), (0, 1))), [("triangle", TWO_TRIANGLES)]
+    return read(write_raw(tmp_path / "m.vtu", points, cells, cell_data=data))
+
+
 @pytest.mark.parametrize(
     "name", ["gmsh:physical", "medit:ref", "region", "Material", "MaterialIDs", "tag", "cell_tags"]
 )
 def test_regions_are_found_under_the_names_that_programs_use(tmp_path, name):
     data = {"rank": [np.array([5, 6])], name: [np.array([2.0, 4.0])]}
-    file = write_raw(
-        tmp_path / "m.vtu",
-        np.pad(SQUARE, ((0, 0), (0, 1))),
-        [("triangle", TWO_TRIANGLES)],
-        cell_data=data,
-    )
-    mesh = read(file)
+    mesh = with_cell_data(tmp_path, data)
     assert_array_equal(mesh.cell_tags, [2, 4])
     assert set(mesh.cell_data) == {"rank"}
 
 
 @pytest.mark.parametrize("values", [[1.5, 2.0], [np.nan, 1.0]])
 def test_fields_that_are_not_integers_are_no_tags(tmp_path, values):
-    file = write_raw(
-        tmp_path / "m.vtu",
-        np.pad(SQUARE, ((0, 0), (0, 1))),
-        [("triangle", TWO_TRIANGLES)],
-        cell_data={"region": [np.array(values)]},
-    )
-    mesh = read(file)
+    mesh = with_cell_data(tmp_path, {"region": [np.array(values)]})
     assert mesh.cell_tags is None
     assert_array_equal(mesh.cell_data["region"], values)
 

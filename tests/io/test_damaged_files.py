@@ -11,16 +11,13 @@ from concurrent.futures import ThreadPoolExecutor
 import meshio
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from meshes import random_sphere
 from numpy.testing import assert_array_equal
 from stl_files import ASCII_STL, binary_stl
 
-from adaptsize import SimplexMesh, SizeFunction, read, read_image, read_size, write
+from adaptsize import SimplexMesh, read, read_image, read_size, write
 from adaptsize._formats import completeness
 from adaptsize.background import CartesianGrid
-from adaptsize.errors import MeshFileError, MeshRepairWarning
+from adaptsize.errors import MeshFileError
 
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
 TWO_TRIANGLES = [[0, 1, 2], [0, 2, 3]]
@@ -34,32 +31,22 @@ posix_only = pytest.mark.skipif(sys.platform == "win32", reason="pipes with a pa
 
 BAD_FILES = {
     "empty.stl": (b"", "is empty"),
-    "empty.vtu": (b"", "is empty"),
     "garbage.stl": (b"this is not a mesh\n" * 20, "neither an ascii nor a binary STL"),
-    "short.stl": (b"\x01\x02\x03", "neither an ascii nor a binary STL"),
     "none.stl": (binary_stl([]), "without triangles"),
-    "nothing.stl": (b"solid x\nendsolid x\n", "without triangles"),
     "cut.stl": (binary_stl(np.ones((9, 3, 3)))[:-60], r"truncated .*promises 9 .*holds 7"),
-    "cut_text.stl": (ASCII_STL[:-20].encode(), "truncated"),
     "cut_word.stl": (ASCII_STL[:200].encode(), "broken or truncated"),
     "blah.stl": (ASCII_STL.replace("1.0e0 1 1", "1 blah 1").encode(), "line 12: .*'1 blah 1'"),
-    "two.stl": (ASCII_STL.replace("1.0e0 1 1", "1 1").encode(), "line 12: .*'1 1'"),
     "nan.stl": (ASCII_STL.replace("1.0e0 1 1", "nan 1 1").encode(), "point 3 is not finite"),
     "same.stl": (binary_stl(np.ones((3, 3, 3))), "contain a node twice"),
     "nan.off": (b"OFF\n3 1 0\n0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "point 1 is not finite"),
     "index.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", r"has nodes \[0, 1, 3\]"),
     "negative.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", r"has nodes \[0, 1, -1\]"),
-    "garbage.off": (b"not an OFF file", "cannot be read"),
-    "garbage.obj": (b"\xff\xfe\x00garbage" * 9, "garbage.obj"),
     "points.obj": (b"v 0 0 0\nv 1 0 0\n", "no cells"),
     "garbage.ply": (b"ply\nformat nonsense\n", "cannot be read"),
-    "garbage.vtk": (b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET NONSENSE\n", "cannot be read"),
     "no_points.su2": (b"NDIME= 2\nNELEM= 1\n5 0 1 2\n", "holds no points"),
-    "zero_points.su2": (b"NDIME= 2\nNELEM= 1\n5 0 1 2\nNPOIN= 0\n", "holds no points"),
     "comment.su2": (b"NDIME= 2\n% NPOIN= 3\nNELEM= 1\n5 0 1 2\n", "holds no points"),
     "garbage.vtu": (b"<VTKFile><unclosed>", "cannot be read"),
     "garbage.msh": (b"$MeshFormat\n9.9 0 8\n$EndMeshFormat\n", "cannot be read"),
-    "garbage.mesh": (b"MeshVersionFormatted 2\nVertices\n5\n0 0 0\nEnd\n", "cannot be read"),
     "no_end.mesh": (b"MeshVersionFormatted 2\nDimension 3\nVertices\n5\n0 0 0", "no End"),
     "garbage.meshb": (b"\x01\x00\x00\x00\x09", "truncated"),
     "tags.msh": (
@@ -70,8 +57,6 @@ BAD_FILES = {
     "other.msh": (b"(1 (an Ansys file))", "MeshFormat"),
     "square.wkt": (b"TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0", r"knows \(\.wkt\).*from_meshio"),
     "tecplot.dat": (b"TITLE = x\n", r"knows \(\.dat\)"),
-    "garbage.xdmf": (b"<Xdmf Version='3.0'></Xdmf>", "cannot be read"),
-    "garbage.inp": (b"*NODE\nx, y, z\n", "cannot be read"),
     "notes.txt": (b"hello", r"suffix that no reader knows \(\.txt\)"),
     "nosuffix": (b"hello", "suffix that no reader knows"),
 }
@@ -181,30 +166,6 @@ def test_fewer_faces_than_the_header_says_are_refused(tmp_path, name, content, n
     file.write_text(content.rstrip()[:-2])  # the last face lacks a node
     with pytest.raises(MeshFileError):
         read(file)
-
-
-def test_fewer_faces_than_the_header_of_a_binary_ply_says_are_refused(tmp_path):
-    file = tmp_path / "mesh.ply"
-    write(file, random_sphere(8, 7314))
-    n = read(file).n_cells
-    file.write_bytes(file.read_bytes()[:-13])  # one byte and three nodes
-    with pytest.raises(MeshFileError, match=rf"promises {n} faces, holds {n - 1}"):
-        read(file)
-
-
-@settings(max_examples=60)
-@given(st.data())
-def test_damaged_files_are_read_or_refused_never_worse(tmp_path_factory, data):
-    suffix = data.draw(st.sampled_from([".stl", ".off", ".vtk", ".mesh", ".xdmf"]))
-    file = tmp_path_factory.mktemp("damaged") / f"mesh{suffix}"
-    write(file, random_sphere(8, 7314))
-    content = bytearray(file.read_bytes())
-    for _ in range(data.draw(st.integers(0, 3))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    file.write_bytes(content[: data.draw(st.integers(1, len(content)))])
-    with warnings.catch_warnings(), contextlib.suppress(MeshFileError):
-        warnings.simplefilter("ignore", MeshRepairWarning)
-        assert read(file).n_cells > 0  # any other exception fails the test
 
 
 # ---------------------------------------------------------------- cut at every byte
@@ -362,17 +323,6 @@ def test_names_in_a_file_do_not_make_the_message_long(tmp_path):
     with pytest.raises(MeshFileError, match=r"has no nodal field 'h'") as caught:
         read_size(file)
     assert len(str(caught.value)) < 1000
-
-
-def test_a_size_function_in_a_damaged_file_is_refused(tmp_path):
-    file = tmp_path / "a.vti"
-    grid = CartesianGrid([0.0, 0.0], spacing=1.0, shape=(3, 3))
-    write(file, SizeFunction(grid, np.full((3, 3), 0.5)))
-    content = file.read_bytes()
-    for n in range(len(content) - 30):
-        file.write_bytes(content[:n])
-        with pytest.raises(MeshFileError, match=r"a\.vti: "):
-            read_size(file)
 
 
 def test_words_that_are_no_numbers_are_named_in_short():

@@ -1,6 +1,8 @@
 """Pictures and volumes from files: what is where, how large, and what is refused."""
 
+import struct
 import sys
+import zlib
 
 import nibabel
 import nrrd
@@ -30,10 +32,14 @@ def test_pictures_have_x_to_the_right_and_y_upwards(tmp_path):
 
 
 @pytest.mark.parametrize("compression", [None, "tiff_lzw", "packbits", "tiff_adobe_deflate"])
-def test_compressed_tiffs_are_the_same_picture(tmp_path, monkeypatch, compression):
+def test_compressed_tiffs_are_the_same_picture_or_stack(tmp_path, monkeypatch, compression):
     monkeypatch.setitem(sys.modules, "imagecodecs", None)  # a package that need not be there
     Pillow.fromarray(corner()).save(tmp_path / "mask.tif", compression=compression)
     np.testing.assert_array_equal(read_image(tmp_path / "mask.tif").values, corner()[::-1].T)
+    first, *others = (Pillow.fromarray(page) for page in volume().T)
+    options = {"save_all": True, "append_images": others, "compression": compression}
+    first.save(tmp_path / "stack.tif", **options)
+    np.testing.assert_array_equal(read_image(tmp_path / "stack.tif").values, volume())
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.int64, np.float32, np.float64])
@@ -84,43 +90,21 @@ def volume():
     return values
 
 
-def test_stacks_have_x_y_and_the_page_as_z_with_the_spacing_of_imagej(tmp_path):
-    tifffile.imwrite(
-        tmp_path / "stack.tif",
-        volume().T,
-        imagej=True,
-        resolution=(1 / 0.5, 1 / 0.25),  # pixels per unit
-        metadata={"spacing": 3.0, "unit": "um", "axes": "ZYX"},
-    )
-    image = read_image(tmp_path / "stack.tif")
+IMAGEJ = {
+    "imagej": True,
+    "resolution": (1 / 0.5, 1 / 0.25),  # pixels per unit
+    "metadata": {"spacing": 3.0, "unit": "um", "axes": "ZYX"},
+}
+SIZES = {"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25, "PhysicalSizeZ": 3.0}
+OME = {"photometric": "minisblack", "metadata": {"axes": "ZYX"} | SIZES}
+
+
+@pytest.mark.parametrize(("name", "options"), [("stack.tif", IMAGEJ), ("stack.ome.tif", OME)])
+def test_stacks_have_x_y_and_the_page_as_z_with_their_spacing(tmp_path, name, options):
+    tifffile.imwrite(tmp_path / name, volume().T, **options)
+    image = read_image(tmp_path / name)
     np.testing.assert_array_equal(image.values, volume())
     np.testing.assert_allclose(image.spacing, [0.5, 0.25, 3.0])
-
-
-def test_stacks_have_the_spacing_of_ome(tmp_path):
-    tifffile.imwrite(
-        tmp_path / "stack.ome.tif",
-        volume().T,
-        photometric="minisblack",
-        metadata={
-            "axes": "ZYX",
-            "PhysicalSizeX": 0.5,
-            "PhysicalSizeY": 0.25,
-            "PhysicalSizeZ": 3.0,
-        },
-    )
-    image = read_image(tmp_path / "stack.ome.tif")
-    np.testing.assert_array_equal(image.values, volume())
-    np.testing.assert_allclose(image.spacing, [0.5, 0.25, 3.0])
-
-
-def test_compressed_stacks_are_read_without_imagecodecs(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "imagecodecs", None)
-    pages = [Pillow.fromarray(page) for page in volume().T]
-    pages[0].save(
-        tmp_path / "stack.tif", save_all=True, append_images=pages[1:], compression="tiff_lzw"
-    )
-    np.testing.assert_array_equal(read_image(tmp_path / "stack.tif").values, volume())
 
 
 #: Axes of the array along z, -x and y of space.
@@ -210,6 +194,26 @@ def test_damaged_files_are_one_line_with_their_name(tmp_path, name, content):
     assert "\n" not in str(caught.value)
 
 
+def test_a_picture_of_too_many_pixels_is_refused(tmp_path):
+    Pillow.fromarray(corner()).save(tmp_path / "a.png")
+    content = bytearray((tmp_path / "a.png").read_bytes())
+    content[16:24] = struct.pack(">II", 20_000, 20_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(MeshFileError, match=r"a\.png: .*400000000 pixels"):
+        read_image(tmp_path / "a.png")
+
+
+def test_an_archive_of_arrays_with_another_checksum_is_refused(tmp_path):
+    file = tmp_path / "a.npz"
+    np.savez(file, labels=np.eye(4, dtype=int))
+    flipped = bytearray(file.read_bytes())
+    flipped[200] ^= 255  # inside the numbers
+    file.write_bytes(flipped)
+    with pytest.raises(MeshFileError, match=r"a\.npz: .*CRC"):
+        read_image(file)
+
+
 def test_missing_files_and_other_kinds_are_refused(tmp_path):
     with pytest.raises(MeshFileError, match="No such file"):
         read_image(tmp_path / "no.png")
@@ -228,23 +232,11 @@ def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypa
         read_image(tmp_path / "mask.tif")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            (np.ones(4),),
-            r"values must be numbers in a 2-D or 3-D array, got float64 of shape \(4,\)",
-        ),
-        ((np.empty((0, 3)),), "got float64 of shape"),
-        (([["a", "b"]],), "got <U1"),
-        ((np.ones((3, 4)), 0.0), r"spacing must be finite and > 0, got spacing\[0\] = 0.0"),
-        ((np.ones((3, 4)), [1.0, 2.0, 3.0]), r"spacing must be a number or have shape \(2,\)"),
-        ((np.ones((3, 4)), 1.0, [0.0, np.nan]), "origin must be 2 finite numbers"),
-    ],
-)
-def test_images_refuse_what_is_none(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Image(*arguments)
+def test_images_refuse_what_is_none():
+    with pytest.raises(ValueError, match=r"2-D or 3-D array, got float64 of shape \(4,\)"):
+        Image(np.ones(4))
+    with pytest.raises(ValueError, match=r"spacing must be a number or have shape \(2,\)"):
+        Image(np.ones((3, 4)), [1.0, 2.0, 3.0])
 
 
 def test_images_own_read_only_copies():
