@@ -29,6 +29,11 @@ TETRAHEDRA = [[0, 1, 2, 3], [1, 2, 3, 4], [4, 6, 7, 8], [4, 10, 11, 12]]
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="pipes with a path")
 
 
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header"
+)
+QUAD = "QUAD\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n4 0 1 2 3\n"
 BAD_FILES = {
     "empty.stl": (b"", "is empty"),
     "garbage.stl": (b"this is not a mesh\n" * 20, "neither an ascii nor a binary STL"),
@@ -42,6 +47,8 @@ BAD_FILES = {
     "index.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", r"has nodes \[0, 1, 3\]"),
     "negative.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", r"has nodes \[0, 1, -1\]"),
     "points.obj": (b"v 0 0 0\nv 1 0 0\n", "no cells"),
+    "few.off": (QUAD.replace("QUAD", "OFF # by hand\n4 2 0").encode(), "promises 2 faces, holds 1"),
+    "few.ply": (QUAD.replace("QUAD", PLY).encode(), r"truncated \(promises 2 faces, holds 1\)"),
     "garbage.ply": (b"ply\nformat nonsense\n", "cannot be read"),
     "no_points.su2": (b"NDIME= 2\nNELEM= 1\n5 0 1 2\n", "holds no points"),
     "comment.su2": (b"NDIME= 2\n% NPOIN= 3\nNELEM= 1\n5 0 1 2\n", "holds no points"),
@@ -134,38 +141,6 @@ def test_many_threads_that_read_leave_the_filters_of_warnings_as_they_were(tmp_p
         meshes = list(pool.map(read, [file] * 40))
     assert {mesh.n_cells for mesh in meshes} == {2}
     assert warnings.filters == before
-
-
-TETRAHEDRON = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
-TWO_QUADS = "0 0 1\n1 0 1\n1 1 1\n0 1 1\n2 0 1\n2 1 1\n4 0 1 2 3\n4 1 4 5 2\n"
-PLY = (
-    "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\n"
-    "property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n"
-)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "n"),
-    [
-        ("a.off", "OFF\n4 4 0\n" + TETRAHEDRON, 4),
-        ("b.off", "OFF 4 4 0 # by hand\n" + TETRAHEDRON, 4),
-        ("quads.off", "OFF # by hand\n6 2 0\n" + TWO_QUADS, 2),
-        ("a.ply", PLY.format(4, 4) + TETRAHEDRON, 4),
-        ("quads.ply", PLY.format(6, 2) + TWO_QUADS, 2),
-    ],
-)
-@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
-def test_fewer_faces_than_the_header_says_are_refused(tmp_path, name, content, n):
-    file = tmp_path / name
-    file.write_text(content)
-    assert read(file).n_cells == 4
-    lines = content.splitlines(keepends=True)
-    file.write_text("".join(lines[:-1]))
-    with pytest.raises(MeshFileError, match=rf"truncated \(promises {n} faces, holds {n - 1}\)"):
-        read(file)
-    file.write_text(content.rstrip()[:-2])  # the last face lacks a node
-    with pytest.raises(MeshFileError):
-        read(file)
 
 
 # ---------------------------------------------------------------- cut at every byte

@@ -1,37 +1,14 @@
 """Sizes in the files that mesh generators read."""
 
 import os
-import re
 
 import numpy as np
 import pytest
 from mesh_files import SQUARE, TWO_TRIANGLES, tagged_mesh
-from meshes import jittered_cube, random_sphere, random_square
+from meshes import random_sphere
 from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, SizeFunction, read, write
-
-
-def numbers(text):
-    return [float(word) for word in re.findall(r"[-+.\deE]+", text)]
-
-
-@pytest.mark.parametrize("make", [lambda: random_square(12, 7315), lambda: jittered_cube(2, 7316)])
-def test_a_gmsh_view_has_coordinates_and_sizes_of_every_cell(tmp_path, make):
-    mesh = make()
-    h = np.random.default_rng(7317).uniform(0.1, 1, mesh.n_points)
-    write(tmp_path / "size.pos", SizeFunction(mesh, h))
-    head, *rows, tail = (tmp_path / "size.pos").read_text().splitlines()
-    assert (head, tail) == ('View "h" {', "};")
-    assert len(rows) == mesh.n_cells
-    n_nodes = mesh.dim + 1
-    for row, cell in zip(rows, mesh.cells, strict=True):
-        name, coordinates, values = re.fullmatch(r"(S[ST])\((.*)\)\{(.*)\};", row).groups()
-        assert name == {2: "ST", 3: "SS"}[mesh.dim]
-        given = np.reshape(numbers(coordinates), (n_nodes, 3))
-        assert_array_equal(given[:, : mesh.dim], mesh.points[cell])
-        assert_array_equal(given[:, mesh.dim :], 0)
-        assert_array_equal(numbers(values), h[cell])
 
 
 @pytest.mark.parametrize("dim", [2, 3])

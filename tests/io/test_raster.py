@@ -63,25 +63,24 @@ def test_the_indices_of_a_palette_are_the_labels(tmp_path):
     np.testing.assert_array_equal(read_image(tmp_path / "labels.png").values, corner()[::-1].T)
 
 
-def test_grey_stored_as_colours_is_grey_and_colours_are_refused(tmp_path):
-    rows = np.repeat(corner()[..., None], 3, axis=2)
+@pytest.mark.parametrize(
+    ("n_channels", "place", "message"),
+    [
+        (3, (2, 3, 0), r"other\.png: has colours; segment it first"),
+        (4, (0, 0, 3), "transparent parts"),
+    ],
+)
+def test_grey_stored_as_colours_is_grey_and_colours_are_refused(
+    tmp_path, n_channels, place, message
+):
+    rows = np.repeat(corner()[..., None], n_channels, axis=2)
+    rows[..., 3:] = 255  # opaque
     Pillow.fromarray(rows).save(tmp_path / "grey.png")
     np.testing.assert_array_equal(read_image(tmp_path / "grey.png").values, corner()[::-1].T)
-    rows[2, 3] = (10, 20, 30)
-    Pillow.fromarray(rows).save(tmp_path / "photo.png")
-    with pytest.raises(MeshFileError, match=r"photo\.png: has colours; segment it first"):
-        read_image(tmp_path / "photo.png")
-
-
-def test_transparent_parts_are_refused_and_an_opaque_channel_is_not(tmp_path):
-    rows = np.repeat(corner()[..., None], 4, axis=2)
-    rows[..., 3] = 255
-    Pillow.fromarray(rows).save(tmp_path / "opaque.png")
-    np.testing.assert_array_equal(read_image(tmp_path / "opaque.png").values, corner()[::-1].T)
-    rows[0, 0, 3] = 0
-    Pillow.fromarray(rows).save(tmp_path / "hole.png")
-    with pytest.raises(MeshFileError, match="transparent parts"):
-        read_image(tmp_path / "hole.png")
+    rows[place] = 10
+    Pillow.fromarray(rows).save(tmp_path / "other.png")
+    with pytest.raises(MeshFileError, match=message):
+        read_image(tmp_path / "other.png")
 
 
 def volume():

@@ -17,14 +17,19 @@ FIELD_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh"]
 CELL_FIELD_FORMATS = FIELD_FORMATS[:3]
 SURFACE_FORMATS = [".ply", ".obj", ".off"]
 
+
+def there_and_back(file, mesh, **options):
+    write(file, mesh, **options)
+    return read(file)
+
+
 LINE = SimplexMesh(SQUARE, [[0, 1], [1, 2], [2, 3]], cell_tags=[1, 2, 2])
 
 
 @pytest.mark.parametrize("mesh", [tagged_mesh(2), tagged_mesh(3), LINE])
 @pytest.mark.parametrize("suffix", MESH_FORMATS)
 def test_points_cells_tags_and_fields_come_back_to_the_last_bit(tmp_path, suffix, mesh):
-    write(tmp_path / f"mesh{suffix}", mesh)
-    back = read(tmp_path / f"mesh{suffix}")
+    back = there_and_back(tmp_path / f"mesh{suffix}", mesh)
     for array in ("points", "cells", "cell_tags", "tagged_facets", "facet_tags"):
         assert_array_equal(getattr(back, array), getattr(mesh, array), err_msg=array)
     if suffix in FIELD_FORMATS:
@@ -95,8 +100,7 @@ def test_gmsh_keeps_all_cells_and_names_of_a_written_file(tmp_path):
 def test_surfaces_come_back_to_the_last_bit_that_the_format_holds(tmp_path, suffix):
     mesh = random_sphere(50, 7304)
     fields = {"h": np.random.default_rng(7309).random(50)} if suffix == ".ply" else {}
-    write(tmp_path / f"mesh{suffix}", mesh, fields=fields)
-    back = read(tmp_path / f"mesh{suffix}")
+    back = there_and_back(tmp_path / f"mesh{suffix}", mesh, fields=fields)
     if suffix == ".stl":
         assert (back.n_points, back.is_closed) == (50, True)
         assert_array_equal(back.points[back.cells], mesh.points[mesh.cells].astype(np.float32))
@@ -120,8 +124,7 @@ def test_normals_in_stl_files_are_unit_and_point_outward(tmp_path):
 @pytest.mark.parametrize("suffix", [".stl", *SURFACE_FORMATS])
 def test_tetrahedra_are_written_to_surface_formats_as_their_boundary(tmp_path, suffix):
     mesh = jittered_cube(4, 7307)
-    write(tmp_path / f"mesh{suffix}", mesh)
-    back = read(tmp_path / f"mesh{suffix}")
+    back = there_and_back(tmp_path / f"mesh{suffix}", mesh)
     assert back.cell_dim == 2
     assert back.is_closed
     assert back.n_cells == mesh.boundary().mesh.n_cells
@@ -129,16 +132,14 @@ def test_tetrahedra_are_written_to_surface_formats_as_their_boundary(tmp_path, s
 
 def test_fields_are_added_to_and_replace_those_of_the_mesh(tmp_path):
     mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, point_data={"a": [1.0] * 4, "b": [2.0] * 4})
-    write(tmp_path / "mesh.vtu", mesh, fields={"b": [3.0] * 4, "c": [4.0] * 4})
-    back = read(tmp_path / "mesh.vtu")
+    back = there_and_back(tmp_path / "mesh.vtu", mesh, fields={"b": [3.0] * 4, "c": [4.0] * 4})
     assert {name: values[0] for name, values in back.point_data.items()} == {"a": 1, "b": 3, "c": 4}
     assert_array_equal(mesh.point_data["b"], 2.0)
 
 
 def test_tags_that_are_all_zero_are_read_as_none(tmp_path):
     mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, cell_tags=[0, 0])
-    write(tmp_path / "mesh.mesh", mesh)
-    back = read(tmp_path / "mesh.mesh")
+    back = there_and_back(tmp_path / "mesh.mesh", mesh)
     assert back.cell_tags is None
     assert not back.cell_data
 
