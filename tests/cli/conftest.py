@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from command_line import call
 
 from adaptsize import SimplexMesh, write
 
@@ -21,3 +22,18 @@ def square(tmp_path):
         tmp_path / "square.vtu", mesh, fields={"h0": [0.1, np.inf, np.inf, np.inf], "h": np.ones(4)}
     )
     return tmp_path / "square.vtu"
+
+
+@pytest.fixture
+def refused(capsys):
+    """Return a function that runs a command, which prints one line only, and returns the line."""
+
+    def run(*words):
+        assert call(*words) == 1
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.startswith("adaptsize: error: ")
+        assert printed.err.count("\n") == 1
+        return printed.err
+
+    return run

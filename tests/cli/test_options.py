@@ -52,12 +52,8 @@ def test_help_is_complete_and_fits_on_a_screen_and_a_half(capsys, monkeypatch, n
 
 
 @pytest.mark.parametrize(("name", "flag"), NUMBERS)
-def test_what_is_no_number_is_one_line_before_anything_is_read(capsys, name, flag):
-    assert call(name, *WORDS[name], flag, "nan") == 1
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.startswith(f"adaptsize: error: {flag} must be ")
-    assert printed.err.count("\n") == 1
+def test_what_is_no_number_is_one_line_before_anything_is_read(refused, name, flag):
+    assert f": {flag} must be " in refused(name, *WORDS[name], flag, "nan")
 
 
 @pytest.mark.parametrize(
@@ -67,18 +63,15 @@ def test_what_is_no_number_is_one_line_before_anything_is_read(capsys, name, fla
         (["--elements", "9e3", "--max-elements", "8e3"], "--elements must be at most --max-ele"),
         (["--field", "h_nan"], "h0 must be positive (inf where there is no bound), got h0[1]"),
         (["--field", "none"], "the mesh has no nodal field 'none'; it has: h_nan"),
-        (["--source", "cone:1=2"], "--source must be one of point"),
         (["--crease-angle", "181"], "--crease-angle must be at most 180 degrees, got 181"),
     ],
 )
 @pytest.mark.parametrize("command", ["size", "remesh"])
-def test_bad_options_are_one_line_and_leave_no_file(capsys, tmp_path, command, words, expected):
+def test_bad_options_are_one_line_and_leave_no_file(refused, tmp_path, command, words, expected):
     mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     write(tmp_path / "in.vtu", mesh, fields={"h_nan": [1.0, np.nan, 1.0]})
-    assert call(command, tmp_path / "in.vtu", "-o", tmp_path / "out.vtu", *words) == 1
-    err = capsys.readouterr().err
+    err = refused(command, tmp_path / "in.vtu", "-o", tmp_path / "out.vtu", *words)
     assert err.startswith(f"adaptsize: error: {expected}")
-    assert err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["in.vtu"]
 
 
@@ -87,20 +80,16 @@ def test_bad_options_are_one_line_and_leave_no_file(capsys, tmp_path, command, w
     [
         (["--backend", "frob"], "--backend must be one of 'auto', 'tetwild', 'mmg', 'gmsh'"),
         (["--backend", "mmg"], "backend 'mmg' is not installed; install it with: pip install"),
-        (["--tolerance", "7"], "--tolerance must be at most 1, got 7"),
-        (["--timeout", "-1"], "--timeout must be finite and > 0, got -1"),
-        (["--target", "frob"], "--target must be one of 'auto', 'tetrahedra', 'triangles'"),
     ],
 )
 def test_bad_options_of_generators_are_refused_before_reading(
-    capsys, monkeypatch, square, words, expected
+    refused, monkeypatch, square, words, expected
 ):
     monkeypatch.setattr(
         "adaptsize.remeshing.registry._is_installed", lambda backend: backend.name != "mmg"
     )
     monkeypatch.setattr("adaptsize.io.read", lambda *_: pytest.fail("the input was read"))
-    assert call("remesh", square, "-o", square.with_name("o.vtu"), *words) == 1
-    assert expected in capsys.readouterr().err
+    assert expected in refused("remesh", square, "-o", square.with_name("o.vtu"), *words)
 
 
 def test_the_shell_completes_options_and_backends():
@@ -110,20 +99,11 @@ def test_the_shell_completes_options_and_backends():
             "COMP_WORDS": words,
             "COMP_CWORD": str(len(words.split(" ")) - 1),
         }
-        child = subprocess.run(
-            [sys.executable, "-m", "adaptsize"],
-            env=os.environ | variables,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return child.stdout.split()
+        command = [sys.executable, "-m", "adaptsize"]
+        return subprocess.check_output(command, env=os.environ | variables, text=True).split()
 
     assert completed("adaptsize remesh --bac") == ["--backend"]
     assert completed("adaptsize remesh --backend ") == ["auto", "tetwild", "mmg", "gmsh"]
-
-
-# --- files of options -------------------------------------------------------------
 
 
 @pytest.fixture
@@ -150,13 +130,12 @@ def test_options_of_a_file_are_those_of_the_command_line(capsys, tmp_path, part)
     assert (printed[1]["g"], printed[1]["hmax"]) == (0.5, 0.1)
 
 
-def test_lists_flags_and_names_can_stand_in_a_file(capsys, tmp_path, part):
+def test_lists_flags_and_names_can_stand_in_a_file(refused, tmp_path, part):
     file = part('label = [51, 102]\nspacing = [0.5, 0.5]\nhmin = 2\nplot = "a.doc"')
-    assert call("image", DATA / "objects.png", "-o", tmp_path / "o.vtu", "--options", file) == 1
-    assert "--plot must end in .png" in capsys.readouterr().err
+    err = refused("image", DATA / "objects.png", "-o", tmp_path / "o.vtu", "--options", file)
+    assert "--plot must end in .png" in err
     words = ["-o", tmp_path / "o.vtu", "--options", part('strict = true\nbackend = "frob"')]
-    assert call("remesh", DATA / "lshape.vtu", *words) == 1
-    assert "--backend must be one of" in capsys.readouterr().err
+    assert "--backend must be one of" in refused("remesh", DATA / "lshape.vtu", *words)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +151,7 @@ def test_lists_flags_and_names_can_stand_in_a_file(capsys, tmp_path, part):
         (None, "No such file or directory"),
     ],
 )
-def test_bad_files_of_options_are_refused_with_their_name(capsys, tmp_path, part, text, expected):
+def test_bad_files_of_options_are_refused_with_their_name(refused, tmp_path, part, text, expected):
     file = tmp_path / "part.toml" if text is None else part(text)
-    assert call("size", "in.vtu", "-o", "o.vtu", "--options", file) == 1
-    assert f"adaptsize: error: {file}: {expected}" in capsys.readouterr().err
+    err = refused("size", "in.vtu", "-o", "o.vtu", "--options", file)
+    assert f"adaptsize: error: {file}: {expected}" in err

@@ -9,7 +9,7 @@ import pytest
 import typer
 from page_code import blocks_of
 
-from adaptsize import quality
+from adaptsize import __version__, quality
 from adaptsize.cli.commands import app
 from adaptsize.cli.entry import run
 
@@ -49,6 +49,16 @@ def test_every_command_is_on_the_page():
         assert f"adaptsize {name}" in PAGE, name
 
 
+#: Keys that are always there.
+SHARED = {"command", "version", "output", "warnings", "steps", "seconds", "units"}
+KEYS = {
+    "info": {"input", "n_points", "n_cells", "kind", "lower", "upper", "measure", "angle_min"},
+    "check": {"input", "n_points", "n_cells", "edges", "radius_ratio_min", "angle_min"},
+    "limit": {"input", "method", "g", "n_points", "n_lowered", "cell_gradient_quantiles"},
+    "size": {"input", "size"},
+}
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -60,9 +70,14 @@ def test_every_command_is_on_the_page():
     ],
     ids=["info", "check", "limit", "size", "error"],
 )
-def test_every_key_of_the_json_object_is_on_the_page(folder, capsys, words):
-    run([*words, "--json"])
-    result = json.loads(capsys.readouterr().out)
+def test_json_is_one_object_with_the_keys_on_the_page(folder, capsys, words):
+    code = run([*words, "--json"])
+    result = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)  # no NaN
+    assert (result["command"], result["version"]) == (words[0], __version__)
+    assert SHARED | ({"error"} if code else KEYS[words[0]]) <= set(result)
+    assert all(step["seconds"] >= 0.0 for step in result["steps"])
+    for file in result["output"]:
+        assert (file["file"], file["n_cells"] > 0, "h" in file["fields"]) == ("o.vtu", True, True)
     rows = dict(re.findall(r"^\| (\S+) \| (.*) \|$", PAGE.replace("`", ""), re.MULTILINE))
     listed = {"input", *re.findall(r"\w+", rows["all"]), *re.findall(r"\w+", rows[words[0]])}
     for name in {"MeshSummary", "Conformity"} & listed:

@@ -30,28 +30,11 @@ def test_wrong_usage_exits_2_and_says_so_on_stderr(capsys, arguments):
     assert "Error:" in printed.err
 
 
-def test_refused_input_is_one_plain_line_and_exit_1(capsys):
-    assert call("info", "no-such-file.stl") == 1
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err == "adaptsize: error: no-such-file.stl: No such file or directory\n"
-
-
 def test_debug_adds_the_traceback(capsys):
     assert call("--debug", "info", "no-such-file.stl") == 1
     printed = capsys.readouterr().err
     assert printed.startswith("Traceback")
     assert printed.endswith("adaptsize: error: no-such-file.stl: No such file or directory\n")
-
-
-def test_help_imports_nothing_heavy():
-    code = (
-        "import sys; from adaptsize.cli.entry import run; run(['--help']);"
-        "heavy = {'numba', 'scipy', 'meshio', 'trimesh', 'pyvista'} & set(sys.modules);"
-        "print(heavy, file=sys.stderr)"
-    )
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert child.stderr.strip() == "set()"
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
