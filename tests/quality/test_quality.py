@@ -52,14 +52,9 @@ def one_cell(corners):
 
 
 @pytest.mark.parametrize("name", EXACT)
-def test_radius_ratio_of_known_cells(name):
-    corners, ratio, _ = EXACT[name]
+def test_radius_ratio_and_smallest_angle_of_known_cells(name):
+    corners, ratio, angle = EXACT[name]
     assert_allclose(radius_ratios(one_cell(corners)), [ratio], rtol=1e-9)
-
-
-@pytest.mark.parametrize("name", EXACT)
-def test_smallest_angle_of_known_cells(name):
-    corners, _, angle = EXACT[name]
     assert_allclose(minimum_angles(one_cell(corners)), [angle], rtol=1e-9)
 
 
@@ -165,12 +160,8 @@ def test_inverted_and_flat_cells_are_counted():
     assert size_conformity(whole, 1.0).n_inverted == GRID.n_cells
     flat = SimplexMesh([[0, 0], [1, 0], [2, 0], [0, 1]], [[0, 1, 2], [0, 1, 3]])
     assert size_conformity(flat, 1.0).n_inverted == 1
-
-
-def test_surface_cells_are_inverted_only_if_flat():
-    sphere = random_sphere(50, 7013)
-    flipped = SimplexMesh(sphere.points, sphere.cells[:, ::-1])
-    assert size_conformity(flipped, 1.0).n_inverted == 0
+    sphere = random_sphere(50, 7013)  # a surface in space has no wrong orientation
+    assert size_conformity(SimplexMesh(sphere.points, sphere.cells[:, ::-1]), 1.0).n_inverted == 0
 
 
 def test_hausdorff_distance_of_a_shifted_cube():
@@ -198,15 +189,12 @@ def test_hausdorff_distance_is_measured_both_ways():
 
 
 def test_hausdorff_distance_sees_more_than_the_nodes():
-    # A square cut along either diagonal, its centre lifted or not: the nodes of the two
-    # surfaces differ only by the lifted one, from which the flat pair is 0.2 away.
-    flat = SimplexMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    # A bent square cut along either diagonal: the same nodes.
     bent = SimplexMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0.4], [0, 1, 0]], [[0, 1, 3], [1, 2, 3]])
     other = SimplexMesh(bent.points, [[0, 1, 2], [0, 2, 3]])
     # The middles of the two diagonals are (.5, .5, 0) and (.5, .5, .2).
     distance = size_conformity(bent, 1.0, surface=other).hausdorff
     assert 0.1 < distance <= 0.2
-    assert size_conformity(flat, 1.0, surface=flat).hausdorff == 0.0
 
 
 def test_hausdorff_distance_in_the_plane():
@@ -225,32 +213,13 @@ def test_as_dict_goes_through_json_unchanged():
         assert plain["edges"]["n_edges"] == len(cube.edges)
 
 
-def test_the_table_holds_the_figures():
-    cube = jittered_cube(4, 7043)
-    text = str(size_conformity(cube, 20.0, surface=cube.boundary().mesh))
-    conformity = size_conformity(cube, 20.0)
-    for part in (
-        f"{cube.n_cells} tetrahedra",
-        f"{conformity.edges.q50:.3f}",
-        f"{conformity.share_in_band:.2%}",
-        "boundary edges",
-        f"dihedral angle: {conformity.angle_min:.2f} deg",
-        "of the diagonal",
-    ):
-        assert part in text
-    assert "of the diagonal" not in str(conformity)
-
-
 @pytest.mark.parametrize(
     ("size", "message"),
     [
-        (-1.0, "size must be positive"),
         (5e-324, r"edges / size must be at most 1e\+60, got edges / size\[0\] = inf"),
         (np.inf, "size must be finite on one edge at least"),
-        (np.ones(3), r"size must have shape \(25,\), got \(3,\)"),
         (np.where(np.arange(25) == 7, np.nan, 1.0), r"size\[7\] = nan"),
         (lambda x: x, r"size\(midpoints\) must have shape \(56,\), got \(56, 2\)"),
-        (lambda x: 0.0 * x[:, 0], r"size\(midpoints\) must be positive"),
     ],
 )
 def test_bad_sizes_are_refused(size, message):
@@ -268,13 +237,3 @@ def test_segments_have_no_quality():
     for function in (radius_ratios, minimum_angles, lambda mesh: size_conformity(mesh, 1.0)):
         with pytest.raises(ValueError, match="mesh must consist of triangles or tetrahedra"):
             function(line)
-
-
-def test_what_is_no_mesh_is_refused():
-    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    with pytest.raises(ValueError, match=r"^mesh must be a SimplexMesh, got 'part.stl'$"):
-        size_conformity("part.stl", 0.1)
-    with pytest.raises(ValueError, match=r"^surface must be a SimplexMesh, got 'part.stl'$"):
-        size_conformity(mesh, 0.1, surface="part.stl")
-    with pytest.raises(ValueError, match=r"^size must be an array of numbers, got '0\.1'$"):
-        size_conformity(mesh, "0.1")

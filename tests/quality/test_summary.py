@@ -16,12 +16,10 @@ NAMED = SimplexMesh(
 
 
 def test_names_of_tags_stand_beside_the_tags_of_their_dimension():
-    lines = str(summarize(NAMED)).splitlines()
+    summary = summarize(NAMED)
+    lines = str(summary).splitlines()
     assert 'cell tags    1 (1), 4 "fluid" (1)' in lines
     assert 'facet tags   4 (1), 7 "hot wall" (2)' in lines
-
-
-def test_names_of_tags_are_in_the_dictionary():
-    found = json.loads(json.dumps(summarize(NAMED).as_dict()))
+    found = json.loads(json.dumps(summary.as_dict()))
     assert found["cell_tag_names"] == {"4": "fluid"}
     assert found["facet_tag_names"] == {"7": "hot wall"}
