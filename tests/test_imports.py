@@ -11,25 +11,11 @@ import pytest
 
 import adaptsize
 
-OPTIONAL = (
-    "meshio",
-    "trimesh",
-    "pytetwild",
-    "mmgpy",
-    "gmsh",
-    "pyvista",
-    "vtk",
-    "matplotlib",
-    "PIL",
-    "tifffile",
-    "nibabel",
-    "nrrd",
-    "mpi4py",
-    "pymetis",
-    "rich",
-    "typer",
-)
-HEAVY = ("numpy", "scipy", "numba")
+OPTIONAL = {
+    *("meshio", "trimesh", "pytetwild", "mmgpy", "gmsh", "pyvista", "vtk", "matplotlib", "PIL"),
+    *("tifffile", "nibabel", "nrrd", "mpi4py", "pymetis", "rich", "typer"),
+}
+HEAVY = {"numpy", "scipy", "numba"}
 
 
 def _modules_after(code):
@@ -40,13 +26,32 @@ def _modules_after(code):
     return set(json.loads(done.stdout))
 
 
-def test_import_alone_brings_nothing_that_is_slow():
-    assert not _modules_after("import adaptsize") & {*OPTIONAL, *HEAVY}
+EVERY_NAME = "import adaptsize\nfor name in adaptsize.__all__: getattr(adaptsize, name)"
+FTETWILD = "from adaptsize.remeshing.tetwild import _import_pytetwild; _import_pytetwild()"
+#: Modules of child processes, which start for each call; numba alone would take a second.
+CHILDREN = "from adaptsize.remeshing import _worker, gmsh, mmg, netgen, tetwild"
+HELP = """
+import io
+from contextlib import redirect_stdout
+from adaptsize.cli.entry import run
+with redirect_stdout(io.StringIO()): run(["--help"])
+"""
 
 
-def test_every_public_name_resolves_without_optional_packages():
-    code = "import adaptsize\nfor name in adaptsize.__all__: getattr(adaptsize, name)"
-    assert not _modules_after(code) & set(OPTIONAL)
+@pytest.mark.parametrize(
+    ("code", "unwanted"),
+    [
+        ("import adaptsize", OPTIONAL | HEAVY),
+        (EVERY_NAME, OPTIONAL),
+        ("import adaptsize.plot", {"pyvista", "matplotlib", "vtk"}),
+        (CHILDREN, {"numba", "scipy", "mmgpy", "gmsh"}),
+        (FTETWILD, {"pyvista", "vtkmodules"}),
+        (HELP, {"numba", "scipy", "meshio", "trimesh", "pyvista"}),
+    ],
+    ids=["package", "every name", "plot", "child processes", "fTetWild", "help"],
+)
+def test_nothing_is_imported_that_is_not_needed(code, unwanted):
+    assert not _modules_after(code) & unwanted
 
 
 def test_limiting_brings_no_mesh_or_picture_package_and_no_part_of_scipy_that_is_slow():
@@ -59,7 +64,7 @@ def test_limiting_brings_no_mesh_or_picture_package_and_no_part_of_scipy_that_is
         "slow = {'scipy.' + name for name in ('ndimage', 'sparse', 'spatial', 'optimize')}\n"
         "assert not (slow & set(sys.modules)) - known, slow & set(sys.modules)"
     )
-    assert not _modules_after(code) & set(OPTIONAL)
+    assert not _modules_after(code) & OPTIONAL
 
 
 def test_the_summary_of_a_file_brings_neither_bounds_nor_limiting():
@@ -72,25 +77,11 @@ def test_the_summary_of_a_file_brings_neither_bounds_nor_limiting():
     _modules_after(code)
 
 
-def test_child_processes_of_generators_bring_no_kernels():
-    # They start for each call of a generator; numba alone would take a second.
-    code = "from adaptsize.remeshing import _worker, gmsh, mmg, netgen, tetwild"
-    assert not _modules_after(code) & {"numba", "scipy", "mmgpy", "gmsh"}
-
-
-def test_ftetwild_needs_no_pyvista():
-    code = "from adaptsize.remeshing.tetwild import _import_pytetwild; _import_pytetwild()"
-    assert not _modules_after(code) & {"pyvista", "vtkmodules"}
-
-
-def test_every_public_name_is_listed_and_resolves():
+def test_public_names_are_listed_and_the_objects_of_their_homes():
+    assert len(set(adaptsize.__all__)) == len(adaptsize.__all__)
+    assert set(adaptsize.__all__) <= set(dir(adaptsize))
     for name in adaptsize.__all__:
         assert getattr(adaptsize, name) is getattr(adaptsize, name)
-        assert name in dir(adaptsize)
-    assert len(set(adaptsize.__all__)) == len(adaptsize.__all__)
-
-
-def test_public_names_are_the_objects_of_their_homes():
     for name, home in adaptsize._HOMES.items():
         module = importlib.import_module(f"adaptsize.{home}")
         assert getattr(adaptsize, name) is getattr(module, name)

@@ -14,14 +14,6 @@ def test_nothing_is_printed_unless_requested(progress, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_the_callback_of_the_caller_is_called():
-    reports = []
-    with reporting(lambda *args: reports.append(args)) as report:
-        report("a", 0.5)
-        report("b", None)
-    assert reports == [("a", 0.5), ("b", None)]
-
-
 @pytest.mark.parametrize("error", [KeyboardInterrupt, LookupError])
 @pytest.mark.parametrize("progress", [None, True, lambda text, share: None])
 def test_exceptions_go_through(progress, error):
