@@ -19,8 +19,3 @@ def test_free_sizes_are_left_to_gmsh():
     mesh = SimplexMesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
     callback = gmsh_callback(SizeFunction(mesh, np.full(4, np.inf)))
     assert callback(3, 1, 0.2, 0.2, 0.2, 0.7) == 0.7
-
-
-def test_other_objects_are_refused():
-    with pytest.raises(ValueError, match="size must be a SizeFunction"):
-        gmsh_callback(0.1)

@@ -54,12 +54,6 @@ def test_remesh_follows_the_sizes_of_the_data_set(plate):
     assert found.share_in_band == pytest.approx(again.share_in_band, abs=0.01)
 
 
-def test_remesh_without_sizes_makes_them(plate):
-    new = plate.adaptsize.remesh(hmax=0.2, g=0.3)
-    assert new.point_data["h"].max() <= 0.2 * (1.0 + 1e-12)
-    assert plate.adaptsize.remesh(0.3).n_cells < new.n_cells
-
-
 def test_conformity_needs_sizes(plate):
     with pytest.raises(ValueError, match="no point data 'h'"):
         plate.adaptsize.conformity()

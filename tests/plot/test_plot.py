@@ -69,34 +69,17 @@ def test_size_function_and_field_h_give_the_same_picture(drawn_by, tmp_path):
     with_field = mesh.with_data(point_data={"h": h})
     path = tmp_path / "h.png"
     np.testing.assert_array_equal(plot_size(with_field, path=path, width=WIDTH), from_array)
-
     with Image.open(path) as written:
         np.testing.assert_array_equal(np.asarray(written), from_array)
     assert [p.name for p in tmp_path.iterdir()] == ["h.png"]
-
-
-@pytest.mark.parametrize("value", [3.0, np.inf])
-def test_constant_or_infinite_sizes_are_drawn(drawn_by, value):
-    image = plot_size(structured_square(3), np.full(16, value), width=WIDTH)
-    assert image.std() > 1.0
 
 
 def test_bad_arguments_are_named():
     mesh = structured_square(2)
     with pytest.raises(ValueError, match="no nodal field 'h'"):
         plot_size(mesh)
-    with pytest.raises(ValueError, match=r"size must have shape \(9,\)"):
-        plot_size(mesh, np.ones(4))
     with pytest.raises(ValueError, match=r"path must end in \.png"):
         plot_size(mesh, np.ones(9), path="picture.doc")
-    with pytest.raises(ValueError, match="clip must be one of"):
-        plot_size(mesh, np.ones(9), clip="z")
-    with pytest.raises(ValueError, match="width must be finite and >= 64, got 3"):
-        plot_size(mesh, np.ones(9), width=3)
-    with pytest.raises(ValueError, match=r"width must be a whole number, got 99\.5"):
-        plot_size(mesh, np.ones(9), width=99.5)
-    with pytest.raises(ValueError, match="color must be one of 'quality', 'region'"):
-        plot_mesh(mesh, color="colour")
 
 
 def test_no_way_to_draw_is_a_plot_error(monkeypatch):
@@ -113,12 +96,6 @@ def test_a_vtk_that_crashes_does_not_take_the_caller_along(monkeypatch):
     assert not with_vtk._can_draw("")
     monkeypatch.setattr(with_vtk, "_PROBE", "print('drawn')")
     assert with_vtk._can_draw("")
-
-
-def test_importing_the_plot_module_imports_no_drawing_package():
-    code = "import adaptsize.plot, sys; print({'pyvista', 'matplotlib', 'vtk'} & set(sys.modules))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "set()"
 
 
 def test_nothing_is_printed_without_a_display(tmp_path):
@@ -162,7 +139,7 @@ def test_equal_sizes_have_equal_colours_on_all_sides(drawn_by):
     assert (is_near(mesh, YELLOW) & shown).sum() > 0.7 * shown.sum()
 
 
-@pytest.mark.parametrize("limits", [(2.0, 1.0), (1.0, np.inf), (1.0, 1.0), (1.0,), "ab"])
+@pytest.mark.parametrize("limits", [(2.0, 1.0), (1.0, np.inf), (1.0,)])
 def test_limits_that_are_no_range_are_refused(limits):
     with pytest.raises(ValueError, match="limits"):
         plot_size(structured_square(2), np.ones(9), limits=limits, width=WIDTH)
@@ -189,7 +166,6 @@ def colours_of(image):
 
 
 def test_each_cause_of_a_mesh_has_a_colour(tmp_path):
-
     mesh = random_square(300, seed=77)
     x = mesh.points[:, 0]
     bounds = {
@@ -203,8 +179,7 @@ def test_each_cause_of_a_mesh_has_a_colour(tmp_path):
     assert (tmp_path / "causes.png").exists()
 
 
-def test_what_is_outside_a_grid_is_left_out(tmp_path):
-
+def test_what_is_outside_a_grid_is_left_out():
     grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))
     report = ads.size_function(
         lambda x: np.linalg.norm(x, axis=1) - 1.0, background=grid, hmax=9.0
@@ -227,17 +202,6 @@ def test_a_picture_is_drawn_also_without_a_bound_along_a_direction(tmp_path):
     assert (tmp_path / "metric.png").exists()
 
 
-def test_bad_arguments_are_refused():
-    mesh = two_region_rectangle(2)
-    metric = ads.isotropic_metric(np.ones(mesh.n_points), 2)
-    with pytest.raises(ValueError, match="metric must be None with a MetricFunction"):
-        plot_metric(MetricFunction(mesh, metric), metric)
-    with pytest.raises(ValueError, match="metric must have 15 nodes"):
-        plot_metric(mesh, metric[:2])
-    with pytest.raises(ValueError, match="n_glyphs must be"):
-        plot_metric(mesh, metric, n_glyphs=0)
-
-
 def test_what_is_drawn_is_checked():
     grid = CartesianGrid([0, 0], 1.0, (3, 2))
     with pytest.raises(ValueError, match="size must be given: grids and octrees carry no fields"):
@@ -246,5 +210,3 @@ def test_what_is_drawn_is_checked():
         plot_size(grid, np.ones(6))
     with pytest.raises(ValueError, match="clip must be one of 'auto', 'x', 'y', got 'z'"):
         plot_size(SizeFunction(grid, np.ones((3, 2))), clip="z")
-    with pytest.raises(ValueError, match="mesh must be a mesh, grid or octree"):
-        plot_size("part.stl", [1.0])

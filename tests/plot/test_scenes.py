@@ -99,9 +99,6 @@ def test_regions_are_labelled_by_their_names():
     assert quality.class_names == {}
 
 
-# --- grids and octrees ---------------------------------------------------------------
-
-
 def area_of(scene):
     a, b, c, d = np.moveaxis(scene.points[scene.cells], 1, 0)
     return 0.5 * np.linalg.norm(np.cross(c - a, d - b), axis=1).sum()
@@ -164,9 +161,6 @@ def test_an_octree_in_space_shows_outer_faces_and_is_cut():
     assert len(scene.cells) == 6 + 6 * 4
     assert area_of(scene) == pytest.approx(10.0 + 2.0)
     assert scene_of(tree, clip="x").points[:, 0].max() == 1.0
-
-
-# --- metrics -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("mesh", "n_corners"), [(two_region_rectangle(8), 41), (block(6), 126)])
