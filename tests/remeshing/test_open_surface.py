@@ -31,11 +31,9 @@ def volume(mesh):
     return np.linalg.det(mesh.points[mesh.cells]).sum() / 6.0
 
 
-# --- what is open -----------------------------------------------------------------
-
-
-def test_a_closed_surface_has_no_open_boundary():
+def test_a_closed_surface_has_no_open_boundary_and_stays_as_it_is():
     assert open_boundary(box()) is None
+    np.testing.assert_array_equal(close_holes(box()).cells, CUBE)
 
 
 def test_points_that_coincide_are_no_holes():
@@ -73,14 +71,6 @@ def test_edges_that_form_no_loop_are_counted():
     assert holes.n_loose == 2
     with pytest.raises(ValueError, match="2 open edges that form no loop"):
         close_holes(SimplexMesh(points, fins))
-
-
-# --- closing ----------------------------------------------------------------------
-
-
-def test_a_closed_surface_stays_as_it_is():
-    closed = close_holes(box())
-    np.testing.assert_array_equal(closed.cells, CUBE)
 
 
 def test_holes_are_closed_with_matching_orientation():
@@ -125,18 +115,15 @@ def test_two_holes_that_touch_are_closed():
     assert volume(closed) == pytest.approx(2.0)
 
 
-def test_new_triangles_have_the_tag_0():
-    mesh = box(without=(10, 11))
-    tagged = SimplexMesh(mesh.points, mesh.cells, cell_tags=np.arange(1, 11))
-    assert close_holes(tagged).cell_tags.tolist() == [*range(1, 11), 0, 0]
-
-
-def test_nodal_fields_are_kept():
+def test_nodal_fields_are_kept_and_new_triangles_have_the_tag_0():
     mesh = box(without=(10, 11))
     # Every triangle has corners of its own, as in an STL file.
-    apart = SimplexMesh(mesh.points[mesh.cells].reshape(-1, 3), np.arange(30).reshape(-1, 3))
-    closed = close_holes(apart.with_data(point_data={"x": apart.points[:, 0]}))
+    points, cells = mesh.points[mesh.cells].reshape(-1, 3), np.arange(30).reshape(-1, 3)
+    data = {"x": points[:, 0]}
+    apart = SimplexMesh(points, cells, cell_tags=np.arange(1, 11), point_data=data)
+    closed = close_holes(apart)
     assert closed.n_points == 8
+    assert closed.cell_tags.tolist() == [*range(1, 11), 0, 0]
     np.testing.assert_array_equal(closed.point_data["x"], closed.points[:, 0])
 
 
@@ -147,14 +134,6 @@ def test_a_sheet_encloses_nothing(scale):
         close_holes(sheet)
     solid = close_holes(SimplexMesh(scale * CORNERS, CUBE[:10]))
     assert solid.is_closed
-
-
-def test_only_surfaces_are_accepted():
-    with pytest.raises(ValueError, match="surface must consist of triangles in space"):
-        close_holes(SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]))
-
-
-# --- bodies -----------------------------------------------------------------------
 
 
 def two_boxes(gap, at=0.0):

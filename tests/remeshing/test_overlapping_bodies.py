@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from shapes import CORNERS
 from shapes import CUBE_CELLS as CUBE
+from solids import hull
 
 from adaptsize import SimplexMesh, size_function
 from adaptsize.errors import OpenSurfaceWarning
@@ -23,9 +24,6 @@ def boxes(*bounds, at=0.0):
 UNIT = ((0, 0, 0), (1, 1, 1))
 CROSSING = ((0.5, 0.3, 0.4), (1.6, 1.2, 1.3))
 SHIFTED = ((0.5, 0, 0), (1.5, 1, 1))
-
-
-# --- triangles --------------------------------------------------------------------
 
 
 def crosses(one, other):
@@ -60,9 +58,6 @@ def test_triangles_at_a_common_node_may_cross():
     assert str(found) == text
     beside = [[0, 0, 0], [2, -1, 0], [2, 1, 0], [-2, 0, -1], [-2, 0, 1]]
     assert overlapping_bodies(SimplexMesh(beside, [[0, 1, 2], [0, 3, 4]])) is None
-
-
-# --- bodies -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -121,9 +116,6 @@ def test_bodies_that_overlap_are_not_called_near_as_well():
     ]
 
 
-# --- sizes ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("other", [CROSSING, ((0.4, 0.4, -0.5), (0.6, 0.6, 1.5)), SHIFTED])
 def test_sizes_do_not_fall_to_hmin_where_bodies_overlap(other):
     mesh = boxes(UNIT, other)
@@ -136,19 +128,11 @@ def test_sizes_do_not_fall_to_hmin_where_bodies_overlap(other):
 
 def ball(centre, radius, n=12):
     """A ball of revolution with n by 2 n faces."""
-    polar = np.linspace(0.0, np.pi, n + 1)[1:-1, None]
-    around = np.linspace(0.0, 2.0 * np.pi, 2 * n, endpoint=False)
-    ring = np.sin(polar) * np.stack([np.cos(around), np.sin(around)])[:, None]
-    rest = np.stack([ring[0], ring[1], np.cos(polar) + 0.0 * around], axis=-1).reshape(-1, 3)
-    points = np.concatenate([rest, [[0, 0, 1], [0, 0, -1]]])
-    k, m = np.arange(2 * n), 2 * n
-    cells = [np.column_stack([np.full(m, len(rest)), k, (k + 1) % m])]
-    for row in range(n - 2):
-        a, b = row * m + k, row * m + (k + 1) % m
-        cells += [np.column_stack([a, a + m, b]), np.column_stack([b, a + m, b + m])]
-    last = (n - 2) * m
-    cells.append(np.column_stack([np.full(m, len(rest) + 1), last + (k + 1) % m, last + k]))
-    return np.array(centre) + radius * points, np.concatenate(cells)
+    polar, around = np.meshgrid(np.linspace(0.0, np.pi, n + 1)[1:-1], np.pi / n * np.arange(2 * n))
+    ring = np.sin(polar) * [np.cos(around), np.sin(around)]
+    points = np.stack([*ring, np.cos(polar)], axis=-1).reshape(-1, 3)
+    mesh = hull(np.concatenate([points, [[0, 0, 1], [0, 0, -1]]]))
+    return np.array(centre) + radius * mesh.points, mesh.cells
 
 
 def test_curved_bodies_that_overlap_have_the_sizes_of_each_alone():

@@ -1,21 +1,9 @@
 """Meshes made to sizes that live on a Cartesian grid."""
 
 import numpy as np
-import pytest
-from shapes import two_region_rectangle
 
-from adaptsize import CartesianGrid, SizeFunction, remesh, size_conformity
+from adaptsize import CartesianGrid, SizeFunction
 from adaptsize.remeshing.sizing import as_size, known_points
-
-
-def test_mmg_meets_a_size_function_on_a_grid():
-    pytest.importorskip("mmgpy")
-    mesh = two_region_rectangle(4)
-    grid = CartesianGrid.around(mesh.points, 0.1, margin=0.05)
-    size = SizeFunction(grid, grid.sample(lambda x: 0.2 + 0.2 * x[:, 0]))
-    conformity = size_conformity(remesh(mesh, size, backend="mmg"), size)
-    assert conformity.share_in_band >= 0.85, conformity  # as in test_contract.py
-    assert conformity.edges.q50 == pytest.approx(1.0, rel=0.15)
 
 
 def test_beside_the_active_nodes_the_size_of_the_nearest_one_holds():

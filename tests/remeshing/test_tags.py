@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from meshes import structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import block, facet_areas, two_region_block, two_region_rectangle
 
@@ -105,11 +106,13 @@ def test_a_tagged_sheet_inside_one_region_is_kept():
     assert facet_areas(new, 40) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_tags_of_a_surface_become_tags_of_the_boundary():
+@pytest.mark.parametrize(("backend", "package"), [("tetwild", "pytetwild"), ("mmg", "netgen")])
+def test_tags_of_a_surface_become_tags_of_the_boundary(backend, package):
+    pytest.importorskip(package)
     cube = block(1).boundary().mesh
     top = (cube.points[cube.cells][:, :, 2] > 0.5).all(axis=1)
     surface = SimplexMesh(cube.points, cube.cells, cell_tags=np.where(top, 5, 8))
-    new = remesh(surface, 0.4, backend="tetwild")
+    new = remesh(surface, 0.4, backend=backend)
     slack = 6e-3
     assert facet_areas(new, 5) == pytest.approx(1.0, abs=slack * 3)
     assert facet_areas(new, 8) == pytest.approx(5.0, abs=slack * 15)
@@ -140,14 +143,9 @@ def test_sizes_on_a_surface_are_the_same_wherever_they_are_asked_for():
 
 def test_an_open_surface_is_adapted_and_keeps_its_rim():
     pytest.importorskip("mmgpy")
-    x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9), indexing="ij")
-    points = np.column_stack([x.ravel(), y.ravel(), 0.1 * np.sin(3 * x.ravel())])
-    corner = np.arange(81).reshape(9, 9)
-    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
-    cells = np.concatenate(
-        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
-    )
-    given = SimplexMesh(points, cells)
+    plane = structured_square(8, half_width=0.5)
+    height = 0.1 * np.sin(3 * plane.points[:, 0] + 1.5)
+    given = SimplexMesh(np.column_stack([plane.points, height]), plane.cells)
     new = remesh(given, 0.06, target="triangles")
     rim, old_rim = new.boundary().mesh.measures.sum(), given.boundary().mesh.measures.sum()
     assert rim == pytest.approx(old_rim, rel=5e-3)

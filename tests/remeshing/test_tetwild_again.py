@@ -33,23 +33,17 @@ def test_a_crash_is_followed_by_a_run_with_a_smaller_tolerance_and_reported():
     np.testing.assert_allclose(tolerances, [0.02, 0.005])
 
 
-def test_the_error_of_the_first_run_is_raised_if_both_fail():
-    run, tolerances = runner(BackendError("the first"), BackendError("the second"))
-    with pytest.raises(BackendError, match="the first"):
-        TetWildBackend().solve(PROBLEM, run)
-    assert len(tolerances) == 2
-
-
-def test_a_run_with_an_absurd_tolerance_is_not_repeated():
-    run, tolerances = runner(BackendError("the first"))
-    absurd = as_problem("surface to tetrahedra", CUBE.boundary().mesh, 1000.0)
-    with pytest.raises(BackendError, match="the first"):
-        TetWildBackend().solve(absurd, run)
-    assert len(tolerances) == 1
-
-
-def test_a_run_at_its_time_limit_is_not_repeated():
-    run, tolerances = runner(BackendTimeoutError("too long"))
-    with pytest.raises(BackendTimeoutError):
-        TetWildBackend().solve(PROBLEM, run)
-    assert len(tolerances) == 1
+@pytest.mark.parametrize(
+    ("failures", "tolerance", "n_runs"),
+    [
+        ([BackendError("the first"), BackendError("the second")], 0.02, 2),
+        ([BackendError("the first")], 1000.0, 1),  # a smaller one would be as absurd
+        ([BackendTimeoutError("the first")], 0.02, 1),
+    ],
+)
+def test_the_error_of_the_first_run_is_raised_if_no_other_helps(failures, tolerance, n_runs):
+    run, tolerances = runner(*failures)
+    problem = as_problem("surface to tetrahedra", CUBE.boundary().mesh, tolerance)
+    with pytest.raises(type(failures[0]), match="the first"):
+        TetWildBackend().solve(problem, run)
+    assert len(tolerances) == n_runs
