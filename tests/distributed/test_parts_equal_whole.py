@@ -241,9 +241,6 @@ SIZES = {
     "predicted elements": (
         lambda m, f: np.full(m.n_points, predicted_elements(m, f.h, backend="mmg")), 1e-13
     ),
-    "marching, g of nodes": (
-        lambda m, f: limit_gradient(m, f.h, f.g, method="fast-marching"), 1e-12
-    ),
     "marching, g of cells": (
         lambda m, f: limit_gradient(m, f.h, f.g_cells, method="fast-marching"), 1e-12
     ),
@@ -276,7 +273,6 @@ def fields(mesh):
         "linear": mesh.points @ np.arange(1.0, 1.0 + mesh.dim),
         "h": h,
         "few": few,
-        "g": rng.uniform(0.05, 0.6, mesh.n_points),
     }
     in_cells = {
         "eta": rng.uniform(0.0, 1.0, mesh.n_cells) ** 4,

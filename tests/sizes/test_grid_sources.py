@@ -137,17 +137,6 @@ def test_boundary_of_a_grid_is_that_of_its_mesh():
         assert_array_equal(h0.ravel(), expected)
 
 
-def test_functions_and_mixtures_take_the_smallest():
-    sources = [
-        lambda x: 1.0 + x[:, 1],
-        BoxSource([0, 0], [0, 0], 0.5),
-        lambda x: np.full(len(x), INF),
-    ]
-    h0 = size_from_sources(GRID, sources, g=0.0)
-    assert_array_equal(h0, [[0.5, 0.5, 5.0], [0.5, 0.5, 5.0], [1.0, 3.0, 5.0], [1.0, 3.0, 5.0]])
-    assert h0.shape == size_from_sources(GRID, []).shape == GRID.shape
-
-
 def test_no_simplices_are_made():
     grid = CartesianGrid([0.0, 0.0], 1.0, (4, 3))
     sources = [PointSource([1, 1], 0.1), CurveSource([[0, 0], [2, 2]], 0.1),
