@@ -96,19 +96,14 @@ def test_moves_that_would_invert_cells_are_shortened():
     assert report.n_shortened == report.n_nodes == 4 * 7
     assert report.n_corners == 4
     assert report.largest_rest > 2.0
-    solid = jittered_cube(4, SEED, half_width=1.0)
-    turned = SimplexMesh(solid.points, solid.cells[:, [1, 0, 2, 3]])
-    for mesh in (solid, turned):
-        moved, report = move_to_boundary(mesh, lambda x: 0.3 * x, 30.0)
-        sound = np.abs(mesh.signed_measures) > 1e-12
-        assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
-        assert report.n_shortened > 0
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]), st.floats(0.01, 3.0))
 def test_no_move_inverts_a_cell_and_none_is_longer_than_asked(seed, dim, far):
     rng = np.random.default_rng(seed)
     mesh = jittered_square(7, seed, half_width=1.0) if dim == 2 else jittered_cube(4, seed % 9)
+    if seed % 2:  # cells turned around
+        mesh = SimplexMesh(mesh.points, mesh.cells[:, [1, 0, *range(2, dim + 1)]])
     moved, report = move_to_boundary(mesh, lambda x: x + far * rng.normal(size=x.shape), 30.0)
     sound = np.abs(mesh.signed_measures) > 1e-10 * mesh.diagonal**dim
     assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
