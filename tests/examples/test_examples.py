@@ -302,7 +302,7 @@ def test_feature_sizes_of_planar_shapes_are_those_known(run):
     assert found["smallest, wavy disc"] > 0.8
 
 
-def test_two_ellipses_keep_their_sizes_and_share_the_domain(run, tmp_path):
+def test_two_ellipses_keep_their_sizes_and_share_the_domain(run):
     found = run("plot_metric_gradation", n_side=41)
     assert found["smallest size"] == pytest.approx(0.02, rel=1e-12)
     # The second point is active at the first one: 0.03 + g 1.84 is less than 0.5.
@@ -310,7 +310,6 @@ def test_two_ellipses_keep_their_sizes_and_share_the_domain(run, tmp_path):
     assert 20.0 < found["largest aspect ratio"] < 25.0
     assert 0.03 + 0.25 * distance < 0.5
     assert found["nodes with both"] > 300
-    assert (tmp_path / "metric_gradation.png").stat().st_size > 5_000
 
 
 def test_a_quadtree_refined_by_its_own_size_has_the_widths_of_the_part(run):
@@ -350,8 +349,7 @@ def test_objects_with_smooth_boundaries_are_meshed_to_their_sizes(run, tmp_path)
     assert found["smallest dihedral angle"] > 15.0
     assert found["slivers"] == 0
     assert found["mesh over domain, volume"] == pytest.approx(1.0, abs=0.03)
-    for name in ("smooth_boundaries", "solid"):
-        assert (tmp_path / f"{name}.png").stat().st_size > 5_000
+    assert (tmp_path / "solid.png").stat().st_size > 5_000
 
 
 def test_the_width_resolves_walls_and_the_separation_gaps_between_corners(run):
