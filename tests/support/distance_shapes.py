@@ -1,11 +1,13 @@
 """Shapes with known signed distance and curvature, and grids around them."""
 
 import numpy as np
+import solid_shapes
 from scipy.spatial import cKDTree
 
 from adaptsize import CartesianGrid
 
 RADIUS, TUBE = 0.6, 0.25
+ball, torus = solid_shapes.ball(RADIUS), solid_shapes.torus(RADIUS, TUBE)
 
 
 def box(n, dim=2, *, stretch=1.0):
@@ -16,18 +18,10 @@ def box(n, dim=2, *, stretch=1.0):
     return CartesianGrid(np.array([-1.03, -1.01, -1.02])[:dim], spacing, shape.tolist())
 
 
-def ball(x):
-    return np.linalg.norm(x, axis=1) - RADIUS
-
-
 def cylinder(x):
     """Of radius 0.6 about the line through 0 along (1, 2, 2) / 3."""
     axis = np.array([1.0, 2.0, 2.0]) / 3.0
     return np.linalg.norm(x - np.outer(x @ axis, axis), axis=1) - RADIUS
-
-
-def torus(x):
-    return np.hypot(np.hypot(x[:, 0], x[:, 1]) - RADIUS, x[:, 2]) - TUBE
 
 
 def torus_curvature(x):
