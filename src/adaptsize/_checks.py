@@ -247,7 +247,10 @@ def check_type(name: str, value: object, *kinds: type) -> None:
         return
     named = [f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}" for kind in kinds]
     wanted = " or ".join([", ".join(named[:-1]), named[-1]] if named[:-1] else named)
-    raise ValueError(f"{name} must be {wanted}, got {describe(value)}")
+    takes_mesh = any(kind.__name__ == "SimplexMesh" for kind in kinds)
+    is_path = isinstance(value, str | os.PathLike)
+    hint = "; read(path) gives one" if takes_mesh and is_path else ""
+    raise ValueError(f"{name} must be {wanted}, got {describe(value)}{hint}")
 
 
 def check_function(name: str, value: object, of: str) -> None:

@@ -64,7 +64,10 @@ def test_a_required_facet_that_is_none_is_refused():
 @pytest.mark.parametrize(
     ("mesh", "message"),
     [
-        ("part.stl", "mesh must be a SimplexMesh, got 'part.stl'; read(path) gives one"),
+        (
+            "part.stl",
+            "mesh must be a SimplexMesh or a PartitionedMesh, got 'part.stl'; read(path) gives one",
+        ),
         (SimplexMesh(CUBE.points, [[0, 1]]), "mesh must consist of triangles or tetrahedra"),
     ],
 )

@@ -6,13 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import check_type, describe
+from adaptsize._checks import check_type
 from adaptsize._progress import reporting
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.errors import BackendError, BackendTimeoutError
@@ -283,9 +282,7 @@ def _check_metric(task: Task, *, strict: bool) -> None:
 
 def _task(mesh: SimplexMesh, target: str) -> Task:
     """Return the meshing task: from which cells to which cells."""
-    if not isinstance(mesh, SimplexMesh):
-        hint = "; read(path) gives one" if isinstance(mesh, str | PathLike) else ""
-        raise ValueError(f"mesh must be a SimplexMesh, got {describe(mesh)}{hint}")
+    check_type("mesh", mesh, SimplexMesh)
     given = (mesh.cell_dim, mesh.dim)
     if given == (3, 3) and target != "triangles":
         return "tetrahedra"
