@@ -15,12 +15,6 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 # A cell with less than this share of its measure in the old domain counts as outside.
 OUTSIDE = 1e-9
 
-# A compiled loop cannot be interrupted.  One call should take about this long.
-_SECONDS_PER_CALL = 0.3
-
-# Overlaps of a call; grows if one new cell has more.
-_ROOM = 1_000_000
-
 
 def overlaps_of(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) -> csr_array:
     """Return the measures of the overlaps of the cells of two meshes."""
@@ -31,7 +25,8 @@ def overlaps_of(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) ->
     order = along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
     counts = np.zeros(new.n_cells, np.int64)
     parts: list[tuple[IntArray, FloatArray]] = []
-    first, step, room = 0, 256, _ROOM
+    first, step = 0, 256
+    room = 1_000_000  # overlaps of a call; grows if one new cell has more
     found, measures = np.empty(room, np.int32), np.empty(room)
     while first < new.n_cells:
         last = min(first + step, new.n_cells)
@@ -44,7 +39,8 @@ def overlaps_of(old: SimplexMesh, new: SimplexMesh, report: ProgressCallback) ->
             found, measures = np.empty(room, np.int32), np.empty(room)
             continue
         parts.append((found[:used].copy(), measures[:used].copy()))
-        step = 2 * step if seconds < 0.5 * _SECONDS_PER_CALL else max(step // 2, 1)
+        # A compiled loop cannot be interrupted.  One call should take about 0.3 s.
+        step = 2 * step if seconds < 0.15 else max(step // 2, 1)
         first += reached
         report("overlaps of the cells of two meshes", first / new.n_cells)
     columns = locator.cell_of_row[np.concatenate([part[0] for part in parts])]

@@ -17,9 +17,8 @@ from adaptsize.background.topology import oriented_facets, tags_of_facets
 from adaptsize.ranks import Communicator, Ids, split_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-# Bits per axis of keys along a Morton curve, and keys that each rank contributes to the division.
+# Bits per axis of keys along a Morton curve.
 _BITS = 20
-_SAMPLES = 1000
 
 
 def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
@@ -193,7 +192,7 @@ def balanced(part: PartitionedMesh) -> IntArray:
     for bit in range(_BITS):
         for axis in range(part.dim):
             keys |= ((steps[:, axis] >> bit) & 1) << (bit * part.dim + axis)
-    count = min(_SAMPLES, len(keys))
+    count = min(1000, len(keys))  # keys that each rank contributes
     at = (np.arange(count) + 0.5) * len(keys) / max(count, 1)
     own = np.sort(keys)[at.astype(np.int64)]
     every = comm.allgather((own, np.full(count, len(keys) / max(count, 1))))

@@ -12,8 +12,6 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from adaptsize.typing import FloatArray
 
-_LISTED = 5
-
 #: Suffixes of texts with one point per line.
 _TEXTS = (".txt", ".csv", ".dat", ".xy", ".xyz")
 
@@ -154,6 +152,6 @@ def controlling_nodes(points: npt.NDArray[Any], roots: npt.NDArray[Any]) -> dict
             "position": points[nodes[which]].tolist(),
             "share": float(counts[which] / len(roots)),
         }
-        for which in np.argsort(-counts, kind="stable")[:_LISTED]
+        for which in np.argsort(-counts, kind="stable")[:5]
     ]
     return {"n_nodes": len(nodes), "largest": largest}

@@ -134,7 +134,6 @@ def write_parts(
 #: Names that programs give to the numbers of nodes in the whole mesh.
 _NUMBERS = (NODE_NUMBERS, "GlobalNodeIds", "GlobalPointId", "GlobalNodeId")
 _GHOST_TYPE = "vtkGhostType"
-_DUPLICATE = 1
 _VTK_TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8"}
 
 
@@ -174,7 +173,7 @@ def _has_cells(path: Path) -> bool:
 
 def _without_ghosts(mesh: SimplexMesh) -> SimplexMesh | None:
     """Return the cells that no other piece has too, and their nodes."""
-    own = (np.asarray(mesh.cell_data[_GHOST_TYPE]).astype(np.int64) & _DUPLICATE) == 0
+    own = (np.asarray(mesh.cell_data[_GHOST_TYPE]).astype(np.int64) & 1) == 0  # a duplicate
     if not own.any():
         return None
     nodes, local = np.unique(mesh.cells[own], return_inverse=True)

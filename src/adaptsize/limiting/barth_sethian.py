@@ -17,7 +17,6 @@ from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 if TYPE_CHECKING:
     from adaptsize.background import CartesianGrid
 
-_CFL = 0.5
 _MOST_STEPS = 20_000
 
 
@@ -84,7 +83,7 @@ class PositiveCoefficient(Scheme):
         altitude = float(smallest_altitude(measures, gradients))
         if np.isinf(altitude):  # no cell with a volume: nothing moves
             return Solution(np.where(free, np.inf, u), 0, 0.0)
-        dt = _CFL * altitude
+        dt = 0.5 * altitude
         if max_iter is None:
             max_iter = int(min(20.0 * mesh.diagonal / altitude, _MOST_STEPS)) + 1
         fastest = dt * float(slope.values.max())

@@ -24,8 +24,6 @@ from adaptsize.typing import FloatArray
 SHARE_IN_BAND = 0.8
 #: Relative error of sums of volumes.
 _ROUNDING = 1e-9
-#: The volume between two boundaries is at most this times the integral of their sampled distance.
-_FOR_QUADRATURE = 2.0
 #: A closed surface that encloses less than this times a power of the diagonal is a flat bag.
 _NO_VOLUME = 1e-12
 
@@ -228,7 +226,8 @@ def _same_domain(
     if old_topology.enclosed <= _NO_VOLUME * original.diagonal**original.dim:
         notes.append("the volume is not compared: the original encloses none")
     elif np.isfinite(old_topology.enclosed) and (mesh.cell_dim == mesh.dim or new_topology):
-        between = _FOR_QUADRATURE * max(found.integral for found in away)
+        # Twice, since the distance is integrated from samples.
+        between = 2.0 * max(found.integral for found in away)
         most = min(allowed * float(old.measures.sum()), between)
         yield _measure(mesh, new_topology, old_topology, most)
     else:

@@ -31,10 +31,6 @@ from adaptsize.options import RemeshOptions
 from adaptsize.quality import minimum_angles
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-# Layers of cells by which interfaces move.  Cells as far as 2 to 3 from an interface suffer from
-# its frozen facets.
-_LAYERS = 5
-
 # Parts are divided anew in the end if one has more cells than the mean times this.
 _IMBALANCE = 1.2
 
@@ -85,7 +81,8 @@ def _by_parts(
     places: list[FloatArray] = []
     for number in range(given["rounds"]):
         if number:
-            work = migrate(work, displaced(work, _LAYERS))
+            # Cells as far as 2 to 3 layers from an interface suffer from its frozen facets.
+            work = migrate(work, displaced(work, 5))
             h = interpolate(part, sizes, work.points)
         frozen = interface_facets(work)
         corners = work.points[frozen]

@@ -316,8 +316,6 @@ def as_nodal_field(name: str, value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray
 
 #: Of normal matrices in coordinates of unit covariance, the smallest eigenvalue over the largest.
 DETERMINED = 3e-4
-# Normal matrices are assembled in parts of this number of node pairs: 80 MB in space.
-_PAIRS_AT_ONCE = 100_000
 # Width of the weights in coordinates of unit covariance.  1 smears layers and smooth fields more;
 # 0.5 leaves hardly more nodes than a quadratic needs.
 _WIDTH = 0.7
@@ -406,7 +404,8 @@ def parts_of(patches: csr_array) -> Iterator[PatchPart]:
     indptr = patches.indptr
     start, n = 0, len(indptr) - 1
     while start < n:
-        stop = int(np.searchsorted(indptr, indptr[start] + _PAIRS_AT_ONCE, side="right")) - 1
+        # Parts of 100 000 pairs of nodes take 80 MB in space.
+        stop = int(np.searchsorted(indptr, indptr[start] + 100_000, side="right")) - 1
         stop = min(max(stop, start + 1), n)
         entries = slice(indptr[start], indptr[stop])
         counts = np.diff(indptr[start : stop + 1])

@@ -36,9 +36,6 @@ _TIE = 1e-10
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
 
-# Points that are processed together where no path to try first is known.
-_SIZE = 32
-
 
 @dataclass(eq=False)
 class Network:
@@ -92,7 +89,8 @@ class Network:
         points = self.sight.stars.points
         nodes = np.arange(len(points), dtype=np.int32)
         tried = np.full(len(points), -1, np.int32) if hints is None else hints
-        faces, size = self.faces, _SIZE if hints is None else BLOCK
+        # Points that are processed together; fewer where no path to try first is known.
+        faces, size = self.faces, 32 if hints is None else BLOCK
         places, along = read_only(points), read_only(order)
 
         def task(first: int, last: int) -> None:

@@ -13,9 +13,6 @@ from adaptsize.limiting.exact.field import Entries, sorted_entries
 from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import FloatArray, IntArray
 
-# Pieces into which the nodes of a rank are divided.  Their boxes are smaller than one for all.
-_PIECES = 16
-
 
 def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> FloatArray:
     """Return the boxes around nodes, given their order along a Morton curve.
@@ -26,7 +23,8 @@ def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> FloatArray:
     n, dim = len(order), points.shape[1]
     if n == 0:
         return np.empty((0, 2 * dim + 1))
-    first = np.unique(np.linspace(0, n, _PIECES, endpoint=False).astype(np.int64))
+    # The boxes of 16 pieces are smaller than one for all.
+    first = np.unique(np.linspace(0, n, 16, endpoint=False).astype(np.int64))
     places = points[order]
     lower, upper = np.minimum.reduceat(places, first), np.maximum.reduceat(places, first)
     return np.column_stack([lower, upper, np.maximum.reduceat(h[order], first)])
