@@ -17,11 +17,13 @@ from adaptsize.typing import FloatArray, ProgressCallback
 
 @dataclass(frozen=True)
 class EdgeBased(Scheme):
-    """Shortest paths along edges: h_k = min(h0_k, min over edges of h_j + g |x_k - x_j|).
+    r"""Shortest paths along edges, as most mesh generators use them for gradation.
 
-    Most mesh generators use them for gradation.  They do **not** converge to the limited size
-    function when the mesh is refined, because fronts follow the edges and not the straight lines
-    between them [1]_.  The scheme is meant for comparison only.  On grids, g is that of node k.
+    .. math:: h_k = \min(h_{0,k}, \min_j h_j + g |x_k - x_j|) \quad \text{over edges } jk
+
+    They do **not** converge to the limited size function when the mesh is refined, because fronts
+    follow the edges and not the straight lines between them [1]_.  The scheme is meant for
+    comparison only.  On grids, g is that of node k.
 
     References
     ----------

@@ -99,7 +99,7 @@ class HamiltonJacobi(Scheme):
     cfl: ClassVar[float] = 0.9
     r""":math:`\Delta t \sqrt{\sum_a 1/\Delta x_a^2}`.  Order 1 is monotone up to 1.  Order 2 needs
     the damping of long steps: at 0.5 the switching of its differences prevents convergence below a
-    rate of about 1e-4 g.  The published :math:`\Delta t = \Delta x/2` [1]_ is half the root of the
+    rate of about 1e-4 g.  The published :math:`\Delta t = \Delta x/2` is half the root of the
     dimension."""
     order: int = 1
     tol: float = 1e-3
