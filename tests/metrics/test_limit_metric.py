@@ -85,6 +85,14 @@ def test_a_node_without_any_guess_lists_sources_in_parts():
     assert largest_ratio(found[corner], expected) < 1e-10
 
 
+def test_one_dimension_is_that_of_sizes():
+    grid = ads.CartesianGrid(origin=[0.0], spacing=1 / 512, shape=(513,))
+    h = np.random.default_rng(1953).uniform(0.05, 1.0, 513)
+    limited = limit_metric(grid, isotropic_metric(h, 1), G)
+    expected = ads.limit_gradient(grid, h, G, method=ads.limiting.Exact(face_sources=False))
+    assert_allclose(limited.sizes[:, 0], expected, rtol=1e-13)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_isotropic_metrics_are_limited_as_sizes(dim):
     mesh, rng = random_mesh(29, 300, dim)

@@ -216,6 +216,9 @@ def _is_definite(upper):
 def is_below(axes, powers, i, more, p, share):
     """Return whether metric i, its sizes increased, is surely nowhere above (share P)^-1."""
     w, t, q = powers[i], 2.0 * more, more * more
+    if len(axes) == 1:
+        a = w[1] + t * w[0] + q
+        return a - share * p[0] > _MARGIN * (a + share * p[6])
     if len(axes) == 2:
         a, b, d = w[3] + t * w[0] + q, w[4] + t * w[1], w[5] + t * w[2] + q
         margin = _MARGIN * (a + d + share * p[6])
