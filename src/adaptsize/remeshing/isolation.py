@@ -163,9 +163,13 @@ def _log_messages(backend: str, log: Path) -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of a child that can import what this process can import."""
+    """Return the environment of a child that can import what this process can import.
+
+    Its output is not buffered, in the C library either: it ends without cleanup, or by a signal.
+    """
     paths = [os.path.abspath(path) for path in sys.path]  # "" is the working directory
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONFAULTHANDLER": ""}
+    own = {"PYTHONPATH": os.pathsep.join(paths), "PYTHONFAULTHANDLER": "", "PYTHONUNBUFFERED": "1"}
+    return {**os.environ, **own}
 
 
 def _own_group() -> dict[str, Any]:
